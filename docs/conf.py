@@ -30,7 +30,13 @@ from ldbb_bayes.units import _UNITS as units_of_reading
 project = "ldbb_bayes"
 author = copyright = "The ldbb_bayes developers"
 version = release = ldbb_bayes.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode", "numpydoc", "sphinx_copybutton"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.viewcode",
+    "numpydoc",
+    "sphinx_copybutton",
+]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["_build"]
 autosummary_generate = False
@@ -58,7 +64,9 @@ PACKAGE = Path(ldbb_bayes.__file__).parent
 
 def glossary() -> str:
     """The terms of art, as the page of a report explains them."""
-    terms = tomllib.loads((PACKAGE / "report" / "templates" / "glossary.toml").read_text(encoding="utf-8"))
+    terms = tomllib.loads(
+        (PACKAGE / "report" / "templates" / "glossary.toml").read_text(encoding="utf-8")
+    )
     return "\n".join(f"{term}\n: {text}\n" for term, text in terms.items())
 
 
@@ -75,18 +83,27 @@ def commands() -> str:
     pages = []
     for name, command in whole.commands.items():
         text = get_docs_for_click(obj=command, ctx=Context(command), name=f"ldbb-bayes {name}")
-        text = text.replace("; 0<=x<=9223372036854775807]", "]").replace("```console\n$ ", "```text\n")
+        text = text.replace("; 0<=x<=9223372036854775807]", "]").replace(
+            "```console\n$ ", "```text\n"
+        )
         text = re.sub(r"^\* `--help`.*\n", "", text, flags=re.M)
         shared: dict[str, None] = {}
         for option in command.params:
             panel = getattr(option, "rich_help_panel", None)
             line = re.search(rf"^\* `{option.opts[0]}[ `].*\n", text, re.M)
-            if panel and line and sum(panel in _panels(other) for other in whole.commands.values()) > 1:
+            if (
+                panel
+                and line
+                and sum(panel in _panels(other) for other in whole.commands.values()) > 1
+            ):
                 panels.setdefault(panel, {})[line[0]] = None
                 shared[panel] = None
                 text = text.replace(line[0], "")
         also = "; ".join(f"[{panel}](#{slug(panel)})" for panel in shared)
-        pages.append(re.sub(r"^# `ldbb-bayes (.*)`", r"### \1", text) + (f"\nAnd of several commands: {also}.\n" if also else ""))
+        pages.append(
+            re.sub(r"^# `ldbb-bayes (.*)`", r"### \1", text)
+            + (f"\nAnd of several commands: {also}.\n" if also else "")
+        )
     common = (f"### {panel}\n\n{''.join(lines)}" for panel, lines in panels.items())
     return "\n".join(["## Each command", *pages, "## Options of several commands", "", *common])
 
@@ -110,7 +127,9 @@ def shape(kind: str) -> str:
             return {"type": "array"}
 
     module, _, name = kind.rpartition(".")
-    schema = TypeAdapter(getattr(import_module(module), name)).json_schema(mode="serialization", schema_generator=Shapes)
+    schema = TypeAdapter(getattr(import_module(module), name)).json_schema(
+        mode="serialization", schema_generator=Shapes
+    )
     parts = {name: schema} | schema.pop("$defs", {})
     if "$ref" in schema:
         parts[name] = parts.pop(schema["$ref"].rpartition("/")[2])
@@ -120,7 +139,11 @@ def shape(kind: str) -> str:
             continue
         head = "" if part == name else f"**{part.lstrip('_')}**. "
         kind = kinds().get(part, object)
-        names = {alias[1]: name for name, own_type in kind.__annotations__.items() if (alias := ALIAS.search(str(own_type)))}
+        names = {
+            alias[1]: name
+            for name, own_type in kind.__annotations__.items()
+            if (alias := ALIAS.search(str(own_type)))
+        }
         text += f"{head}{' '.join(own.get('description', '').split())}\n\n| key | holds | what |\n|---|---|---|\n"
         for key, value in own["properties"].items():
             what = said(kind, names.get(key, key)).replace("|", "\\|")
@@ -135,7 +158,9 @@ def holds(value: dict[str, Any], parts: dict[str, Any]) -> str:
         part = value["$ref"].rpartition("/")[2]
         return holds(parts[part], parts) if "enum" in parts[part] else part.lstrip("_")
     if "enum" in value or "const" in value:
-        return " or ".join(f"`{json.dumps(choice)}`" for choice in value.get("enum", [value.get("const")]))
+        return " or ".join(
+            f"`{json.dumps(choice)}`" for choice in value.get("enum", [value.get("const")])
+        )
     if "anyOf" in value:
         return " or ".join(holds(choice, parts) for choice in value["anyOf"])
     if isinstance(value.get("additionalProperties"), dict):
@@ -144,29 +169,43 @@ def holds(value: dict[str, Any], parts: dict[str, Any]) -> str:
         return f"list of {', '.join(holds(item, parts) for item in value['prefixItems'])}"
     if value.get("type") == "array":
         return f"list of: {holds(value['items'], parts)}" if value.get("items") else "list"
-    return {"string": "text", "integer": "whole number", "boolean": "true or false", "object": "object"}.get(
-        value.get("type", "object"), value.get("type", "object")
-    )
+    return {
+        "string": "text",
+        "integer": "whole number",
+        "boolean": "true or false",
+        "object": "object",
+    }.get(value.get("type", "object"), value.get("type", "object"))
 
 
 def table(heads: str, rows: Mapping[str, Any]) -> str:
     """Two columns."""
-    return f"| {heads} |\n|---|---|\n" + "".join(f"| {key} | {value} |\n" for key, value in rows.items())
+    return f"| {heads} |\n|---|---|\n" + "".join(
+        f"| {key} | {value} |\n" for key, value in rows.items()
+    )
 
 
 def roles() -> str:
     """Words for what a column holds."""
-    return table("Column | Words", {role: ", ".join(words) for role, words in headers.ROLES.items()})
+    return table(
+        "Column | Words", {role: ", ".join(words) for role, words in headers.ROLES.items()}
+    )
 
 
 def units() -> str:
     """Units of what a column holds, in the names that the layout of tables uses."""
-    return table("Of | Units", {role: ", ".join(f"`{unit}`" for unit in known) for role, known in headers.UNITS.items()})
+    return table(
+        "Of | Units",
+        {role: ", ".join(f"`{unit}`" for unit in known) for role, known in headers.UNITS.items()},
+    )
 
 
 def reading() -> str:
     """Inside units beside those for reading."""
-    rows = {f"`{unit}`": f"{label} = {1.0 / factor:g} {unit}" for unit, (factor, label) in units_of_reading.items() if label}
+    rows = {
+        f"`{unit}`": f"{label} = {1.0 / factor:g} {unit}"
+        for unit, (factor, label) in units_of_reading.items()
+        if label
+    }
     return table("Inside | For reading", rows)
 
 
@@ -177,9 +216,17 @@ def typed() -> str:
 
 def batch() -> str:
     """Columns of a batch's table and their kinds."""
-    kinds = {"string": "text", "int64": "whole number", "double": "number", "bool": "true or false", "list<string>": "texts"}
+    kinds = {
+        "string": "text",
+        "int64": "whole number",
+        "double": "number",
+        "bool": "true or false",
+        "list<string>": "texts",
+    }
     known = {**dataset._COLUMNS, **dataset._GAUSSIAN}
-    return table("Column | Holds", {f"`{name}`": kinds.get(kind, "numbers") for name, kind in known.items()})
+    return table(
+        "Column | Holds", {f"`{name}`": kinds.get(kind, "numbers") for name, kind in known.items()}
+    )
 
 
 def api(names: str) -> str:
@@ -188,16 +235,29 @@ def api(names: str) -> str:
     for name in names.split():
         module, _, last = f"ldbb_bayes.{name}".rpartition(".")
         what: Any = getattr(import_module(module), last)
-        kind = "module" if inspect.ismodule(what) else "class" if inspect.isclass(what) else "function"
-        first = re.split(r"(?<=[.;])\s|\n\n", f"{inspect.getdoc(what)} ")[0].rstrip(":;").replace("\n", " ").replace("|", "\\|")
+        kind = (
+            "module" if inspect.ismodule(what) else "class" if inspect.isclass(what) else "function"
+        )
+        first = (
+            re.split(r"(?<=[.;])\s|\n\n", f"{inspect.getdoc(what)} ")[0]
+            .rstrip(":;")
+            .replace("\n", " ")
+            .replace("|", "\\|")
+        )
         same = kind == "class" and what.__name__ != last
         hidden = ["model_config", *getattr(what, "__dataclass_fields__", ())]
         role = "mod" if kind == "module" else "obj"
-        rows[f"{{py:{role}}}`{last} <ldbb_bayes.{name}>`"] = f"Another name of `{what.__name__}`." if same else first
+        rows[f"{{py:{role}}}`{last} <ldbb_bayes.{name}>`"] = (
+            f"Another name of `{what.__name__}`." if same else first
+        )
         lines += [
             "",
             f".. auto{kind}:: ldbb_bayes.{name}",
-            *(["   :members:", f"   :exclude-members: {', '.join(hidden)}"] if kind != "function" and not same else []),
+            *(
+                ["   :members:", f"   :exclude-members: {', '.join(hidden)}"]
+                if kind != "function" and not same
+                else []
+            ),
         ]
     return "\n".join([table("Name | What", rows), *lines, "```"])
 
@@ -205,7 +265,10 @@ def api(names: str) -> str:
 @cache
 def shown() -> dict[str, str]:
     """Dotted names of what pages show, by their last part."""
-    pages = "".join(page.read_text(encoding="utf-8") for page in (Path(__file__).parent / "reference" / "api").glob("*.md"))
+    pages = "".join(
+        page.read_text(encoding="utf-8")
+        for page in (Path(__file__).parent / "reference" / "api").glob("*.md")
+    )
     names = " ".join(re.findall(r"<!-- api: (.*?) -->", pages)).split()
     return {name.rpartition(".")[2]: f"ldbb_bayes.{name}" for name in names}
 
@@ -218,7 +281,11 @@ def linked(name: re.Match[str]) -> str:
 @cache
 def comments() -> dict[tuple[str, str], str]:
     """What ``#:`` in the source says of fields, by class and field."""
-    modules = [module.name for module in walk_packages([str(PACKAGE)], "ldbb_bayes.") if "__main__" not in module.name]
+    modules = [
+        module.name
+        for module in walk_packages([str(PACKAGE)], "ldbb_bayes.")
+        if "__main__" not in module.name
+    ]
     found: dict[tuple[str, str], str] = {}
     for module in modules:
         documented = ModuleAnalyzer.for_module(module).find_attr_docs()
@@ -230,36 +297,67 @@ def comments() -> dict[tuple[str, str], str]:
 def kinds() -> dict[str, type]:
     """Classes of the package by name."""
     modules = [module for name, module in sys.modules.items() if name.startswith("ldbb_bayes.")]
-    return {name: own for module in modules for name, own in vars(module).items() if inspect.isclass(own)}
+    return {
+        name: own
+        for module in modules
+        for name, own in vars(module).items()
+        if inspect.isclass(own)
+    }
 
 
 def said(kind: type, name: str) -> str:
     """What the source says of a field, here or where it is inherited from."""
-    return next((comments()[own.__name__, name] for own in kind.__mro__ if (own.__name__, name) in comments()), "")
+    return next(
+        (
+            comments()[own.__name__, name]
+            for own in kind.__mro__
+            if (own.__name__, name) in comments()
+        ),
+        "",
+    )
 
 
 def forms(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Put what our docstrings say in short (errors in a sentence, descriptions behind the colon) in the form of numpydoc."""
     text = "\n".join(lines)
-    found = re.search(r"^(InputError) ((?:for|naming|when|where|names)\b.*?\.)(?: (?=[A-Z])|$)(?=\n|\Z)", text, re.M | re.S)
+    found = re.search(
+        r"^(InputError) ((?:for|naming|when|where|names)\b.*?\.)(?: (?=[A-Z])|$)(?=\n|\Z)",
+        text,
+        re.M | re.S,
+    )
     if found:
         text = text.replace(found[0], "")
     text = re.sub(
         r"^(\w[\w, *]*) : (.*[.:,;\w)])(?=\n    [a-z(`0-9]|\n(?!    )|\Z)",
-        lambda own: own[0] if re.fullmatch(r"\w+|\{.*|mapping .*", own[2]) else f"{own[1]}\n    {own[2]}",
+        lambda own: (
+            own[0] if re.fullmatch(r"\w+|\{.*|mapping .*", own[2]) else f"{own[1]}\n    {own[2]}"
+        ),
         text,
         flags=re.M,
     )
     head, returns, body = text.partition("Returns\n-------\n")
     if returns and not re.match(r"\w+ : |\w+\n    ", body):
-        kind = str(inspect.get_annotations(obj).get("return", "result")).replace("pd.", "").replace("xr.", "")
+        kind = (
+            str(inspect.get_annotations(obj).get("return", "result"))
+            .replace("pd.", "")
+            .replace("xr.", "")
+        )
         body, blank, rest = body.partition("\n\n")
-        text = f"{head}{returns}{kind}\n" + "".join(f"    {line}\n" for line in body.splitlines()) + blank + rest
+        text = (
+            f"{head}{returns}{kind}\n"
+            + "".join(f"    {line}\n" for line in body.splitlines())
+            + blank
+            + rest
+        )
     if found:
         error = "\n".join(f"    {line}" for line in found[2].splitlines())
         text = f"{text.rstrip()}\n\nRaises\n------\nInputError\n{error}\n"
     if what == "class" and is_dataclass(obj):
-        rows = (f"{own.name} : {unchecked(str(own.type))}\n    {said(obj, own.name)}\n" for own in fields(obj) if own.repr)
+        rows = (
+            f"{own.name} : {unchecked(str(own.type))}\n    {said(obj, own.name)}\n"
+            for own in fields(obj)
+            if own.repr
+        )
         text = f"{text.rstrip()}\n\nAttributes\n----------\n{''.join(rows)}"
     text = re.sub(r"(?<![`:])`(?:ldbb_bayes\.)?(\w+)`(?!`)", linked, text)
     lines[:] = re.sub(r"(?<!`)\|(\w[^|\n]*)\|", r"\|\1\|", text).split("\n")
@@ -267,18 +365,32 @@ def forms(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list
 
 def unchecked(signature: str) -> str:
     """Types without what checks the values."""
-    signature = re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", signature.replace("<factory>", "..."))
+    signature = re.sub(
+        r"TypeAliasForwardRef\('(\w+)'\)", r"\1", signature.replace("<factory>", "...")
+    )
     while (start := signature.find("Annotated[")) >= 0:
         depth, end, comma = 0, start + len("Annotated["), 0
         while depth >= 0:
             comma = comma or (end if signature[end] == "," and depth == 0 else 0)
             depth += {"[": 1, "(": 1, "]": -1, ")": -1}.get(signature[end], 0)
             end += 1
-        signature = signature[:start] + signature[start + len("Annotated[") : comma or end - 1] + signature[end:]
+        signature = (
+            signature[:start]
+            + signature[start + len("Annotated[") : comma or end - 1]
+            + signature[end:]
+        )
     return signature
 
 
-def plain_types(app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: str | None) -> Any:
+def plain_types(
+    app: Sphinx,
+    what: str,
+    name: str,
+    obj: Any,
+    options: Any,
+    signature: str | None,
+    returned: str | None,
+) -> Any:
     """Signatures in short; none of results, which nobody makes."""
     made = inspect.isclass(obj) and issubclass(obj, Result) and obj is not ldbb_bayes.HybridModel
     return "" if made else unchecked(signature or "") or None, returned
@@ -300,7 +412,11 @@ WRITTEN: dict[str, Callable[[str], str]] = {
 
 def write(app: Sphinx, page: str, source: list[str]) -> None:
     """Put what is written from the package where a page has ``<!-- its name: of what -->``."""
-    source[0] = re.sub(r"(?<!!)\[([^]]+)\]\((\.\./[^)#]*)[^)]*\)", lambda link: named(link, app.srcdir / page), source[0])
+    source[0] = re.sub(
+        r"(?<!!)\[([^]]+)\]\((\.\./[^)#]*)[^)]*\)",
+        lambda link: named(link, app.srcdir / page),
+        source[0],
+    )
     markers = rf"<!-- ({'|'.join(WRITTEN)}):?([^>]*) -->"
     source[0] = re.sub(markers, lambda marker: WRITTEN[marker[1]](marker[2].strip()), source[0])
 

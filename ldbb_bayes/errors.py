@@ -63,12 +63,18 @@ def check_known(what: str, names: Iterable[str], known: Iterable[str], more: str
             raise InputError(f"{what} must be one of {', '.join(candidates)}, got {name!r}. {cure}")
 
 
-def renamed(what: str, name: str, today: Mapping[str, str], *, refused_from: str, stacklevel: int = 3) -> str:
+def renamed(
+    what: str, name: str, today: Mapping[str, str], *, refused_from: str, stacklevel: int = 3
+) -> str:
     """Return what ``name`` is called today, with a FutureWarning where it is the name of an earlier version."""
     if name not in today:
         return name
     cure = f"Write {today[name]!r}; {refused_from} refuses the old name."
-    warnings.warn(f"{what} {name!r} is called {today[name]!r} now. {cure}", FutureWarning, stacklevel=stacklevel)
+    warnings.warn(
+        f"{what} {name!r} is called {today[name]!r} now. {cure}",
+        FutureWarning,
+        stacklevel=stacklevel,
+    )
     return today[name]
 
 

@@ -22,11 +22,25 @@ from pydantic import TypeAdapter, ValidationError
 from ldbb_bayes.errors import InputError, nearest, require
 
 __all__ = [
-    "LARGEST_TABLE_BYTES", "LARGEST_TOML_BYTES", "bytes_of", "check_target", "parse_toml", "read_toml", "refusing",
-    "staged_folder", "validated", "write_whole", "xml_of",
-]  # fmt: skip
+    "LARGEST_TABLE_BYTES",
+    "LARGEST_TOML_BYTES",
+    "bytes_of",
+    "check_target",
+    "parse_toml",
+    "read_toml",
+    "refusing",
+    "staged_folder",
+    "validated",
+    "write_whole",
+    "xml_of",
+]
 
-LARGEST_TABLE_BYTES, LARGEST_TOML_BYTES, LONGEST_LINE, _DEEPEST = 64 * 2**20, 512 * 2**10, 20_000, 100
+LARGEST_TABLE_BYTES, LARGEST_TOML_BYTES, LONGEST_LINE, _DEEPEST = (
+    64 * 2**20,
+    512 * 2**10,
+    20_000,
+    100,
+)
 _UNKNOWN, _SHOULD = ("extra_forbidden", "unexpected_keyword_argument"), "Input should be "
 T = TypeVar("T")
 
@@ -40,7 +54,9 @@ def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
         with path.open("rb") as file:
             raw = file.read(largest + 1)
     except OSError as error:
-        raise InputError(f"{path} must be a readable file, got: {error.strerror}. Check the name and the permissions.") from None
+        raise InputError(
+            f"{path} must be a readable file, got: {error.strerror}. Check the name and the permissions."
+        ) from None
     cure = "got more. Remove what does not belong there, or split it"
     require(len(raw) <= largest, f"{path} must be at most {largest / 2**20:g} MB, {cure}.")
     return raw
@@ -52,8 +68,14 @@ def _writing(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        cure = "Free some space or choose" if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG) else "Choose"
-        raise InputError(f"{target} must be writable, got: {error.strerror or error}. {cure} another place.") from None
+        cure = (
+            "Free some space or choose"
+            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+            else "Choose"
+        )
+        raise InputError(
+            f"{target} must be writable, got: {error.strerror or error}. {cure} another place."
+        ) from None
 
 
 def write_whole(target: Path, content: bytes) -> None:
@@ -75,8 +97,13 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
             target.stat()
         standing = target.resolve() in (Path.cwd(), *Path.cwd().parents)
     except (OSError, RuntimeError, ValueError):
-        raise InputError(f"{target} must be a name of a folder, got one that leads nowhere. Check the link.") from None
-    require(not standing, f"{target} must not be the folder you stand in, or one above it. Choose another name.")
+        raise InputError(
+            f"{target} must be a name of a folder, got one that leads nowhere. Check the link."
+        ) from None
+    require(
+        not standing,
+        f"{target} must not be the folder you stand in, or one above it. Choose another name.",
+    )
     with _writing(target):
         is_file, names = False, None
         try:
@@ -86,7 +113,10 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
         except NotADirectoryError:
             is_file = target.exists()
         free = names is None and not is_file
-        require(free or force, f"{target} must not exist, got an existing one. Choose another name or pass --force.")
+        require(
+            free or force,
+            f"{target} must not exist, got an existing one. Choose another name or pass --force.",
+        )
         require(not is_file, f"{target} must be a folder, got a file. Choose another name.")
         for foreign in sorted(set(names or ()) - set(ours)):
             got = f"{target} must hold nothing but earlier results to be replaced, got {foreign!r}"
@@ -137,7 +167,9 @@ def _take_place(staging: Path, target: Path, *, force: bool) -> None:
 
 
 # Keys of more parts cost time that grows with the square of their number; none of our files has more than three.
-_DEEP = re.compile(r"(?:(?:[\w-]{1,200}|\"[^\"\n]{0,200}\"|'[^'\n]{0,200}')[ \t]{0,9}\.[ \t]{0,9}){8}")
+_DEEP = re.compile(
+    r"(?:(?:[\w-]{1,200}|\"[^\"\n]{0,200}\"|'[^'\n]{0,200}')[ \t]{0,9}\.[ \t]{0,9}){8}"
+)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -147,13 +179,18 @@ def read_toml(path: Path) -> dict[str, Any]:
         return parse_toml(raw.decode("utf-8-sig"), str(path))
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        raise InputError(f"{path}, line {line}: TOML must be UTF-8, got other bytes. Save it as UTF-8.") from None
+        raise InputError(
+            f"{path}, line {line}: TOML must be UTF-8, got other bytes. Save it as UTF-8."
+        ) from None
 
 
 def parse_toml(text: str, place: str) -> dict[str, Any]:
     """Return the content of a text; ``place`` is what an `InputError` calls it."""
     kilobytes = LARGEST_TOML_BYTES // 2**10
-    require(len(text) <= LARGEST_TOML_BYTES, f"{place} must hold at most {kilobytes} kB, got more. Split it.")
+    require(
+        len(text) <= LARGEST_TOML_BYTES,
+        f"{place} must hold at most {kilobytes} kB, got more. Split it.",
+    )
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > LONGEST_LINE or _DEEP.search(line):
             got = f"lines must be short and keys plain, got {line[:40]!r}…"
@@ -180,7 +217,11 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
             break  # what follows names a kind, not a key
         keys.append(str(part + 1) if isinstance(part, int) else part)
         value = dict(enumerate(value) if isinstance(value, list) else value).get(part)
-        hints = [field.annotation for name, field in owner.__pydantic_fields__.items() if part in (name, field.alias)]
+        hints = [
+            field.annotation
+            for name, field in owner.__pydantic_fields__.items()
+            if part in (name, field.alias)
+        ]
         kinds = [kind for hint in hints for kind in (hint, *get_args(hint))]
         owner = next((kind for kind in kinds if hasattr(kind, "__pydantic_fields__")), owner)
     where = f" in [{' '.join(keys[:-1])}]" if len(keys) > 1 else ""
@@ -191,12 +232,22 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
         raise InputError(
             f"{place}: keys{where} must be among {', '.join(known)}, got {keys[-1]!r}. Did you mean {nearest(keys[-1], known)!r}?"
         )
-    require(first["type"] != "missing", f"{place}: {keys[-1]!r}{where} must be given, got nothing. Add it.")
+    require(
+        first["type"] != "missing",
+        f"{place}: {keys[-1]!r}{where} must be given, got nothing. Add it.",
+    )
     raise InputError(f"{place}: {_invalid(f'{keys[-1]!r}{where}', first)}")
 
 
 def _invalid(what: str, first: Any) -> str:
-    why, got = re.sub(r"dictionary or an instance of _\w+", "table", first["msg"].removeprefix("Value error, ")), first["input"]
+    why, got = (
+        re.sub(
+            r"dictionary or an instance of _\w+",
+            "table",
+            first["msg"].removeprefix("Value error, "),
+        ),
+        first["input"],
+    )
     if why.startswith(_SHOULD):
         return f"{what} must be {why.removeprefix(_SHOULD)}, got {got!r}. Correct it."
     return f"{what} must be valid, got {got!r}: {why[0].lower()}{why[1:]}. Correct it."
@@ -219,8 +270,14 @@ def refusing(what: str) -> Callable[[type[T]], type[T]]:
                     raise own from None
                 place = f"{what} {name!r}" if (name := fields.get("name")) else what
                 key = first["loc"][0]
-                known = [name for name, field in vars(cls)["__dataclass_fields__"].items() if field.init and not field.kw_only]
-                raise InputError(f"{place}: {_invalid(known[key] if isinstance(key, int) else key, first)}") from None
+                known = [
+                    name
+                    for name, field in vars(cls)["__dataclass_fields__"].items()
+                    if field.init and not field.kw_only
+                ]
+                raise InputError(
+                    f"{place}: {_invalid(known[key] if isinstance(key, int) else key, first)}"
+                ) from None
 
         cls.__init__ = checked  # type: ignore[method-assign, assignment]
         return cls
@@ -233,16 +290,24 @@ def xml_of(raw: bytes, wanted: str) -> ElementTree.Element:
     depth = 0
 
     def refuse(*_: object) -> None:
-        raise InputError("the file must have no document type (DTD), got one. Remove <!DOCTYPE …> and its entities.")
+        raise InputError(
+            "the file must have no document type (DTD), got one. Remove <!DOCTYPE …> and its entities."
+        )
 
     def move(step: int) -> None:
         nonlocal depth
         depth += step
-        require(depth <= _DEEPEST, f"its elements must be nested at most {_DEEPEST} deep, got more. Ask for another file.")
+        require(
+            depth <= _DEEPEST,
+            f"its elements must be nested at most {_DEEPEST} deep, got more. Ask for another file.",
+        )
 
     parser = expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler, parser.EndElementHandler = (lambda *_: move(1)), (lambda *_: move(-1))
+    parser.StartElementHandler, parser.EndElementHandler = (
+        (lambda *_: move(1)),
+        (lambda *_: move(-1)),
+    )
     try:
         parser.Parse(raw, True)
         return ElementTree.fromstring(raw)

@@ -29,9 +29,17 @@ from threadpoolctl import threadpool_limits
 from ldbb_bayes.errors import InputError, check_known, require
 
 __all__ = [
-    "EXECUTORS", "Lost", "ahead", "dask_executor", "done", "executor_named", "one_blas_thread", "process_executor",
-    "second_process", "versions",
-]  # fmt: skip
+    "EXECUTORS",
+    "Lost",
+    "ahead",
+    "dask_executor",
+    "done",
+    "executor_named",
+    "one_blas_thread",
+    "process_executor",
+    "second_process",
+    "versions",
+]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -70,7 +78,9 @@ class WorkerDied(RuntimeError):
     """The process of one job ended; the others go on."""
 
 
-def done(function: Callable[[T], R], jobs: Iterable[T], executor: Executor | None = None) -> Iterator[tuple[int, R | Lost]]:
+def done(
+    function: Callable[[T], R], jobs: Iterable[T], executor: Executor | None = None
+) -> Iterator[tuple[int, R | Lost]]:
     """Run a function on every job, one BLAS thread each, and yield (index from 0, result) as they come.
 
     A job whose worker dies (killed, out of memory) is tried once more when all others are done, with no other job at work; then
@@ -81,7 +91,9 @@ def done(function: Callable[[T], R], jobs: Iterable[T], executor: Executor | Non
     pending is cancelled, as it is when the iterator is closed. An executor that gave its jobs up is an `InputError`.
     """
     fresh, again = enumerate(jobs), deque[tuple[int, T]]()
-    room = 1 if executor is None else _PER_WORKER * getattr(executor, "_max_workers", 0) or _UNCOUNTED
+    room = (
+        1 if executor is None else _PER_WORKER * getattr(executor, "_max_workers", 0) or _UNCOUNTED
+    )
     flying: dict[Future[R], tuple[int, T, bool]] = {}
     landed: SimpleQueue[Future[R]] = SimpleQueue()
 
@@ -209,7 +221,9 @@ class _Processes(ThreadPoolExecutor):
         try:
             process.start()
         except OSError as error:
-            raise InputError(f"a worker process must start, got {error}. Use fewer workers.") from None
+            raise InputError(
+                f"a worker process must start, got {error}. Use fewer workers."
+            ) from None
         self._every.append(process)
         if self._stopped:
             process.kill()
@@ -253,7 +267,14 @@ def _serve(pipe: Connection) -> None:
         except OSError:
             return
         except Exception as error:  # noqa: BLE001  # what does not pickle
-            pipe.send((False, TypeError(f"{type(answer[1]).__name__} must be picklable, got: {error}. {answer[1]}")))
+            pipe.send(
+                (
+                    False,
+                    TypeError(
+                        f"{type(answer[1]).__name__} must be picklable, got: {error}. {answer[1]}"
+                    ),
+                )
+            )
 
 
 def _refuse_to_nest() -> None:
@@ -271,10 +292,12 @@ _DASK: dict[str, Any] = {
     "distributed.worker.profile.enabled": False,
     "distributed.worker.preload": [__name__],
     "distributed.nanny.pre-spawn-environ": {
-        "MALLOC_TRIM_THRESHOLD_": 1 << 26, "MALLOC_MMAP_THRESHOLD_": 1 << 25, "DASK_LOGGING__DISTRIBUTED": "critical",
+        "MALLOC_TRIM_THRESHOLD_": 1 << 26,
+        "MALLOC_MMAP_THRESHOLD_": 1 << 25,
+        "DASK_LOGGING__DISTRIBUTED": "critical",
         **ONE_THREAD,
     },
-}  # fmt: skip
+}
 
 
 def dask_setup(_: Any) -> None:
@@ -295,7 +318,13 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
             f"--executor dask must find the library {error.name}, got none. Install it with pip install 'ldbb-bayes[fleet]'."
         ) from None
     # What they have to say comes as exceptions.
-    for name in ("distributed", "distributed.client", "distributed.nanny", "distributed.scheduler", "distributed.core"):
+    for name in (
+        "distributed",
+        "distributed.client",
+        "distributed.nanny",
+        "distributed.scheduler",
+        "distributed.core",
+    ):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         place: Any = scheduler
@@ -303,10 +332,16 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
             stack.enter_context(dask.config.set(_DASK))
             place = stack.enter_context(_cluster(workers))
         try:
-            client = stack.enter_context(distributed.Client(place, timeout=ANSWER_S, set_as_default=False))
+            client = stack.enter_context(
+                distributed.Client(place, timeout=ANSWER_S, set_as_default=False)
+            )
         except Exception as error:  # noqa: BLE001  # of whatever kind: what is there may speak anything
-            got = f"got {scheduler!r} ({error}). Copy it from what dask scheduler says when it starts"
-            raise InputError(f"--scheduler must be the address of a Dask scheduler that is at work, {got}.") from None
+            got = (
+                f"got {scheduler!r} ({error}). Copy it from what dask scheduler says when it starts"
+            )
+            raise InputError(
+                f"--scheduler must be the address of a Dask scheduler that is at work, {got}."
+            ) from None
         if scheduler is not None:
             _check_workers(client, scheduler)
         pool = _OnDask(client)
@@ -340,8 +375,16 @@ def _cluster(workers: int) -> Iterator[Any]:
     from distributed import LocalCluster
 
     # Any free port: without a dashboard it would still ask for 8787, and warn where another cluster has it.
-    options: dict[str, Any] = {"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
-    options |= {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "silence_logs": logging.CRITICAL}
+    options: dict[str, Any] = {
+        "dashboard_address": None,
+        "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
+    }
+    options |= {
+        "threads_per_worker": 1,
+        "processes": True,
+        "memory_limit": 0,
+        "silence_logs": logging.CRITICAL,
+    }
     try:
         cluster = LocalCluster(n_workers=workers or _usable_cores(), **options)
     except RuntimeError:
@@ -357,26 +400,37 @@ def _check_workers(client: Any, scheduler: str) -> None:
     """Those there must give the numbers that are given here: others fail at every job, or mix versions in one table."""
     answers = client.run(partial(versions, python=True), on_error="return")
     if not answers:
-        warnings.warn(f"the scheduler {scheduler} has no workers yet; jobs wait for the first one.", stacklevel=6)
+        warnings.warn(
+            f"the scheduler {scheduler} has no workers yet; jobs wait for the first one.",
+            stacklevel=6,
+        )
     for address, threads in client.nthreads().items():
         cure = "Start workers with --nthreads 1, as many as there are cores (--nworkers)"
-        require(threads == 1, f"workers must have one thread each, got {threads} at {address}. {cure}.")
+        require(
+            threads == 1, f"workers must have one thread each, got {threads} at {address}. {cure}."
+        )
     for address, answer in answers.items():
         for name, wanted in versions(python=True).items():
             got = answer.get(name) if isinstance(answer, dict) else None
-            cure = f"got {got or 'none'} at {address}. Install it there, and start the worker again."
+            cure = (
+                f"got {got or 'none'} at {address}. Install it there, and start the worker again."
+            )
             require(got == wanted, f"workers must have {name} {wanted} as it is here, {cure}")
 
 
 @cache
 def versions(*, python: bool = False) -> dict[str, str]:
     """Versions of what numbers come from; here, or in the worker that is asked."""
-    own = {"ldbb-bayes": import_module("ldbb_bayes").__version__} | {name: version(name) for name in _PACKAGES}
+    own = {"ldbb-bayes": import_module("ldbb_bayes").__version__} | {
+        name: version(name) for name in _PACKAGES
+    }
     return own | ({"python": platform.python_version()} if python else {})
 
 
 @contextmanager
-def executor_named(kind: str, workers: int = 0, scheduler: str | None = None) -> Iterator[Executor | None]:
+def executor_named(
+    kind: str, workers: int = 0, scheduler: str | None = None
+) -> Iterator[Executor | None]:
     """Yield what the options of commands ask for; None where there is one process only, and jobs are run here."""
     check_known("--executor", [kind], EXECUTORS)
     require(workers >= 0, f"--workers must be 0 or more, got {workers}. 0 is one per core.")

@@ -29,9 +29,25 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "Array", "ByClass", "ByName", "ByRow", "Finite", "Number", "Numbers", "Records", "Result", "Shown", "Table", "brief",
-    "entries_of", "json_text", "read_result", "readable", "table_of", "wrapped",
-]  # fmt: skip
+    "Array",
+    "ByClass",
+    "ByName",
+    "ByRow",
+    "Finite",
+    "Number",
+    "Numbers",
+    "Records",
+    "Result",
+    "Shown",
+    "Table",
+    "brief",
+    "entries_of",
+    "json_text",
+    "read_result",
+    "readable",
+    "table_of",
+    "wrapped",
+]
 
 T = TypeVar("T")
 Array: TypeAlias = NDArray[Any]
@@ -42,13 +58,19 @@ def _null(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-Finite = Annotated[float, BeforeValidator(lambda value: np.inf if value is None else value), PlainSerializer(_null)]
+Finite = Annotated[
+    float, BeforeValidator(lambda value: np.inf if value is None else value), PlainSerializer(_null)
+]
 """A number that may be infinite, which JSON writes as null."""
 
-Number = Annotated[float, BeforeValidator(lambda value: np.nan if value is None else value), PlainSerializer(_null)]
+Number = Annotated[
+    float, BeforeValidator(lambda value: np.nan if value is None else value), PlainSerializer(_null)
+]
 """A number that may be missing, not a number then, which JSON writes as null."""
 
-Numbers = Annotated[np.ndarray, BeforeValidator(np.asarray), PlainSerializer(lambda array: array.tolist())]
+Numbers = Annotated[
+    np.ndarray, BeforeValidator(np.asarray), PlainSerializer(lambda array: array.tolist())
+]
 """An array, in JSON nested lists."""
 
 
@@ -58,20 +80,28 @@ def _frame(rows: Any) -> pd.DataFrame:
 
     if isinstance(rows, pd.DataFrame):
         return rows
-    return pd.DataFrame.from_dict(rows, orient="index") if isinstance(rows, dict) else pd.DataFrame.from_records(rows)
+    return (
+        pd.DataFrame.from_dict(rows, orient="index")
+        if isinstance(rows, dict)
+        else pd.DataFrame.from_records(rows)
+    )
 
 
 if TYPE_CHECKING:
     ByRow: TypeAlias = pd.DataFrame
     Records: TypeAlias = pd.DataFrame
 else:
-    ByRow = Annotated[Any, BeforeValidator(_frame), PlainSerializer(lambda frame: frame.to_dict(orient="index"))]
+    ByRow = Annotated[
+        Any, BeforeValidator(_frame), PlainSerializer(lambda frame: frame.to_dict(orient="index"))
+    ]
     """A table, in JSON its rows by name."""
 
     Records = Annotated[
         Any,
         BeforeValidator(_frame),
-        PlainSerializer(lambda frame: frame.astype(object).where(frame.notna(), None).to_dict(orient="records")),
+        PlainSerializer(
+            lambda frame: frame.astype(object).where(frame.notna(), None).to_dict(orient="records")
+        ),
     ]
     """A table, in JSON a list of its rows, null where a cell is missing."""
 
@@ -83,7 +113,11 @@ _LONGEST, _LONGEST_VALUE, _MOST_ENTRIES, _MOST_ROWS, _NARROW, _WIDE = 80, 56, 12
 def entries_of(thing: Any) -> dict[str, Any]:
     """Return what an object shows of itself: what its class names in ``shown``, else the fields of a dataclass or pydantic model;
     nothing of anything else."""
-    own = [one.name for one in fields(thing)] if is_dataclass(thing) else getattr(type(thing), "model_fields", ())
+    own = (
+        [one.name for one in fields(thing)]
+        if is_dataclass(thing)
+        else getattr(type(thing), "model_fields", ())
+    )
     return {name: getattr(thing, name) for name in getattr(type(thing), "shown", ()) or own}
 
 
@@ -95,13 +129,22 @@ def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
         return f"<{kind}, {' × '.join(map(str, value.shape))}>"
     if isinstance(value, Mapping | Set | tuple | list):
         whole = repr(value) if len(value) <= _MOST_ENTRIES else ""
-        return whole if 0 < len(whole) <= longest and "array(" not in whole else f"<{len(value)} entries>"
+        return (
+            whole
+            if 0 < len(whole) <= longest and "array(" not in whole
+            else f"<{len(value)} entries>"
+        )
     if (entries := entries_of(value)) or isinstance(value, Shown):
-        filled = {name: own for name, own in entries.items() if own is not None and (not hasattr(own, "__len__") or len(own))}
+        filled = {
+            name: own
+            for name, own in entries.items()
+            if own is not None and (not hasattr(own, "__len__") or len(own))
+        }
         said = [f"{name}={brief(own)}" for name, own in filled.items()]
         if len(whole := f"{kind}({', '.join(said)})") > longest:
             usual = [
-                isinstance(own, float | int | str) and own == getattr(type(value), name, None) for name, own in filled.items()
+                isinstance(own, float | int | str) and own == getattr(type(value), name, None)
+                for name, own in filled.items()
             ]
             said = [one for one, left_out in zip(said, usual, strict=True) if not left_out]
             whole = f"{kind}({', '.join(said)})"
@@ -178,10 +221,14 @@ class ByClass(Generic[T]):
 
     def __call__(self, result: Any) -> T:
         names = (kind.__name__ for kind in type(result).__mro__)
-        return next((self._registered[name] for name in names if name in self._registered), self._default)(result)
+        return next(
+            (self._registered[name] for name in names if name in self._registered), self._default
+        )(result)
 
 
-def read_result(path: str | os.PathLike[str], what: str, command: str, read: Callable[[dict[str, Any]], T]) -> T:
+def read_result(
+    path: str | os.PathLike[str], what: str, command: str, read: Callable[[dict[str, Any]], T]
+) -> T:
     """Return what ``command`` wrote into a folder, as the file ``what``.json, or into the file itself; ``read`` takes its JSON to
     the result. A file that is missing, damaged, or not one of ours is refused."""
     source = Path(path) / f"{what}.json" if Path(path).is_dir() else Path(path)
@@ -190,11 +237,20 @@ def read_result(path: str | os.PathLike[str], what: str, command: str, read: Cal
     raw = bytes_of(source, _LARGEST_BYTES, what=f"a {what}")
     try:
         return read(json.loads(raw))
-    except (ValueError, KeyError, TypeError, AttributeError, StopIteration, RecursionError) as error:
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        StopIteration,
+        RecursionError,
+    ) as error:
         first = error.errors()[0] if isinstance(error, ValidationError) else None
         why = str(error) if first is None else f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
         got = f"got a damaged one ({type(error).__name__}: {why}). Run {command} again."
-        raise InputError(f"{source} must be a {what} written by this version of ldbb-bayes {command}, {got}") from None
+        raise InputError(
+            f"{source} must be a {what} written by this version of ldbb-bayes {command}, {got}"
+        ) from None
 
 
 _ADAPTERS: dict[type, TypeAdapter[Any]] = {}
@@ -217,7 +273,14 @@ class Table:
     rows: tuple[tuple[Any, ...], ...]  #: the first cell names the row
 
     @classmethod
-    def of(cls, caption: str, heads: Sequence[str], rows: Sequence[Sequence[Any]], *, text: Collection[str] = ()) -> Self:
+    def of(
+        cls,
+        caption: str,
+        heads: Sequence[str],
+        rows: Sequence[Sequence[Any]],
+        *,
+        text: Collection[str] = (),
+    ) -> Self:
         """Return a table whose columns are numbers but for the first and those named in ``text``."""
         numeric = tuple(k > 0 and head not in text for k, head in enumerate(heads))
         return cls(caption, tuple(heads), numeric, tuple(tuple(row) for row in rows))
@@ -242,12 +305,17 @@ class Table:
 
         def broken(least: int) -> dict[int, list[str]]:
             words = {k: _glued(heads[k]).split(" ") for k in kept}
-            return {k: textwrap.wrap(" ".join(own), max(least, size(k, own))) for k, own in words.items()}
+            return {
+                k: textwrap.wrap(" ".join(own), max(least, size(k, own)))
+                for k, own in words.items()
+            }
 
         if narrow := too_wide():
             lines = broken(1)
         if too_wide() and len(rows) > 1:
-            same = [k for k in kept[1:] if heads[k] != "unit" and len({row[k] for row in rows}) == 1]
+            same = [
+                k for k in kept[1:] if heads[k] != "unit" and len({row[k] for row in rows}) == 1
+            ]
         for k in sorted(kept[1:], key=lambda k: (heads[k] == "unit", self.numeric[k], -k)):
             if too_wide() and k not in same:
                 beneath.insert(0, k)
@@ -259,17 +327,28 @@ class Table:
         over = {k: [""] * (high - len(lines[k])) + lines[k] for k in kept}
 
         def row_of(cells: Mapping[int, str]) -> str:
-            shown = (cells[k].rjust(size(k)) if self.numeric[k] else cells[k].ljust(size(k)) for k in kept)
+            shown = (
+                cells[k].rjust(size(k)) if self.numeric[k] else cells[k].ljust(size(k))
+                for k in kept
+            )
             return "  ".join(shown).replace("\xa0", " ").rstrip()
 
         def said(row: Sequence[str], which: Iterable[int]) -> str:
             filled = [k for k in which if row[k] not in ("", "–")]
             return "; ".join(_entry(heads[k], row[k], self.numeric[k]) for k in filled)
 
-        found = [*wrapped(typeset(self.caption), width), *(row_of({k: own[i] for k, own in over.items()}) for i in range(high))]
+        found = [
+            *wrapped(typeset(self.caption), width),
+            *(row_of({k: own[i] for k, own in over.items()}) for i in range(high)),
+        ]
         for row in rows:
-            found += [row_of(dict(enumerate(row))), *wrapped(said(row, sorted(beneath)), width, "    ", "    ")]
-        return "\n".join([*found, *wrapped(f"In every row: {said(rows[0], same)}", width)] if same else found)
+            found += [
+                row_of(dict(enumerate(row))),
+                *wrapped(said(row, sorted(beneath)), width, "    ", "    "),
+            ]
+        return "\n".join(
+            [*found, *wrapped(f"In every row: {said(rows[0], same)}", width)] if same else found
+        )
 
     def html(self) -> str:
         """Return the table as HTML; everything is escaped."""
@@ -277,7 +356,9 @@ class Table:
         def row_of(tags: Iterable[str], values: Iterable[str]) -> str:
             marks = [' class="n"' if numeric else "" for numeric in self.numeric]
             cells = zip(tags, marks, values, strict=True)
-            return "".join(f"<{tag}{mark}>{html.escape(v)}</{tag.split()[0]}>" for tag, mark, v in cells)
+            return "".join(
+                f"<{tag}{mark}>{html.escape(v)}</{tag.split()[0]}>" for tag, mark, v in cells
+            )
 
         head = row_of(['th scope="col"'] * len(self.heads), self.heads)
         tags = ['th scope="row"', *["td"] * (len(self.heads) - 1)]
@@ -288,13 +369,30 @@ class Table:
 
 # Columns in the unit that their row names.
 _OF_ROW = (
-    "mean", "sd", "median", "ci_low", "ci_high", "prior_mean", "prior_sd", "estimate", "u", "first", "second", "difference",
-    "least_squares", "least_squares_u", "sd_error", "floor_sd", "baseline_sd",
-)  # fmt: skip
+    "mean",
+    "sd",
+    "median",
+    "ci_low",
+    "ci_high",
+    "prior_mean",
+    "prior_sd",
+    "estimate",
+    "u",
+    "first",
+    "second",
+    "difference",
+    "least_squares",
+    "least_squares_u",
+    "sd_error",
+    "floor_sd",
+    "baseline_sd",
+)
 _NAMING = ("parameter", "quantity", "source")  # columns that name a numbered row
 
 
-def readable(frame: pd.DataFrame, caption: str = "", units: Mapping[str, str] | None = None) -> pd.DataFrame:
+def readable(
+    frame: pd.DataFrame, caption: str = "", units: Mapping[str, str] | None = None
+) -> pd.DataFrame:
     """Return a frame whose print has every column within 80 characters, and that a notebook shows under its caption; ``units`` of
     columns stand in their heads. What rows have in an inside unit is printed in the one for reading, and kept as it is."""
     made: pd.DataFrame = _frame_class()(frame)
@@ -334,12 +432,18 @@ def __getattr__(name: str) -> Any:
 def table_of(frame: pd.DataFrame) -> Table:
     """Return a frame as it is read: numbers with the unit of their row, converted; of a long one the first and last rows."""
     caption, units = frame.attrs.get("caption", ""), frame.attrs.get("units", {})
-    if naming := [name for name in _NAMING if name in frame and frame.index.name is None and frame.index.dtype == int]:
+    if naming := [
+        name
+        for name in _NAMING
+        if name in frame and frame.index.name is None and frame.index.dtype == int
+    ]:
         frame = frame.set_index(naming[0])
     heads = [f"{name} ({units[name]})" if units.get(name) else str(name) for name in frame.columns]
     numeric = [kind.kind in "iufb" for kind in frame.dtypes]
     cut, rows = len(frame) > _MOST_ROWS, list[tuple[Any, ...]]()
-    for label, *row in (frame.take(np.r_[: _MOST_ROWS // 2, -_MOST_ROWS // 2 : 0]) if cut else frame).itertuples(name=None):
+    for label, *row in (
+        frame.take(np.r_[: _MOST_ROWS // 2, -_MOST_ROWS // 2 : 0]) if cut else frame
+    ).itertuples(name=None):
         factor, unit = 1.0, dict(zip(frame, row, strict=True)).get("unit")
         with suppress(InputError):
             factor, unit = display_unit(str(unit))
@@ -356,16 +460,27 @@ def table_of(frame: pd.DataFrame) -> Table:
 def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:
     """Return a text as lines of at most ``width`` characters; a number keeps sign and unit, a word or path stays whole."""
     filled = textwrap.wrap(
-        _glued(text), width, initial_indent=first, subsequent_indent=then, break_long_words=False, break_on_hyphens=False
+        _glued(text),
+        width,
+        initial_indent=first,
+        subsequent_indent=then,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
     return [line.replace("\xa0", " ") for line in filled]
 
 
 _UNIT = r"%|°|bar\b|[nµm]?m\b|k?N\b|[nµm]?rad\b|per kN|nats?\b|times\b|u\b"
-_UNBREAKABLE = "|".join((
-    rf"(?<=[\d)\]]) (?={_UNIT})", r" (?=\([^()]{1,16}\))", r"(?<=/N) (?=per kN)", r"(?<=\bln) (?=[BPp]\()",
-    r" (?=[=±→≤≥<>·−] [\w(−+.])", r"(?<= [=±→≤≥<>·−]) (?=[\w(−+.])",
-))  # fmt: skip
+_UNBREAKABLE = "|".join(
+    (
+        rf"(?<=[\d)\]]) (?={_UNIT})",
+        r" (?=\([^()]{1,16}\))",
+        r"(?<=/N) (?=per kN)",
+        r"(?<=\bln) (?=[BPp]\()",
+        r" (?=[=±→≤≥<>·−] [\w(−+.])",
+        r"(?<= [=±→≤≥<>·−]) (?=[\w(−+.])",
+    )
+)
 
 
 def _glued(text: str) -> str:
@@ -388,4 +503,9 @@ def _cell(value: Any) -> str:
 
 def json_text(result: Mapping[str, Any]) -> str:
     """Return a result as JSON; numbers that are not finite become null."""
-    return to_json(result, indent=2, inf_nan_mode="null", fallback=lambda value: value.tolist()).decode() + "\n"
+    return (
+        to_json(
+            result, indent=2, inf_nan_mode="null", fallback=lambda value: value.tolist()
+        ).decode()
+        + "\n"
+    )

@@ -12,34 +12,71 @@ from typing import Any, TypeVar
 from ldbb_bayes.errors import InputError, require
 
 __all__ = [
-    "Statement", "display_name", "display_unit", "inside_name", "is_direct", "is_skewed", "plus_minus", "ranked", "round_like",
-    "round_uncertainty", "setting_to_inside", "state", "stiffness", "to_inside", "typeset", "value_and_uncertainty",
-]  # fmt: skip
+    "Statement",
+    "display_name",
+    "display_unit",
+    "inside_name",
+    "is_direct",
+    "is_skewed",
+    "plus_minus",
+    "ranked",
+    "round_like",
+    "round_uncertainty",
+    "setting_to_inside",
+    "state",
+    "stiffness",
+    "to_inside",
+    "typeset",
+    "value_and_uncertainty",
+]
 
 T = TypeVar("T")
 # By inside unit: factor and label for reading; of what changes with force per kN, per kN².
-_OF_A_COMPLIANCE = {"mm/N": (1e6, "nm/N"), "rad/N": (1e9, "nrad/N"), "rad/(N mm)": (1e9, "µrad/(N m)")}
+_OF_A_COMPLIANCE = {
+    "mm/N": (1e6, "nm/N"),
+    "rad/N": (1e9, "nrad/N"),
+    "rad/(N mm)": (1e9, "µrad/(N m)"),
+}
 _UNITS: Mapping[str, tuple[float, str]] = {
-    **_OF_A_COMPLIANCE, **{f"{unit}/N": (factor * 1e3, f"{label} per kN") for unit, (factor, label) in _OF_A_COMPLIANCE.items()},
-    **{f"{unit}/N^2": (factor * 1e6, f"{label} per kN²") for unit, (factor, label) in _OF_A_COMPLIANCE.items()},
-    "1": (1e6, "µm/m"), "1/mm": (1e9, "µm/m²"), "rad": (1e6, "µrad"), "mm": (1e3, "µm"), "N/mm": (1e-3, "N/µm"),
-    "um": (1.0, "µm"), "": (1.0, ""),
-}  # fmt: skip
+    **_OF_A_COMPLIANCE,
+    **{
+        f"{unit}/N": (factor * 1e3, f"{label} per kN")
+        for unit, (factor, label) in _OF_A_COMPLIANCE.items()
+    },
+    **{
+        f"{unit}/N^2": (factor * 1e6, f"{label} per kN²")
+        for unit, (factor, label) in _OF_A_COMPLIANCE.items()
+    },
+    "1": (1e6, "µm/m"),
+    "1/mm": (1e9, "µm/m²"),
+    "rad": (1e6, "µrad"),
+    "mm": (1e3, "µm"),
+    "N/mm": (1e-3, "N/µm"),
+    "um": (1.0, "µm"),
+    "": (1.0, ""),
+}
 # Units one may write: in mm and N, and their powers of length and force; angles and ratios have neither.
 _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _ATOMS: Mapping[str, tuple[float, int, int]] = {
     **{prefix + "m": (size * 1e3, 1, 0) for prefix, size in _PREFIXES.items()},
     **{prefix + "rad": (size, 0, 0) for prefix, size in _PREFIXES.items()},
-    **{prefix + "N": (size, 0, 1) for prefix, size in _PREFIXES.items()}, "1": (1.0, 0, 0), "%": (1e-2, 0, 0),
-    "ppm": (1e-6, 0, 0), "°": (math.pi / 180.0, 0, 0), "arcsec": (math.pi / 648e3, 0, 0),
-}  # fmt: skip
+    **{prefix + "N": (size, 0, 1) for prefix, size in _PREFIXES.items()},
+    "1": (1.0, 0, 0),
+    "%": (1e-2, 0, 0),
+    "ppm": (1e-6, 0, 0),
+    "°": (math.pi / 180.0, 0, 0),
+    "arcsec": (math.pi / 648e3, 0, 0),
+}
 _ENDINGS = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
 _HARDLY, _ZERO = 0.2, 1e-12
 
 
 def display_unit(unit: str) -> tuple[float, str]:
     """Factor and label that turn an inside unit into the one for reading, the same everywhere."""
-    require(unit in _UNITS, f"unit must be one of {', '.join(_UNITS)}, got {unit!r}. Use an inside unit.")
+    require(
+        unit in _UNITS,
+        f"unit must be one of {', '.join(_UNITS)}, got {unit!r}. Use an inside unit.",
+    )
     return _UNITS[unit]
 
 
@@ -49,11 +86,17 @@ def to_inside(text: str, unit: str, what: str = "value") -> float:
     Any unit of the same kind will do: nm/N, µm/kN or um/kN; nm/N per kN, nm/N/kN; µrad/(N m), µrad/N/m. InputError for a number
     alone, and a unit of another kind.
     """
-    parts = re.fullmatch(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)(.*)", text.strip().replace("−", "-"), re.IGNORECASE)
+    parts = re.fullmatch(
+        r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)(.*)",
+        text.strip().replace("−", "-"),
+        re.IGNORECASE,
+    )
     written, wanted = _size(parts[2]) if parts else None, _size(unit)
     if parts is None or written is None or wanted is None or written[1:] != wanted[1:]:
         label = _UNITS[unit][1] if unit in _UNITS else unit
-        raise InputError(f"{what} must be a number with its unit, got {text!r}. Write it in {label}, like 0.5 {label}.")
+        raise InputError(
+            f"{what} must be a number with its unit, got {text!r}. Write it in {label}, like 0.5 {label}."
+        )
     return float(f"{float(parts[1]) * (written[0] / wanted[0]):.15g}")
 
 
@@ -72,7 +115,9 @@ def setting_to_inside(name: str, value: Any, what: str) -> Any:
 
 def _size(unit: str) -> tuple[float, int, int] | None:
     """What a unit is in mm and N, and its powers of length and force; None for what is no unit."""
-    text = re.sub(r"\(([^()]*)\)", lambda match: re.sub(r"[ ·*]+", "/", match[1].strip()), unit.strip())
+    text = re.sub(
+        r"\(([^()]*)\)", lambda match: re.sub(r"[ ·*]+", "/", match[1].strip()), unit.strip()
+    )
     text = re.sub(r"\s+per\s+", "/", text.replace("μ", "µ").replace("²", "^2"))
     size, length, force = 1.0, 0, 0
     for k, factor in enumerate(re.split(r"\s*/\s*", text)):
@@ -104,7 +149,10 @@ def inside_name(text: str) -> str:
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
     """Return the items from the largest key to the smallest; those within the relative tolerance of one another keep their order.
     So what is named first does not hang on the rounding of a processor. A trillionth of the largest key counts as zero."""
-    left = sorted(((key(item), i, item) for i, item in enumerate(items)), key=lambda entry: (-entry[0], entry[1]))
+    left = sorted(
+        ((key(item), i, item) for i, item in enumerate(items)),
+        key=lambda entry: (-entry[0], entry[1]),
+    )
     zero = _ZERO * max((abs(value) for value, _, _ in left if math.isfinite(value)), default=0.0)
     found: list[T] = []
     while left:
@@ -141,7 +189,9 @@ class Statement:
 
     value: str  # to the place of u
     u: str  # standard uncertainty, two significant digits
-    expanded: str  # U (k = 2); of a skewed distribution the distances to the ends of the interval, +a/−b
+    expanded: (
+        str  # U (k = 2); of a skewed distribution the distances to the ends of the interval, +a/−b
+    )
     ends: tuple[str, str]  # of the credible interval
     unit: str
 
@@ -158,9 +208,13 @@ def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> S
     u, decimals = round_uncertainty(sd * factor)
     expanded = round_uncertainty(2.0 * sd * factor)[0]
     if is_skewed(mean, interval):
-        above, below = (round_like(distance, decimals) for distance in (high - middle, middle - low))
+        above, below = (
+            round_like(distance, decimals) for distance in (high - middle, middle - low)
+        )
         expanded = f"+{above} / −{below}" if low <= middle <= high else "see interval"
-    value, least, most = (round_like(number, decimals).replace("-", "−") for number in (middle, low, high))
+    value, least, most = (
+        round_like(number, decimals).replace("-", "−") for number in (middle, low, high)
+    )
     return Statement(value, u, expanded, (least, most), label)
 
 
@@ -199,5 +253,9 @@ def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str)
 def typeset(text: str) -> str:
     """Return the text with minus signs before numbers and powers of ten in full: -5.85 → −5.85, 3.1e-05 → 3.1·10⁻⁵."""
     raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-    text = re.sub(r"(?<=\d)e([+-])0*(\d+)\b", lambda own: f"·10{(own[1].replace('+', '') + own[2]).translate(raised)}", text)
+    text = re.sub(
+        r"(?<=\d)e([+-])0*(\d+)\b",
+        lambda own: f"·10{(own[1].replace('+', '') + own[2]).translate(raised)}",
+        text,
+    )
     return re.sub(r"(?<![\w./\-])-(?=\.?\d)", "−", text)

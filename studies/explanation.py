@@ -18,16 +18,23 @@ __all__ = ["written"]
 
 HERE = Path(__file__).resolve().parent
 PAGES = HERE.parent / "docs" / "explanation"
-OF_U = identifiability._QUARTER**0.5  # a quarter of the variance is half of the standard uncertainty
+OF_U = (
+    identifiability._QUARTER**0.5
+)  # a quarter of the variance is half of the standard uncertainty
 
 
 def written() -> dict[Path, str]:
     """Every page as its template says."""
-    results = {path.parent.name: json.loads(path.read_text(encoding="utf-8")) for path in sorted(HERE.glob("*/results.json"))}
+    results = {
+        path.parent.name: json.loads(path.read_text(encoding="utf-8"))
+        for path in sorted(HERE.glob("*/results.json"))
+    }
     families = results["12_real_machines"]["families"]
     spans = {}
     for edition in ("first", "second"):
-        shares = [share for family in families.values() for share in family[edition]["coverage"].values()]
+        shares = [
+            share for family in families.values() for share in family[edition]["coverage"].values()
+        ]
         spans |= {f"{edition}_low": min(shares), f"{edition}_high": max(shares)}
     rest = [family["second"]["rest_coverage"] for family in families.values()]
     facts = {
@@ -36,13 +43,19 @@ def written() -> dict[Path, str]:
         **{kind.__name__: kind() for kind in Term.kinds.values()},
         "prior": lb.Prior.default(),
         "rule": lb.StoppingRule(),
-        "limit": {"half": identifiability._HALF, "contracted": identifiability._CONTRACTED, "of_u": OF_U},
+        "limit": {
+            "half": identifiability._HALF,
+            "contracted": identifiability._CONTRACTED,
+            "of_u": OF_U,
+        },
         "rest_low": min(rest),
         "rest_high": max(rest),
         "marked": families["mild"]["second"]["marked"],
     }
     templates = sorted(PAGES.glob("*.md.j2"))
-    return {template.with_suffix(""): study.page(PAGES, template.stem, facts) for template in templates}
+    return {
+        template.with_suffix(""): study.page(PAGES, template.stem, facts) for template in templates
+    }
 
 
 if __name__ == "__main__":

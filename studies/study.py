@@ -99,14 +99,24 @@ class Study:
 
 def run(study: Study) -> None:
     """The command line of every study: measure and compare with what is stated; ``--write`` and ``--restate`` state anew."""
-    parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=sys.modules["__main__"].__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument(
         "--quick",
         action="store_true",
         help="fewer of the simulated campaigns are made again, and not all that takes minutes",
     )
-    parser.add_argument("--write", action="store_true", help="state anew: all campaigns, results.json, README.md, figures")
-    parser.add_argument("--restate", action="store_true", help="the same, but of simulated campaigns those kept are taken")
+    parser.add_argument(
+        "--write",
+        action="store_true",
+        help="state anew: all campaigns, results.json, README.md, figures",
+    )
+    parser.add_argument(
+        "--restate",
+        action="store_true",
+        help="the same, but of simulated campaigns those kept are taken",
+    )
     _add_executor_options(parser)
     options = parser.parse_args()
     for name in ("executor", "scheduler", "workers"):
@@ -114,7 +124,11 @@ def run(study: Study) -> None:
     effort: Effort = "write" if options.write else "quick" if options.quick else "usual"
     start = time.perf_counter()
     try:
-        wrong = _state(study, effort) if options.write or options.restate else _compare_with_stated(study, effort)
+        wrong = (
+            _state(study, effort)
+            if options.write or options.restate
+            else _compare_with_stated(study, effort)
+        )
     except (
         lb.InputError,
         OSError,
@@ -133,16 +147,30 @@ def run(study: Study) -> None:
 
 def _add_executor_options(parser: argparse.ArgumentParser) -> None:
     """``--executor``, ``--scheduler`` and ``--workers``, as the package's commands have them."""
-    parser.add_argument("--executor", default="process", choices=EXECUTORS, help="what simulated campaigns run on")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to use; default: workers on this machine")
-    parser.add_argument("--workers", type=int, default=0, metavar="N", help="processes; 0: one per core")
+    parser.add_argument(
+        "--executor", default="process", choices=EXECUTORS, help="what simulated campaigns run on"
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Dask scheduler to use; default: workers on this machine",
+    )
+    parser.add_argument(
+        "--workers", type=int, default=0, metavar="N", help="processes; 0: one per core"
+    )
 
 
 def _said(error: Exception) -> str:
     """What went wrong with a file, and the cure."""
     if isinstance(error, FileNotFoundError):
         return f"{error.filename} must exist. {RESTORE}"
-    if isinstance(error, json.JSONDecodeError | UnicodeDecodeError | pd.errors.ParserError | pd.errors.EmptyDataError):
+    if isinstance(
+        error,
+        json.JSONDecodeError
+        | UnicodeDecodeError
+        | pd.errors.ParserError
+        | pd.errors.EmptyDataError,
+    ):
         return f"a file of the study is damaged: {error}. {RESTORE}"
     return (
         f"a template asks for what is not measured or is damaged: {error}. {RESTORE}"
@@ -153,8 +181,13 @@ def _said(error: Exception) -> str:
 
 def _measured(study: Study, effort: Effort) -> dict[str, Any]:
     """The numbers as JSON holds them, and the digests of the campaigns kept."""
-    results = dict(json.loads(json.dumps(study.measure(effort), default=lambda value: value.item())))
-    digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(study.folder.glob("*.csv"))}
+    results = dict(
+        json.loads(json.dumps(study.measure(effort), default=lambda value: value.item()))
+    )
+    digests = {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(study.folder.glob("*.csv"))
+    }
     return results | ({"kept": digests} if digests else {})
 
 
@@ -163,7 +196,9 @@ def _state(study: Study, effort: Effort) -> list[str]:
     results = _measured(study, effort)
     written = {name: page(study.folder, name, results) for name in pages(study.folder)}
     figures = study.draw(results)
-    (study.folder / "results.json").write_text(json.dumps(results, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    (study.folder / "results.json").write_text(
+        json.dumps(results, indent=2, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
     for name, text in written.items():
         (study.folder / name).write_text(text, encoding="utf-8")
     for name, figure in figures.items():
@@ -181,7 +216,11 @@ def _compare_with_stated(study: Study, effort: Effort) -> list[str]:
     if effort == "quick":
         for path in study.long:
             _fill(measured, stated, path.split("/"))
-    return [*differences(measured, stated, study), *_unused(stated, study), *_pages_that_differ(study.folder)]
+    return [
+        *differences(measured, stated, study),
+        *_unused(stated, study),
+        *_pages_that_differ(study.folder),
+    ]
 
 
 def _fill(measured: dict[str, Any], stated: dict[str, Any], path: list[str]) -> None:
@@ -204,13 +243,26 @@ def _unused(stated: Any, study: Study) -> list[str]:
 
 def _paths(value: Any, path: str = "") -> list[str]:
     """Names of all numbers and of what holds them, as a/b/c."""
-    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    return [path, *(name for key, own in items for name in _paths(own, f"{path}/{key}".lstrip("/")))]
+    items = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
+    return [
+        path,
+        *(name for key, own in items for name in _paths(own, f"{path}/{key}".lstrip("/"))),
+    ]
 
 
 def _pages_that_differ(folder: Path) -> list[str]:
     """Pages that are not what their templates give, and figures that they show and are not there."""
-    wrong = [f"{path.name}.j2 must exist. {RESTORE}" for path in folder.glob("*.md") if path.name not in pages(folder)]
+    wrong = [
+        f"{path.name}.j2 must exist. {RESTORE}"
+        for path in folder.glob("*.md")
+        if path.name not in pages(folder)
+    ]
     for name in pages(folder):
         text = (folder / name).read_text(encoding="utf-8")
         if text != page(folder, name):
@@ -235,14 +287,26 @@ def differences(new: Any, old: Any, study: Study, path: str = "") -> list[str]:
             for text in (
                 differences(new[key], old[key], study, f"{path}/{key}".lstrip("/"))
                 if key in new and key in old
-                else [f"{path}/{key}".lstrip("/") + (": stated, not measured" if key in old else ": measured, not stated")]
+                else [
+                    f"{path}/{key}".lstrip("/")
+                    + (": stated, not measured" if key in old else ": measured, not stated")
+                ]
             )
         ]
     if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        return [text for k, (a, b) in enumerate(zip(new, old, strict=True)) for text in differences(a, b, study, f"{path}/{k}")]
+        return [
+            text
+            for k, (a, b) in enumerate(zip(new, old, strict=True))
+            for text in differences(a, b, study, f"{path}/{k}")
+        ]
     if isinstance(old, float) and isinstance(new, float | int):
-        allowed = max((size for pattern, size in study.absolute.items() if fnmatch(path, pattern)), default=0.0)
-        same = math.isclose(new, old, rel_tol=study.tolerance, abs_tol=allowed) or (math.isnan(new) and math.isnan(old))
+        allowed = max(
+            (size for pattern, size in study.absolute.items() if fnmatch(path, pattern)),
+            default=0.0,
+        )
+        same = math.isclose(new, old, rel_tol=study.tolerance, abs_tol=allowed) or (
+            math.isnan(new) and math.isnan(old)
+        )
         return [] if same else [f"{path}: {new:.6g}, stated {old:.6g}"]
     return [] if new == old else [f"{path}: {new!r}, stated {old!r}"]
 
@@ -261,10 +325,19 @@ def page(folder: Path, name: str = "README.md", results: Mapping[str, Any] | Non
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"to": _to, "sig": _sig, "of": _of, "least": _least, "most": _most, "mean": _mean}
+    environment.filters |= {
+        "to": _to,
+        "sig": _sig,
+        "of": _of,
+        "least": _least,
+        "most": _most,
+        "mean": _mean,
+    }
     if not (folder / f"{name}.j2").is_file():
         raise FileNotFoundError(2, "no template", str(folder / f"{name}.j2"))
-    numbers = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
+    numbers = {
+        path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")
+    }
     own = numbers["results"] if results is None else results
     return environment.get_template(f"{name}.j2").render(numbers, r=own, pm=_plus_minus)
 
@@ -338,7 +411,11 @@ def replicated(
     tolerance : float
         Relative to each column's largest absolute value.
     """
-    jobs = [(kind, seed) for kind, count in kinds.items() for seed in range(min(count, again.get(effort, count)))]
+    jobs = [
+        (kind, seed)
+        for kind, count in kinds.items()
+        for seed in range(min(count, again.get(effort, count)))
+    ]
     return kept(path, pd.DataFrame(_on_all_cores(job, jobs)), kinds, effort, tolerance=tolerance)
 
 
@@ -364,17 +441,25 @@ def kept(
         return pd.read_csv(path)
     known = pd.read_csv(path)
     if not {"kind", "seed"} <= set(known.columns):
-        sys.exit(f"{path.parent.name}/{path.name}: must have columns kind and seed, has {', '.join(known.columns)}. {RESTORE}")
+        sys.exit(
+            f"{path.parent.name}/{path.name}: must have columns kind and seed, has {', '.join(known.columns)}. {RESTORE}"
+        )
     counts = {str(kind): int(count) for kind, count in known["kind"].value_counts().items()}
     if counts != dict(kinds):
-        sys.exit(f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}. {RESTORE}")
+        sys.exit(
+            f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}. {RESTORE}"
+        )
     _compare(made, known, f"{path.parent.name}/{path.name}", tolerance, astray)
     return known
 
 
-def _compare(made: pd.DataFrame, kept: pd.DataFrame, where: str, tolerance: float, astray: float = 0.0) -> None:
+def _compare(
+    made: pd.DataFrame, kept: pd.DataFrame, where: str, tolerance: float, astray: float = 0.0
+) -> None:
     """Refuse rows that are not those kept."""
-    both = made.merge(kept, on=["kind", "seed"], suffixes=("", " kept"), how="left", validate="one_to_one")
+    both = made.merge(
+        kept, on=["kind", "seed"], suffixes=("", " kept"), how="left", validate="one_to_one"
+    )
     numbers = [name for name in made.columns if name not in ("kind", "seed")]
     missing = [name for name in numbers if name not in kept.columns]
     if missing:
@@ -412,18 +497,26 @@ def _send_along() -> None:
 
     for module in list(sys.modules.values()):
         path = getattr(module, "__file__", None)
-        if path is not None and module.__name__ != "__main__" and Path(path).is_relative_to(Path(__file__).resolve().parent):
+        if (
+            path is not None
+            and module.__name__ != "__main__"
+            and Path(path).is_relative_to(Path(__file__).resolve().parent)
+        ):
             cloudpickle.register_pickle_by_value(module)
 
 
-def _on_all_cores(job: Callable[[str, int], Row], jobs: Sequence[tuple[str, int]]) -> list[dict[str, Any]]:
+def _on_all_cores(
+    job: Callable[[str, int], Row], jobs: Sequence[tuple[str, int]]
+) -> list[dict[str, Any]]:
     """Rows in the order of the jobs; progress on standard error where that is a terminal."""
     rows: dict[int, dict[str, Any]] = {}
     with executor() as pool:
         for index, row in done(partial(_row, job), jobs, pool):
             if isinstance(row, Lost):
                 kind, seed = jobs[index]
-                raise lb.InputError(f"every simulated campaign must give a row, {kind}, seed {seed} gave none: {row.reason}.")
+                raise lb.InputError(
+                    f"every simulated campaign must give a row, {kind}, seed {seed} gave none: {row.reason}."
+                )
             rows[index] = row
             if sys.stderr.isatty():
                 end = "" if len(rows) < len(jobs) else "\n"
@@ -433,4 +526,8 @@ def _on_all_cores(job: Callable[[str, int], Row], jobs: Sequence[tuple[str, int]
 
 def _row(job: Callable[[str, int], Row], which: tuple[str, int]) -> dict[str, Any]:
     kind, seed = which
-    return {"kind": kind, "seed": seed, **{name: float(value) for name, value in job(kind, seed).items()}}
+    return {
+        "kind": kind,
+        "seed": seed,
+        **{name: float(value) for name, value in job(kind, seed).items()},
+    }

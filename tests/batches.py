@@ -28,21 +28,38 @@ def write_campaigns(folder: Path, number: int) -> list[str]:
 def made_row(settings: Settings, job: Job, *, parameters: int = 3) -> dict[str, Any]:
     """A row as `fit_row` makes them, of nothing; every fifth failed."""
     rng = np.random.default_rng(job.number)
-    row: dict[str, Any] = {"campaign": job.path, "degree": 0, "sampler": settings.sampler, "seed": settings.seed}
+    row: dict[str, Any] = {
+        "campaign": job.path,
+        "degree": 0,
+        "sampler": settings.sampler,
+        "seed": settings.seed,
+    }
     if job.number % 5 == 4:
         return row | {"status": "failed", "reason": "campaign must be good, got none. Mend it."}
     names = [f"C_{k}" for k in range(parameters + job.number % 2)]
     numbers = {
-        name: dict(zip(("mean", "sd", "median", "ci_low", "ci_high"), rng.standard_normal(5).tolist(), strict=True))
+        name: dict(
+            zip(
+                ("mean", "sd", "median", "ci_low", "ci_high"),
+                rng.standard_normal(5).tolist(),
+                strict=True,
+            )
+        )
         for name in names
     }
     return row | {
-        "status": "done", "converged": True, "state": "doubtful" if job.number % 7 == 0 else "usable", "verdict": "fine",
-        "misfits": ["form"] if job.number % 7 == 0 else [], "warnings": [], "terms": ["Compliance"],
+        "status": "done",
+        "converged": True,
+        "state": "doubtful" if job.number % 7 == 0 else "usable",
+        "verdict": "fine",
+        "misfits": ["form"] if job.number % 7 == 0 else [],
+        "warnings": [],
+        "terms": ["Compliance"],
         "log_prob_truncation": float("nan") if job.number % 3 == 0 else -0.5,
-        "parameters": {name: {"unit": "mm/N", **own} for name, own in numbers.items()}, "gaussian_names": names,
+        "parameters": {name: {"unit": "mm/N", **own} for name, own in numbers.items()},
+        "gaussian_names": names,
         "gaussian_mean": rng.standard_normal(len(names)).tolist(),
-    }  # fmt: skip
+    }
 
 
 def dataset_bytes(out: Path) -> bytes:

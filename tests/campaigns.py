@@ -21,9 +21,20 @@ from ldbb_bayes.model.hybrid import HybridModel
 # A command in this process: exit code, stdout, stderr.
 Invoke = Callable[..., tuple[int, str, str]]
 TRUTH = {
-    "C_XXX": 5.5e-5, "C_XYX": 5e-7, "C_YYY": 4.2e-5, "C_CXY": 1e-8, "C_CYY": -1e-8, "C_CCY": 4e-10, "E_XX1": -1e-4, "E_YX2": 4e-7,
-    "E_XY2": -6e-7, "E_YY1": -8e-5, "E_C0YX": 5e-6, "E_Xt0": 4e-3, "E_Yt0": -1e-3,
-}  # fmt: skip
+    "C_XXX": 5.5e-5,
+    "C_XYX": 5e-7,
+    "C_YYY": 4.2e-5,
+    "C_CXY": 1e-8,
+    "C_CYY": -1e-8,
+    "C_CCY": 4e-10,
+    "E_XX1": -1e-4,
+    "E_YX2": 4e-7,
+    "E_XY2": -6e-7,
+    "E_YY1": -8e-5,
+    "E_C0YX": 5e-6,
+    "E_Xt0": 4e-3,
+    "E_Yt0": -1e-3,
+}
 HYPER_UM = {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 2.0}
 FORCES_N = (36.0, 300.0, 520.0, 742.0)
 
@@ -40,8 +51,12 @@ def plan(
     """A plan; clockings grow by ``work_deg`` and ``tool_deg`` from test to test."""
     tests = []
     for i, (force, n) in enumerate(zip(forces_N, readings, strict=True)):
-        angle = np.arange(n) * 360.0 / n if arc_deg == 360.0 else np.linspace(-10.0, arc_deg - 10.0, n)
-        tests.append(CircularTest(force, angle, work_ball_deg=work_deg * i, tool_ball_deg=tool_deg * i))
+        angle = (
+            np.arange(n) * 360.0 / n if arc_deg == 360.0 else np.linspace(-10.0, arc_deg - 10.0, n)
+        )
+        tests.append(
+            CircularTest(force, angle, work_ball_deg=work_deg * i, tool_ball_deg=tool_deg * i)
+        )
     return Campaign(tuple(tests), mount=MountCompensation(compensated=compensated))
 
 
@@ -49,7 +64,11 @@ def clocked(turns: tuple[tuple[float, float], ...]) -> Campaign:
     """Every force at every (work, tool) clocking, 40 angles each."""
     angle = np.arange(40) * 9.0
     return Campaign(
-        tuple(CircularTest(f, angle, work_ball_deg=w, tool_ball_deg=t) for w, t in turns for f in (100.0, 300.0, 500.0))
+        tuple(
+            CircularTest(f, angle, work_ball_deg=w, tool_ball_deg=t)
+            for w, t in turns
+            for f in (100.0, 300.0, 500.0)
+        )
     )
 
 
@@ -100,14 +119,23 @@ def misses(row: pd.Series, estimate: Mapping[str, float]) -> list[float]:
     for name in (name for name in row.index if not name.startswith("force_")):
         mantissa, _, exponent = row[name].upper().partition("E")
         half_unit = 0.5 * 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
-        found.append(abs(estimate[name.replace("(", "").replace(")", "")] - float(row[name])) / half_unit)
+        found.append(
+            abs(estimate[name.replace("(", "").replace(")", "")] - float(row[name])) / half_unit
+        )
     return found
 
 
 def tidy(campaign: Campaign, path: Path) -> Path:
     """Written as one table of all tests."""
     columns = [
-        pd.DataFrame({"test": t.name, "force_N": t.force_N, "angle_deg": t.angle_deg, "reading_um": t.reading_um})
+        pd.DataFrame(
+            {
+                "test": t.name,
+                "force_N": t.force_N,
+                "angle_deg": t.angle_deg,
+                "reading_um": t.reading_um,
+            }
+        )
         for t in campaign.tests
     ]
     pd.concat(columns).to_csv(path, index=False)
@@ -123,9 +151,14 @@ def oracle_tests(campaign: Campaign) -> list[OracleTest]:
     """The tests as the oracle has them."""
     return [
         OracleTest(
-            float(test.force_N or 0.0), float(test.pressure_bar or 0.0), np.deg2rad(test.angle_deg),
-            np.asarray(test.reading_um) * 1e-3, np.deg2rad(test.work_ball_deg), np.deg2rad(test.tool_ball_deg),
-            float(test.radius_mm or 0.0), -1.0 if test.direction == "CCW" else 1.0,
+            float(test.force_N or 0.0),
+            float(test.pressure_bar or 0.0),
+            np.deg2rad(test.angle_deg),
+            np.asarray(test.reading_um) * 1e-3,
+            np.deg2rad(test.work_ball_deg),
+            np.deg2rad(test.tool_ball_deg),
+            float(test.radius_mm or 0.0),
+            -1.0 if test.direction == "CCW" else 1.0,
         )
         for test in campaign.tests
-    ]  # fmt: skip
+    ]

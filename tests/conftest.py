@@ -26,7 +26,9 @@ from ldbb_bayes.report.sections import find
 
 ROOT = Path(__file__).resolve().parents[1]
 
-settings.register_profile("house", deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "house", deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("house")
 
 
@@ -57,7 +59,9 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="session")
 def compared(recovered: Campaign) -> Comparison:
     """Constant and linear compliance on the recovered experiment, from its golden, which the slow tests hold to the code."""
-    record = json.loads((ROOT / "tests" / "goldens" / "compare_recovered.json").read_text(encoding="utf-8"))
+    record = json.loads(
+        (ROOT / "tests" / "goldens" / "compare_recovered.json").read_text(encoding="utf-8")
+    )
     record["campaign"]["sha256"] = recovered.sha256
     return Comparison.from_dict(record)
 
@@ -72,11 +76,26 @@ def published(recovered: Campaign, compared: Comparison) -> tuple[Document, str]
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """Debian's Chromium, which asks nobody for anything; skipped where it or playwright is missing."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[browser]')")
-    path = next((own for own in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if own), None)
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed (pip install '.[browser]')"
+    )
+    path = next(
+        (
+            own
+            for own in map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
+            if own
+        ),
+        None,
+    )
     if path is None:
         pytest.skip("no Chromium is installed")
-    options = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+    options = [
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-quic",
+        "--no-first-run",
+        "--disable-background-networking",
+    ]
     with playwright.sync_playwright() as driver:
         running = driver.chromium.launch(executable_path=path, args=options)
         yield running

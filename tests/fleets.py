@@ -55,32 +55,59 @@ def fleet(
         own = own + (outlier if outlier is not None and m == 0 else 0.0)
         for _ in range(campaigns):
             design = rng.standard_normal((c + 4, c)) / known
-            seen = np.hstack([design, design[:, :1] * 0.3 + rng.standard_normal((c + 4, 1)), rng.standard_normal((c + 4, 1))])
+            seen = np.hstack(
+                [
+                    design,
+                    design[:, :1] * 0.3 + rng.standard_normal((c + 4, 1)),
+                    rng.standard_normal((c + 4, 1)),
+                ]
+            )
             reading = seen @ np.concatenate([own, b]) + rng.standard_normal(c + 4)
             information.append(seen.T @ seen)
             weighted.append(seen.T @ reading)
             names.append(f"M{m + 1:02d}")
     return FleetStatistics(
-        campaigns=tuple(f"{name}/{k}" for k, name in enumerate(names)), machines=tuple(names), dates=(None,) * len(names),
-        parameters=NAMES[:c], units=UNITS[:c], instrument=("mount", "force_gain"),
-        prior_sd=np.concatenate([PRIOR_SD[:c], INSTRUMENT_SD]), likelihood=Gaussian(np.array(information), np.array(weighted)),
-        reference_force_N=389.0, forces_N=(36.0, 742.0), topology="wCAFYXZSt",
-    )  # fmt: skip
+        campaigns=tuple(f"{name}/{k}" for k, name in enumerate(names)),
+        machines=tuple(names),
+        dates=(None,) * len(names),
+        parameters=NAMES[:c],
+        units=UNITS[:c],
+        instrument=("mount", "force_gain"),
+        prior_sd=np.concatenate([PRIOR_SD[:c], INSTRUMENT_SD]),
+        likelihood=Gaussian(np.array(information), np.array(weighted)),
+        reference_force_N=389.0,
+        forces_N=(36.0, 742.0),
+        topology="wCAFYXZSt",
+    )
 
 
 def telling(
-    statistics: FleetStatistics, information: np.ndarray | None = None, weighted: np.ndarray | None = None, **other: Any
+    statistics: FleetStatistics,
+    information: np.ndarray | None = None,
+    weighted: np.ndarray | None = None,
+    **other: Any,
 ) -> FleetStatistics:
     """The same with another Λ or η."""
     own = statistics.likelihood
-    new = Gaussian(own.precision if information is None else information, own.shift if weighted is None else weighted)
+    new = Gaussian(
+        own.precision if information is None else information,
+        own.shift if weighted is None else weighted,
+    )
     return replace(statistics, likelihood=new, **other)
 
 
 def of_campaigns(statistics: FleetStatistics, places: Any) -> FleetStatistics:
     """Some of the campaigns, in this order."""
-    picked = {name: tuple(getattr(statistics, name)[k] for k in places) for name in ("campaigns", "machines", "dates")}
-    return telling(statistics, statistics.likelihood.precision[places], statistics.likelihood.shift[places], **picked)
+    picked = {
+        name: tuple(getattr(statistics, name)[k] for k in places)
+        for name in ("campaigns", "machines", "dates")
+    }
+    return telling(
+        statistics,
+        statistics.likelihood.precision[places],
+        statistics.likelihood.shift[places],
+        **picked,
+    )
 
 
 def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -89,7 +116,12 @@ def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.nd
     names = list(dict.fromkeys(statistics.machines))
     c, q, n = len(statistics.parameters), weighted.shape[1], len(names)
     common = np.kron(np.ones((n, 1)), np.eye(c, q))
-    prior = np.block([[common @ common.T + np.kron(np.eye(n), np.diag(spread**2)), common], [common.T, np.eye(q)]])
+    prior = np.block(
+        [
+            [common @ common.T + np.kron(np.eye(n), np.diag(spread**2)), common],
+            [common.T, np.eye(q)],
+        ]
+    )
     rows, readings, noise = [], [], []
     for machine, precision, weight in zip(statistics.machines, information, weighted, strict=True):
         row = np.zeros((q, n * c + q))
@@ -117,10 +149,22 @@ def one_campaign() -> SufficientStatistics:
 def row(found: SufficientStatistics, **fields: object) -> dict[str, object]:
     """As the batch keeps it."""
     usual = {
-        "campaign": "a", "name": "a", "sha256": None, "compliances": None, "tolerances": None, "status": "done",
-        "machine_id": "M1", "date": None, "topology": "wCAFYXZSt", "reference_force_N": 389.0, "force_min_N": 36.0,
-        "force_max_N": 742.0, "converged": True, "kinds": [], **found.columns(),
-    }  # fmt: skip
+        "campaign": "a",
+        "name": "a",
+        "sha256": None,
+        "compliances": None,
+        "tolerances": None,
+        "status": "done",
+        "machine_id": "M1",
+        "date": None,
+        "topology": "wCAFYXZSt",
+        "reference_force_N": 389.0,
+        "force_min_N": 36.0,
+        "force_max_N": 742.0,
+        "converged": True,
+        "kinds": [],
+        **found.columns(),
+    }
     return usual | fields
 
 
@@ -136,9 +180,13 @@ def drawn_rows(
     """n campaigns a month apart; C_XXX grows by ``step`` before campaign ``step_at`` (from 0)."""
     found = one_campaign()
     inside = np.outer(found.prior_sd, found.prior_sd)
-    values, vectors = np.linalg.eigh((np.linalg.inv(found.covariance) - np.diag(found.prior_sd**-2.0)) * inside)
+    values, vectors = np.linalg.eigh(
+        (np.linalg.inv(found.covariance) - np.diag(found.prior_sd**-2.0)) * inside
+    )
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    constant = [i for i, name in enumerate(found.names) if name.startswith("C_") and name.count("_") == 1]
+    constant = [
+        i for i, name in enumerate(found.names) if name.startswith("C_") and name.count("_") == 1
+    ]
     rows = []
     for t in range(n):
         truth = found.mean.copy()
@@ -146,7 +194,9 @@ def drawn_rows(
         truth[constant] += scatter * found.prior_sd[constant] * rng.standard_normal(len(constant))
         if step_at is not None and t >= step_at:
             truth[found.names.index("C_XXX")] *= 1.0 + step
-        weighted = (root @ (root.T @ (truth / found.prior_sd) + rng.standard_normal(len(truth)))) / found.prior_sd
+        weighted = (
+            root @ (root.T @ (truth / found.prior_sd) + rng.standard_normal(len(truth)))
+        ) / found.prior_sd
         own = replace(found, mean=found.covariance @ weighted)
         name, day = f"c{t + 1:02d}", date(2025, 1, 15) + timedelta(days=30 * t)
         rows.append(row(own, campaign=f"year/{name}", name=name, date=day.isoformat()))
@@ -162,23 +212,29 @@ def with_prior(rows: pd.DataFrame, prior: dict[str, tuple[float, float]]) -> pd.
         covariance = np.zeros((q, q))
         covariance[np.tril_indices(q)] = own["gaussian_covariance"]
         covariance += np.tril(covariance, -1).T
-        before_mean, before_sd = (np.array(own[f"gaussian_prior_{kind}"], dtype=float) for kind in ("mean", "sd"))
+        before_mean, before_sd = (
+            np.array(own[f"gaussian_prior_{kind}"], dtype=float) for kind in ("mean", "sd")
+        )
         mean, sd = before_mean.copy(), before_sd.copy()
         for name, told in prior.items():
             mean[names.index(name)], sd[names.index(name)] = told
         scale = np.outer(before_sd, before_sd)
         precision = np.linalg.inv(covariance / scale)
-        weighted = precision @ (np.array(own["gaussian_mean"]) / before_sd) - before_mean / before_sd
+        weighted = (
+            precision @ (np.array(own["gaussian_mean"]) / before_sd) - before_mean / before_sd
+        )
         ratio = before_sd / sd
         after = np.linalg.inv(precision + np.diag(ratio**2 - 1.0))
         found = after @ (weighted + ratio**2 * mean / before_sd) * before_sd
         changed.append(
             own
             | {
-                "gaussian_mean": found.tolist(), "gaussian_covariance": (after * scale)[np.tril_indices(q)].tolist(),
-                "gaussian_prior_mean": mean.tolist(), "gaussian_prior_sd": sd.tolist(),
+                "gaussian_mean": found.tolist(),
+                "gaussian_covariance": (after * scale)[np.tril_indices(q)].tolist(),
+                "gaussian_prior_mean": mean.tolist(),
+                "gaussian_prior_sd": sd.tolist(),
             }
-        )  # fmt: skip
+        )
     return pd.DataFrame(changed)
 
 

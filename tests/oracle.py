@@ -21,7 +21,9 @@ SD_C = np.array([1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9])
 SD_E = np.array([2e-4, 1e-6, 1e-6, 2e-4, 5e-5, 0.02, 0.02])
 TERMS = {"first": ("form", "length", "mount", "force", "setup", "discrepancy")}
 TERMS["second"] = (*TERMS["first"], "pattern", "joint", "position", "angle", "hysteresis", "circle")
-SCALES = {"first": {"sigma": 1e-3, "delta": 1e-3, "kappa": 1e-3, "tau": 5e-3}}  # of half-normal priors, mm
+SCALES = {
+    "first": {"sigma": 1e-3, "delta": 1e-3, "kappa": 1e-3, "tau": 5e-3}
+}  # of half-normal priors, mm
 SCALES["second"] = SCALES["first"] | {"tau": 1.5e-3, "omega": 1.5e-3, "eta": 2e-3}
 Phi = Mapping[str, float] | np.ndarray  # by name, or in the order of Oracle.hypers
 
@@ -43,7 +45,9 @@ class Stated:
     """What is known of the parts; a U is expanded, k = 2. The defaults are what the model assumes where nothing is stated."""
 
     sphericity_um: dict[str, float] = field(default_factory=dict)  # ball -> S
-    harmonics_um: dict[str, dict[int, tuple[float, float, float]]] = field(default_factory=dict)  # amplitude, phase (deg), U
+    harmonics_um: dict[str, dict[int, tuple[float, float, float]]] = field(
+        default_factory=dict
+    )  # amplitude, phase (deg), U
     length_error_um: float = 0.0
     length_U_um: float = 18.8
     mount_um_per_bar: float = 2.33
@@ -73,7 +77,12 @@ def waves(order: int, angle: np.ndarray) -> np.ndarray:
 def spectrum_of_power(power: float) -> np.ndarray:
     """Coefficients of cos nθ in |cos θ|^power, n = 0 to 12, by the midpoint rule."""
     grid = (np.arange(2**16) + 0.5) * np.pi / 2**15
-    return np.array([np.mean(np.abs(np.cos(grid)) ** power * np.cos(n * grid)) * (2.0 if n else 1.0) for n in range(13)])
+    return np.array(
+        [
+            np.mean(np.abs(np.cos(grid)) ** power * np.cos(n * grid)) * (2.0 if n else 1.0)
+            for n in range(13)
+        ]
+    )
 
 
 def projected_power(power: float, angle: np.ndarray) -> np.ndarray:
@@ -91,7 +100,9 @@ class Oracle:
     compensated: bool = True
     resolution: float = 0.24e-3
     truncated: bool = True
-    given_priors: dict[str, tuple[float, float]] = field(default_factory=dict)  # parameter -> prior mean and sd
+    given_priors: dict[str, tuple[float, float]] = field(
+        default_factory=dict
+    )  # parameter -> prior mean and sd
     edition: str = "first"
     stated: Stated = field(default_factory=Stated)
     names: list[str] = field(init=False)
@@ -99,7 +110,9 @@ class Oracle:
     def __post_init__(self) -> None:
         self.terms = TERMS[self.edition] if self.terms is None else self.terms
         sizes = [t.angle.size for t in self.tests]
-        self.theta, self.y = (np.concatenate([getattr(t, name) for t in self.tests]) for name in ("angle", "reading"))
+        self.theta, self.y = (
+            np.concatenate([getattr(t, name) for t in self.tests]) for name in ("angle", "reading")
+        )
         self.force, self.pressure, self.radius, self.travel, self.work, self.tool = (
             np.repeat([getattr(t, name) for t in self.tests], sizes)
             for name in ("force", "pressure", "radius", "direction", "work", "tool")
@@ -112,11 +125,18 @@ class Oracle:
         self.span, self.most = np.ptp(self.force), self.force.max()
         self.bow = 4.0 * (self.force / self.most) * (1.0 - self.force / self.most)
         self.compliance = compliance_columns(self.theta, self.radius)
-        whole = np.hstack([self.force[:, None] * self.compliance, geometric_columns(self.theta, self.radius)])
+        whole = np.hstack(
+            [self.force[:, None] * self.compliance, geometric_columns(self.theta, self.radius)]
+        )
         scale = np.concatenate([SD_C, SD_E])
         self.estimate = np.linalg.pinv(whole * scale, rcond=1e-10) @ self.y * scale
-        self.axes = ((0.0, abs(self.estimate[0])), (np.pi / 2.0, abs(self.estimate[2])))  # angle and |Ĉ_aa| of X and Y
-        size = SD_C if self.edition == "first" else np.maximum(np.abs(self.estimate[:6]), SD_C / 20.0)
+        self.axes = (
+            (0.0, abs(self.estimate[0])),
+            (np.pi / 2.0, abs(self.estimate[2])),
+        )  # angle and |Ĉ_aa| of X and Y
+        size = (
+            SD_C if self.edition == "first" else np.maximum(np.abs(self.estimate[:6]), SD_C / 20.0)
+        )
         steps = range(1, self.degree + 1)
         slopes = [((self.force - self.reference) ** k)[:, None] * whole[:, :6] for k in steps]
         self.J = np.hstack([whole[:, :6], *slopes, whole[:, 6:]])
@@ -125,11 +145,17 @@ class Oracle:
         self.mean = np.zeros(self.sd.size)
         for name, (mean, sd) in self.given_priors.items():
             self.mean[self.names.index(name)], self.sd[self.names.index(name)] = mean, sd
-        self.grams: dict[tuple[tuple[str, ...], int], np.ndarray] = {((), 0): np.zeros((self.y.size, self.y.size))}
+        self.grams: dict[tuple[tuple[str, ...], int], np.ndarray] = {
+            ((), 0): np.zeros((self.y.size, self.y.size))
+        }
         for term in (term for term in self.terms if term != "circle"):
             getattr(self, f"_{term}")()
-        used = {name for hypers, order in self.grams for name in (*hypers, *(["p"] if order else []))} | {"sigma"}
-        self.hypers = [name for name in ("sigma", "delta", "kappa", "tau", "p", "omega", "eta") if name in used]
+        used = {
+            name for hypers, order in self.grams for name in (*hypers, *(["p"] if order else []))
+        } | {"sigma"}
+        self.hypers = [
+            name for name in ("sigma", "delta", "kappa", "tau", "p", "omega", "eta") if name in used
+        ]
         self.hypers += [name for r in range(len(sizes)) for name in self._odd(r) if name in used]
         self.scales = np.array([SCALES[self.edition].get(name, 1.0) for name in self.hypers])
 
@@ -142,7 +168,10 @@ class Oracle:
         return (f"lambda_{r + 1}",) if "circle" in self.terms and len(self.tests) >= 4 else ()
 
     def _form(self) -> None:
-        for ball, angle in (("work", self.theta - self.work), ("tool", self.theta + np.pi - self.tool)):
+        for ball, angle in (
+            ("work", self.theta - self.work),
+            ("tool", self.theta + np.pi - self.tool),
+        ):
             for n in range(2, 13):
                 columns = waves(n, angle)
                 if n in self.stated.harmonics_um.get(ball, {}):
@@ -154,10 +183,15 @@ class Oracle:
                 else:
                     self._add(columns, math.sqrt(0.5), "tau", order=n)
                     if n in (2, 3):
-                        self._add(columns, 1e-3 * self.stated.sphericity_um.get(ball, 2.5) / math.sqrt(24.0))
+                        self._add(
+                            columns,
+                            1e-3 * self.stated.sphericity_um.get(ball, 2.5) / math.sqrt(24.0),
+                        )
 
     def _pattern(self) -> None:
-        clocked = any(abs(np.exp(1j * (turn - turn[0])) - 1.0).max() > 1e-9 for turn in (self.work, self.tool))
+        clocked = any(
+            abs(np.exp(1j * (turn - turn[0])) - 1.0).max() > 1e-9 for turn in (self.work, self.tool)
+        )
         for way, radius in set(zip(self.travel, self.radius, strict=True)) if clocked else ():
             here = (self.travel == way) & (self.radius == radius)
             for n in range(4, 13):
@@ -169,7 +203,9 @@ class Oracle:
             self._add(self.radius == radius, 0.5e-3 * self.stated.length_U_um)
 
     def _mount(self) -> None:
-        self._add(self.pressure, 1e-3 * self.stated.mount_um_per_bar * self.stated.mount_U_percent / 200.0)
+        self._add(
+            self.pressure, 1e-3 * self.stated.mount_um_per_bar * self.stated.mount_U_percent / 200.0
+        )
         if self.edition == "second":
             self._add(self.bow, 0.5e-3)
 
@@ -177,7 +213,10 @@ class Oracle:
         deflection = self.compliance @ self.estimate[:6]
         self._add(self.force * deflection, self.stated.force_U_percent / 200.0)
         if self.edition == "second":
-            self._add(self.most * self.bow * deflection, self.stated.linearity_percent / 100.0 / math.sqrt(3.0))
+            self._add(
+                self.most * self.bow * deflection,
+                self.stated.linearity_percent / 100.0 / math.sqrt(3.0),
+            )
         for r in range(len(self.tests)):
             self._add((self.circle == r) * deflection, self.stated.random_N)
 
@@ -186,7 +225,12 @@ class Oracle:
         found = []
         for place, size in self.axes:
             F, square, angle = self.force, np.cos(self.theta - place) ** 2, self.theta - place
-            found.append((F * (F * projected_power(3.0, angle) - self.reference * square) / self.most, 0.2 * size))
+            found.append(
+                (
+                    F * (F * projected_power(3.0, angle) - self.reference * square) / self.most,
+                    0.2 * size,
+                )
+            )
             contact = F ** (2 / 3) * self.reference ** (1 / 3) * projected_power(5 / 3, angle)
             found.append((contact - F * square, 0.2 * size))
         return found
@@ -211,12 +255,19 @@ class Oracle:
     def _setup(self) -> None:
         for r in range(len(self.tests)):
             for n in (0, 1):
-                self._add((self.circle == r)[:, None] * waves(n, self.theta), 1.0, "delta", *self._odd(r))
+                self._add(
+                    (self.circle == r)[:, None] * waves(n, self.theta), 1.0, "delta", *self._odd(r)
+                )
 
     def _discrepancy(self) -> None:
         for r in range(len(self.tests)):
             for n in range(2, 13):
-                self._add((self.circle == r)[:, None] * waves(n, self.theta), 1.0 / n, "kappa", *self._odd(r))
+                self._add(
+                    (self.circle == r)[:, None] * waves(n, self.theta),
+                    1.0 / n,
+                    "kappa",
+                    *self._odd(r),
+                )
 
     def _hysteresis(self) -> None:
         if np.ptp(self.travel):  # both directions are run
@@ -233,12 +284,17 @@ class Oracle:
         return self._sum(phi, [key for key in self.grams if not {"delta", "kappa"} & set(key[0])])
 
     def covariance(self, phi: Phi) -> np.ndarray:
-        return self._sum(phi, list(self.grams)) + self.by_name(phi)["sigma"] ** 2 * np.eye(self.y.size)
+        return self._sum(phi, list(self.grams)) + self.by_name(phi)["sigma"] ** 2 * np.eye(
+            self.y.size
+        )
 
     def _sum(self, phi: Phi, keys: list[tuple[tuple[str, ...], int]]) -> np.ndarray:
         value = self.by_name(phi)
         fall = [(n / 6.0) ** -value["p"] if n else 1.0 for _, n in keys]
-        return sum((math.prod(value[h] for h in key[0]) * f) ** 2 * self.grams[key] for key, f in zip(keys, fall, strict=True))
+        return sum(
+            (math.prod(value[h] for h in key[0]) * f) ** 2 * self.grams[key]
+            for key, f in zip(keys, fall, strict=True)
+        )
 
     def log_likelihood(self, phi: Phi, beta: Mapping[str, float] | np.ndarray) -> float:
         beta = np.array([beta[name] for name in self.names]) if isinstance(beta, Mapping) else beta
@@ -249,13 +305,21 @@ class Oracle:
         value, total = self.by_name(phi), 0.0
         for name, scale in zip(self.hypers, self.scales, strict=True):
             if name == "p":
-                total += stats.truncnorm.logpdf(value[name], -1.5 / 0.7, 1.5 / 0.7, loc=2.0, scale=0.7)
+                total += stats.truncnorm.logpdf(
+                    value[name], -1.5 / 0.7, 1.5 / 0.7, loc=2.0, scale=0.7
+                )
             elif name.startswith("lambda"):
-                total += stats.invgamma.logpdf(value[name] ** 2, 1.5, scale=1.5) + np.log(2.0 * value[name])
+                total += stats.invgamma.logpdf(value[name] ** 2, 1.5, scale=1.5) + np.log(
+                    2.0 * value[name]
+                )
             else:
                 total += stats.halfnorm.logpdf(value[name], scale=scale)
         floor = self.resolution / np.sqrt(12.0)
-        return float(total - stats.halfnorm.logsf(floor, scale=self.scales[0])) if value["sigma"] >= floor else -np.inf
+        return (
+            float(total - stats.halfnorm.logsf(floor, scale=self.scales[0]))
+            if value["sigma"] >= floor
+            else -np.inf
+        )
 
     def phi(self, free: np.ndarray) -> np.ndarray:
         """From ln φ; of p from its logit within 0.5 to 3.5."""
@@ -267,13 +331,18 @@ class Oracle:
         phi = self.phi(free)
         if np.any(phi > 30.0 * self.scales):
             return -np.inf
-        change = [(v - 0.5) * (3.5 - v) / 3.0 if name == "p" else v for name, v in zip(self.hypers, phi, strict=True)]
+        change = [
+            (v - 0.5) * (3.5 - v) / 3.0 if name == "p" else v
+            for name, v in zip(self.hypers, phi, strict=True)
+        ]
         return self.log_prior(phi) + float(np.log(change).sum())
 
     def given(self, phi: Phi) -> tuple[float, np.ndarray, np.ndarray]:
         """ln p(y | φ), mean and covariance of β given y, φ; truncation aside."""
         root = linalg.cholesky(self.covariance(phi), lower=True)
-        white = linalg.solve_triangular(root, np.column_stack([self.J * self.sd, self.y - self.J @ self.mean]), lower=True)
+        white = linalg.solve_triangular(
+            root, np.column_stack([self.J * self.sd, self.y - self.J @ self.mean]), lower=True
+        )
         white_j, white_y = white[:, :-1], white[:, -1]
         precision = white_j.T @ white_j + np.eye(self.sd.size)
         covariance = np.linalg.inv(precision)
@@ -281,18 +350,27 @@ class Oracle:
         quadratic = white_y @ white_y - mean @ precision @ mean
         log_det = 2 * np.log(np.diag(root)).sum() + np.linalg.slogdet(precision)[1]
         log_evidence = -0.5 * (quadratic + log_det + self.y.size * np.log(2 * np.pi))
-        return float(log_evidence), self.mean + mean * self.sd, covariance * np.outer(self.sd, self.sd)
+        return (
+            float(log_evidence),
+            self.mean + mean * self.sd,
+            covariance * np.outer(self.sd, self.sd),
+        )
 
     def inside(self, beta: np.ndarray) -> np.ndarray:
         """Whether C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at every tested force."""
         holds = np.ones(beta.shape[:-1], dtype=bool)
         for j in (0, 2, 5):
             for force in self.unique:
-                value = sum(beta[..., 6 * k + j] * (force - self.reference) ** k for k in range(self.degree + 1))
+                value = sum(
+                    beta[..., 6 * k + j] * (force - self.reference) ** k
+                    for k in range(self.degree + 1)
+                )
                 holds &= value >= 0
         return holds
 
-    def posterior(self, *, points: int = 400, draws: int = 200, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def posterior(
+        self, *, points: int = 400, draws: int = 200, seed: int = 0
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Draws of (β, φ) and their weights: importance sampling of ln φ from a wide Student-t."""
         rng = np.random.default_rng(seed)
         centre, spread = self._locate(rng)
@@ -300,7 +378,9 @@ class Oracle:
             centre, 1.1 * spread, stats.t.rvs(5, size=(points, len(centre)), random_state=rng)
         )
         kept, found, weight = np.isfinite(log_z), [], []
-        for point, value, (mean, covariance) in zip(log_phi[kept], log_z[kept] - log_z[kept].max(), conditional, strict=True):
+        for point, value, (mean, covariance) in zip(
+            log_phi[kept], log_z[kept] - log_z[kept].max(), conditional, strict=True
+        ):
             root = np.linalg.cholesky(covariance / np.outer(self.sd, self.sd))
             beta = mean + (rng.standard_normal((draws, self.sd.size)) @ root.T) * self.sd
             found.append(np.hstack([beta, np.tile(self.phi(point), (draws, 1))]))
@@ -312,7 +392,9 @@ class Oracle:
     ) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
         """Student-t points about a centre; ln p(y, φ) over their density, −inf outside the prior; β given φ of those inside."""
         log_phi = centre + standard @ spread.T
-        log_proposal = stats.t.logpdf(standard, 5).sum(axis=1) - np.log(np.abs(np.linalg.det(spread)))
+        log_proposal = stats.t.logpdf(standard, 5).sum(axis=1) - np.log(
+            np.abs(np.linalg.det(spread))
+        )
         target = np.array([self.log_prior_of_log(point) for point in log_phi])
         conditional = []
         for k in np.flatnonzero(np.isfinite(target)):
@@ -321,16 +403,22 @@ class Oracle:
             conditional.append((mean, covariance))
         return log_phi, target - log_proposal, conditional
 
-    def log_evidence(self, *, points: int = 4096, draws: int = 64, seed: int = 0) -> tuple[float, float]:
+    def log_evidence(
+        self, *, points: int = 4096, draws: int = 64, seed: int = 0
+    ) -> tuple[float, float]:
         """ln Z, truncation included where it is on, and its standard error: quasi-random importance sampling about the mode."""
         rng = np.random.default_rng(seed)
         centre, spread = self._locate(rng)
         rows = self._rows()
         halves, places = [], stats.qmc.Sobol(len(rows), rng=rng).random(draws)
         for _ in range(4):
-            uniform = np.clip(stats.qmc.Sobol(len(centre), rng=rng).random(points // 4), 1e-12, 1.0 - 1e-12)
+            uniform = np.clip(
+                stats.qmc.Sobol(len(centre), rng=rng).random(points // 4), 1e-12, 1.0 - 1e-12
+            )
             _, weight, conditional = self._propose(centre, spread, stats.t(5).ppf(uniform))
-            for k, (mean, covariance) in zip(np.flatnonzero(np.isfinite(weight)), conditional, strict=True):
+            for k, (mean, covariance) in zip(
+                np.flatnonzero(np.isfinite(weight)), conditional, strict=True
+            ):
                 if self.truncated:
                     root = np.linalg.cholesky(rows @ covariance @ rows.T)
                     turned = np.clip((places + rng.random(len(rows))) % 1.0, 1e-12, 1.0 - 1e-12)
@@ -361,12 +449,17 @@ class Oracle:
             rows, per = self._rows(), 2 if self.degree else 1
             pairs = [rows[k : k + per] for k in range(0, len(rows), per)]
             return sum(
-                stats.multivariate_normal(-row @ self.mean, (row * self.sd**2) @ row.T).logcdf(np.zeros(per)) for row in pairs
+                stats.multivariate_normal(-row @ self.mean, (row * self.sd**2) @ row.T).logcdf(
+                    np.zeros(per)
+                )
+                for row in pairs
             )
         if self.degree == 0:
             return 3.0 * np.log(0.5)
         ratio = [(self.sd[6 + j] * self.span / 2.0 / self.sd[j]) ** 2 for j in (0, 2, 5)]
-        return float(sum(np.log(0.25 + np.arcsin((1.0 - r) / (1.0 + r)) / (2.0 * np.pi)) for r in ratio))
+        return float(
+            sum(np.log(0.25 + np.arcsin((1.0 - r) / (1.0 + r)) / (2.0 * np.pi)) for r in ratio)
+        )
 
     def _locate(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Where the posterior of ln φ lies, and a root of its covariance, from a first round of importance sampling."""
@@ -379,10 +472,15 @@ class Oracle:
         centre, spread = found.x, 0.5 * np.eye(len(found.x))
         for temperature in (30.0, 10.0, 3.0, 1.0, 1.0):
             log_phi, weight, _ = self._propose(
-                centre, spread, stats.t.rvs(5, size=(75 * len(centre), len(centre)), random_state=rng)
+                centre,
+                spread,
+                stats.t.rvs(5, size=(75 * len(centre), len(centre)), random_state=rng),
             )
             share = np.exp((weight - weight.max()) / temperature)
             share /= share.sum()
             centre = share @ log_phi
-            spread = np.linalg.cholesky((share[:, None] * (log_phi - centre)).T @ (log_phi - centre) + 1e-4 * np.eye(len(centre)))
+            spread = np.linalg.cholesky(
+                (share[:, None] * (log_phi - centre)).T @ (log_phi - centre)
+                + 1e-4 * np.eye(len(centre))
+            )
         return centre, spread

@@ -29,9 +29,15 @@ def awkward(kind: str) -> xr.DataTree:
     if kind == "two tests":
         return fitted(constant, simulated(plan((40, 40), forces_N=(100.0, 600.0))))
     if kind == "forty tests":
-        return fitted(linear, simulated(plan([60] * 40, forces_N=np.linspace(36.0, 742.0, 40).tolist())))
+        return fitted(
+            linear, simulated(plan([60] * 40, forces_N=np.linspace(36.0, 742.0, 40).tolist()))
+        )
     if kind == "three planes":
-        circles = [lb.CircularTest(f, np.arange(0.0, 360.0, 5.0), plane=at) for at in ("XY", "YZ", "ZX") for f in (100.0, 700.0)]
+        circles = [
+            lb.CircularTest(f, np.arange(0.0, 360.0, 5.0), plane=at)
+            for at in ("XY", "YZ", "ZX")
+            for f in (100.0, 700.0)
+        ]
         return fitted(linear, simulated(lb.Campaign(tuple(circles), name="three planes")))
     if kind == "degree 2":
         return fitted(lb.HybridModel.first(2), simulated(plan()))
@@ -41,14 +47,26 @@ def awkward(kind: str) -> xr.DataTree:
     if kind == "contradiction":
         campaign = simulated(plan())
         # Compliances of the wrong sign: ln P(T | y) near −25, a probability of 1e-11.
-        turned = tuple(test.with_reading_um(-0.14 * np.asarray(test.reading_um)) for test in campaign.tests)
+        turned = tuple(
+            test.with_reading_um(-0.14 * np.asarray(test.reading_um)) for test in campaign.tests
+        )
         return fitted(constant, replace(campaign, tests=turned))
     if kind == "paper":
         return fitted(lb.HybridModel.paper(0), simulated(plan()))
     raise ValueError(kind)
 
 
-AWKWARD = ("script", "long name", "three planes", "two tests", "forty tests", "degree 2", "unconverged", "contradiction", "paper")
+AWKWARD = (
+    "script",
+    "long name",
+    "three planes",
+    "two tests",
+    "forty tests",
+    "degree 2",
+    "unconverged",
+    "contradiction",
+    "paper",
+)
 
 
 _FITTED: dict[tuple[str, str, str], xr.DataTree] = {}
@@ -64,5 +82,8 @@ def fitted(model: lb.HybridModel, campaign: lb.Campaign) -> xr.DataTree:
 
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages with empty figures: for tests of what is said."""
-    empty = {key: (lambda *_, **__: new_figure(1.0, 1.0), *words) for key, (_, *words) in sections.PICTURES.items()}
+    empty = {
+        key: (lambda *_, **__: new_figure(1.0, 1.0), *words)
+        for key, (_, *words) in sections.PICTURES.items()
+    }
     monkeypatch.setattr(sections, "PICTURES", empty)

@@ -27,18 +27,34 @@ LEAVES = {"errors", "files", "jobs", "result", "table", "units"}
 # what a signed sheet needs (averages over models, conformity, two languages, DCC), and by the page in the browser, which takes
 # 1 340 lines and 780 of tests; 500 were deleted for it, and 480 of tests deleted or moved into TOML beside them.
 MOST_MODULES, MOST_LINES, MOST_TEST_LINES, MOST_FUNCTION_LINES = 70, 24_579, 15_239, 60
-FORBIDDEN = {"telling", "begun", "known", "found", "told", "hold", "places", "stamps", "own", "said"}
+FORBIDDEN = {
+    "telling",
+    "begun",
+    "known",
+    "found",
+    "told",
+    "hold",
+    "places",
+    "stamps",
+    "own",
+    "said",
+}
 
 
 @cache
 def trees() -> dict[Path, ast.Module]:
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+    return {
+        path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))
+    }
 
 
 @cache
 def names() -> dict[Path, str]:
     """Of modules, by their files."""
-    dotted = {path: ".".join(("ldbb_bayes", *path.relative_to(PACKAGE).with_suffix("").parts)) for path in trees()}
+    dotted = {
+        path: ".".join(("ldbb_bayes", *path.relative_to(PACKAGE).with_suffix("").parts))
+        for path in trees()
+    }
     return {path: name.removesuffix(".__init__") for path, name in dotted.items()}
 
 
@@ -67,15 +83,24 @@ def circle(arrows: dict[str, set[str]]) -> list[str]:
 def test_no_arrow_points_back() -> None:
     for path, tree in trees().items():
         room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-        allowed = LEAVES | ALLOWED.get(room, set()) if room in ALLOWED or room in LEAVES else {*ROOMS, *LEAVES}
+        allowed = (
+            LEAVES | ALLOWED.get(room, set())
+            if room in ALLOWED or room in LEAVES
+            else {*ROOMS, *LEAVES}
+        )
         for name in imported(tree):
             parts = name.split(".")
-            assert parts[0] != "ldbb_bayes" or len(parts) == 1 or parts[1] in allowed, f"{path.name} imports {name}"
+            assert parts[0] != "ldbb_bayes" or len(parts) == 1 or parts[1] in allowed, (
+                f"{path.name} imports {name}"
+            )
 
 
 def test_no_circle() -> None:
     assert circle({"a": {"b"}, "b": {"c"}, "c": {"a"}})
-    arrows = {names()[own]: {name for name in imported(tree) if name.startswith("ldbb_bayes.")} for own, tree in trees().items()}
+    arrows = {
+        names()[own]: {name for name in imported(tree) if name.startswith("ldbb_bayes.")}
+        for own, tree in trees().items()
+    }
     assert circle(arrows) == []
 
 
@@ -94,7 +119,9 @@ def test_functions_are_short() -> None:
             if isinstance(node, ast.FunctionDef):
                 body = node.body[1:] if ast.get_docstring(node) else node.body
                 length = (node.end_lineno or 0) - body[0].lineno + 1 if body else 0
-                assert length <= MOST_FUNCTION_LINES, f"{path.relative_to(PACKAGE)}: {node.name} has {length} lines"
+                assert length <= MOST_FUNCTION_LINES, (
+                    f"{path.relative_to(PACKAGE)}: {node.name} has {length} lines"
+                )
 
 
 def test_names() -> None:
@@ -102,13 +129,24 @@ def test_names() -> None:
     modules = Counter(path.stem for path in trees() if path.name != "__init__.py")
     assert {name for name, count in modules.items() if count > 1} == set()
     assert not {part for name in modules for part in name.split("_")} & FORBIDDEN
-    classes = Counter(node.name for tree in trees().values() for node in tree.body if isinstance(node, ast.ClassDef))
+    classes = Counter(
+        node.name
+        for tree in trees().values()
+        for node in tree.body
+        if isinstance(node, ast.ClassDef)
+    )
     assert {name for name, count in classes.items() if count > 1} == set()
 
 
-@pytest.mark.parametrize(("library", "home"), [("emcee", "inference/mcmc.py"), ("arviz", "inference/posterior.py")])
+@pytest.mark.parametrize(
+    ("library", "home"), [("emcee", "inference/mcmc.py"), ("arviz", "inference/posterior.py")]
+)
 def test_heavy_libraries_have_one_importer(library: str, home: str) -> None:
-    importers = {str(p.relative_to(PACKAGE)) for p, tree in trees().items() if any(n.startswith(library) for n in imported(tree))}
+    importers = {
+        str(p.relative_to(PACKAGE))
+        for p, tree in trees().items()
+        if any(n.startswith(library) for n in imported(tree))
+    }
     assert importers == {home}
 
 
@@ -118,17 +156,26 @@ def test_no_pyplot_and_no_assert() -> None:
         assert not any(isinstance(node, ast.Assert) for node in ast.walk(tree)), path
 
 
-TEXT, LOOK = "__import__('ldbb_bayes.report.text')", "str(lb.preview(lb.read_campaign(lb.embedded_campaign())))"
+TEXT, LOOK = (
+    "__import__('ldbb_bayes.report.text')",
+    "str(lb.preview(lb.read_campaign(lb.embedded_campaign())))",
+)
 
 
 @pytest.mark.parametrize(
     ("done", "absent"),
-    [("lb", "numpy"), (LOOK, "pandas scipy arviz_base matplotlib openpyxl"), (TEXT, "emcee arviz_base matplotlib")],
+    [
+        ("lb", "numpy"),
+        (LOOK, "pandas scipy arviz_base matplotlib openpyxl"),
+        (TEXT, "emcee arviz_base matplotlib"),
+    ],
 )
 def test_what_is_not_needed_is_not_loaded(done: str, absent: str) -> None:
     """By importing the package; by looking at a campaign; by words and tables."""
     code = f"import sys, ldbb_bayes as lb; {done}; print([name for name in {absent.split()} if name in sys.modules])"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert out.strip() == "[]"
 
 

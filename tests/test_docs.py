@@ -12,13 +12,23 @@ import run_page
 import ldbb_bayes as lb
 
 ROOT = Path(__file__).resolve().parents[1]
-LESSONS = [*sorted((ROOT / "docs" / "tutorials").glob("*.md")), *sorted((ROOT / "docs" / "how-to").glob("*.md"))]
-PAGES = [ROOT / "README.md", *sorted(page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts)]
+LESSONS = [
+    *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
+    *sorted((ROOT / "docs" / "how-to").glob("*.md")),
+]
+PAGES = [
+    ROOT / "README.md",
+    *sorted(page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts),
+]
 WORKBOOK = ROOT / "docs" / "tutorials" / "practice.xlsx"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in PAGES if run_page.BLOCK.search(page.read_text(encoding="utf-8"))], ids=str)
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if run_page.BLOCK.search(page.read_text(encoding="utf-8"))],
+    ids=str,
+)
 def test_blocks_run(page: Path, tmp_path: Path) -> None:
     """In a folder of their own, with the data of the checkout and the tutorial's workbook."""
     (tmp_path / "data").symlink_to(ROOT / "data")
@@ -31,14 +41,24 @@ def test_blocks_run(page: Path, tmp_path: Path) -> None:
 def test_what_is_not_printed_is_seen() -> None:
     printed = "parameter  value\nC_XXX       57.5  nm/N\nC_YYY       42.0  nm/N\n"
     assert run_page.missing("C_XXX  57  nm/N\n…\nC_YYY …", printed) is None
-    for shown in ("C_XXX  67.5  nm/N", "C_YYY  42.0  nm/N\nC_XXX  57.5  nm/N", "C_XXX  57.5  µm", "C_XXX  57.5"):
+    for shown in (
+        "C_XXX  67.5  nm/N",
+        "C_YYY  42.0  nm/N\nC_XXX  57.5  nm/N",
+        "C_XXX  57.5  µm",
+        "C_XXX  57.5",
+    ):
         assert run_page.missing(shown, printed), shown
 
 
 @pytest.mark.parametrize("page", LESSONS, ids=str)
 def test_no_sentence_is_long(page: Path) -> None:
     """Of the text, list items and table cells; code, links' addresses and comments count as a word."""
-    text = re.sub(r"^```.*?^```$|<!--.*?-->|\]\([^)]*\)|`[^`]*`", " code ", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    text = re.sub(
+        r"^```.*?^```$|<!--.*?-->|\]\([^)]*\)|`[^`]*`",
+        " code ",
+        page.read_text(encoding="utf-8"),
+        flags=re.M | re.S,
+    )
     sentences = re.split(r"\n\s*\n|^\s*(?:[-*]|\d+\.|#+)\s|\||[.!?](?=[\s)])", text, flags=re.M)
     assert [" ".join(own.split()) for own in sentences if len(own.split()) > 35] == []
 

@@ -21,7 +21,10 @@ FILES = {"campaign.toml", "f036.csv", "f389.csv", "f742.csv"}
 
 def campaign(version: int) -> lb.Campaign:
     angle = np.arange(72) * 5.0
-    tests = tuple(lb.CircularTest(force, angle, float(version) + 0.1 * np.cos(angle)) for force in (36.0, 389.0, 742.0))
+    tests = tuple(
+        lb.CircularTest(force, angle, float(version) + 0.1 * np.cos(angle))
+        for force in (36.0, 389.0, 742.0)
+    )
     return lb.Campaign(tests, name=f"version {version}")
 
 
@@ -44,7 +47,9 @@ def test_stopped_at_any_moment_the_old_result_or_the_new_one_stands(
     for moment in range(1, 30):
         calls = iter(range(1, 1000))
 
-        def refuse(*given: object, calls: Iterator[int] = calls, moment: int = moment, **more: object) -> object:
+        def refuse(
+            *given: object, calls: Iterator[int] = calls, moment: int = moment, **more: object
+        ) -> object:
             if next(calls) == moment:
                 raise OSError(28, os.strerror(28))
             return own(*given, **more)
@@ -64,10 +69,18 @@ def test_stopped_at_any_moment_the_old_result_or_the_new_one_stands(
 def test_a_full_disk_keeps_the_old_result_and_the_old_file(tmp_path: Path) -> None:
     lb.write_campaign(campaign(1), tmp_path / "result")
     write_whole(tmp_path / "posterior.nc", bytes(1000))
-    with full_disk(300), pytest.raises(lb.InputError, match=r"result must be writable, got: .*Free some space"):
+    with (
+        full_disk(300),
+        pytest.raises(lb.InputError, match=r"result must be writable, got: .*Free some space"),
+    ):
         lb.write_campaign(campaign(2), tmp_path / "result", force=True)
     for largest in (0, 500, 999):
-        with full_disk(largest), pytest.raises(lb.InputError, match=r"posterior\.nc must be writable, got: .*Free some space"):
+        with (
+            full_disk(largest),
+            pytest.raises(
+                lb.InputError, match=r"posterior\.nc must be writable, got: .*Free some space"
+            ),
+        ):
             write_whole(tmp_path / "posterior.nc", bytes(range(250)) * 4)
         assert (tmp_path / "posterior.nc").read_bytes() == bytes(1000)
     assert version_of(tmp_path / "result") == 1
@@ -100,7 +113,9 @@ def test_runs_into_one_folder_at_once(tmp_path: Path) -> None:
     assert (tmp_path / "one").read_bytes() == bytes(20_000)
 
 
-def test_a_folder_that_another_run_takes_away_between_two_renames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_another_run_takes_away_between_two_renames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It was there when this run came, and is not when this run looks again."""
     rename, moments = os.rename, iter([OSError(39, "Directory not empty")])
 

@@ -7,7 +7,10 @@ import pytest
 
 pytest.importorskip("pyarrow")
 pytest.importorskip("openpyxl")
-NAMES = [pytest.param(name, marks=pytest.mark.slow if own.slow else ()) for name, own in make.GOLDENS.items()]
+NAMES = [
+    pytest.param(name, marks=pytest.mark.slow if own.slow else ())
+    for name, own in make.GOLDENS.items()
+]
 
 
 @pytest.fixture(scope="module")
@@ -29,20 +32,27 @@ def test_every_file_has_a_golden() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "differ"),
     [
-        ({"mean": 1.0}, {"mean": 1.0 + 1e-12}, False), ({"mean": 1.0}, {"mean": 1.0 + 1e-8}, True),
+        ({"mean": 1.0}, {"mean": 1.0 + 1e-12}, False),
+        ({"mean": 1.0}, {"mean": 1.0 + 1e-8}, True),
         ({"mean": 0.0, "sd": 1.0}, {"mean": 1e-12, "sd": 1.0}, False),
-        ({"mean": 0.0, "other": 1.0}, {"mean": 1e-12, "other": 1.0}, True), ([0.0, 1.0], [1e-12, 1.0], False),
-        ("C is 1.20 ± 0.01", "C is 1.21 ± 0.01", False), ("C is 1.20 ± 0.01", "C is 1.23 ± 0.01", True),
-        ("C is large", "C is small", True), ([1, 2], [1, 2, 3], True), ({"a": None}, {"b": None}, True),
+        ({"mean": 0.0, "other": 1.0}, {"mean": 1e-12, "other": 1.0}, True),
+        ([0.0, 1.0], [1e-12, 1.0], False),
+        ("C is 1.20 ± 0.01", "C is 1.21 ± 0.01", False),
+        ("C is 1.20 ± 0.01", "C is 1.23 ± 0.01", True),
+        ("C is large", "C is small", True),
+        ([1, 2], [1, 2, 3], True),
+        ({"a": None}, {"b": None}, True),
         (float("nan"), float("nan"), False),
     ],
-)  # fmt: skip
+)
 def test_what_counts_as_a_difference(old: object, new: object, differ: bool) -> None:
     assert bool(make.differences(old, new)) == differ
     assert not make.differences(old, old)
 
 
-@pytest.mark.parametrize(("new", "differ"), [(0.0, False), (9e-10, False), (1.1e-9, True), (-0.1, True)])
+@pytest.mark.parametrize(
+    ("new", "differ"), [(0.0, False), (9e-10, False), (1.1e-9, True), (-0.1, True)]
+)
 def test_less_than_a_billionth_of_a_micrometre_is_rounding(new: float, differ: bool) -> None:
     for old in ({"change_um": 1e-14}, {"sigma_um": [1e-14, 0.0]}):
         answer = {"change_um": new} if "change_um" in old else {"sigma_um": [new, 0.0]}

@@ -24,7 +24,16 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.jobs import Lost, ahead, dask_executor, done, executor_named, one_blas_thread, process_executor, second_process
+from ldbb_bayes.jobs import (
+    Lost,
+    ahead,
+    dask_executor,
+    done,
+    executor_named,
+    one_blas_thread,
+    process_executor,
+    second_process,
+)
 
 
 class Late(Executor):
@@ -110,10 +119,23 @@ def test_one_blas_thread_inside_and_the_old_number_after() -> None:
         assert blas_threads(0) == {2}
 
 
-NAMES = ("sample", "marginals", "log_evidence", "identify", "verdicts", "compare", "design", "belonging", "local_fits", "budgets")
+NAMES = (
+    "sample",
+    "marginals",
+    "log_evidence",
+    "identify",
+    "verdicts",
+    "compare",
+    "design",
+    "belonging",
+    "local_fits",
+    "budgets",
+)
 
 
-@pytest.mark.parametrize("name", [*NAMES, "differences", "circularity", "contributions", "nuisances", "least_squares"])
+@pytest.mark.parametrize(
+    "name", [*NAMES, "differences", "circularity", "contributions", "nuisances", "least_squares"]
+)
 def test_what_computes_has_one_blas_thread(name: str) -> None:
     assert getattr(lb, name).__code__ is one_blas_thread(lambda: None).__code__
 
@@ -124,7 +146,9 @@ def test_when_the_consumer_stops_the_rest_is_cancelled() -> None:
     results = done(square, range(100), executor)
     next(results)
     results.close()  # type: ignore[attr-defined]
-    assert [future.cancelled() for future in executor.made] == [False] * 8 + [True] * (len(executor.made) - 8)
+    assert [future.cancelled() for future in executor.made] == [False] * 8 + [True] * (
+        len(executor.made) - 8
+    )
     assert len(executor.made) == 12
 
 
@@ -137,9 +161,15 @@ def test_a_job_that_raises_says_which() -> None:
 def test_an_executor_that_gives_up_is_refused_after_what_is_done() -> None:
     executor = Late(at=64)
     executor.finish = lambda future, _: future.cancel()  # type: ignore[method-assign, assignment, return-value]
-    with pytest.raises(InputError, match=r"the executor must last as long as its jobs, .* work is kept.*process_executor"):
+    with pytest.raises(
+        InputError,
+        match=r"the executor must last as long as its jobs, .* work is kept.*process_executor",
+    ):
         list(done(square, range(100), executor))
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool, pytest.raises(InputError, match="its workers died"):
+    with (
+        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool,
+        pytest.raises(InputError, match="its workers died"),
+    ):
         list(done(os._exit, [0], pool))
 
 
@@ -165,7 +195,9 @@ def test_processes(tmp_path: Path) -> None:
             assert len(list((tmp_path / name).iterdir())) == deaths
             assert lost == 25 or name == "always"
         assert isinstance(lost, Lost)
-        assert lost.reason.startswith("its worker died twice, the second time with no other job at work")
+        assert lost.reason.startswith(
+            "its worker died twice, the second time with no other job at work"
+        )
     for process, _ in found:
         with pytest.raises(ProcessLookupError):
             os.kill(process, 0)
@@ -216,19 +248,36 @@ def test_a_job_blamed_by_dask_is_tried_once_more_when_all_others_are_done() -> N
 
 
 def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match="--workers must be 0 or more, got -1"), executor_named("process", -1):
+    with (
+        pytest.raises(InputError, match="--workers must be 0 or more, got -1"),
+        executor_named("process", -1),
+    ):
         pass
-    with pytest.raises(InputError, match="--workers must not go with --scheduler, got 3"), executor_named("dask", 3, "tcp://a:1"):
+    with (
+        pytest.raises(InputError, match="--workers must not go with --scheduler, got 3"),
+        executor_named("dask", 3, "tcp://a:1"),
+    ):
         pass
-    monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", lambda self: (_ for _ in ()).throw(OSError("no room")))
-    with pytest.raises(InputError, match=r"a worker process must start, got no room"), process_executor(1) as executor:
+    monkeypatch.setattr(
+        "multiprocessing.context.SpawnProcess.start",
+        lambda self: (_ for _ in ()).throw(OSError("no room")),
+    )
+    with (
+        pytest.raises(InputError, match=r"a worker process must start, got no room"),
+        process_executor(1) as executor,
+    ):
         executor.submit(int).result()
     for cores in (1, 2):
         monkeypatch.setattr("ldbb_bayes.jobs._usable_cores", lambda cores=cores: cores)
         with second_process() as executor:
             assert (executor is None, ahead(os.getpid, executor)()) == (cores == 1, os.getpid())
     monkeypatch.setitem(sys.modules, "dask", None)
-    with pytest.raises(InputError, match=r"find the library dask, got none.*pip install 'ldbb-bayes\[fleet\]'"), dask_executor():
+    with (
+        pytest.raises(
+            InputError, match=r"find the library dask, got none.*pip install 'ldbb-bayes\[fleet\]'"
+        ),
+        dask_executor(),
+    ):
         pass
 
 
@@ -236,7 +285,9 @@ def run(script: str, folder: Path, *arguments: object) -> subprocess.CompletedPr
     shutil.copy(Path(__file__).parent / "scripts" / f"{script}.py", folder / "script.py")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     command = [sys.executable, str(folder / "script.py"), *map(str, arguments)]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 @pytest.mark.parametrize("kind", ["process", pytest.param("dask", marks=pytest.mark.slow)])
@@ -255,6 +306,9 @@ def test_dask(tmp_path: Path) -> None:
     first, *refused = ended.stdout.splitlines()
     assert json.loads(first) == [list(range(20)), [9], True], ended.stderr
     assert (tmp_path / "died").exists()
-    assert "must be the address of a Dask scheduler that is at work, got 'nonsense' (missing port number" in refused[0]
+    assert (
+        "must be the address of a Dask scheduler that is at work, got 'nonsense' (missing port number"
+        in refused[0]
+    )
     assert "got 'tcp://127.0.0.1:1' (" in refused[1]
     assert refused[2].startswith("workers must have one thread each, got 2 at inproc://")

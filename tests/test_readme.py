@@ -21,7 +21,9 @@ from ldbb_bayes.cli import app
 def pages(root: Path) -> list[Path]:
     """In the order in which they are read."""
     folders = ["tutorials", "how-to", "", "explanation", "reference", "reference/api"]
-    documented = [page for folder in folders for page in sorted((root / "docs" / folder).glob("*.md"))]
+    documented = [
+        page for folder in folders for page in sorted((root / "docs" / folder).glob("*.md"))
+    ]
     return [root / "README.md", root / "CONTRIBUTING.md", *documented]
 
 
@@ -30,9 +32,13 @@ def text(root: Path) -> str:
 
 
 def test_truths_run(root: Path, tmp_path: Path) -> None:
-    (block,) = [own for own in re.findall(r"```toml\n(.*?)```", text(root), re.S) if "[hyper_um]" in own]
+    (block,) = [
+        own for own in re.findall(r"```toml\n(.*?)```", text(root), re.S) if "[hyper_um]" in own
+    ]
     (tmp_path / "truths.toml").write_text(block)
-    done = CliRunner().invoke(app, ["simulate", str(tmp_path / "truths.toml"), "--out", str(tmp_path / "c")])
+    done = CliRunner().invoke(
+        app, ["simulate", str(tmp_path / "truths.toml"), "--out", str(tmp_path / "c")]
+    )
     assert done.exit_code == 0, done.output
     assert ldbb_bayes.read_campaign(tmp_path / "c").readings == 3 * 360
 
@@ -41,7 +47,11 @@ def test_the_tidy_example_is_understood(root: Path, tmp_path: Path) -> None:
     """The lines printed, continued to whole circles."""
     (block,) = re.findall(r"```\n(test;.*?)```", text(root), re.S)
     lines = block.strip().splitlines()
-    lines += [f"{test};{force};{a},25;1,5" for test, force in (("first", 36), ("second", 742)) for a in range(1, 360, 9)]
+    lines += [
+        f"{test};{force};{a},25;1,5"
+        for test, force in (("first", 36), ("second", 742))
+        for a in range(1, 360, 9)
+    ]
     (tmp_path / "readings.csv").write_text("\n".join(lines))
     campaign = ldbb_bayes.read_campaign(tmp_path / "readings.csv")
     assert campaign.forces_N.tolist() == [36.0, 742.0]
@@ -49,20 +59,34 @@ def test_the_tidy_example_is_understood(root: Path, tmp_path: Path) -> None:
 
 
 def test_the_layout_reads_a_file(root: Path, tmp_path: Path) -> None:
-    (block,) = [own for own in re.findall(r"```toml\n(.*?)```", text(root), re.S) if "[columns]" in own]
+    (block,) = [
+        own for own in re.findall(r"```toml\n(.*?)```", text(root), re.S) if "[columns]" in own
+    ]
     (tmp_path / "layout.toml").write_text(block, encoding="utf-8")
     rows = [f"{5 * k};{0.001 * (k % 7):.3f}" for k in range(144)]
-    (tmp_path / "Versuch 1.csv").write_text("\n".join(["Winkel [°];Messwert", *rows]), encoding="utf-8")
-    found = ldbb_bayes.import_campaign(tmp_path / "Versuch 1.csv", layout=ldbb_bayes.read_layout(tmp_path / "layout.toml"))
+    (tmp_path / "Versuch 1.csv").write_text(
+        "\n".join(["Winkel [°];Messwert", *rows]), encoding="utf-8"
+    )
+    found = ldbb_bayes.import_campaign(
+        tmp_path / "Versuch 1.csv", layout=ldbb_bayes.read_layout(tmp_path / "layout.toml")
+    )
     assert (found.campaign.tests[0].force_N, found.campaign.readings) == (36.0, 72)
-    for name in ({*Layout.model_fields} | {*TestLayout.__dataclass_fields__}) - {"schema_", "columns", "test"}:
+    for name in ({*Layout.model_fields} | {*TestLayout.__dataclass_fields__}) - {
+        "schema_",
+        "columns",
+        "test",
+    }:
         assert name in block, name
 
 
 def test_options_exist(root: Path) -> None:
-    named = set(re.findall(r"(?<![\w-])--[a-z][\w-]+", re.sub(r"\bpip .*|--nthreads", "", text(root))))
+    named = set(
+        re.findall(r"(?<![\w-])--[a-z][\w-]+", re.sub(r"\bpip .*|--nthreads", "", text(root)))
+    )
     commands = get_command(app).commands.values()  # type: ignore[attr-defined]
-    assert named <= {option for command in commands for own in command.params for option in own.opts} | {"--help", "--version"}
+    assert named <= {
+        option for command in commands for own in command.params for option in own.opts
+    } | {"--help", "--version"}
 
 
 def test_the_readme_is_short(root: Path) -> None:
@@ -72,11 +96,18 @@ def test_the_readme_is_short(root: Path) -> None:
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 @pytest.mark.parametrize(
     ("refuse", "advice"),
-    [("import venv", "apt install python3-venv python3-pip"), ("version_info", "Python 3.11 or newer is needed")],
+    [
+        ("import venv", "apt install python3-venv python3-pip"),
+        ("version_info", "Python 3.11 or newer is needed"),
+    ],
 )
-def test_make_says_which_package_is_missing(root: Path, tmp_path: Path, refuse: str, advice: str) -> None:
+def test_make_says_which_package_is_missing(
+    root: Path, tmp_path: Path, refuse: str, advice: str
+) -> None:
     script = tmp_path / "python"
-    script.write_text(f'#!/bin/sh\ncase "$*" in *"{refuse}"*) exit 1;; esac\nexec {sys.executable} "$@"\n')
+    script.write_text(
+        f'#!/bin/sh\ncase "$*" in *"{refuse}"*) exit 1;; esac\nexec {sys.executable} "$@"\n'
+    )
     script.chmod(0o755)
     command = ["make", "demo", f"PYTHON={script}", f"VENV={tmp_path / 'venv'}"]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
@@ -89,11 +120,15 @@ def test_the_house_as_drawn(root: Path) -> None:
     drawn = (root / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     package = Path(ldbb_bayes.__file__).parent
     heads = re.findall(r"^    ([\w/]+)/ .*\n((?:        .*\n)+)", drawn, re.M)
-    rooms = {room: set(re.findall(r"\w+", re.sub(r"\([^)]*\)", "", modules))) for room, modules in heads}
+    rooms = {
+        room: set(re.findall(r"\w+", re.sub(r"\([^)]*\)", "", modules))) for room, modules in heads
+    }
     found: dict[str, set[str]] = {}
     for path in package.rglob("*.py"):
         if not path.name.startswith("__"):
-            found.setdefault("/".join(("ldbb_bayes", *path.relative_to(package).parts[:-1])), set()).add(path.stem)
+            found.setdefault(
+                "/".join(("ldbb_bayes", *path.relative_to(package).parts[:-1])), set()
+            ).add(path.stem)
     assert rooms == found
 
 
@@ -102,7 +137,9 @@ def test_digest_of_the_shipped_campaign(root: Path, recovered: ldbb_bayes.Campai
 
 
 def test_names_no_place_of_a_machine_or_registry(root: Path) -> None:
-    listed = subprocess.run(["git", "ls-files"], cwd=root, capture_output=True, text=True, check=False).stdout.split()
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=root, capture_output=True, text=True, check=False
+    ).stdout.split()
     for name in listed:
         file = root / name
         if file.suffix in {".png", ".svg", ".csv", ".xlsx"} or not file.is_file():
@@ -118,7 +155,10 @@ def test_the_example_notebook_runs(root: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.chdir(root / "studies" / "00_first_hour")
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert all(cell["outputs"] for cell in cells)
-    assert sum("image/png" in output.get("data", {}) for cell in cells for output in cell["outputs"]) == 2
+    assert (
+        sum("image/png" in output.get("data", {}) for cell in cells for output in cell["outputs"])
+        == 2
+    )
     space: dict[str, object] = {}
     for cell in cells:
         lines = [line for line in "".join(cell["source"]).splitlines() if not line.startswith("%")]

@@ -19,12 +19,26 @@ import ldbb_bayes as lb
 from ldbb_bayes.inference.posterior import result_json
 
 # What the start of the reference of Python says once for all.
-COMMON = {"model", "campaign", "posterior", "machine", "test", "path", "ci_prob", "seed", "progress"}
-EXTERNAL = re.compile(r"https?://[\w.-]+\.[a-z]{2,}(:\d+)?(/[\w./?=&%+~#@!$,;:()*'-]*)?|mailto:[^@\s]+@[\w.-]+\.[a-z]{2,}")
+COMMON = {
+    "model",
+    "campaign",
+    "posterior",
+    "machine",
+    "test",
+    "path",
+    "ci_prob",
+    "seed",
+    "progress",
+}
+EXTERNAL = re.compile(
+    r"https?://[\w.-]+\.[a-z]{2,}(:\d+)?(/[\w./?=&%+~#@!$,;:()*'-]*)?|mailto:[^@\s]+@[\w.-]+\.[a-z]{2,}"
+)
 
 
 def anchors(page: str) -> set[str]:
-    heads = re.findall(r"^#+ +(.*?) *#*$", re.sub(r"^```.*?^```", "", page, flags=re.S | re.M), re.M)
+    heads = re.findall(
+        r"^#+ +(.*?) *#*$", re.sub(r"^```.*?^```", "", page, flags=re.S | re.M), re.M
+    )
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 
 
@@ -36,7 +50,9 @@ def faults(page: Path, root: Path) -> list[str]:
         place, _, anchor = "".join(link).partition("#")
         target = (page.parent / place).resolve() if place else page
         if ":" in place:
-            found += [] if EXTERNAL.fullmatch("".join(link)) else [f"{page.name}: {place} is no address"]
+            found += (
+                [] if EXTERNAL.fullmatch("".join(link)) else [f"{page.name}: {place} is no address"]
+            )
         elif not target.exists() or not target.is_relative_to(root):
             found.append(f"{page.name}: {place} does not exist")
         elif anchor and target.suffix == ".md" and anchor not in anchors(target.read_text("utf-8")):
@@ -48,12 +64,17 @@ def test_links_lead_somewhere(root: Path, tmp_path: Path) -> None:
     every = [*pages(root), *root.glob("*.md"), *(root / "studies").rglob("*.md")]
     assert [fault for page in every for fault in faults(page, root)] == []
     bad = tmp_path / "bad.md"
-    bad.write_text("# A head\n[a](#a-head) [b](#b) [c](missing.md) ![d](d.png) [e](http:/nowhere) [f](https://a.org/b)")
+    bad.write_text(
+        "# A head\n[a](#a-head) [b](#b) [c](missing.md) ![d](d.png) [e](http:/nowhere) [f](https://a.org/b)"
+    )
     assert len(faults(bad, tmp_path)) == 4
 
 
 def test_every_public_name_is_in_the_reference_with_an_example(root: Path) -> None:
-    text = "".join(page.read_text(encoding="utf-8") for page in (root / "docs" / "reference" / "api").glob("*.md"))
+    text = "".join(
+        page.read_text(encoding="utf-8")
+        for page in (root / "docs" / "reference" / "api").glob("*.md")
+    )
     shown = " ".join(re.findall(r"<!-- api: (.*?) -->", text)).split()
     run = "".join(re.findall(r"```python\n(.*?)```", text, re.S))
     names = set(lb.__all__) - {"__version__"}
@@ -68,11 +89,22 @@ def test_arguments_and_fields_are_documented(name: str) -> None:
     what = getattr(lb, name)
     text = inspect.getdoc(what) or ""
     if dataclasses.is_dataclass(what):
-        sources = [inspect.getsource(kind) for kind in what.__mro__ if kind.__module__.startswith("ldbb_bayes")]
-        text += " ".join("".join(found) for found in re.findall(r"^    (\w+): .*#: |#: .*\n    (\w+): ", "".join(sources), re.M))
-        missing = {own.name for own in dataclasses.fields(what) if not re.search(rf"\b{own.name}\b", text)}
+        sources = [
+            inspect.getsource(kind)
+            for kind in what.__mro__
+            if kind.__module__.startswith("ldbb_bayes")
+        ]
+        text += " ".join(
+            "".join(found)
+            for found in re.findall(r"^    (\w+): .*#: |#: .*\n    (\w+): ", "".join(sources), re.M)
+        )
+        missing = {
+            own.name for own in dataclasses.fields(what) if not re.search(rf"\b{own.name}\b", text)
+        }
     elif inspect.isfunction(what):
-        missing = {p for p in inspect.signature(what).parameters if not re.search(rf"\b{p}\b", text)} - COMMON
+        missing = {
+            p for p in inspect.signature(what).parameters if not re.search(rf"\b{p}\b", text)
+        } - COMMON
         if inspect.signature(what).return_annotation in ("Array", "pd.DataFrame"):
             assert re.search(r"shape|[Rr]ow|column", text)
     else:
@@ -81,9 +113,18 @@ def test_arguments_and_fields_are_documented(name: str) -> None:
 
 
 def test_json_has_the_keys_of_the_reference(root: Path, recovered: lb.Campaign) -> None:
-    fit = (root / "docs/reference/json.md").read_text(encoding="utf-8").split("```text")[1].split("```")[0]
+    fit = (
+        (root / "docs/reference/json.md")
+        .read_text(encoding="utf-8")
+        .split("```text")[1]
+        .split("```")[0]
+    )
     posterior = lb.sample(lb.HybridModel.default(degree=0), recovered, sampler="independent")
-    assert {key for key in re.findall(r'"(\w+)"', fit) if f'"{key}"' not in json.dumps(result_json(posterior))} == set()
+    assert {
+        key
+        for key in re.findall(r'"(\w+)"', fit)
+        if f'"{key}"' not in json.dumps(result_json(posterior))
+    } == set()
     found = lb.identify(lb.HybridModel.default(degree=0), recovered)
     schema = TypeAdapter(lb.Identifiability).json_schema(mode="serialization")
     assert set(schema["properties"]) == set(found.as_dict())
@@ -92,12 +133,16 @@ def test_json_has_the_keys_of_the_reference(root: Path, recovered: lb.Campaign) 
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("myst_parser") is None, reason="The extra docs is not installed")
+@pytest.mark.skipif(
+    importlib.util.find_spec("myst_parser") is None, reason="The extra docs is not installed"
+)
 def test_the_documentation_builds(root: Path, tmp_path: Path) -> None:
     """Without a warning, without a network, in under three minutes; a page without its place in the order is a warning."""
     build = [sys.executable, "-m", "sphinx", "-W", "-n", "-q", str(root / "docs"), str(tmp_path)]
     done = subprocess.run(build, capture_output=True, text=True, check=False, timeout=180)
     assert (done.returncode, done.stderr) == (0, "")
     for page in tmp_path.rglob("*.html"):
-        loaded = re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=\"([^\"]+)\"", page.read_text(encoding="utf-8"))
+        loaded = re.findall(
+            r"<(?:script|link|img)[^>]+(?:src|href)=\"([^\"]+)\"", page.read_text(encoding="utf-8")
+        )
         assert [address for address in loaded if "://" in address] == [], page.name

@@ -26,7 +26,9 @@ def test_package_citation_and_changelog_have_one_version(root: Path) -> None:
 
 
 def run(tree: Path, *command: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*map(str, command)], cwd=tree, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [*map(str, command)], cwd=tree, capture_output=True, text=True, check=False
+    )
 
 
 @pytest.fixture
@@ -35,7 +37,9 @@ def tree(root: Path, tmp_path: Path) -> Path:
     for name in (".ci/release", *STATED):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         shutil.copy(root / name, tmp_path / name)
-    (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## 7.8.9 (unreleased)\n\n- New.\n", encoding="utf-8")
+    (tmp_path / "CHANGELOG.md").write_text(
+        "# Changelog\n\n## 7.8.9 (unreleased)\n\n- New.\n", encoding="utf-8"
+    )
     (tmp_path / ".ci" / "package").write_text("#!/bin/sh\ntest ! -e .git/broken\n")
     (tmp_path / ".ci" / "package").chmod(0o755)
     for words in ("init", "config user.name A", "config user.email a@b.c", "add .", "commit -mAll"):
@@ -45,7 +49,10 @@ def tree(root: Path, tmp_path: Path) -> Path:
 
 def test_a_release_is_one_command(tree: Path) -> None:
     assert run(tree, ".ci/release", "7.8.9").returncode == 0
-    assert [run(tree, "git", *own).stdout for own in (["tag"], ["status", "--porcelain"])] == ["v7.8.9\n", ""]
+    assert [run(tree, "git", *own).stdout for own in (["tag"], ["status", "--porcelain"])] == [
+        "v7.8.9\n",
+        "",
+    ]
     dated = (r"version: 7.8.9\ndate-released: \d{4}-\d\d-\d\d", r"## 7.8.9 \(\d{4}-\d\d-\d\d\)")
     for line in ('__version__ = "7.8.9"', *dated):
         assert re.search(f"^{line}$", stated(tree), re.M)
@@ -53,17 +60,26 @@ def test_a_release_is_one_command(tree: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("version", "code", "words"), [("7.8", 2, "must be X.Y.Z, got '7.8'"), ("7.9.0", 2, "got no such line"), ("7.8.9", 1, "")]
+    ("version", "code", "words"),
+    [("7.8", 2, "must be X.Y.Z, got '7.8'"), ("7.9.0", 2, "got no such line"), ("7.8.9", 1, "")],
 )
-def test_a_release_that_fails_changes_nothing(tree: Path, version: str, code: int, words: str) -> None:
+def test_a_release_that_fails_changes_nothing(
+    tree: Path, version: str, code: int, words: str
+) -> None:
     (tree / ".git" / "broken").touch()
     done = run(tree, ".ci/release", version)
     assert (done.returncode, words in done.stderr) == (code, True)
-    assert [run(tree, "git", *own).stdout for own in (["tag"], ["status", "--porcelain"])] == ["", ""]
+    assert [run(tree, "git", *own).stdout for own in (["tag"], ["status", "--porcelain"])] == [
+        "",
+        "",
+    ]
 
 
 def test_an_earlier_name_is_answered_with_a_warning() -> None:
-    with pytest.warns(FutureWarning, match=r"'quadrature' is called 'independent' now. Write 'independent'; 0.3.0 refuses"):
+    with pytest.warns(
+        FutureWarning,
+        match=r"'quadrature' is called 'independent' now. Write 'independent'; 0.3.0 refuses",
+    ):
         assert sampler_named("quadrature") == "independent"
     assert sampler_named("joint") == "joint"
     model, drift = lb.HybridModel.default(), lb.Drift("temperature")

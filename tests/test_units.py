@@ -20,20 +20,35 @@ PREFIXES = {"µ": 1e-6, "n": 1e-9}
 
 def test_units_for_reading_are_the_inside_units_in_other_words() -> None:
     """mm, N and rad in µm, nrad, kN and m: by the powers of ten that the labels state."""
-    metres = {"mm/N": 1e-3, "rad/N": 1.0, "rad/(N mm)": 1e3, "1": 1.0, "1/mm": 1e3, "rad": 1.0, "mm": 1e-3}
+    metres = {
+        "mm/N": 1e-3,
+        "rad/N": 1.0,
+        "rad/(N mm)": 1e3,
+        "1": 1.0,
+        "1/mm": 1e3,
+        "rad": 1.0,
+        "mm": 1e-3,
+    }
     for unit, in_si in metres.items():
         factor, label = units.display_unit(unit)
         assert factor == pytest.approx(in_si / PREFIXES[label[0]])
-        for power, suffix, words in ((1, "/N", " per kN"), (2, "/N^2", " per kN²")) if "N" in unit else ():
+        for power, suffix, words in (
+            ((1, "/N", " per kN"), (2, "/N^2", " per kN²")) if "N" in unit else ()
+        ):
             changing = units.display_unit(unit + suffix)
             assert changing == (pytest.approx(factor * 1e3**power), label + words)
 
 
-@given(st.sampled_from(sorted(filter(None, units._UNITS))), st.floats(-1e3, 1e3, allow_subnormal=False))
+@given(
+    st.sampled_from(sorted(filter(None, units._UNITS))), st.floats(-1e3, 1e3, allow_subnormal=False)
+)
 def test_what_is_read_is_written_back(unit: str, value: float) -> None:
     """Every unit for reading, its number as it stands in a table, and the inside unit itself."""
     factor, label = units.display_unit(unit)
-    for text, expected in ((f"{value!r}{label}", value / factor), (f"{value!r} {unit}".replace("-", "−"), value)):
+    for text, expected in (
+        (f"{value!r}{label}", value / factor),
+        (f"{value!r} {unit}".replace("-", "−"), value),
+    ):
         assert units.to_inside(text, unit) == pytest.approx(expected, rel=1e-12)
 
 
@@ -43,10 +58,24 @@ def test_units_as_they_are_typed(text: str, unit: str, expected: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["0.5", "18 N/µm", "0,5 nm/N", "nm/N", "5 nm", "5 nm/N per kN", "nan nm/N", "5 nm//N", "5 furlong"]
+    "text",
+    [
+        "0.5",
+        "18 N/µm",
+        "0,5 nm/N",
+        "nm/N",
+        "5 nm",
+        "5 nm/N per kN",
+        "nan nm/N",
+        "5 nm//N",
+        "5 furlong",
+    ],
 )
 def test_a_number_of_another_kind_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"^--target must be a number with its unit, got .* Write it in nm/N, like 0.5 nm/N\.$"):
+    with pytest.raises(
+        InputError,
+        match=r"^--target must be a number with its unit, got .* Write it in nm/N, like 0.5 nm/N\.$",
+    ):
         units.to_inside(text, "mm/N", "--target")
 
 
@@ -56,10 +85,17 @@ NUMBERS = st.lists(st.integers(-1000, 1000), max_size=12)
 @given(NUMBERS, st.integers(0, 2**32 - 1))
 def test_ranked_is_a_sort_that_rounding_does_not_change(values: list[int], seed: int) -> None:
     keys = [
-        value * (1.0 + 1e-12 * x) for value, x in zip(values, np.random.default_rng(seed).normal(size=len(values)), strict=True)
+        value * (1.0 + 1e-12 * x)
+        for value, x in zip(
+            values, np.random.default_rng(seed).normal(size=len(values)), strict=True
+        )
     ]
-    assert [values[i] for i in units.ranked(range(len(values)), keys.__getitem__)] == sorted(values, reverse=True)
-    assert units.ranked(range(len(values)), keys.__getitem__) == units.ranked(range(len(values)), values.__getitem__)
+    assert [values[i] for i in units.ranked(range(len(values)), keys.__getitem__)] == sorted(
+        values, reverse=True
+    )
+    assert units.ranked(range(len(values)), keys.__getitem__) == units.ranked(
+        range(len(values)), values.__getitem__
+    )
 
 
 def test_ranked_keeps_the_order_of_ties_and_infinities_first() -> None:
@@ -81,13 +117,19 @@ def test_units_and_names() -> None:
 
 
 @pytest.mark.parametrize(("mean", "sd", "interval", "unit", "expected"), CASES["stated"])
-def test_a_result_as_it_is_written(mean: float, sd: float, interval: list[float], unit: str, expected: list[Any]) -> None:
+def test_a_result_as_it_is_written(
+    mean: float, sd: float, interval: list[float], unit: str, expected: list[Any]
+) -> None:
     *numbers, ends, label = expected
-    assert units.state(mean, sd, (interval[0], interval[1]), unit) == units.Statement(*numbers, tuple(ends), label)
+    assert units.state(mean, sd, (interval[0], interval[1]), unit) == units.Statement(
+        *numbers, tuple(ends), label
+    )
 
 
 @pytest.mark.parametrize(("mean", "sd", "interval", "unit", "expected"), CASES["in_a_sentence"])
-def test_in_a_sentence(mean: float, sd: float, interval: tuple[float, float], unit: str, expected: str) -> None:
+def test_in_a_sentence(
+    mean: float, sd: float, interval: tuple[float, float], unit: str, expected: str
+) -> None:
     """GUM 7.2.6: the value to the place of the uncertainty given with it."""
     assert units.plus_minus(mean, sd, interval, unit) == expected
 

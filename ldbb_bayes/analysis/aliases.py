@@ -18,7 +18,15 @@ from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.result import Array, Result
 from ldbb_bayes.units import ranked
 
-__all__ = ["Cure", "Degeneracy", "Standing", "StandingKind", "cures", "degeneracies", "standing_degeneracies"]
+__all__ = [
+    "Cure",
+    "Degeneracy",
+    "Standing",
+    "StandingKind",
+    "cures",
+    "degeneracies",
+    "standing_degeneracies",
+]
 
 _CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 _OF_ITSELF = 0.05
@@ -51,7 +59,9 @@ class NullSpace:
         found |= self._independent(left, left >= self.p)
         return [(j, found[j]) for j in sorted(found, key=lambda j: (j < self.p, j))]
 
-    def _independent(self, columns: NDArray[np.intp], preferred: NDArray[np.bool_]) -> dict[int, Array]:
+    def _independent(
+        self, columns: NDArray[np.intp], preferred: NDArray[np.bool_]
+    ) -> dict[int, Array]:
         """A basis of the null space of some columns, by pivot."""
         pivots = columns[_pivots(self._null_space(columns), preferred)]
         others = np.setdiff1d(columns, pivots)
@@ -70,7 +80,9 @@ class NullSpace:
     def _imitation(self, target: int, others: NDArray[np.intp]) -> Array | None:
         """One of the target and, by least squares, the least of the others that undo it, or None when they cannot."""
         solved = np.zeros(self.scaled.shape[1])
-        solved[others] = -np.linalg.lstsq(self._triangle[:, others], self._triangle[:, target], rcond=1e-12)[0]
+        solved[others] = -np.linalg.lstsq(
+            self._triangle[:, others], self._triangle[:, target], rcond=1e-12
+        )[0]
         solved[target] = 1.0
         change = np.abs(self.scaled @ solved).max()
         effect = self.largest * np.abs(solved)
@@ -78,7 +90,9 @@ class NullSpace:
             return None
         for cut in _CUTS:
             vector = np.where(effect > cut * effect.max(), solved, 0.0)
-            if np.abs(self.scaled @ vector).max() <= min(_STRICT * self.limit, EXACTLY * effect[target]):
+            if np.abs(self.scaled @ vector).max() <= min(
+                _STRICT * self.limit, EXACTLY * effect[target]
+            ):
                 return vector
         return solved
 
@@ -109,11 +123,17 @@ class Degeneracy:
     """A combination of coefficients that no reading of a campaign sees."""
 
     term: str  # class name of the nuisance it begins with; empty for parameters among themselves
-    combination: Mapping[str, float]  # changes that together change no reading; inside units (mm, N, rad), the nuisance first
-    parameters: tuple[str, ...]  # those of interest that do more than a fiftieth of what the nuisance does
+    combination: Mapping[
+        str, float
+    ]  # changes that together change no reading; inside units (mm, N, rad), the nuisance first
+    parameters: tuple[
+        str, ...
+    ]  # those of interest that do more than a fiftieth of what the nuisance does
     units: Mapping[str, str]  # of all parameters in it
     modelled: bool  # whether the model has the nuisance: else nothing bounds it, and the intervals ignore it
-    stated: bool  # whether a certificate, or the model where its term was edited, says how large it is
+    stated: (
+        bool  # whether a certificate, or the model where its term was edited, says how large it is
+    )
     prior_sds: float  # its length in units of the prior sd
     change_um: float  # of a reading, the largest; 0 below 1e-9 of what its largest member does alone, which is rounding
 
@@ -172,7 +192,9 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
         moving = np.flatnonzero(effect > _ROUNDING * effect.max())
         own = [int(i) for i in moving if i < p]
         others = [pivot] if pivot >= p else list[int]()
-        others += ranked([int(i) for i in moving if i >= p and i != pivot], key=lambda i: float(effect[i]))
+        others += ranked(
+            [int(i) for i in moving if i >= p and i != pivot], key=lambda i: float(effect[i])
+        )
         main = tuple(names[i] for i in own if effect[i] > _NEGLIGIBLE * effect.max())
         if not main:
             continue
@@ -183,27 +205,48 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
         change *= amount / change[lead]
         together = np.abs(scaled @ (change / sd)).max()
         terms = {names[i]: modelled.get(owners[i]) for i in others}
-        stated = [one and (type(one) in edited or one.is_stated(name, bound.campaign)) for name, one in terms.items()]
+        stated = [
+            one and (type(one) in edited or one.is_stated(name, bound.campaign))
+            for name, one in terms.items()
+        ]
         moved = together > _ROUNDING * (space.largest * np.abs(change / sd)).max()
-        found.append(Degeneracy(
-            term, {names[i]: float(change[i]) for i in (*others, *own)}, main, {names[i]: bound.parameters[i].unit for i in own},
-            None not in terms.values(), all(stated), float(np.linalg.norm(change / sd)), float(moved * together / _MICROMETRE),
-        ))  # fmt: skip
+        found.append(
+            Degeneracy(
+                term,
+                {names[i]: float(change[i]) for i in (*others, *own)},
+                main,
+                {names[i]: bound.parameters[i].unit for i in own},
+                None not in terms.values(),
+                all(stated),
+                float(np.linalg.norm(change / sd)),
+                float(moved * together / _MICROMETRE),
+            )
+        )
     return tuple(found)
 
 
 def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[Standing, ...]:
     """Return degeneracies with effects that are not terms of the model, and what force alone separates."""
-    standing = [Standing(StandingKind.FRICTION, hidden)] if (hidden := _like_friction(bound)) else []
+    standing = (
+        [Standing(StandingKind.FRICTION, hidden)] if (hidden := _like_friction(bound)) else []
+    )
     direct = tuple(name.label for name in bound.compliances if name.kind == "direct")
     modelled = {type(term).__name__ for term in bound.model.nuisances}
     if "Drift" not in modelled and not bound.campaign.is_plan and in_order_of_force(bound):
-        turning = [name.label for name in bound.compliances if name.kind == "rotation_for_force" and "Position" in modelled]
+        turning = [
+            name.label
+            for name in bound.compliances
+            if name.kind == "rotation_for_force" and "Position" in modelled
+        ]
         standing.append(Standing(StandingKind.DRIFT, (*direct, *turning)))
     if len(direct) > 1 and all(f"{label}_1" in bound.names for label in direct):
         standing.append(Standing(StandingKind.CURVATURE, direct))
     rotary = tuple(name.label for name in bound.compliances if name.kind == "rotation_for_moment")
-    once = not bound.setting.two_balls and len(set(bound.setting.radius_mm)) == 1 and bound.campaign.force_levels > 1
+    once = (
+        not bound.setting.two_balls
+        and len(set(bound.setting.radius_mm)) == 1
+        and bound.campaign.force_levels > 1
+    )
     names, _, values, _ = _coefficients(bound)
     of_fourth_order = ~np.any(np.delete(values, harmonic_index(4), axis=1), axis=(0, 1))
     four = any(of_fourth_order[names.index(name)] for d in found for name in d.nuisances)
@@ -215,10 +258,15 @@ def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tup
 def _like_friction(bound: BoundModel) -> tuple[str, ...]:
     """Cross compliances whose pattern, turned with the direction of travel, is one of the parameters' own."""
     by_name = {test.name: test for test in bound.campaign.tests}
-    sign = np.array([-1.0 if by_name[name].direction == "CCW" else 1.0 for name in bound.test_names])
+    sign = np.array(
+        [-1.0 if by_name[name].direction == "CCW" else 1.0 for name in bound.test_names]
+    )
     labels = [name.label for name in bound.compliances if name.kind == "cross"]
     cross = [j for j, name in enumerate(bound.names) if name in labels]
-    columns = _effects(bound, np.concatenate([bound.interest, bound.interest[:, :, cross] * sign[:, None, None]], axis=2))
+    columns = _effects(
+        bound,
+        np.concatenate([bound.interest, bound.interest[:, :, cross] * sign[:, None, None]], axis=2),
+    )
     own, turned = columns[:, : len(bound.names)] * bound.scale, columns[:, len(bound.names) :]
     rest = turned - own @ np.linalg.lstsq(own, turned, rcond=1e-10)[0]
     alike = np.abs(rest).max(axis=0) < _HIDDEN * np.abs(turned).max(axis=0)
@@ -276,7 +324,11 @@ def cures(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[tuple[Cure, .
         more = replace(plan, tests=(*plan.tests, *(replace(test, name="") for test in tests)))
         tried[cure] = degeneracies(BoundModel(bound.model, more, pilot=bound.pilot))
     for degeneracy in found:
-        helping = [cure for cure, left in tried.items() if not any(_same(degeneracy, other) for other in left)]
+        helping = [
+            cure
+            for cure, left in tried.items()
+            if not any(_same(degeneracy, other) for other in left)
+        ]
         if {Cure.WORK_BALL, Cure.TOOL_BALL} & set(helping):
             helping = [cure for cure in helping if cure != Cure.BOTH_BALLS]
         every.append((*helping, *([Cure.CALIBRATION] if degeneracy.term else [])))
@@ -300,22 +352,35 @@ def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
 
     def again(work: float, tool: float) -> list[CircularTest]:
         return [
-            replace(test, work_ball_deg=test.work_ball_deg + work * turn, tool_ball_deg=test.tool_ball_deg + tool * turn)
+            replace(
+                test,
+                work_ball_deg=test.work_ball_deg + work * turn,
+                tool_ball_deg=test.tool_ball_deg + tool * turn,
+            )
             for test in plan.tests
             for turn in (45.0, 90.0)
         ]
 
     levels = round(0.5 * float(forces.min()), 3), round(1.5 * float(forces.max()), 3)
     further = {
-        Cure.FORCES: [replace(first, force_N=level, pressure_bar=None) for level in levels], Cure.WORK_BALL: again(1.0, 0.0),
-        Cure.TOOL_BALL: again(0.0, 1.0), Cure.BOTH_BALLS: again(1.0, 1.0),
+        Cure.FORCES: [replace(first, force_N=level, pressure_bar=None) for level in levels],
+        Cure.WORK_BALL: again(1.0, 0.0),
+        Cure.TOOL_BALL: again(0.0, 1.0),
+        Cure.BOTH_BALLS: again(1.0, 1.0),
         Cure.RADIUS: [replace(test, radius_mm=round(radius * 2.0 / 3.0, 1)) for test in plan.tests],
-    }  # fmt: skip
+    }
     if all(test.direction for test in plan.tests):
         turned: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
-        further[Cure.DIRECTIONS] = [replace(test, direction=turned.get(test.direction or "")) for test in plan.tests]
-    if any(test.arc_deg < _FULL_DEG or len(np.unique(np.round(test.angle_deg % 360.0, 6))) < _MANY for test in plan.tests):
-        further[Cure.FULL_CIRCLES] = [replace(test, angle_deg=np.arange(120) * 3.0) for test in plan.tests]
+        further[Cure.DIRECTIONS] = [
+            replace(test, direction=turned.get(test.direction or "")) for test in plan.tests
+        ]
+    if any(
+        test.arc_deg < _FULL_DEG or len(np.unique(np.round(test.angle_deg % 360.0, 6))) < _MANY
+        for test in plan.tests
+    ):
+        further[Cure.FULL_CIRCLES] = [
+            replace(test, angle_deg=np.arange(120) * 3.0) for test in plan.tests
+        ]
     return further
 
 

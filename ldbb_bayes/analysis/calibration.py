@@ -42,7 +42,9 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     """Lower and upper ends of the band, each of shape (draws,), for the `ecdf` of so many ranks, uniform in 0 … draws: with
     probability ``prob`` it stays inside as a whole; as near above that as whole counts allow."""
     level = np.arange(1, draws + 1) / (draws + 1)
-    below, above = (tail(np.arange(replicates + 1.0)[:, None], replicates, level) for tail in (bdtr, bdtrc))
+    below, above = (
+        tail(np.arange(replicates + 1.0)[:, None], replicates, level) for tail in (bdtr, bdtrc)
+    )
 
     def pointwise(tail: float) -> tuple[Array, Array]:
         """Binomial intervals that leave out less than ``tail`` in all."""
@@ -51,7 +53,11 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     low, high = 0.0, 1.0 - prob
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _coverage(replicates, level, *pointwise(middle)) >= prob else (low, middle)
+        low, high = (
+            (middle, high)
+            if _coverage(replicates, level, *pointwise(middle)) >= prob
+            else (low, middle)
+        )
     lower, upper = pointwise(low)
     return lower / replicates, upper / replicates
 
@@ -63,7 +69,9 @@ def _coverage(replicates: int, level: Array, lower: Array, upper: Array) -> floa
     before, origin, probability = 0.0, np.zeros(1, dtype=int), np.ones(1)
     for point, least, most in zip(level, lower, upper, strict=True):
         now = np.arange(least, most + 1)
-        passed = binom.pmf(now - origin[:, None], replicates - origin[:, None], (point - before) / (1.0 - before))
+        passed = binom.pmf(
+            now - origin[:, None], replicates - origin[:, None], (point - before) / (1.0 - before)
+        )
         before, origin, probability = point, now, probability @ passed
     return float(probability.sum())
 
@@ -81,8 +89,12 @@ class Validation(Result):
     draws: int  #: of each replicate
     sampler: str  #: joint or independent
     prob: float  #: of the band, simultaneous over ranks and quantities
-    failures: tuple[str, ...]  #: what went wrong in replicates that gave no draws; these are not among the ranks
-    by_emcee: tuple[int, ...] = ()  #: rows for which emcee took over, the weights of independent draws not to be trusted
+    failures: tuple[
+        str, ...
+    ]  #: what went wrong in replicates that gave no draws; these are not among the ranks
+    by_emcee: tuple[
+        int, ...
+    ] = ()  #: rows for which emcee took over, the weights of independent draws not to be trusted
 
     @property
     def replicates(self) -> int:
@@ -102,7 +114,11 @@ class Validation(Result):
     def outside(self) -> tuple[str, ...]:
         """Quantities whose ranks leave the band."""
         lower, upper = self.band
-        return tuple(name for name in self.names if np.any((self.ecdf(name) < lower) | (self.ecdf(name) > upper)))
+        return tuple(
+            name
+            for name in self.names
+            if np.any((self.ecdf(name) < lower) | (self.ecdf(name) > upper))
+        )
 
     @property
     def calibrated(self) -> bool:
@@ -125,12 +141,22 @@ class Validation(Result):
 
     @model_serializer
     def _all_but_ranks(self) -> dict[str, Any]:
-        coverage = self.coverage()[[f"{100 * prob:g}" for prob in _INTERVALS]].to_dict(orient="index")
+        coverage = self.coverage()[[f"{100 * prob:g}" for prob in _INTERVALS]].to_dict(
+            orient="index"
+        )
         return {
-            "sampler": self.sampler, "replicates": self.replicates, "draws": self.draws, "band_probability": self.prob,
-            "quantities": {n: {"inside_band": n not in self.outside, "coverage": coverage[n]} for n in self.names},
-            "failures": list(self.failures), "by_emcee": list(self.by_emcee), "calibrated": self.calibrated,
-        }  # fmt: skip
+            "sampler": self.sampler,
+            "replicates": self.replicates,
+            "draws": self.draws,
+            "band_probability": self.prob,
+            "quantities": {
+                n: {"inside_band": n not in self.outside, "coverage": coverage[n]}
+                for n in self.names
+            },
+            "failures": list(self.failures),
+            "by_emcee": list(self.by_emcee),
+            "calibrated": self.calibrated,
+        }
 
 
 def validate(
@@ -163,10 +189,15 @@ def validate(
     """
     sampler = sampler_named(sampler)
     proper = not (model.prior.flat or (generator is not None and generator.prior.flat))
-    require(proper, "validation must start from proper priors, got flat ones: nothing can be drawn. Use the default preset.")
+    require(
+        proper,
+        "validation must start from proper priors, got flat ones: nothing can be drawn. Use the default preset.",
+    )
     for name, value, least in (("replicates", replicates, 10), ("draws", draws, 9)):
         require(value >= least, f"{name} must be at least {least}, got {value}. Ask for more.")
-    require(0.0 < prob < 1.0, f"prob must lie between 0 and 1, got {prob}. For a 99 % band give 0.99.")
+    require(
+        0.0 < prob < 1.0, f"prob must lie between 0 and 1, got {prob}. For a 99 % band give 0.99."
+    )
     bound = model.bind(plan)
     job = partial(_ranks, model, generator or model, plan, sampler, draws)
     rows: dict[int, Array | str] = {}
@@ -176,14 +207,24 @@ def validate(
             progress(len(rows), replicates)
     failures = tuple(row for _, row in sorted(rows.items()) if isinstance(row, str))
     if len(failures) == replicates:
-        raise InputError(f"at least one replicate must give draws, got none. First reason: {failures[0]}")
+        raise InputError(
+            f"at least one replicate must give draws, got none. First reason: {failures[0]}"
+        )
     found = np.array([rows[i] for i in range(replicates) if not isinstance(rows[i], str)])
-    names, by_emcee = (*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD), np.flatnonzero(found[:, -1]).tolist()
+    names, by_emcee = (
+        (*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD),
+        np.flatnonzero(found[:, -1]).tolist(),
+    )
     return Validation(names, found[:, :-1], draws, sampler, prob, failures, tuple(by_emcee))
 
 
 def _ranks(
-    model: HybridModel, generator: HybridModel, plan: Campaign, sampler: str, draws: int, seed: np.random.SeedSequence
+    model: HybridModel,
+    generator: HybridModel,
+    plan: Campaign,
+    sampler: str,
+    draws: int,
+    seed: np.random.SeedSequence,
 ) -> Array | str:
     """Ranks of the truth among the draws of one simulated campaign, then whether emcee took over; or why there are none."""
     simulating, sampling = seed.spawn(2)
@@ -195,9 +236,17 @@ def _ranks(
     except InputError as error:
         return str(error)
     shown = zip(bound.hyper_prior.names, bound.hyper_prior.shown, strict=True)
-    true = simulation.parameters | {name: simulation.hyper_um.get(name, 0.0) / float(factor) for name, factor in shown}
+    true = simulation.parameters | {
+        name: simulation.hyper_um.get(name, 0.0) / float(factor) for name, factor in shown
+    }
     truth = np.array([true.get(name, 0.0) for name in (*bound.names, *bound.hyper_prior.names)])
     ranks = (np.hstack([beta, phi]) < truth).sum(axis=0)
     p = len(bound.names)
     true_likelihood = bound.log_likelihood(truth[None, p:], truth[None, :p])[0]
-    return np.append(ranks, [(bound.log_likelihood(phi, beta) < true_likelihood).sum(), by_emcee and sampler == "independent"])
+    return np.append(
+        ranks,
+        [
+            (bound.log_likelihood(phi, beta) < true_likelihood).sum(),
+            by_emcee and sampler == "independent",
+        ],
+    )

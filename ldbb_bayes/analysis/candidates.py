@@ -22,7 +22,15 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from ldbb_bayes.analysis.optimal import Criterion, Determinant, Found, LogBayesFactor, Objective, Search, Variance
+from ldbb_bayes.analysis.optimal import (
+    Criterion,
+    Determinant,
+    Found,
+    LogBayesFactor,
+    Objective,
+    Search,
+    Variance,
+)
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given
@@ -36,9 +44,20 @@ from ldbb_bayes.result import Array, Finite, Result
 from ldbb_bayes.units import inside_name
 
 __all__ = [
-    "DECISIVE", "Clocking", "CriterionName", "Discrimination", "Expected", "Forecast", "Space", "States", "bind_tests",
-    "carried", "hyper_nodes", "running_order", "states_before",
-]  # fmt: skip
+    "DECISIVE",
+    "Clocking",
+    "CriterionName",
+    "Discrimination",
+    "Expected",
+    "Forecast",
+    "Space",
+    "States",
+    "bind_tests",
+    "carried",
+    "hyper_nodes",
+    "running_order",
+    "states_before",
+]
 
 Clocking = tuple[float, float]
 _ALWAYS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
@@ -53,56 +72,97 @@ def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[Ci
     for plane in dict.fromkeys(test.plane for test in pilot.tests):
         there = [test for test in pilot.tests if test.plane == plane]
         plain = sorted(there, key=lambda test: len(test.angle_deg))[len(there) // 2]
-        plain = replace(plain.planned(), pressure_bar=None, name="", temperature_C=None, time_s=None)
-        ways: Sequence[Direction | None] = directions or tuple(dict.fromkeys(test.direction for test in there))
+        plain = replace(
+            plain.planned(), pressure_bar=None, name="", temperature_C=None, time_s=None
+        )
+        ways: Sequence[Direction | None] = directions or tuple(
+            dict.fromkeys(test.direction for test in there)
+        )
         made += [replace(plain, direction=way) for way in ways]
     return tuple(made)
 
 
-def foreseen_by(pilot: Campaign, candidates: Sequence[CircularTest], judged: Sequence[CircularTest] = ()) -> Campaign:
+def foreseen_by(
+    pilot: Campaign, candidates: Sequence[CircularTest], judged: Sequence[CircularTest] = ()
+) -> Campaign:
     """The pilot, knowing of tests of a kind it has not run: what only they can show is in its model. Where candidates go both
     ways in a plane, so do those foreseen: hysteresis then counts for every design. Tests that are only judged bring their
     parameters, not their direction."""
-    both = {plane for plane in PLANES if {"CW", "CCW"} <= {test.direction for test in candidates if test.plane == plane}}
+    both = {
+        plane
+        for plane in PLANES
+        if {"CW", "CCW"} <= {test.direction for test in candidates if test.plane == plane}
+    }
     possible = [(test, test.direction if str(test.plane) in both else None) for test in candidates]
     possible += [(test, None) for test in judged]
-    offset = any(map(any, pilot.frames_mm.values())) or any(any(t.circle.centre_mm) for t in (*pilot.scope, *candidates, *judged))
+    offset = any(map(any, pilot.frames_mm.values())) or any(
+        any(t.circle.centre_mm) for t in (*pilot.scope, *candidates, *judged)
+    )
 
     def kind(test: CircularTest, *way: Any) -> tuple[Any, ...]:
-        return (test.plane, test.setup, test.circle.centre_mm, test.radius_mm if offset else None, *way)
+        return (
+            test.plane,
+            test.setup,
+            test.circle.centre_mm,
+            test.radius_mm if offset else None,
+            *way,
+        )
 
     # A direction counts as foreseen only where it is: the pilot's own tests need not be part of what is analysed.
-    there = {kind(test) for test in pilot.scope} | {kind(test, test.direction) for test in pilot.foreseen}
+    there = {kind(test) for test in pilot.scope} | {
+        kind(test, test.direction) for test in pilot.foreseen
+    }
     further = {kind(test, *([way] if way else [])): (test, way) for test, way in reversed(possible)}
     new = [replace(test, direction=way) for key, (test, way) in further.items() if key not in there]
     return replace(pilot, foreseen=(*pilot.foreseen, *new)) if new else pilot
 
 
 def grid_of_tests(
-    templates: Sequence[CircularTest], forces_N: Sequence[float], clockings_deg: Sequence[Clocking], radii_mm: Sequence[float]
+    templates: Sequence[CircularTest],
+    forces_N: Sequence[float],
+    clockings_deg: Sequence[Clocking],
+    radii_mm: Sequence[float],
 ) -> tuple[CircularTest, ...]:
     """Every combination as a planned test: all forces of the first template, radius and clocking, then of the next."""
     return tuple(
-        replace(like, force_N=float(force), work_ball_deg=float(work), tool_ball_deg=float(tool), radius_mm=float(radius))
-        for like, radius, (work, tool), force in product(templates, radii_mm, clockings_deg, forces_N)
+        replace(
+            like,
+            force_N=float(force),
+            work_ball_deg=float(work),
+            tool_ball_deg=float(tool),
+            radius_mm=float(radius),
+        )
+        for like, radius, (work, tool), force in product(
+            templates, radii_mm, clockings_deg, forces_N
+        )
     )
 
 
-def bind_tests(model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep: bool) -> BoundModel:
+def bind_tests(
+    model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep: bool
+) -> BoundModel:
     """The model bound to a plan of these tests, after the pilot's own where these are kept; F0, force range and Ĉ the pilot's."""
     run = pilot.plan().tests
     planned = tuple(replace(test, name="") if test.name else test for test in tests)
     known = (*pilot.foreseen, *(replace(test, direction=None) for test in run))
-    return BoundModel(model, replace(pilot, tests=(*(run if keep else ()), *planned), foreseen=known), pilot=pilot)
+    return BoundModel(
+        model, replace(pilot, tests=(*(run if keep else ()), *planned), foreseen=known), pilot=pilot
+    )
 
 
-def running_order(tests: Sequence[CircularTest], rng: np.random.Generator) -> tuple[CircularTest, ...]:
+def running_order(
+    tests: Sequence[CircularTest], rng: np.random.Generator
+) -> tuple[CircularTest, ...]:
     """The tests in the order in which to run them, so that drift is not force: blocks of one set-up, plane and radius, in them of
     one work-ball clocking, in them of one tool-ball clocking, there and back; forces and directions of travel at random."""
 
-    def blocks(tests: Sequence[CircularTest], key: Callable[[CircularTest], Any]) -> list[list[CircularTest]]:
+    def blocks(
+        tests: Sequence[CircularTest], key: Callable[[CircularTest], Any]
+    ) -> list[list[CircularTest]]:
         keys = sorted({key(test) for test in tests})
-        return [[test for test in tests if key(test) == keys[i]] for i in rng.permutation(len(keys))]
+        return [
+            [test for test in tests if key(test) == keys[i]] for i in rng.permutation(len(keys))
+        ]
 
     ordered: list[CircularTest] = []
     for mounted in blocks(tests, lambda test: test.setup or 1):
@@ -127,11 +187,18 @@ def _prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
     concerned = {parameter.compliance for parameter in bound.parameters if parameter.name in chosen}
     used = [k for k, compliance in enumerate(bound.compliances) if compliance.label in concerned]
     at = np.linspace(forces.min(), forces.max(), _PREDICTED_FORCES)
-    rows = np.concatenate([(bound.compliance_at(force)[:, own] * bound.scale[own] / unit[:, None])[used] for force in at])
+    rows = np.concatenate(
+        [
+            (bound.compliance_at(force)[:, own] * bound.scale[own] / unit[:, None])[used]
+            for force in at
+        ]
+    )
     return np.asarray(rows.T @ rows / len(rows))
 
 
-def objective_of(bound: BoundModel, run: int, phi: Array, chosen: Sequence[str], criterion: Criterion) -> Objective:
+def objective_of(
+    bound: BoundModel, run: int, phi: Array, chosen: Sequence[str], criterion: Criterion
+) -> Objective:
     """The candidates' information on the chosen parameters at every φ (K, h); nuisances that touch none of them are left out. The
     model is bound to the tests already run, ``run`` of them, followed by the candidates."""
     rows, prior = [], []
@@ -142,7 +209,9 @@ def objective_of(bound: BoundModel, run: int, phi: Array, chosen: Sequence[str],
             own = [information.names.index(name) for name in chosen]
             order = _connected(blocks, own)
             kept = np.flatnonzero(np.abs(blocks[:, :, order]).max(axis=(0, 2)) > 0.0)
-            proper = np.array([not (information.flat and owner == OWN) for owner in information.owners])[order]
+            proper = np.array(
+                [not (information.flat and owner == OWN) for owner in information.owners]
+            )[order]
         blocks = blocks[:, :, order][:, kept]
         before = blocks[:run].reshape(-1, len(order))
         prior.append(np.diag(proper.astype(float)) + before.T @ before)
@@ -208,7 +277,9 @@ class Discrimination(Result):
     decisive_without: float
     misleading_with: float
     misleading_without: float
-    power: dict[str, float]  #: probability of decisive evidence if this slope alone is there, of plus or minus ``size`` prior sd
+    power: dict[
+        str, float
+    ]  #: probability of decisive evidence if this slope alone is there, of plus or minus ``size`` prior sd
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +317,9 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
         nodes = np.asarray(prior.quantile(points.random(1 << int(np.ceil(np.log2(size))))))
     else:
         posterior = _posterior(model, pilot)
-        nodes = posterior.bound.hyper_prior.phi(posterior.brief.pick(size, np.random.default_rng(seed)))
+        nodes = posterior.bound.hyper_prior.phi(
+            posterior.brief.pick(size, np.random.default_rng(seed))
+        )
     return np.sqrt((nodes**2).mean(axis=0, keepdims=True)) if model.prior.flat else nodes
 
 
@@ -256,12 +329,16 @@ def carried(bound: BoundModel, phi: Array, run: int) -> Array:
     pilot = bound.pilot or bound.campaign
     before = bound if pilot is bound.campaign else _posterior(bound.model, pilot).bound
     place = {name: k for k, name in enumerate(before.hyper_prior.names)}
-    circles = dict(zip(bound.setting.circle[:run].tolist(), before.setting.circle.tolist(), strict=False))
+    circles = dict(
+        zip(bound.setting.circle[:run].tolist(), before.setting.circle.tolist(), strict=False)
+    )
     levels = np.random.default_rng(0).permuted(
         np.tile((np.arange(len(phi)) + 0.5) / len(phi), (len(bound.hyper_prior.names), 1)), axis=1
     )
     found = bound.hyper_prior.quantile(levels.T)
-    for k, (name, law) in enumerate(zip(bound.hyper_prior.names, bound.hyper_prior.laws, strict=True)):
+    for k, (name, law) in enumerate(
+        zip(bound.hyper_prior.names, bound.hyper_prior.laws, strict=True)
+    ):
         own = circles.get(name, "") if law == "circle" else name
         if own in place:
             found[:, k] = phi[:, place[own]]
@@ -270,14 +347,18 @@ def carried(bound: BoundModel, phi: Array, run: int) -> Array:
     return found
 
 
-def states_before(model: HybridModel, pilot: Campaign, size: int, seed: int, *, augment: bool) -> States:
+def states_before(
+    model: HybridModel, pilot: Campaign, size: int, seed: int, *, augment: bool
+) -> States:
     """States drawn from the pilot's posterior, or from the prior for a plan."""
     bound = model.bind(pilot)
     rng = np.random.default_rng(seed)
     phi = hyper_nodes(model, pilot, size, seed)
     shape = len(phi), len(bound.names)
     if model.prior.flat:
-        return States(phi, np.zeros((len(phi), 0)), Gaussian(np.zeros((*shape, shape[1])), np.zeros(shape)))
+        return States(
+            phi, np.zeros((len(phi), 0)), Gaussian(np.zeros((*shape, shape[1])), np.zeros(shape))
+        )
     if pilot.is_plan:
         beta = bound.draw_parameters(len(phi), rng)
     else:
@@ -285,7 +366,13 @@ def states_before(model: HybridModel, pilot: Campaign, size: int, seed: int, *, 
     if augment and not pilot.is_plan:
         given = bound.given(phi)[1]
         return States(phi, beta, Gaussian.factored(given.mean, given.root, given.scale))
-    return States(phi, beta, Gaussian.of(np.broadcast_to(bound.prior_mean, shape), np.broadcast_to(bound.prior_sd**2, shape)))
+    return States(
+        phi,
+        beta,
+        Gaussian.of(
+            np.broadcast_to(bound.prior_mean, shape), np.broadcast_to(bound.prior_sd**2, shape)
+        ),
+    )
 
 
 def _posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
@@ -297,7 +384,9 @@ def _posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
     return next(posterior for posterior in kept if posterior.bound.model == model)
 
 
-def narrowed(bound: BoundModel, states: States, covariance: Array, seed: int) -> tuple[Array, Array]:
+def narrowed(
+    bound: BoundModel, states: States, covariance: Array, seed: int
+) -> tuple[Array, Array]:
     """Expected posterior variances inside the truncation and their standard errors, (p,) each, from the covariances without it
     (K, p, p). States that the new tests' forces rule out are left out. For every state the mean that the analysis would find is
     drawn, and the truncated Gaussian about it is taken. The errors are those of a mean over as many states."""
@@ -311,7 +400,9 @@ def narrowed(bound: BoundModel, states: States, covariance: Array, seed: int) ->
     return np.maximum(plain + change.mean(axis=0), 0.0), error
 
 
-def _change_inside(bound: BoundModel, states: States, possible: Array, covariance: Array, seed: int) -> Array:
+def _change_inside(
+    bound: BoundModel, states: States, possible: Array, covariance: Array, seed: int
+) -> Array:
     """What the truncation adds to the variances in possible states, shape (states, p). The mean m that an analysis will find is
     m | β ~ N(m₁ + W (β − m₁), W C), W = 1 − C P₁, with the precision P₁ before the tests and the covariance C after them."""
     scale, start = bound.scale, states.before.mean[possible]
@@ -350,7 +441,10 @@ def discrimination_of(
     root = np.linalg.cholesky(covariance)
     left, axes = np.linalg.eigh(np.swapaxes(root, 1, 2) @ start.precision @ root)
     left = np.clip(left, _LEAST, 1.0)
-    learnt, turn = 1.0 - left, np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))
+    learnt, turn = (
+        1.0 - left,
+        np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape)),
+    )
     log_volume, mean = np.linalg.slogdet(covariance)[1], np.einsum("kij,kj->ki", turn, start.mean)
     points = _points(count, s - 1, seed)
 
@@ -358,21 +452,44 @@ def discrimination_of(
         """P(ln B > level), z of these means (K, 1 or 2, s), which the points take in turn, and variances (K, s)."""
         first = np.argsort(-variance, axis=1)[:, None]
         sd = np.sqrt(np.maximum(np.take_along_axis(variance[:, None], first, axis=2), _LEAST))
-        own = np.take_along_axis(centre, first, axis=2)[:, np.arange(points.shape[1]) % centre.shape[1]]
-        rest = 2.0 * level - log_volume[:, None] - ((own[..., 1:] + sd[..., 1:] * points) ** 2).sum(axis=2)
+        own = np.take_along_axis(centre, first, axis=2)[
+            :, np.arange(points.shape[1]) % centre.shape[1]
+        ]
+        rest = (
+            2.0 * level
+            - log_volume[:, None]
+            - ((own[..., 1:] + sd[..., 1:] * points) ** 2).sum(axis=2)
+        )
         # The component of the largest variance is integrated out.
         edge, middle = np.sqrt(np.maximum(rest, 0.0)) / sd[..., 0], own[..., 0] / sd[..., 0]
         return float(np.where(rest > 0.0, ndtr(-edge - middle) + ndtr(middle - edge), 1.0).mean())
 
     there = mean[:, None], learnt * (1.0 + learnt * (size**2 if before is None else 1.0) / left)
     nothing = (left * mean)[:, None], learnt
-    expected = [0.5 * (log_volume + (own[:, 0] ** 2 + variance).sum(axis=1)).mean() for own, variance in (there, nothing)]
-    moved = size * np.array([1.0, -1.0])[:, None] * (learnt[:, None] * np.swapaxes(turn, 1, 2))[:, :, None]
+    expected = [
+        0.5 * (log_volume + (own[:, 0] ** 2 + variance).sum(axis=1)).mean()
+        for own, variance in (there, nothing)
+    ]
+    moved = (
+        size
+        * np.array([1.0, -1.0])[:, None]
+        * (learnt[:, None] * np.swapaxes(turn, 1, 2))[:, :, None]
+    )
     return Discrimination(
-        size, before is not None, threshold, float(expected[0]), float(expected[1]), probability(*there, threshold),
-        1.0 - probability(*nothing, -threshold), 1.0 - probability(*there, -threshold), probability(*nothing, threshold),
-        {name: probability(nothing[0] + moved[:, j], learnt, threshold) for j, name in enumerate(names)},
-    )  # fmt: skip
+        size,
+        before is not None,
+        threshold,
+        float(expected[0]),
+        float(expected[1]),
+        probability(*there, threshold),
+        1.0 - probability(*nothing, -threshold),
+        1.0 - probability(*there, -threshold),
+        probability(*nothing, threshold),
+        {
+            name: probability(nothing[0] + moved[:, j], learnt, threshold)
+            for j, name in enumerate(names)
+        },
+    )
 
 
 def _points(count: int, dimensions: int, seed: int) -> Array:
@@ -389,14 +506,22 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     one = information_of(bound, phi[0])
     own, flat, size = one.own, one.flat, len(one.names)
     # All that the readings say of the coefficients, in as few rows as these are.
-    rows = np.array([np.linalg.qr(information.rows(), mode="r") for information in informations_of(bound, phi)])
+    rows = np.array(
+        [np.linalg.qr(information.rows(), mode="r") for information in informations_of(bound, phi)]
+    )
     if flat and np.linalg.matrix_rank(rows[..., own], tol=_RANK).min() < len(own):
         return None, np.zeros(0)
     repeated = np.array([1.0, np.sqrt(_VERY_OFTEN)])[:, None, None, None] * rows
     nothing = np.zeros(repeated.shape[:-1])
     prior = Gaussian.of(np.zeros(size), np.ones(size))
-    both = Gaussian.from_rows(repeated, nothing) if flat else prior.observe(repeated, nothing).marginal(own.tolist())
-    return Gaussian.factored(both.mean[0], both.root[0], both.scale[0]), np.sqrt((both.sd[1] ** 2).mean(axis=0))
+    both = (
+        Gaussian.from_rows(repeated, nothing)
+        if flat
+        else prior.observe(repeated, nothing).marginal(own.tolist())
+    )
+    return Gaussian.factored(both.mean[0], both.root[0], both.scale[0]), np.sqrt(
+        (both.sd[1] ** 2).mean(axis=0)
+    )
 
 
 # ---- the space of designs
@@ -424,8 +549,13 @@ class Space:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        radii = self.radii_mm or [float(test.radius_mm or self.pilot.radius_mm) for test in self.pilot.tests]
-        turned = {(work % 360.0, tool % 360.0): (work, tool) for work, tool in reversed(self.clockings_deg)}
+        radii = self.radii_mm or [
+            float(test.radius_mm or self.pilot.radius_mm) for test in self.pilot.tests
+        ]
+        turned = {
+            (work % 360.0, tool % 360.0): (work, tool)
+            for work, tool in reversed(self.clockings_deg)
+        }
         given = {"forces_N": self.forces_N, "radii_mm": radii, "directions": self.directions}
         self.__dict__.update({name: tuple(dict.fromkeys(values)) for name, values in given.items()})
         self.__dict__["clockings_deg"] = tuple(reversed(turned.values()))
@@ -437,11 +567,18 @@ class Space:
         sizes = {"forces": self.forces_N, "radii": self.radii_mm, "slope_size": (self.slope_size,)}
         for name, values in sizes.items():
             wrong = [value for value in values if not (np.isfinite(value) and value > 0.0)]
-            require(not wrong, f"{name} must be finite and > 0, got {[*wrong, 0.0][0]:g}. Correct it.")
+            require(
+                not wrong, f"{name} must be finite and > 0, got {[*wrong, 0.0][0]:g}. Correct it."
+            )
         check_known("direction", self.directions, TRAVEL)
-        count = len(self.forces_N) * len(self.clockings_deg) * len(self.radii_mm) * len(self.templates)
+        count = (
+            len(self.forces_N) * len(self.clockings_deg) * len(self.radii_mm) * len(self.templates)
+        )
         got = f"got {count}. Give forces and clockings, in longer steps where they are too many."
-        require(1 <= count <= _MOST_CANDIDATES, f"a design must choose among 1 to {_MOST_CANDIDATES} candidates, {got}")
+        require(
+            1 <= count <= _MOST_CANDIDATES,
+            f"a design must choose among 1 to {_MOST_CANDIDATES} candidates, {got}",
+        )
 
     @cached_property
     def bound(self) -> BoundModel:
@@ -452,17 +589,29 @@ class Space:
     def chosen(self) -> tuple[str, ...]:
         """The parameters of interest: those named, else all that the criterion is about."""
         check_known("criterion", [self.criterion], get_args(CriterionName))
-        every, given = {"compliance", "slope", "geometric"}, [inside_name(name) for name in self.parameters]
+        every, given = (
+            {"compliance", "slope", "geometric"},
+            [inside_name(name) for name in self.parameters],
+        )
         check_known("parameter", given, self.bound.names)
-        wanted = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}.get(self.criterion, every)
-        found = [p for p in self.bound.parameters if (p.name in given if given else p.group in wanted)]
+        wanted = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}.get(
+            self.criterion, every
+        )
+        found = [
+            p for p in self.bound.parameters if (p.name in given if given else p.group in wanted)
+        ]
         groups, only = {p.group for p in found}, self.criterion == "discriminate"
         slopes = "criterion discriminate must be about slopes, got others or none. Name some (C_XYX_1), or use a degree above 0."
         one = self.criterion != "c" or len(found) == 1
         require(one, f"criterion c must be given one parameter, got {len(found)}. Name it.")
         require(not only or groups == wanted, slopes)
-        require(groups <= wanted, "criterion i must be about compliances and their slopes, got a geometric error. Leave it out.")
-        proper = "criterion discriminate must have proper priors, got flat ones. Use the default preset."
+        require(
+            groups <= wanted,
+            "criterion i must be about compliances and their slopes, got a geometric error. Leave it out.",
+        )
+        proper = (
+            "criterion discriminate must have proper priors, got flat ones. Use the default preset."
+        )
         require(not (only and self.model.prior.flat), proper)
         return tuple(p.name for p in found)
 
@@ -479,8 +628,18 @@ class Space:
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
         """One row per test: its force, clockings and radius, and the rest where it differs among candidates and judged."""
         every = (*self.tests, *self.judged)
-        columns = ["force_N", *_ALWAYS, *(name for name in _WHERE_DIFFERENT if len({getattr(test, name) for test in every}) > 1)]
-        rows = [["" if (v := getattr(test, name)) is None else v for name in columns] for test in tests]
+        columns = [
+            "force_N",
+            *_ALWAYS,
+            *(
+                name
+                for name in _WHERE_DIFFERENT
+                if len({getattr(test, name) for test in every}) > 1
+            ),
+        ]
+        rows = [
+            ["" if (v := getattr(test, name)) is None else v for name in columns] for test in tests
+        ]
         return pd.DataFrame(rows, columns=columns)
 
     def tests_of(self, found: Found) -> tuple[CircularTest, ...]:
@@ -493,7 +652,11 @@ class Space:
         steps = np.linspace(levels[0], levels[-1], number)
         nearest = [float(levels[np.argmin(np.round(np.abs(levels - step), 9))]) for step in steps]
         every, first = len(self.templates), (self.clockings_deg[:1], self.radii_mm[:1])
-        return tuple(test for k, like in enumerate(self.templates) for test in grid_of_tests([like], nearest[k::every], *first))
+        return tuple(
+            test
+            for k, like in enumerate(self.templates)
+            for test in grid_of_tests([like], nearest[k::every], *first)
+        )
 
     def objective(self, tests: Sequence[CircularTest]) -> Objective:
         """The criterion of any tests, candidates or not."""
@@ -504,13 +667,20 @@ class Space:
         if self.criterion == "discriminate":
             criterion = LogBayesFactor(self.slope_size)
         elif self.criterion in ("a", "c", "i"):
-            criterion = Variance(_prediction_weight(bound, self.chosen) if self.criterion == "i" else np.eye(size) / size)
+            criterion = Variance(
+                _prediction_weight(bound, self.chosen)
+                if self.criterion == "i"
+                else np.eye(size) / size
+            )
         return objective_of(bound, run, phi, self.chosen, criterion)
 
     @cached_property
     def search(self) -> Search:
         """The candidates under the criterion."""
-        forces, levels = np.array([test.force_N for test in self.tests]), 1 if self.augment or not self.model.degree else 2
+        forces, levels = (
+            np.array([test.force_N for test in self.tests]),
+            1 if self.augment or not self.model.degree else 2,
+        )
         return Search(self.objective(self.tests), forces, levels, self.seed)
 
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
@@ -530,24 +700,44 @@ class Space:
         bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
         after, floor = posteriors(bound, states.phi, len(self.pilot.tests) if self.augment else 0)
         if after is None:
-            nothing = {p.name: Expected(p.unit, p.prior_sd, *[np.inf] * 4) for p in bound.parameters}
+            nothing = {
+                p.name: Expected(p.unit, p.prior_sd, *[np.inf] * 4) for p in bound.parameters
+            }
             return Forecast(nothing, np.inf, None)
         scale, covariance = bound.scale, after.covariance
         gaussian = scale * np.sqrt(np.einsum("kii->ki", covariance).mean(axis=0))
         variance, error = narrowed(bound, states, covariance * np.outer(scale, scale), self.seed)
         inside = np.sqrt(variance)
-        columns = np.array([inside, 0.5 * error / inside, gaussian, scale * floor * np.minimum(1.0, inside / gaussian)]).T
-        expected = {p.name: Expected(p.unit, p.prior_sd, *own) for p, own in zip(bound.parameters, columns.tolist(), strict=True)}
+        columns = np.array(
+            [
+                inside,
+                0.5 * error / inside,
+                gaussian,
+                scale * floor * np.minimum(1.0, inside / gaussian),
+            ]
+        ).T
+        expected = {
+            p.name: Expected(p.unit, p.prior_sd, *own)
+            for p, own in zip(bound.parameters, columns.tolist(), strict=True)
+        }
         if self.model.prior.flat:
             return Forecast(expected, np.inf, None)
         gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
-        slopes = self.chosen if self.criterion == "discriminate" else [p.name for p in bound.parameters if p.group == "slope"]
+        slopes = (
+            self.chosen
+            if self.criterion == "discriminate"
+            else [p.name for p in bound.parameters if p.group == "slope"]
+        )
         own = [bound.names.index(name) for name in slopes]
         if not own:
             return Forecast(expected, gain, None)
         before = states.before.marginal(own) if self.augment and not self.pilot.is_plan else None
         decision = discrimination_of(
-            covariance[:, own][:, :, own], tuple(slopes), size=self.slope_size,
-            before=before and Gaussian.factored(before.mean / scale[own], before.root, before.scale / scale[own]), seed=self.seed,
-        )  # fmt: skip
+            covariance[:, own][:, :, own],
+            tuple(slopes),
+            size=self.slope_size,
+            before=before
+            and Gaussian.factored(before.mean / scale[own], before.root, before.scale / scale[own]),
+            seed=self.seed,
+        )
         return Forecast(expected, gain, decision)

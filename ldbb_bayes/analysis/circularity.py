@@ -27,10 +27,26 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.result import Array, readable
 
 __all__ = [
-    "BIDIRECTIONAL", "COMPLIANCE", "DRAWS", "GEOMETRY", "MINIMUM_ZONES", "QUANTITIES", "TOGETHER", "Zone", "circularity",
-    "compare_record", "contribution_paths", "contributions", "first_circle", "least_squares_zone", "measured_circularity",
-    "minimum_zone_width", "offsets", "path_draws", "squareness_name",
-]  # fmt: skip
+    "BIDIRECTIONAL",
+    "COMPLIANCE",
+    "DRAWS",
+    "GEOMETRY",
+    "MINIMUM_ZONES",
+    "QUANTITIES",
+    "TOGETHER",
+    "Zone",
+    "circularity",
+    "compare_record",
+    "contribution_paths",
+    "contributions",
+    "first_circle",
+    "least_squares_zone",
+    "measured_circularity",
+    "minimum_zone_width",
+    "offsets",
+    "path_draws",
+    "squareness_name",
+]
 
 _FEWEST = 3
 _SIDES = ((-1.0, 0.0, 1.0), (1.0, 1.0, 0.0))
@@ -66,10 +82,18 @@ def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
     columns = _columns(angle_rad, deviation)
     size = max(float(np.abs(deviation).max()), np.finfo(float).tiny)
     # Centre, lower, upper: lower ≤ ρ − a cos θ − b sin θ ≤ upper.
-    sides = [sign * np.column_stack([columns[:, 1:], columns[:, :1] * low, columns[:, :1] * high]) for sign, low, high in _SIDES]
+    sides = [
+        sign * np.column_stack([columns[:, 1:], columns[:, :1] * low, columns[:, :1] * high])
+        for sign, low, high in _SIDES
+    ]
     limits = np.concatenate([-deviation, deviation]) / size
-    solved = linprog([0.0, 0.0, -1.0, 1.0], np.vstack(sides), limits, bounds=(None, None), method="highs")
-    require(solved.success, f"a minimum zone must exist, got none ({solved.message}). Check the readings.")
+    solved = linprog(
+        [0.0, 0.0, -1.0, 1.0], np.vstack(sides), limits, bounds=(None, None), method="highs"
+    )
+    require(
+        solved.success,
+        f"a minimum zone must exist, got none ({solved.message}). Check the readings.",
+    )
     return float(np.ptp(deviation - columns[:, 1:] @ (np.asarray(solved.x)[:2] * size)))
 
 
@@ -85,7 +109,10 @@ _ANGLE = np.arange(360) * (np.pi / 180.0)
 _CLOSED_DEG = 350.0
 _CENTRED = np.arange(SIZE) >= 3  # without radius and centre
 _COS2, _SIN2 = harmonic_index(2)
-QUANTITIES = {**dict.fromkeys(("G", "F_max", "F_min"), "µm"), **dict.fromkeys(("squareness", "scale_mismatch"), "µm/m")}
+QUANTITIES = {
+    **dict.fromkeys(("G", "F_max", "F_min"), "µm"),
+    **dict.fromkeys(("squareness", "scale_mismatch"), "µm/m"),
+}
 BIDIRECTIONAL = dict.fromkeys(("G_b", "D"), "µm")
 MINIMUM_ZONES = dict.fromkeys(("G_minimum_zone", "G_b_minimum_zone"), "µm")
 
@@ -105,21 +132,31 @@ def measured_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFram
     pairs : DataFrame
         One row per clockwise and counterclockwise test of the same circle: G_b, G_b_minimum_zone, D [µm].
     """
-    bound = HybridModel.first(0).bind(posterior) if isinstance(posterior, Campaign) else bound_of(posterior)
+    bound = (
+        HybridModel.first(0).bind(posterior)
+        if isinstance(posterior, Campaign)
+        else bound_of(posterior)
+    )
     tests = {test.name: _measured(bound, test) for test in bound.campaign.tests}
     pairs = {}
     for one, other in _pairs(bound.campaign.tests):
         traces = _trace(one), _trace(other)
         both = np.concatenate(traces, axis=1)
         pairs[f"{one.name} + {other.name}"] = {
-            "force_N": one.force_N, "plane": one.plane, "G_b": least_squares_zone(*both).width,
+            "force_N": one.force_N,
+            "plane": one.plane,
+            "G_b": least_squares_zone(*both).width,
             "G_b_minimum_zone": minimum_zone_width(*both),
             "D": float(np.mean([least_squares_zone(*trace).mean for trace in traces])),
-        }  # fmt: skip
+        }
     columns = ["force_N", "plane", *BIDIRECTIONAL, "G_b_minimum_zone"]
     units = QUANTITIES | BIDIRECTIONAL | MINIMUM_ZONES
-    by_test = readable(pd.DataFrame.from_dict(tests, orient="index"), "The readings as they are", units)
-    return by_test, readable(pd.DataFrame.from_dict(pairs, orient="index", columns=columns), "Both directions", units)
+    by_test = readable(
+        pd.DataFrame.from_dict(tests, orient="index"), "The readings as they are", units
+    )
+    return by_test, readable(
+        pd.DataFrame.from_dict(pairs, orient="index", columns=columns), "Both directions", units
+    )
 
 
 _COUNTERPART = {"AF_CIRCULARITY": "G", "AF_SQUARENESS": "squareness"}
@@ -136,23 +173,50 @@ def compare_record(record: BallbarRecord, campaign: Campaign) -> pd.DataFrame:
     measured, difference (measured less record). Circularity is beside G, of a pair beside G_b; squareness beside squareness, in
     the sign that each has. A record is of an unloaded bar: they agree where force does little.
     """
-    require(not campaign.is_plan, "a record must be compared with readings, got a plan. Run the tests.")
+    require(
+        not campaign.is_plan, "a record must be compared with readings, got a plan. Run the tests."
+    )
     tests, pairs = measured_circularity(campaign)
     planes = sorted(set(tests["plane"]))
     cure = "Compare it with tests of its plane."
-    require(record.plane in planes, f"the record must be of plane {' or '.join(planes)}, got {record.plane or 'none'}. {cure}")
-    rows, index, own_plane = [], list[str](), [table[table["plane"] == record.plane] for table in (tests, pairs)]
+    require(
+        record.plane in planes,
+        f"the record must be of plane {' or '.join(planes)}, got {record.plane or 'none'}. {cure}",
+    )
+    rows, index, own_plane = (
+        [],
+        list[str](),
+        [table[table["plane"] == record.plane] for table in (tests, pairs)],
+    )
     for test, row in [each for table in own_plane for each in table.iterrows()]:
         for own in record.features:
             quantity = _COUNTERPART.get(own.name, "")
-            quantity = quantity if quantity in row else "G_b" if quantity == "G" and not own.run else ""
+            quantity = (
+                quantity if quantity in row else "G_b" if quantity == "G" and not own.run else ""
+            )
             if quantity and own.run in ("", row.get("direction") or own.run):
                 places = (row["force_N"], row.get("radius_mm", np.nan), own.unit)
                 rows.append(
-                    (f"{own.name} {own.run}".strip(), quantity, *places, own.value, row[quantity], row[quantity] - own.value)
+                    (
+                        f"{own.name} {own.run}".strip(),
+                        quantity,
+                        *places,
+                        own.value,
+                        row[quantity],
+                        row[quantity] - own.value,
+                    )
                 )
                 index.append(str(test))
-    columns = ["feature", "quantity", "force_N", "radius_mm", "unit", "record", "measured", "difference"]
+    columns = [
+        "feature",
+        "quantity",
+        "force_N",
+        "radius_mm",
+        "unit",
+        "record",
+        "measured",
+        "difference",
+    ]
     at = f", R = {record.radius_mm:g} mm" if record.radius_mm else ""
     caption = f"{record.file}, plane {record.plane}{at}, beside the readings"
     return readable(pd.DataFrame(rows, index=index, columns=columns), caption)
@@ -166,10 +230,18 @@ def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
         second = np.linalg.lstsq(basis(angle), reading, rcond=None)[0][[_COS2, _SIN2]]
     mismatch, square = second * _per_second_order(bound, bound.test_names.index(test.name))
     return {
-        "force_N": test.force_N, "direction": test.direction, "plane": test.plane, "radius_mm": float(test.circle.radius_mm),
-        "arc_deg": test.arc_deg, "G": zone.width, "F_max": zone.upper - zone.mean, "F_min": zone.lower - zone.mean,
-        "G_minimum_zone": minimum_zone_width(angle, reading), "squareness": square, "scale_mismatch": mismatch,
-    }  # fmt: skip
+        "force_N": test.force_N,
+        "direction": test.direction,
+        "plane": test.plane,
+        "radius_mm": float(test.circle.radius_mm),
+        "arc_deg": test.arc_deg,
+        "G": zone.width,
+        "F_max": zone.upper - zone.mean,
+        "F_min": zone.lower - zone.mean,
+        "G_minimum_zone": minimum_zone_width(angle, reading),
+        "squareness": square,
+        "scale_mismatch": mismatch,
+    }
 
 
 def _trace(test: CircularTest) -> Array:
@@ -189,7 +261,11 @@ def _pairs(tests: Sequence[CircularTest]) -> Iterator[tuple[CircularTest, Circul
 
 @one_blas_thread
 def circularity(
-    posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_prob: float = 0.95, draws: int = 2000
+    posterior: xr.DataTree,
+    forces_N: Sequence[float] = (),
+    *,
+    ci_prob: float = 0.95,
+    draws: int = 2000,
 ) -> pd.DataFrame:
     """The machine's own path at every force, with credible intervals.
 
@@ -211,7 +287,13 @@ def circularity(
     units, rows = QUANTITIES | BIDIRECTIONAL, []
     for where, found in path_draws(posterior, forces_N, draws):
         rows += [
-            {**where, "quantity": quantity, "unit": units[quantity], "mean": float(values.mean()), **_spread(values, ci_prob)}
+            {
+                **where,
+                "quantity": quantity,
+                "unit": units[quantity],
+                "mean": float(values.mean()),
+                **_spread(values, ci_prob),
+            }
             for quantity, values in found.items()
         ]
     return readable(pd.DataFrame(rows), f"The machine's own path, {100 * ci_prob:g} % intervals")
@@ -223,7 +305,10 @@ def path_draws(
     """Plane, radius and force, and the draws of every quantity of `circularity` there, each (draws,)."""
     bound, parts = bound_of(posterior), parts_of(posterior, draws)
     each = [_travel_draws(*part) for part in parts] if bound.setting.both_ways else [{}]
-    travel = {plane: [np.concatenate(own) for own in zip(*(one[plane] for one in each), strict=True)] for plane in each[0]}
+    travel = {
+        plane: [np.concatenate(own) for own in zip(*(one[plane] for one in each), strict=True)]
+        for plane in each[0]
+    }
     beta = np.where(offsets(bound), 0.0, np.concatenate([part.beta for part in parts]))
     forces = list(forces_N) or [0.0, *distinct_forces(bound.setting.force_N).tolist()]
     for plane in bound.setting.planes:
@@ -232,20 +317,37 @@ def path_draws(
             path = beta @ np.add(*_machine_columns(bound, r, force)).T * 1e3
             centred, (of_cos, of_sin) = np.where(_CENTRED, path, 0.0), _per_second_order(bound, r)
             trace = centred @ basis(_ANGLE).T
-            found = {"G": np.ptp(trace, axis=1), "F_max": trace.max(axis=1), "F_min": trace.min(axis=1)}
-            found |= {"squareness": path[:, _SIN2] * of_sin, "scale_mismatch": path[:, _COS2] * of_cos}
+            found = {
+                "G": np.ptp(trace, axis=1),
+                "F_max": trace.max(axis=1),
+                "F_min": trace.min(axis=1),
+            }
+            found |= {
+                "squareness": path[:, _SIN2] * of_sin,
+                "scale_mismatch": path[:, _COS2] * of_cos,
+            }
             if plane in travel:
                 constant, proportional = travel[plane]
                 # The least-squares centre common to both paths, path ± half of their difference, is that of their mean.
                 half = (constant + force * proportional) * 1e3
-                traces = np.concatenate([(centred + way * half) @ basis(_ANGLE).T for way in (1.0, -1.0)], axis=1)
+                traces = np.concatenate(
+                    [(centred + way * half) @ basis(_ANGLE).T for way in (1.0, -1.0)], axis=1
+                )
                 found |= {"G_b": np.ptp(traces, axis=1), "D": path[:, 0]}
-            yield {"plane": plane, "radius_mm": float(bound.setting.radius_mm[r]), "force_N": force}, found
+            yield (
+                {"plane": plane, "radius_mm": float(bound.setting.radius_mm[r]), "force_N": force},
+                found,
+            )
 
 
 def _spread(values: Array, ci_prob: float) -> dict[str, float]:
     low, median, high = np.quantile(values, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob])
-    return {"sd": float(values.std()), "median": float(median), "ci_low": float(low), "ci_high": float(high)}
+    return {
+        "sd": float(values.std()),
+        "median": float(median),
+        "ci_low": float(low),
+        "ci_high": float(high),
+    }
 
 
 def _travel_draws(bound: BoundModel, phi: Array, beta: Array) -> dict[str, tuple[Array, Array]]:
@@ -254,9 +356,16 @@ def _travel_draws(bound: BoundModel, phi: Array, beta: Array) -> dict[str, tuple
     columns, drawn = shared_columns(bound), draw_shared(bound, phi, beta, np.random.default_rng(0))
     found = {}
     for plane in bound.setting.both_ways:
-        r = next(r for r, own in enumerate(bound.setting.plane) if own == plane and bound.setting.travel[r] != 0.0)
+        r = next(
+            r
+            for r, own in enumerate(bound.setting.plane)
+            if own == plane and bound.setting.travel[r] != 0.0
+        )
         parts = []
-        for stem, per in ((r"hysteresis_(?!force)", 1.0), ("hysteresis_force", bound.setting.force_N[r])):
+        for stem, per in (
+            (r"hysteresis_(?!force)", 1.0),
+            ("hysteresis_force", bound.setting.force_N[r]),
+        ):
             own = [j for j, name in enumerate(names) if re.match(stem, name)]
             parts.append(drawn[:, own] @ (columns[r][:, own].T * (bound.setting.travel[r] / per)))
         if any(part.any() for part in parts):
@@ -267,13 +376,19 @@ def _travel_draws(bound: BoundModel, phi: Array, beta: Array) -> dict[str, tuple
 def _per_second_order(bound: BoundModel, r: int) -> Array:
     """Scale mismatch per µm of cos 2θ, squareness per µm of sin 2θ, on the circle of a test, shape (2,) [µm/m per µm]."""
     radius_m = float(bound.setting.radius_mm[r]) * 1e-3
-    return np.array([2.0 / radius_m, 1e3 / float(bound.setting.geometric[r][_SIN2, _squareness(bound, r)])])
+    return np.array(
+        [2.0 / radius_m, 1e3 / float(bound.setting.geometric[r][_SIN2, _squareness(bound, r)])]
+    )
 
 
 def _squareness(bound: BoundModel, r: int) -> int:
     """Which geometric error is the squareness of the plane of test r."""
     every = enumerate(geometric_errors_of(bound.campaign))
-    return next(j for j, own in every if own.kind == "squareness" and bound.setting.geometric[r][_SIN2, j] != 0.0)
+    return next(
+        j
+        for j, own in every
+        if own.kind == "squareness" and bound.setting.geometric[r][_SIN2, j] != 0.0
+    )
 
 
 def squareness_name(bound: BoundModel, plane: str) -> str:
@@ -303,7 +418,9 @@ TOGETHER, COMPLIANCE, GEOMETRY = "compliance and geometry", "compliance", "geome
 
 
 @one_blas_thread
-def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_prob: float = 0.95) -> pd.DataFrame:
+def contributions(
+    posterior: xr.DataTree, force_N: float | None = None, *, ci_prob: float = 0.95
+) -> pd.DataFrame:
     """Largest, smallest and peak-to-peak contribution to the reading of one circle [µm].
 
     Parameters
@@ -328,7 +445,9 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
         for source, path in contribution_paths(bound, r, force, beta).items():
             mean = path.mean(axis=0)
             ends = {"maximum": float(mean.max()), "minimum": float(mean.min())}
-            rows.append({**where, "source": source, **ends, **_spread(np.ptp(path, axis=1), ci_prob)})
+            rows.append(
+                {**where, "source": source, **ends, **_spread(np.ptp(path, axis=1), ci_prob)}
+            )
     columns = ["maximum", "minimum", "median", "sd", "ci_low", "ci_high"]
     found = pd.DataFrame(rows, columns=["plane", "radius_mm", "force_N", "source", *columns])
     units = dict.fromkeys(("maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high"), "µm")
@@ -336,14 +455,18 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
     return readable(found.rename(columns={"median": "peak_to_peak"}), caption, units)
 
 
-def contribution_paths(bound: BoundModel, r: int, force_N: float, beta: Array, only: Collection[str] = ()) -> Mapping[str, Array]:
+def contribution_paths(
+    bound: BoundModel, r: int, force_N: float, beta: Array, only: Collection[str] = ()
+) -> Mapping[str, Array]:
     """Contributions on the circle of test r at 0°, 1° … 359°, each (draws, 360) [µm], keyed as in `contributions`."""
     turn = basis(_ANGLE).T * 1e3
     elastic, geometric = _machine_columns(bound, r, force_N)
     machine = np.where(offsets(bound), 0.0, geometric)
     columns = {TOGETHER: elastic + machine, COMPLIANCE: elastic, GEOMETRY: machine}
     for compliance in bound.compliances:
-        own = [p.group != "geometric" and p.compliance == compliance.label for p in bound.parameters]
+        own = [
+            p.group != "geometric" and p.compliance == compliance.label for p in bound.parameters
+        ]
         columns[compliance.label] = np.where(own, elastic, 0.0)
     for j, parameter in enumerate(bound.parameters):
         if parameter.group == "geometric":

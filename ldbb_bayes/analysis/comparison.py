@@ -34,16 +34,41 @@ import pandas as pd
 from scipy import special
 
 from ldbb_bayes.analysis import sensitivity
-from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed, Curve, Explanations, SlopeSubset, VaryingSlope
+from ldbb_bayes.analysis.sensitivity import (
+    WHITE_NOISE,
+    Assumed,
+    Curve,
+    Explanations,
+    SlopeSubset,
+    VaryingSlope,
+)
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference import evidence
-from ldbb_bayes.inference.evidence import Evidences, check_comparable, leave_one_out, log_bayes_factor, probabilities
+from ldbb_bayes.inference.evidence import (
+    Evidences,
+    check_comparable,
+    leave_one_out,
+    log_bayes_factor,
+    probabilities,
+)
 from ldbb_bayes.inference.mcmc import StoppingRule, assess
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, build_tree, check_probability
-from ldbb_bayes.inference.predictive import Part, fit_quality, harmonics_of, least_squares, replicate_left_out
-from ldbb_bayes.inference.sample import densities_of, fit_of_parts, groups_of, prior_draws_of, record_from
+from ldbb_bayes.inference.predictive import (
+    Part,
+    fit_quality,
+    harmonics_of,
+    least_squares,
+    replicate_left_out,
+)
+from ldbb_bayes.inference.sample import (
+    densities_of,
+    fit_of_parts,
+    groups_of,
+    prior_draws_of,
+    record_from,
+)
 from ldbb_bayes.jobs import ahead, one_blas_thread
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS
 from ldbb_bayes.model.gaussian import holm
@@ -55,9 +80,19 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "FALSE_ALARMS", "SLOPE_SCALES", "ComparedModel", "ComparedTest", "Comparison", "Outlier", "Sign", "average", "belonging",
-    "compare", "outliers", "read_comparison",
-]  # fmt: skip
+    "FALSE_ALARMS",
+    "SLOPE_SCALES",
+    "ComparedModel",
+    "ComparedTest",
+    "Comparison",
+    "Outlier",
+    "Sign",
+    "average",
+    "belonging",
+    "compare",
+    "outliers",
+    "read_comparison",
+]
 
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 FALSE_ALARMS = 0.02  # of which a test is flagged, over all tests
@@ -99,7 +134,9 @@ class ComparedModel:
     log_evidence: float
     log_evidence_error: Finite
     posterior_probability: float
-    elpd_lofo: Number  #: sum of the leave-one-force-out log densities [nat]; not a number for one test
+    elpd_lofo: (
+        Number  #: sum of the leave-one-force-out log densities [nat]; not a number for one test
+    )
     elpd_lofo_se: Number  #: its standard error over the tests
     rmse_um: float  #: Eq. 34 of the posterior mean prediction, machine and shared nuisances
     least_squares_rmse_um: Number  #: Eq. 34 of the paper's least squares (Eq. 31); not a number where forces do not determine it
@@ -154,17 +191,27 @@ class Comparison(Result):
     elpd_difference: dict[str, Difference]  #: by the same: leaving one force out
     sensitivity_of: str  #: second model over the first, as both sensitivities are
     prior_sensitivity: tuple[ScaledSlopes, ...]  #: ln B by the scale of the slopes' prior
-    prior_sensitivity_crossings: tuple[float, ...]  #: slope scales at which the log Bayes factor changes sign
-    discrepancy_sensitivity: tuple[Assumed, ...]  #: ideas of how circles differ, the models' first, white noise alone last
-    slopes: dict[str, VaryingSlope]  #: by compliance; empty where no model has slopes, or evidence alone was asked for
-    slope_subsets: tuple[SlopeSubset, ...]  #: the most probable first; not all of them where there are too many
+    prior_sensitivity_crossings: tuple[
+        float, ...
+    ]  #: slope scales at which the log Bayes factor changes sign
+    discrepancy_sensitivity: tuple[
+        Assumed, ...
+    ]  #: ideas of how circles differ, the models' first, white noise alone last
+    slopes: dict[
+        str, VaryingSlope
+    ]  #: by compliance; empty where no model has slopes, or evidence alone was asked for
+    slope_subsets: tuple[
+        SlopeSubset, ...
+    ]  #: the most probable first; not all of them where there are too many
     compliance_against_force: dict[str, Curve]  #: averaged over the subsets
     tests: dict[str, ComparedTest]  #: empty for one test
     local_fits: Records  #: as of `local_fits`
     tolerance: float  #: asked of every log evidence [nat]; a tenth of a nat of assumptions that the readings reject by ten
     largest_error: Finite  #: that was seen, of these assumptions aside
     by_emcee: int = 0  #: evidences that emcee and bridge sampling took over, the weights of the nodes not to be trusted
-    explanations: Explanations | None = None  #: where the second model is the first with slopes, and has rivals of slopes
+    explanations: Explanations | None = (
+        None  #: where the second model is the first with slopes, and has rivals of slopes
+    )
 
     @property
     def pair(self) -> tuple[str, str]:
@@ -176,8 +223,13 @@ class Comparison(Result):
     def headline(self) -> tuple[float, float]:
         """ln B of the second model over the first and its error [nat]: averaged over rivals of slopes where there are any."""
         if self.explanations is None:
-            return self.log_bayes_factor[self.sensitivity_of], self.log_bayes_factor_error[self.sensitivity_of]
-        return self.explanations.averaged.log_bayes_factor, self.explanations.averaged.log_bayes_factor_error
+            return self.log_bayes_factor[self.sensitivity_of], self.log_bayes_factor_error[
+                self.sensitivity_of
+            ]
+        return (
+            self.explanations.averaged.log_bayes_factor,
+            self.explanations.averaged.log_bayes_factor_error,
+        )
 
     @property
     def within_tolerance(self) -> bool:
@@ -191,7 +243,11 @@ class Comparison(Result):
     def turning(self) -> list[Assumed]:
         """Assumptions that turn the sign of `headline`, the best supported first; white noise alone is none."""
         sign = np.sign(self.headline[0])
-        turned = [a for a in self.discrepancy_sensitivity if np.sign(a.log_bayes_factor) == -sign and a.assumption != WHITE_NOISE]
+        turned = [
+            a
+            for a in self.discrepancy_sensitivity
+            if np.sign(a.log_bayes_factor) == -sign and a.assumption != WHITE_NOISE
+        ]
         return ranked(turned, self.gain)
 
     def allowed(self, assumed: Assumed) -> bool:
@@ -257,33 +313,69 @@ def compare(
     largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
     linear = largest.with_degree(min(largest.degree, 1))
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
-    by_scale = sensitivity.changed(pair.values(), {f"slope scale {s:g}": methodcaller("with_slope_scale", s) for s in scales})
-    as_is, *odd = sensitivity.changed(pair.values(), sensitivity.discrepancy_assumptions(pair.values())).items()
+    by_scale = sensitivity.changed(
+        pair.values(), {f"slope scale {s:g}": methodcaller("with_slope_scale", s) for s in scales}
+    )
+    as_is, *odd = sensitivity.changed(
+        pair.values(), sensitivity.discrepancy_assumptions(pair.values())
+    ).items()
     wishes = (len(campaign.tests) > 1, linear.degree > 0, campaign.force_levels > 1)
     several, subsets, windows = (not evidence_only and wanted for wanted in wishes)
-    local = ahead(partial(sensitivity.local_fits, largest, campaign, ci_prob=ci_prob), executor if windows else None)
-    rivals = pair[second].rivals != () and pair[first] == pair[second].with_degree(0) != pair[second]
+    local = ahead(
+        partial(sensitivity.local_fits, largest, campaign, ci_prob=ci_prob),
+        executor if windows else None,
+    )
+    rivals = (
+        pair[second].rivals != () and pair[first] == pair[second].with_degree(0) != pair[second]
+    )
     if progress is not None:
-        total = len(models) * (1 + several * len(campaign.tests)) + 2 * (len(by_scale) + 1 + (0 if executor else len(odd)))
-        total += rivals * 2 ** (1 + len(pair[second].rivals)) + (sensitivity.count_subsets(linear, campaign) if subsets else 0)
+        total = len(models) * (1 + several * len(campaign.tests)) + 2 * (
+            len(by_scale) + 1 + (0 if executor else len(odd))
+        )
+        total += rivals * 2 ** (1 + len(pair[second].rivals)) + (
+            sensitivity.count_subsets(linear, campaign) if subsets else 0
+        )
         evidences.progress = map(progress, itertools.count(1), itertools.repeat(total)).__next__
 
     weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
     least, apart = max(weighed[name].evidence.log_value for name in pair) - _FAR, evidences.apart()
     apart.progress = apart.progress if executor else evidences.progress
     elsewhere = ahead(partial(_under, tuple(pair), dict(odd), apart, least), executor)
-    left = leave_one_out(weighed, tolerance=tolerance, progress=evidences.progress) if several else {}
+    left = (
+        leave_one_out(weighed, tolerance=tolerance, progress=evidences.progress) if several else {}
+    )
     others = [name for name in models if name != first]
-    factors = {f"{name}/{first}": log_bayes_factor(weighed[name].evidence, weighed[first].evidence) for name in others}
-    scaled, circles = (sensitivity.under(pair, assumed, evidences.of) for assumed in (by_scale, dict([as_is])))
+    factors = {
+        f"{name}/{first}": log_bayes_factor(weighed[name].evidence, weighed[first].evidence)
+        for name in others
+    }
+    scaled, circles = (
+        sensitivity.under(pair, assumed, evidences.of) for assumed in (by_scale, dict([as_is]))
+    )
     explained = sensitivity.explanations(pair, evidences) if rivals else None
-    slopes, found, curves = sensitivity.slope_subsets(linear, evidences, seed=seed, ci_prob=ci_prob) if subsets else ({}, (), {})
+    slopes, found, curves = (
+        sensitivity.slope_subsets(linear, evidences, seed=seed, ci_prob=ci_prob)
+        if subsets
+        else ({}, (), {})
+    )
     circles += () if explained is None else (explained.averaged, explained.alone)
-    values = {name: np.array([own.evidence.log_value for own in left.get(name, {}).values()]) for name in weighed}
-    densities = {name: nodes.evidence.log_value - values[name] for name, nodes in weighed.items()}  # ln p(y_r | y_−r), (tests,)
-    described, tests = _models(weighed, densities, seed, ci_prob), _tests(weighed, left, densities, seed, tolerance)
+    values = {
+        name: np.array([own.evidence.log_value for own in left.get(name, {}).values()])
+        for name in weighed
+    }
+    densities = {
+        name: nodes.evidence.log_value - values[name] for name, nodes in weighed.items()
+    }  # ln p(y_r | y_−r), (tests,)
+    described, tests = (
+        _models(weighed, densities, seed, ci_prob),
+        _tests(weighed, left, densities, seed, tolerance),
+    )
     (assumed, theirs), evidences.progress = elsewhere(), lambda: None
-    every = [*evidences.every, *theirs, *(own.evidence for others in left.values() for own in others.values())]
+    every = [
+        *evidences.every,
+        *theirs,
+        *(own.evidence for others in left.values() for own in others.values()),
+    ]
     return Comparison(
         campaign=Readings(campaign.name, campaign.sha256),
         models=described,
@@ -295,9 +387,12 @@ def compare(
         },
         sensitivity_of=f"{second}/{first}",
         prior_sensitivity=tuple(
-            ScaledSlopes(s, a.log_bayes_factor, a.log_bayes_factor_error) for s, a in zip(scales, scaled, strict=True)
+            ScaledSlopes(s, a.log_bayes_factor, a.log_bayes_factor_error)
+            for s, a in zip(scales, scaled, strict=True)
         ),
-        prior_sensitivity_crossings=_crossings(np.array(scales), np.array([a.log_bayes_factor for a in scaled])),
+        prior_sensitivity_crossings=_crossings(
+            np.array(scales), np.array([a.log_bayes_factor for a in scaled])
+        ),
         discrepancy_sensitivity=circles + assumed,
         slopes=slopes,
         slope_subsets=found,
@@ -311,7 +406,9 @@ def compare(
     )
 
 
-def _checked(models: Mapping[str, HybridModel], campaign: Campaign, evidences: Evidences) -> Evidences:
+def _checked(
+    models: Mapping[str, HybridModel], campaign: Campaign, evidences: Evidences
+) -> Evidences:
     check_campaign(campaign)
     cure = "Give for example constant and linear compliance."
     require(len(models) > 1, f"models must be at least two, got {len(models)}. {cure}")
@@ -320,17 +417,25 @@ def _checked(models: Mapping[str, HybridModel], campaign: Campaign, evidences: E
     require(fine, f"tolerance must lie between {_FINEST:g} and {_COARSEST:g} nats, {got}")
     for one, other in itertools.combinations(models, 2):
         cure = "Leave one out, or change its degree or terms."
-        require(models[one] != models[other], f"models must differ, got {one!r} and {other!r} alike. {cure}")
+        require(
+            models[one] != models[other],
+            f"models must differ, got {one!r} and {other!r} alike. {cure}",
+        )
     for model in models.values():
         check_comparable(model, campaign)
     return evidences.of_campaign(campaign)
 
 
 def _under(
-    names: Sequence[str], assumptions: Mapping[str, Sequence[HybridModel]], evidences: Evidences, least: float
+    names: Sequence[str],
+    assumptions: Mapping[str, Sequence[HybridModel]],
+    evidences: Evidences,
+    least: float,
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
     """The models under assumptions, roughly where these are rejected, and the evidences that are not rough."""
-    return sensitivity.under(names, assumptions, partial(evidences.unless_rejected, least)), evidences.every
+    return sensitivity.under(
+        names, assumptions, partial(evidences.unless_rejected, least)
+    ), evidences.every
 
 
 def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
@@ -343,27 +448,42 @@ def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
 def _sum_over_tests(densities: Array) -> tuple[float, float]:
     """Sum, and its standard error from the scatter over the tests; not a number where there is none."""
     n = len(densities)
-    return float(densities.sum()) if n else np.nan, float(np.sqrt(n * densities.var(ddof=1))) if n > 1 else np.nan
+    return float(densities.sum()) if n else np.nan, float(
+        np.sqrt(n * densities.var(ddof=1))
+    ) if n > 1 else np.nan
 
 
-def _models(weighed: Mapping[str, Nodes], densities: Mapping[str, Array], seed: int, ci_prob: float) -> dict[str, ComparedModel]:
+def _models(
+    weighed: Mapping[str, Nodes], densities: Mapping[str, Array], seed: int, ci_prob: float
+) -> dict[str, ComparedModel]:
     share = probabilities(np.array([nodes.evidence.log_value for nodes in weighed.values()]))
     compared = {}
     for (name, nodes), probability in zip(weighed.items(), share, strict=True):
         bound, model, campaign = nodes.bound, nodes.bound.model, nodes.bound.campaign
         options: Any = {"reference_force_N": model.reference_force_N, "fixed": model.fixed}
         enough = campaign.force_levels >= model.degree + 2
-        squares = least_squares(campaign, model.degree, **options).quality.rmse_um if enough else np.nan
+        squares = (
+            least_squares(campaign, model.degree, **options).quality.rmse_um if enough else np.nan
+        )
         beta, phi = nodes.draw(_QUALITY_DRAWS, np.random.default_rng(seed))
         elpd, elpd_se = _sum_over_tests(densities[name])
         moments = zip(bound.parameters, *nodes.moments(spare=_SPARE, points=_POINTS), strict=True)
         compared[name] = ComparedModel(
-            log_evidence=nodes.evidence.log_value, log_evidence_error=nodes.evidence.error,
-            posterior_probability=float(probability), elpd_lofo=elpd, elpd_lofo_se=elpd_se,
-            rmse_um=fit_quality(bound, phi, beta).rmse_um, least_squares_rmse_um=squares, degree=model.degree,
-            parameters={p.name: Estimate(p.unit, float(mean), float(sd)) for p, mean, sd in moments},
-            compliance_against_force=sensitivity.averaged_curves([nodes], np.ones(1), seed, ci_prob),
-        )  # fmt: skip
+            log_evidence=nodes.evidence.log_value,
+            log_evidence_error=nodes.evidence.error,
+            posterior_probability=float(probability),
+            elpd_lofo=elpd,
+            elpd_lofo_se=elpd_se,
+            rmse_um=fit_quality(bound, phi, beta).rmse_um,
+            least_squares_rmse_um=squares,
+            degree=model.degree,
+            parameters={
+                p.name: Estimate(p.unit, float(mean), float(sd)) for p, mean, sd in moments
+            },
+            compliance_against_force=sensitivity.averaged_curves(
+                [nodes], np.ones(1), seed, ci_prob
+            ),
+        )
     return compared
 
 
@@ -379,12 +499,16 @@ def _tests(
     forces = next(iter(weighed.values())).bound.setting.force_N
     return {
         name: ComparedTest(
-            force_N=float(forces[r]), lofo_log_density={model: float(densities[model][r]) for model in weighed},
-            lofo_p_value=own.p_value, lofo_family_wise_p_value=own.family_wise_p_value, lofo_worst_order=own.worst_order,
-            lofo_p_value_by_order=dict(enumerate(own.order_p_values)), flag=own.flag,
+            force_N=float(forces[r]),
+            lofo_log_density={model: float(densities[model][r]) for model in weighed},
+            lofo_p_value=own.p_value,
+            lofo_family_wise_p_value=own.family_wise_p_value,
+            lofo_worst_order=own.worst_order,
+            lofo_p_value_by_order=dict(enumerate(own.order_p_values)),
+            flag=own.flag,
         )
         for r, (name, own) in enumerate(odd.items())
-    }  # fmt: skip
+    }
 
 
 # ---- tests that do not belong
@@ -433,11 +557,15 @@ def belonging(
     One row per test: force_N, p_value, family_wise_p_value, flag, and order_0 … order_12, the p-values by Fourier order.
     """
     check_campaign(campaign)
-    require(len(campaign.tests) > 1, "a campaign must have at least two tests to compare them, got one. Add tests.")
+    require(
+        len(campaign.tests) > 1,
+        "a campaign must have at least two tests to compare them, got one. Add tests.",
+    )
     least = int(len(campaign.tests) / (_MORE * FALSE_ALARMS)) + 1
     few = replicates is not None and replicates < least
     require(
-        not few, f"replicates must be at least {least} to judge {len(campaign.tests)} tests, got {replicates}. Leave them out."
+        not few,
+        f"replicates must be at least {least} to judge {len(campaign.tests)} tests, got {replicates}. Leave them out.",
     )
     evidences = Evidences(campaign, tolerance=tolerance)
     weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
@@ -446,7 +574,12 @@ def belonging(
     rows = {}
     for test in campaign.tests:
         own = judged[test.name]
-        seen = {"force_N": test.force_N, "p_value": own.p_value, "family_wise_p_value": own.family_wise_p_value, "flag": own.flag}
+        seen = {
+            "force_N": test.force_N,
+            "p_value": own.p_value,
+            "family_wise_p_value": own.family_wise_p_value,
+            "flag": own.flag,
+        }
         rows[test.name] = seen | {f"order_{n}": p for n, p in enumerate(own.order_p_values)}
     return readable(pd.DataFrame.from_dict(rows, orient="index"), "Which tests do not belong")
 
@@ -466,21 +599,35 @@ def outliers(
     flagged: dict[str, Outlier] = {}
     reached = 0.0
     while True:
-        rest = {name: _against_the_others(models, left, name, size, rng) for name in names if name not in flagged}
+        rest = {
+            name: _against_the_others(models, left, name, size, rng)
+            for name in names
+            if name not in flagged
+        }
         worst = min(rest, key=lambda name: (rest[name].p_value, -rest[name].distance))
         family = max(reached, min(1.0, len(rest) * rest[worst].p_value))
         if family >= FALSE_ALARMS or 2 * (len(flagged) + 1) >= len(names):
             break
-        flagged[worst], reached = replace(rest[worst], family_wise_p_value=family, flag=True), family
+        flagged[worst], reached = (
+            replace(rest[worst], family_wise_p_value=family, flag=True),
+            family,
+        )
         models = {model: by_test[worst] for model, by_test in left.items()}
         left = leave_one_out(models, tolerance=tolerance)
     adjusted = np.maximum(holm(np.array([own.p_value for own in rest.values()])), reached)
-    rest = {name: replace(own, family_wise_p_value=float(p)) for (name, own), p in zip(rest.items(), adjusted, strict=True)}
+    rest = {
+        name: replace(own, family_wise_p_value=float(p))
+        for (name, own), p in zip(rest.items(), adjusted, strict=True)
+    }
     return {name: (flagged | rest)[name] for name in names}
 
 
 def _against_the_others(
-    models: Mapping[str, Nodes], left: Mapping[str, Mapping[str, Nodes]], name: str, size: int, rng: np.random.Generator
+    models: Mapping[str, Nodes],
+    left: Mapping[str, Mapping[str, Nodes]],
+    name: str,
+    size: int,
+    rng: np.random.Generator,
 ) -> Outlier:
     """One test against circles that the others expect in its place; a closer look where few lie as far out. Circles of one
     posterior draw lie out together, so that small p-values need many draws."""
@@ -513,12 +660,18 @@ def _compared(observed: Array, replicates: Array) -> Outlier:
         theirs, mine = _distance(part, root), _distance(own[None, order == ORDERS], root)[0]
         nearer.append(int(np.sum(theirs < mine)))
         every.append(theirs)
-        distances.append(0.5 * float(mine) if part.shape[1] == 2 else -float(special.log_ndtr(-np.sqrt(mine)) + np.log(2.0)))
+        distances.append(
+            0.5 * float(mine)
+            if part.shape[1] == 2
+            else -float(special.log_ndtr(-np.sqrt(mine)) + np.log(2.0))
+        )
     # Replicates that have in any order as many of the others nearer as the test has in its worst.
     most = max(nearer)
     edge = np.partition(every, most - 1, axis=1)[:, most - 1, None] if most else -np.inf
     further = (np.array(every) > edge).any(axis=0)
-    p_value, *p_order = ((1.0 + k) / (n + 1.0) for k in (int(further.sum()), *(n - k for k in nearer)))
+    p_value, *p_order = (
+        (1.0 + k) / (n + 1.0) for k in (int(further.sum()), *(n - k for k in nearer))
+    )
     return Outlier(p_value, 1.0, tuple(p_order), int(np.argmax(distances)), False, max(distances))
 
 
@@ -535,7 +688,12 @@ _NEGLIGIBLE, _ROUGH = 1e-3, 0.1
 
 @one_blas_thread
 def average(
-    models: Mapping[str, HybridModel], campaign: Campaign, *, seed: int = 1, draws: int = 4000, evidences: Evidences | None = None
+    models: Mapping[str, HybridModel],
+    campaign: Campaign,
+    *,
+    seed: int = 1,
+    draws: int = 4000,
+    evidences: Evidences | None = None,
 ) -> xr.DataTree:
     """Average the posterior over models and over what else explains a change with force.
 
@@ -556,24 +714,43 @@ def average(
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     check_campaign(campaign)
-    holds = isinstance(models, Mapping) and all(isinstance(own, HybridModel) for own in models.values())
+    holds = isinstance(models, Mapping) and all(
+        isinstance(own, HybridModel) for own in models.values()
+    )
     cure = 'Call lb.average({"constant": model.with_degree(0), "linear": model}, campaign)'
-    require(holds, f"models must be HybridModels by name, not yet fitted, got {type(models).__name__}. {cure}.")
-    require(len(models) > 0, "models must be given, got none. Average for example constant and linear compliance.")
-    require(draws >= _FEWEST, f"draws must be at least {_FEWEST}, got {draws}. The default is 4000.")
+    require(
+        holds,
+        f"models must be HybridModels by name, not yet fitted, got {type(models).__name__}. {cure}.",
+    )
+    require(
+        len(models) > 0,
+        "models must be given, got none. Average for example constant and linear compliance.",
+    )
+    require(
+        draws >= _FEWEST, f"draws must be at least {_FEWEST}, got {draws}. The default is 4000."
+    )
     evidences = (evidences or Evidences(campaign)).of_campaign(campaign)
-    kinds = [(name, rivals) for name, model in models.items() for rivals in sensitivity.subsets(model.rivals)]
+    kinds = [
+        (name, rivals)
+        for name, model in models.items()
+        for rivals in sensitivity.subsets(model.rivals)
+    ]
     weighed = evidences.of(*(models[name].with_rivals(*rivals) for name, rivals in kinds))
     largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
     bound = evidences.of(largest)[0].bound
     _check_nested([nodes.bound for nodes in weighed], bound)
     share = probabilities(np.array([nodes.evidence.log_value for nodes in weighed]))
-    drawing, believing, checking = (np.random.default_rng(own) for own in np.random.SeedSequence(seed).spawn(3))
+    drawing, believing, checking = (
+        np.random.default_rng(own) for own in np.random.SeedSequence(seed).spawn(3)
+    )
 
     each = draws // _CHAINS
     model, parts = _drawn(weighed, share, _CHAINS * each, drawing)
     size = -(-draws // len(weighed))
-    believed = [Part(nodes.bound, *reversed(prior_draws_of(nodes.bound, size, believing))) for nodes in weighed]
+    believed = [
+        Part(nodes.bound, *reversed(prior_draws_of(nodes.bound, size, believing)))
+        for nodes in weighed
+    ]
     order = drawing.permutation(len(model)).reshape(_CHAINS, each)
     beta, phi = (own[order] for own in _together(bound, parts))
     every = [densities_of(part) for part in parts]
@@ -589,53 +766,98 @@ def average(
     fit = fit_of_parts(bound, parts, groups, truncation, missed, checking, level)
     drawn = np.concatenate([beta, phi], axis=2)
     sampler = {
-        "kind": "independent", "by_emcee": any(nodes.evidence.by_emcee for nodes in weighed),
-        **asdict(assess(drawn[:, :, np.ptp(drawn, axis=(0, 1)) > 0.0])), "converged": not missed, "draws": _CHAINS * each,
-        "seconds": time.perf_counter() - clock, "steps": each, "walkers": 1, "acceptance": 1.0, "target_ess": float(draws),
+        "kind": "independent",
+        "by_emcee": any(nodes.evidence.by_emcee for nodes in weighed),
+        **asdict(assess(drawn[:, :, np.ptp(drawn, axis=(0, 1)) > 0.0])),
+        "converged": not missed,
+        "draws": _CHAINS * each,
+        "seconds": time.perf_counter() - clock,
+        "steps": each,
+        "walkers": 1,
+        "acceptance": 1.0,
+        "target_ess": float(draws),
         "target_rhat": StoppingRule().rhat,
-    }  # fmt: skip
+    }
     record = record_from(bound, sampler, fit, seed, started)
-    record["model"] |= _prior(bound, [nodes.bound for nodes in weighed], record["model"]["prior_sd"])
-    return build_tree(groups, bound, record | {"averaged": _averaged(kinds, weighed, share) | {"log_evidence_error": error}})
+    record["model"] |= _prior(
+        bound, [nodes.bound for nodes in weighed], record["model"]["prior_sd"]
+    )
+    return build_tree(
+        groups,
+        bound,
+        record | {"averaged": _averaged(kinds, weighed, share) | {"log_evidence_error": error}},
+    )
 
 
-def _drawn(weighed: Sequence[Nodes], share: Array, size: int, rng: np.random.Generator) -> tuple[Array, list[Part]]:
+def _drawn(
+    weighed: Sequence[Nodes], share: Array, size: int, rng: np.random.Generator
+) -> tuple[Array, list[Part]]:
     """The model of every draw, and the draws of each: its share of them, but for less than one."""
-    ends = np.floor(np.append(0.0, np.cumsum(share) / share.sum()) * size + rng.random()).astype(int)
+    ends = np.floor(np.append(0.0, np.cumsum(share) / share.sum()) * size + rng.random()).astype(
+        int
+    )
     model = np.repeat(np.arange(len(weighed)), np.diff(ends))
     counts = zip(*np.unique(model, return_counts=True), strict=True)
-    return model, [Part(weighed[k].bound, *reversed(weighed[k].draw(int(count), rng))) for k, count in counts]
+    return model, [
+        Part(weighed[k].bound, *reversed(weighed[k].draw(int(count), rng))) for k, count in counts
+    ]
 
 
-def _averaged(kinds: Sequence[tuple[str, tuple[str, ...]]], weighed: Sequence[Nodes], share: Array) -> dict[str, Any]:
+def _averaged(
+    kinds: Sequence[tuple[str, tuple[str, ...]]], weighed: Sequence[Nodes], share: Array
+) -> dict[str, Any]:
     """Every model with its probability, and those of each given model and of each rival of slopes."""
-    names = dict.fromkeys([*(name for name, _ in kinds), *(rival for _, rivals in kinds for rival in rivals)])
+    names = dict.fromkeys(
+        [*(name for name, _ in kinds), *(rival for _, rivals in kinds for rival in rivals)]
+    )
     return {
         "models": [
-            {"model": name, "rivals": rivals, "log_evidence": nodes.evidence.log_value, "probability": probability}
-            for (name, rivals), nodes, probability in zip(kinds, weighed, share.tolist(), strict=True)
+            {
+                "model": name,
+                "rivals": rivals,
+                "log_evidence": nodes.evidence.log_value,
+                "probability": probability,
+            }
+            for (name, rivals), nodes, probability in zip(
+                kinds, weighed, share.tolist(), strict=True
+            )
         ],
-        "probability": {name: float(share[[name in (kind, *rivals) for kind, rivals in kinds]].sum()) for name in names},
+        "probability": {
+            name: float(share[[name in (kind, *rivals) for kind, rivals in kinds]].sum())
+            for name in names
+        },
     }
 
 
 def _check_nested(bounds: Sequence[BoundModel], largest: BoundModel) -> None:
     for bound in bounds:
-        alike = bound.hyper_prior.names == largest.hyper_prior.names and set(bound.names) <= set(largest.names)
+        alike = bound.hyper_prior.names == largest.hyper_prior.names and set(bound.names) <= set(
+            largest.names
+        )
         alike = alike and bound.setting.reference_force_N == largest.setting.reference_force_N
         got = "got others (other terms, parameters or reference force). Make one from the other: linear.with_degree(0)."
-        require(alike, f"models must be nested, those of fewer parameters the largest with some fixed at zero, {got}")
+        require(
+            alike,
+            f"models must be nested, those of fewer parameters the largest with some fixed at zero, {got}",
+        )
 
 
-def _prior(bound: BoundModel, bounds: Sequence[BoundModel], prior_sd: Mapping[str, float]) -> dict[str, dict[str, float]]:
+def _prior(
+    bound: BoundModel, bounds: Sequence[BoundModel], prior_sd: Mapping[str, float]
+) -> dict[str, dict[str, float]]:
     """Prior sd and mean of every parameter over models as probable as one another."""
     moments = np.zeros((2, len(bound.names)))
     for own in bounds:
         at = [bound.names.index(name) for name in own.names]
-        moments[:, at] += np.stack([own.prior_mean, own.prior_mean**2 + own.prior_sd**2]) / len(bounds)
+        moments[:, at] += np.stack([own.prior_mean, own.prior_mean**2 + own.prior_sd**2]) / len(
+            bounds
+        )
     mean, sd = moments[0], np.sqrt(moments[1] - moments[0] ** 2)
     averaged = dict(zip(bound.names, sd.tolist(), strict=True))
-    return {"prior_sd": {**prior_sd, **averaged}, "prior_mean": dict(zip(bound.names, mean.tolist(), strict=True))}
+    return {
+        "prior_sd": {**prior_sd, **averaged},
+        "prior_mean": dict(zip(bound.names, mean.tolist(), strict=True)),
+    }
 
 
 def _together(bound: BoundModel, parts: Sequence[Part]) -> tuple[Array, Array]:

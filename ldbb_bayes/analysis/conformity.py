@@ -31,9 +31,24 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.comparison import Comparison
 
 __all__ = [
-    "Conformity", "Decision", "Judgement", "Quantity", "Reason", "ReasonKind", "Tolerance", "Use", "check_force", "conformity",
-    "draws_at", "is_determined", "normal_conformity", "quantities", "quantities_of", "state_of", "tolerances_in",
-]  # fmt: skip
+    "Conformity",
+    "Decision",
+    "Judgement",
+    "Quantity",
+    "Reason",
+    "ReasonKind",
+    "Tolerance",
+    "Use",
+    "check_force",
+    "conformity",
+    "draws_at",
+    "is_determined",
+    "normal_conformity",
+    "quantities",
+    "quantities_of",
+    "state_of",
+    "tolerances_in",
+]
 
 _PATHS = {"G": ("upper",), "F_max": ("upper",), "F_min": ("lower",)}
 _POSITIVE = re.compile(r"C_(.)\1.")  # deflection and tilt under their own force and moment
@@ -60,13 +75,22 @@ class Tolerance(Shown):
 
     def __post_init__(self) -> None:
         low, high = self.ends
-        require(low < high, f"a tolerance must have a lower limit below its upper one, got {low:g} and {high:g}. Correct it.")
-        require(np.isfinite([low, high]).any(), "a tolerance must have a limit, got none. Write for example 60 nm/N.")
+        require(
+            low < high,
+            f"a tolerance must have a lower limit below its upper one, got {low:g} and {high:g}. Correct it.",
+        )
+        require(
+            np.isfinite([low, high]).any(),
+            "a tolerance must have a limit, got none. Write for example 60 nm/N.",
+        )
 
     @property
     def ends(self) -> tuple[float, float]:
         """Both limits, infinite where there is none."""
-        return -np.inf if self.lower is None else self.lower, np.inf if self.upper is None else self.upper
+        return (
+            -np.inf if self.lower is None else self.lower,
+            np.inf if self.upper is None else self.upper,
+        )
 
 
 @dataclass(frozen=True)
@@ -100,10 +124,17 @@ class Quantity:
 
 def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[str, Quantity]:
     """What may have a tolerance, by name: parameters with these units, stiffnesses, and the machine's path in these planes."""
-    found = {key: Quantity(unit, ("upper",) if _POSITIVE.fullmatch(key) else ("lower", "upper")) for key, unit in units.items()}
-    found |= {f"stiffness_{name[2]}": Quantity("N/mm", ("lower",)) for name in units if is_direct(name)}
+    found = {
+        key: Quantity(unit, ("upper",) if _POSITIVE.fullmatch(key) else ("lower", "upper"))
+        for key, unit in units.items()
+    }
+    found |= {
+        f"stiffness_{name[2]}": Quantity("N/mm", ("lower",)) for name in units if is_direct(name)
+    }
     ends = [f"_{plane}" for plane in planes] if len(planes) > 1 else [""] * len(planes)
-    return found | {name + end: Quantity("mm", sides) for name, sides in _PATHS.items() for end in ends}
+    return found | {
+        name + end: Quantity("mm", sides) for name, sides in _PATHS.items() for end in ends
+    }
 
 
 def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
@@ -111,18 +142,20 @@ def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
     return quantities({own.name: own.unit for own in bound.parameters}, bound.setting.planes)
 
 
-def tolerances_in(known: Mapping[str, Quantity], given: Mapping[str, str | Tolerance]) -> dict[str, Tolerance]:
+def tolerances_in(
+    known: Mapping[str, Quantity], given: Mapping[str, str | Tolerance]
+) -> dict[str, Tolerance]:
     """Tolerances by name: texts with a unit read, names and limits checked. ``60 nm/N`` is an upper limit of what cannot be
     negative, of a stiffness a lower one (``18 N/µm``), of anything else ±; ``−20..40 µrad`` is both, and ``≤``, ``≥`` or ``±``
     before a number say which."""
     read = {}
     for name, tolerance in ((inside_name(name), own) for name, own in given.items()):
         check_known("tolerance", [name], known)
-        read[name] = own = tolerance if isinstance(tolerance, Tolerance) else _read(name, tolerance, known[name])
-        limit = own.lower if own.upper is None else own.upper
-        said = (
-            f"tolerance of {name} must have a limit above 0, for {name} cannot be negative, got {tolerance}. Leave the sign out."
+        read[name] = own = (
+            tolerance if isinstance(tolerance, Tolerance) else _read(name, tolerance, known[name])
         )
+        limit = own.lower if own.upper is None else own.upper
+        said = f"tolerance of {name} must have a limit above 0, for {name} cannot be negative, got {tolerance}. Leave the sign out."
         require(limit is None or limit > 0.0 or not _NEVER_NEGATIVE.fullmatch(name), said)
     return read
 
@@ -141,12 +174,23 @@ def _read(name: str, text: str, quantity: Quantity) -> Tolerance:
     least, between, most = text.partition("..")
     if between:
         unit = re.sub(r"^\s*[+−-]?[\d.]+(e[+-]?\d+)?", "", most, flags=re.IGNORECASE)
-        least = least if re.search(r"[^\W\d]|[%°]", re.sub(r"\de[+-]?\d", "", least)) else least + unit
+        least = (
+            least if re.search(r"[^\W\d]|[%°]", re.sub(r"\de[+-]?\d", "", least)) else least + unit
+        )
         low, high = (to_inside(end, quantity.unit, what) for end in (least, most))
-        require(low < high, f"{what} must have its lower limit first, got {text!r}. Write for example −20..40 µrad.")
+        require(
+            low < high,
+            f"{what} must have its lower limit first, got {text!r}. Write for example −20..40 µrad.",
+        )
         return Tolerance(low, high)
     sign = re.match(r"\s*(±|≤|<=|≥|>=)?", text)
-    told = {"±": ("lower", "upper"), "≤": ("upper",), "<=": ("upper",), "≥": ("lower",), ">=": ("lower",)}
+    told = {
+        "±": ("lower", "upper"),
+        "≤": ("upper",),
+        "<=": ("upper",),
+        "≥": ("lower",),
+        ">=": ("lower",),
+    }
     sides = told.get(sign[1] if sign and sign[1] else "", quantity.sides)
     value = to_inside(text[sign.end() if sign else 0 :], quantity.unit, what)
     if len(sides) == 2:
@@ -176,7 +220,10 @@ def conformity(
         largest; default: the model's reference force, where C(F) is C.
     confidence : probability that a decision asks for.
     """
-    require(0.5 < confidence < 1.0, f"confidence must lie between 0.5 and 1, got {confidence}. For 95 % give 0.95.")
+    require(
+        0.5 < confidence < 1.0,
+        f"confidence must lie between 0.5 and 1, got {confidence}. For 95 % give 0.95.",
+    )
     bound = bound_of(posterior)
     known = quantities_of(bound)
     read = tolerances_in(known, bound.campaign.tolerances if tolerances is None else tolerances)
@@ -185,7 +232,12 @@ def conformity(
     if not read:
         return ByName()
     draws = dict(_draws(posterior, bound, read, force))
-    return ByName({name: _decided(known[name].unit, own, read[name], confidence, at) for name, (own, at) in draws.items()})
+    return ByName(
+        {
+            name: _decided(known[name].unit, own, read[name], confidence, at)
+            for name, (own, at) in draws.items()
+        }
+    )
 
 
 def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
@@ -202,13 +254,19 @@ def _draws(
     posterior: xr.DataTree, bound: BoundModel, names: Collection[str], force: float
 ) -> Iterable[tuple[str, tuple[Array, float | None]]]:
     """Draws of what is named, and the force at which it is stated."""
-    parameters, values = dict(zip(bound.names, bound.parameters, strict=True)), draws_at(posterior, force)
+    parameters, values = (
+        dict(zip(bound.names, bound.parameters, strict=True)),
+        draws_at(posterior, force),
+    )
     along = {f"stiffness_{name[2]}": name for name in bound.names if is_direct(name)}
     paths: dict[str, Array] = {}
     if any(name.startswith(tuple(_PATHS)) for name in names):
         several = len(bound.setting.planes) > 1
         for where, found in path_draws(posterior, [force], _TRACES):
-            paths |= {f"{name}_{where['plane']}" if several else name: found[name] * 1e-3 for name in _PATHS}
+            paths |= {
+                f"{name}_{where['plane']}" if several else name: found[name] * 1e-3
+                for name in _PATHS
+            }
     for name in names:
         if name in parameters:
             yield name, (values[name], force if parameters[name].group == "compliance" else None)
@@ -216,11 +274,18 @@ def _draws(
             yield name, (1.0 / values[along[name]] if name in along else paths[name], force)
 
 
-def _decided(unit: str, draws: Array, tolerance: Tolerance, confidence: float, force: float | None) -> Conformity:
+def _decided(
+    unit: str, draws: Array, tolerance: Tolerance, confidence: float, force: float | None
+) -> Conformity:
     mean, sd = float(draws.mean()), float(draws.std(ddof=1))
     low, high = tolerance.ends
-    below, above = _tail(draws < low, (low - mean) / max(sd, 1e-300)), _tail(draws > high, (mean - high) / max(sd, 1e-300))
-    return _conformity(unit, mean, sd, tolerance, min(max(1.0 - below - above, 0.0), 1.0), confidence, force)
+    below, above = (
+        _tail(draws < low, (low - mean) / max(sd, 1e-300)),
+        _tail(draws > high, (mean - high) / max(sd, 1e-300)),
+    )
+    return _conformity(
+        unit, mean, sd, tolerance, min(max(1.0 - below - above, 0.0), 1.0), confidence, force
+    )
 
 
 def _tail(outside: Array, score: float) -> float:
@@ -232,7 +297,9 @@ def _tail(outside: Array, score: float) -> float:
     return min(tail, least) if count < _FEW else max(tail, 1.0 - least)
 
 
-def normal_conformity(unit: str, mean: float, sd: float, tolerance: Tolerance, *, confidence: float = 0.95) -> Conformity:
+def normal_conformity(
+    unit: str, mean: float, sd: float, tolerance: Tolerance, *, confidence: float = 0.95
+) -> Conformity:
     """The same of a normal distribution."""
     low, high = tolerance.ends
     probability = float(ndtr((high - mean) / sd) - ndtr((low - mean) / sd))
@@ -240,12 +307,29 @@ def normal_conformity(unit: str, mean: float, sd: float, tolerance: Tolerance, *
 
 
 def _conformity(
-    unit: str, mean: float, sd: float, tolerance: Tolerance, probability: float, confidence: float, force: float | None
+    unit: str,
+    mean: float,
+    sd: float,
+    tolerance: Tolerance,
+    probability: float,
+    confidence: float,
+    force: float | None,
 ) -> Conformity:
     decided = Decision.CONFORMS if probability >= confidence else Decision.NOT_DECIDED
     decision = Decision.DOES_NOT_CONFORM if probability <= 1.0 - confidence else decided
     band = float(ndtri(confidence)) * sd
-    return Conformity(unit, force, tolerance.lower, tolerance.upper, mean, sd, probability, band, confidence, decision)
+    return Conformity(
+        unit,
+        force,
+        tolerance.lower,
+        tolerance.upper,
+        mean,
+        sd,
+        probability,
+        band,
+        confidence,
+        decision,
+    )
 
 
 # ---- may the numbers be used?
@@ -296,7 +380,11 @@ def is_determined(entry: ParameterIdentifiability) -> bool:
 
 
 def state_of(
-    fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str], *, comparison: Comparison | None = None
+    fit: Fit,
+    verdicts: Mapping[str, ParameterIdentifiability],
+    stated: Collection[str],
+    *,
+    comparison: Comparison | None = None,
 ) -> Judgement:
     """Say whether the numbers of a certificate can be used.
 
@@ -309,18 +397,24 @@ def state_of(
     if fit.state == State.UNUSABLE:
         grave.append(Reason(ReasonKind.NOT_CONVERGED))
     if fit.misfits:
-        grave.append(Reason(ReasonKind.MISFIT, tuple(dict.fromkeys(own.test for own in fit.misfits))))
+        grave.append(
+            Reason(ReasonKind.MISFIT, tuple(dict.fromkeys(own.test for own in fit.misfits)))
+        )
     if ConcernKind.TRUNCATION in concerns:
         grave.append(Reason(ReasonKind.TRUNCATION))
     weak = [own for name, own in verdicts.items() if name in stated and not is_determined(own)]
     minor = [Reason(ReasonKind.NOT_DETERMINED, (own.name,), own.partners) for own in weak]
-    sensitive = tuple(name for name in fit.sensitive if name in stated and name not in {own.name for own in weak})
+    sensitive = tuple(
+        name for name in fit.sensitive if name in stated and name not in {own.name for own in weak}
+    )
     minor += [Reason(ReasonKind.PRIOR_SENSITIVE, sensitive)] if sensitive else []
     names = tuple(own.name for own in fit.concerns if own.kind == ConcernKind.HYPER)
     minor += [Reason(ReasonKind.HYPER, names)] if names else []
     minor += [Reason(ReasonKind.FORCES)] if ConcernKind.FORCES in concerns else []
     if comparison is not None:
-        from ldbb_bayes.analysis.comparison import Sign  # commands that compare nothing start without it
+        from ldbb_bayes.analysis.comparison import (
+            Sign,
+        )  # commands that compare nothing start without it
 
         minor += [] if comparison.within_tolerance else [Reason(ReasonKind.ROUGH_EVIDENCE)]
         minor += [Reason(ReasonKind.OPEN_SIGN)] if comparison.sign == Sign.OPEN else []

@@ -13,9 +13,23 @@ import pandas as pd
 from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, cures, degeneracies
-from ldbb_bayes.analysis.candidates import Clocking, CriterionName, Expected, Forecast, Space, bind_tests, running_order
+from ldbb_bayes.analysis.candidates import (
+    Clocking,
+    CriterionName,
+    Expected,
+    Forecast,
+    Space,
+    bind_tests,
+    running_order,
+)
 from ldbb_bayes.analysis.optimal import MOST_TESTS, Found
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, check_campaign, distinct_forces
+from ldbb_bayes.campaign.campaign import (
+    Campaign,
+    CircularTest,
+    Direction,
+    check_campaign,
+    distinct_forces,
+)
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -89,7 +103,9 @@ class Design(Forecast):
 
     criterion: str  #: of the design
     parameters: tuple[str, ...]  #: of interest; all others are nuisances
-    table: Annotated[Records, Field(alias="tests")]  #: one row per different test: force_N, `columns`, count
+    table: Annotated[
+        Records, Field(alias="tests")
+    ]  #: one row per different test: force_N, `columns`, count
     augment: bool  #: whether the pilot's tests count as run
     degree: int  #: of the model
     reference_force_N: float  #: F0, the pilot's
@@ -104,7 +120,9 @@ class Design(Forecast):
     pilot: Pilot  #: what it starts from
     #: Of every candidate, for the best shares: force_N, `columns`, sensitivity.
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    planned: Annotated[Any, Field(exclude=True)] = None  #: the tests themselves; none where read from a file
+    planned: Annotated[Any, Field(exclude=True)] = (
+        None  #: the tests themselves; none where read from a file
+    )
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -132,7 +150,9 @@ class Design(Forecast):
 
     def _at_hand(self) -> Planned:
         if not isinstance(self.planned, Planned):
-            raise InputError("a design must be at hand, got one read from a file. Read the plan and the model.toml beside it.")
+            raise InputError(
+                "a design must be at hand, got one read from a file. Read the plan and the model.toml beside it."
+            )
         return self.planned
 
     def expected_table(self) -> pd.DataFrame:
@@ -140,7 +160,10 @@ class Design(Forecast):
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
         frame.insert(0, "parameter", list(self.expected))
-        return readable(frame.assign(baseline_sd=[self.baseline[name].sd for name in self.expected]), "Expected sd")
+        return readable(
+            frame.assign(baseline_sd=[self.baseline[name].sd for name in self.expected]),
+            "Expected sd",
+        )
 
     def __repr__(self) -> str:
         return f"Design of {self.table['count'].sum()} tests, efficiency {self.efficiency:.3f} by criterion {self.criterion}"
@@ -151,14 +174,20 @@ def read_design(path: str | os.PathLike[str]) -> Design:
     return read_result(path, "design", "design", Design.from_dict)
 
 
-def _timed(tests: tuple[CircularTest, ...], pilot: Campaign, model: HybridModel) -> tuple[CircularTest, ...]:
+def _timed(
+    tests: tuple[CircularTest, ...], pilot: Campaign, model: HybridModel
+) -> tuple[CircularTest, ...]:
     over = {term.over for term in model.nuisances if isinstance(term, Drift)}
     times = np.sort([test.time_s for test in pilot.tests if test.time_s is not None])
     degrees = [test.temperature_C for test in pilot.tests if test.temperature_C is not None]
     if "time" in over and len(times) > 1:
         pace = float(np.median(np.diff(times)))
         return tuple(replace(test, time_s=k * pace) for k, test in enumerate(tests))
-    return tuple(replace(test, temperature_C=float(np.mean(degrees))) for test in tests) if "temperature" in over else tests
+    return (
+        tuple(replace(test, temperature_C=float(np.mean(degrees))) for test in tests)
+        if "temperature" in over
+        else tests
+    )
 
 
 @one_blas_thread
@@ -202,27 +231,51 @@ def design(
     """
     check_campaign(pilot)
     number = len(pilot.tests) if tests is None else tests
-    require(1 <= number <= MOST_TESTS, f"tests must be between 1 and {MOST_TESTS}, got {number}. Give the number of circles.")
+    require(
+        1 <= number <= MOST_TESTS,
+        f"tests must be between 1 and {MOST_TESTS}, got {number}. Give the number of circles.",
+    )
     for name, campaign in against.items():
-        require(name not in _RESERVED, f"against must not use the name {name!r}, which is the design's own. Choose another name.")
+        require(
+            name not in _RESERVED,
+            f"against must not use the name {name!r}, which is the design's own. Choose another name.",
+        )
         check_campaign(campaign)
         machine, own = ((one.topology, dict(one.frames_mm)) for one in (pilot, campaign))
-        require(own == machine, f"{name} must be of the pilot's machine {machine[0]}, frames too, got {own[0]}. Leave it out.")
+        require(
+            own == machine,
+            f"{name} must be of the pilot's machine {machine[0]}, frames too, got {own[0]}. Leave it out.",
+        )
     if forces_N is None:
         low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
         forces_N = np.unique([*np.arange(low, high, 1.0), high]).tolist()
     space = Space(
-        model, pilot, tuple(map(float, forces_N)), clockings_deg, radii_mm, directions,
-        criterion=criterion or ("d" if model.prior.flat else "eig"), parameters=tuple(parameters), augment=augment,
-        slope_size=slope_size, judged=tuple(test for campaign in against.values() for test in campaign.tests), seed=seed,
-    )  # fmt: skip
+        model,
+        pilot,
+        tuple(map(float, forces_N)),
+        clockings_deg,
+        radii_mm,
+        directions,
+        criterion=criterion or ("d" if model.prior.flat else "eig"),
+        parameters=tuple(parameters),
+        augment=augment,
+        slope_size=slope_size,
+        judged=tuple(test for campaign in against.values() for test in campaign.tests),
+        seed=seed,
+    )
     compared = {_STEPS: space.equal_steps(number)}
     for name, campaign in against.items():
-        compared[name] = tuple(replace(test.with_reading_um(None), name="") for test in campaign.tests)
-    return _designed(space, space.search.of_number(number), Pilot(pilot.name, pilot.sha256), compared)
+        compared[name] = tuple(
+            replace(test.with_reading_um(None), name="") for test in campaign.tests
+        )
+    return _designed(
+        space, space.search.of_number(number), Pilot(pilot.name, pilot.sha256), compared
+    )
 
 
-def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, tuple[CircularTest, ...]]) -> Design:
+def _designed(
+    space: Space, found: Found, pilot: Pilot, compared: Mapping[str, tuple[CircularTest, ...]]
+) -> Design:
     tests, optimum = space.tests_of(found), found.optimum
 
     def judged(name: str, tests: tuple[CircularTest, ...]) -> Judged:
@@ -238,22 +291,36 @@ def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, t
     expected = space.forecast(tests)
     sizes = np.sqrt((space.states.phi**2).mean(axis=0))
     return Design(
-        **vars(expected), criterion=space.criterion, parameters=space.chosen,
-        table=space.frame(tests).value_counts(sort=False).rename("count").reset_index(), augment=space.augment,
-        degree=space.model.degree, reference_force_N=space.bound.setting.reference_force_N, efficiency=min(found.efficiency, 1.0),
-        certificate=Certificate(highest, optimum.bound, concave, highest <= optimum.bound * (1.0 + _HOLDS)),
-        shares=candidates[shown].assign(share=optimum.share[shown]).reset_index(drop=True), baseline=others[0].expected,
-        compared=others, limits=_limits(space, tests, expected), hyper_um=space.bound.hyper_prior.named(sizes),
-        measured=not space.pilot.is_plan, pilot=pilot, sensitivity=candidates.assign(sensitivity=optimum.sensitivity),
+        **vars(expected),
+        criterion=space.criterion,
+        parameters=space.chosen,
+        table=space.frame(tests).value_counts(sort=False).rename("count").reset_index(),
+        augment=space.augment,
+        degree=space.model.degree,
+        reference_force_N=space.bound.setting.reference_force_N,
+        efficiency=min(found.efficiency, 1.0),
+        certificate=Certificate(
+            highest, optimum.bound, concave, highest <= optimum.bound * (1.0 + _HOLDS)
+        ),
+        shares=candidates[shown].assign(share=optimum.share[shown]).reset_index(drop=True),
+        baseline=others[0].expected,
+        compared=others,
+        limits=_limits(space, tests, expected),
+        hyper_um=space.bound.hyper_prior.named(sizes),
+        measured=not space.pilot.is_plan,
+        pilot=pilot,
+        sensitivity=candidates.assign(sensitivity=optimum.sensitivity),
         planned=Planned(tests, space.pilot, _model_of(space, tests)),
-    )  # fmt: skip
+    )
 
 
 def _model_of(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     """The model as it should analyse these tests alone: F0 and the slopes' prior sd those of the pilot."""
     model, setting, prior = space.model, space.bound.setting, space.model.prior
     plain = replace(model, fixed=(), prior=replace(prior, overrides={}, means={}))
-    there = BoundModel(plain, replace(space.pilot, tests=tuple(tests), foreseen=()), pilot=space.pilot).names
+    there = BoundModel(
+        plain, replace(space.pilot, tests=tuple(tests), foreseen=()), pilot=space.pilot
+    ).names
     overrides = dict(prior.overrides)
     forces = [float(test.force_N or 0.0) for test in tests]
     if not (prior.flat or np.isclose(max(forces) - min(forces), setting.force_range_N, rtol=1e-9)):
@@ -262,7 +329,10 @@ def _model_of(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     means = {name: mean for name, mean in prior.means.items() if name in there}
     fixed = tuple(name for name in model.fixed if name in there)
     return replace(
-        model, reference_force_N=setting.reference_force_N, fixed=fixed, prior=replace(prior, overrides=own, means=means)
+        model,
+        reference_force_N=setting.reference_force_N,
+        fixed=fixed,
+        prior=replace(prior, overrides=own, means=means),
     )
 
 
@@ -271,12 +341,24 @@ def _limits(space: Space, tests: Sequence[CircularTest], expected: Forecast) -> 
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     bound = bind_tests(space.model, space.pilot, tests, keep=space.augment)
     terms = {type(term) for term in space.model.nuisances}
-    ways = {plane: {test.direction for test in bound.campaign.tests if test.plane == plane} for plane in bound.setting.both_ways}
+    ways = {
+        plane: {test.direction for test in bound.campaign.tests if test.plane == plane}
+        for plane in bound.setting.both_ways
+    }
     entries = {name: expected.expected[name] for name in space.chosen}
     shared = tuple(name for name, entry in entries.items() if entry.floor_sd > _STUCK * entry.sd)
-    found = tuple(d for d in degeneracies(bound) if set(d.parameters) & set(shared)) if shared else ()
+    found = (
+        tuple(d for d in degeneracies(bound) if set(d.parameters) & set(shared)) if shared else ()
+    )
     return Limits(
         levels if levels <= space.model.degree + 2 and not space.augment else None,
-        {plane: str(next(iter(own))) for plane, own in ways.items() if len(own) == 1 and Hysteresis in terms}, Drift in terms,
-        shared, found, cures(bound, found) if found else (),
-    )  # fmt: skip
+        {
+            plane: str(next(iter(own)))
+            for plane, own in ways.items()
+            if len(own) == 1 and Hysteresis in terms
+        },
+        Drift in terms,
+        shared,
+        found,
+        cures(bound, found) if found else (),
+    )

@@ -22,7 +22,15 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing, StandingKind, cures, degeneracies, standing_degeneracies
+from ldbb_bayes.analysis.aliases import (
+    Cure,
+    Degeneracy,
+    Standing,
+    StandingKind,
+    cures,
+    degeneracies,
+    standing_degeneracies,
+)
 from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -43,10 +51,23 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "CERTIFICATES", "Budget", "Contribution", "DescribedMachine", "Identifiability", "ParameterIdentifiability", "Seen",
-    "Verdict", "budgets", "describe", "hyper_nodes", "identify", "parameters_of", "uncertainty_with", "verdicts",
+    "CERTIFICATES",
+    "Budget",
+    "Contribution",
+    "DescribedMachine",
+    "Identifiability",
+    "ParameterIdentifiability",
+    "Seen",
+    "Verdict",
+    "budgets",
+    "describe",
+    "hyper_nodes",
+    "identify",
+    "parameters_of",
+    "uncertainty_with",
+    "verdicts",
     "worth_of_certificates",
-]  # fmt: skip
+]
 
 _TENTH, _HALF, _CONTRACTED, _NAMED, _QUARTER = 0.1, 0.5, 0.75, 0.05, 0.25
 _ROUNDING = 1e-12
@@ -86,7 +107,9 @@ def unseen_share(information: Information, least: float = 1.0) -> Array:
     design, along which the readings add the squared singular value to a prior precision of one."""
     rows = information.rows()
     missing = max(rows.shape[1] - len(rows), 0)
-    _, singular, right = np.linalg.svd(np.concatenate([rows, np.zeros((missing, rows.shape[1]))]), full_matrices=False)
+    _, singular, right = np.linalg.svd(
+        np.concatenate([rows, np.zeros((missing, rows.shape[1]))]), full_matrices=False
+    )
     gain = singular[:, None] ** 2
     parts = right[:, information.own] ** 2 / (1.0 + gain)
     return np.asarray(np.where(gain < least, parts, 0.0).sum(axis=0) / parts.sum(axis=0))
@@ -103,16 +126,22 @@ class ParameterIdentifiability(Result):
     name: str  #: of the parameter
     verdict: Verdict  #: identified, prior-limited or confounded
     partners: Annotated[tuple[str, ...], Field(alias="with")]
-    partner_shares: dict[str, float]  #: of its variance that vanish if the partner is known; what the model leaves out has none
+    partner_shares: dict[
+        str, float
+    ]  #: of its variance that vanish if the partner is known; what the model leaves out has none
     unit: str  #: inside unit
     prior_mean: Number  #: not a number when flat
     prior_sd: Finite  #: infinite when flat
     mean: float  #: of the Gaussian posterior; a plan's is the prior's
     sd: float  #: likewise
     contraction: Number  #: 1 − Var(β | y) / Var(β); not a number when flat, like the next
-    information_gain: Number  #: ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]
+    information_gain: (
+        Number  #: ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]
+    )
     confounding: dict[str, float]  #: by term: 1 − Var(β | y, term) / Var(β | y)
-    shares: dict[str, float]  #: of terms, reading noise and the parameters' own priors, as in `budgets`; they sum to one
+    shares: dict[
+        str, float
+    ]  #: of terms, reading noise and the parameters' own priors, as in `budgets`; they sum to one
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +150,9 @@ class Identifiability(Result):
 
     parameters: dict[str, ParameterIdentifiability]  #: by name
     degeneracies: tuple[Degeneracy, ...]  #: combinations that no reading sees
-    cures: tuple[tuple[Cure, ...], ...]  #: of each degeneracy, found by adding the tests to the plan and looking again
+    cures: tuple[
+        tuple[Cure, ...], ...
+    ]  #: of each degeneracy, found by adding the tests to the plan and looking again
     standing: tuple[Standing, ...]  #: degeneracies with effects that are not terms of the model
     effective_parameters: float  #: that the readings determine: the sum of the contractions, all of them when the prior is flat
     alias: ByRow  #: change of each least-squares estimate (rows) per prior sd of a nuisance left out (columns); inside units
@@ -137,7 +168,11 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
     "bar ± 1 µm": {"bar_U_um": 1.0},
     "mount ± 2 %": {"mount_U_percent": 2.0},
-    "force ± 0.5 %, linearity 0.2 %, random 1 N": {"force_U_percent": 0.5, "force_linearity_percent": 0.2, "force_random_N": 1.0},
+    "force ± 0.5 %, linearity 0.2 %, random 1 N": {
+        "force_U_percent": 0.5,
+        "force_linearity_percent": 0.2,
+        "force_random_N": 1.0,
+    },
     "angle ± 0.05°": {"angle_U_deg": 0.05},
 }
 
@@ -145,19 +180,35 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
 def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
     """Standard uncertainty of every parameter that these certificates would leave, shape (p,) in inside units: the variance given
     φ (w, h) [mm], averaged by the weights (w,), as of `hyper_nodes`, that it has without them."""
-    stated = BoundModel(bound.model, replace(bound.campaign, instrument=instrument), pilot=bound.pilot)
+    stated = BoundModel(
+        bound.model, replace(bound.campaign, instrument=instrument), pilot=bound.pilot
+    )
     return np.asarray(np.sqrt(weight @ stated.given(phi)[1].sd ** 2))
 
 
-def worth_of_certificates(bound: BoundModel, weight: Array, phi: Array) -> dict[str, dict[str, float]]:
+def worth_of_certificates(
+    bound: BoundModel, weight: Array, phi: Array
+) -> dict[str, dict[str, float]]:
     """Return standard uncertainties by what is certified and by parameter, inside units: with none of `CERTIFICATES`, with each
     there is none of yet, and with all of them; ``weight`` and ``phi`` as of `hyper_nodes`."""
     own, none = bound.campaign.instrument, Instrument()
-    open_ = {name: stated for name, stated in CERTIFICATES.items() if all(getattr(own, k) == getattr(none, k) for k in stated)}
+    open_ = {
+        name: stated
+        for name, stated in CERTIFICATES.items()
+        if all(getattr(own, k) == getattr(none, k) for k in stated)
+    }
     if len(open_) > 1:
-        open_ = {**open_, "all of these": {key: value for stated in open_.values() for key, value in stated.items()}}
+        open_ = {
+            **open_,
+            "all of these": {
+                key: value for stated in open_.values() for key, value in stated.items()
+            },
+        }
     each = {"none of these": {}, **open_}
-    left = {name: uncertainty_with(bound, replace(own, **stated), weight, phi) for name, stated in each.items()}
+    left = {
+        name: uncertainty_with(bound, replace(own, **stated), weight, phi)
+        for name, stated in each.items()
+    }
     return {name: dict(zip(bound.names, sd.tolist(), strict=True)) for name, sd in left.items()}
 
 
@@ -171,13 +222,18 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     information = information_of(bound, phi)
     found = degeneracies(bound)
     return Identifiability(
-        parameters=parameters_of(bound, information, found, mean), degeneracies=found, cures=cures(bound, found),
+        parameters=parameters_of(bound, information, found, mean),
+        degeneracies=found,
+        cures=cures(bound, found),
         standing=standing_degeneracies(bound, found),
-        effective_parameters=len(bound.names) - (0.0 if information.flat else float(information.variances().sum())),
-        alias=_alias_matrix(bound, information), correlation=_correlation(information),
+        effective_parameters=len(bound.names)
+        - (0.0 if information.flat else float(information.variances().sum())),
+        alias=_alias_matrix(bound, information),
+        correlation=_correlation(information),
         certificates={} if information.flat else worth_of_certificates(bound, weight, nodes),
-        hyper_um=bound.hyper_prior.named(phi), measured=not campaign.is_plan,
-    )  # fmt: skip
+        hyper_um=bound.hyper_prior.named(phi),
+        measured=not campaign.is_plan,
+    )
 
 
 @one_blas_thread
@@ -197,7 +253,9 @@ def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
 def hyper_nodes(bound: BoundModel) -> tuple[Array, Array]:
     """Weights (w,) and φ (w, h) [mm]: nodes of p(φ | y), without truncation; of a plan the prior median alone."""
     if bound.campaign.is_plan:
-        return np.ones(1), bound.hyper_prior.quantile(np.full((1, len(bound.hyper_prior.names)), _HALF))
+        return np.ones(1), bound.hyper_prior.quantile(
+            np.full((1, len(bound.hyper_prior.names)), _HALF)
+        )
     found = HyperPosterior(bound, truncated=False).coarse
     return found.weight, bound.hyper_prior.phi(found.free)
 
@@ -212,14 +270,24 @@ def parameters_of(
     """Every parameter of a model at φ and a mean of β (p,), given the information at φ and the null space there. ``drawn``: prior
     and posterior sd that replace the Gaussian's, truncation included."""
     own, proper = information.own, not information.flat
-    unseen = [unseen_share(information, least) if proper else np.zeros(len(own)) for least in (1.0, _TENTH)]
+    unseen = [
+        unseen_share(information, least) if proper else np.zeros(len(own))
+        for least in (1.0, _TENTH)
+    ]
     correlation = _correlation(information)
     shifted = () if bound.campaign.is_plan else tuple(centre_shift(bound, mean))
-    turning = [name.label for name in bound.compliances if name.kind == "rotation_for_force"] if shifted else []
+    turning = (
+        [name.label for name in bound.compliances if name.kind == "rotation_for_force"]
+        if shifted
+        else []
+    )
     alike = {standing.kind: standing.parameters for standing in standing_degeneracies(bound, found)}
     lost = {term: lost_by_knowing(information, [term]) for term in information.terms}
     shares = information.contributions()
-    nominal = np.array([p.prior_sd for p in bound.parameters]), np.sqrt(information.variances()) * information.scale[own]
+    nominal = (
+        np.array([p.prior_sd for p in bound.parameters]),
+        np.sqrt(information.variances()) * information.scale[own],
+    )
     entries = {}
     for i, (p, prior_sd, sd) in enumerate(zip(bound.parameters, *(drawn or nominal), strict=True)):
         ratio = float(sd / prior_sd) ** 2
@@ -228,19 +296,29 @@ def parameters_of(
         confounding = {term: float(values[i]) for term, values in lost.items()}
         every = confounding | rivals
         mine = tuple(d for d in found if p.name in d.parameters)
-        verdict, partners = _verdict(information, i, every, (unseen[0][i], unseen[1][i]), 1.0 - ratio, mine)
+        verdict, partners = _verdict(
+            information, i, every, (unseen[0][i], unseen[1][i]), 1.0 - ratio, mine
+        )
         left_out = [term for kind, term in _UNMEASURED.items() if p.name in alike.get(kind, ())]
         if verdict == Verdict.IDENTIFIED and left_out:
             verdict, partners = Verdict.CONFOUNDED, (*left_out, *partners)
         if p.name in turning:
             verdict, partners = Verdict.CONFOUNDED, tuple(dict.fromkeys(["Position", *partners]))
         entries[p.name] = ParameterIdentifiability(
-            name=p.name, verdict=verdict, partners=partners,
-            partner_shares={partner: every[partner] for partner in partners if partner in every}, unit=p.unit,
-            prior_mean=p.prior_mean if proper else np.nan, prior_sd=float(prior_sd), mean=float(mean[i]), sd=float(sd),
-            contraction=1.0 - ratio if proper else np.nan, information_gain=float(-0.5 * np.log(ratio)) if proper else np.nan,
-            confounding=confounding, shares={source: float(values[i]) for source, values in shares.items()},
-        )  # fmt: skip
+            name=p.name,
+            verdict=verdict,
+            partners=partners,
+            partner_shares={partner: every[partner] for partner in partners if partner in every},
+            unit=p.unit,
+            prior_mean=p.prior_mean if proper else np.nan,
+            prior_sd=float(prior_sd),
+            mean=float(mean[i]),
+            sd=float(sd),
+            contraction=1.0 - ratio if proper else np.nan,
+            information_gain=float(-0.5 * np.log(ratio)) if proper else np.nan,
+            confounding=confounding,
+            shares={source: float(values[i]) for source, values in shares.items()},
+        )
     return entries
 
 
@@ -263,7 +341,9 @@ def _verdict(
     left_out = tuple(dict.fromkeys(d.term for d in mine if not d.modelled))
     if left_out:
         return Verdict.CONFOUNDED, (*left_out, *exact)
-    open_terms = [term for term in exact if any(d.term == term and d.modelled and not d.stated for d in mine)]
+    open_terms = [
+        term for term in exact if any(d.term == term and d.modelled and not d.stated for d in mine)
+    ]
     if open_terms and lost_by_knowing(information, open_terms)[i] > _QUARTER:
         return Verdict.CONFOUNDED, tuple(open_terms)
     same = {name for d in mine if not d.term for name in d.parameters}
@@ -281,7 +361,11 @@ def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
     others = np.setdiff1d(np.arange(len(names)), own)
     rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)])
     every = np.concatenate(information.design) * information.scale
-    table = np.array([least_squares(rows, every[:, j], information.scale[own]) for j in others]).reshape(len(others), len(own)).T
+    table = (
+        np.array([least_squares(rows, every[:, j], information.scale[own]) for j in others])
+        .reshape(len(others), len(own))
+        .T
+    )
     table[np.abs(table) < _ROUNDING * information.scale[own, None]] = 0.0
     return pd.DataFrame(table, names[own].tolist(), names[others].tolist())
 
@@ -299,9 +383,13 @@ class Seen:
     name: str
     unit: str
     meaning: str
-    pattern: Mapping[str, str]  #: by plane, of the reading per unit (and N of a compliance); c = cos θ, s = sin θ, lengths in mm
+    pattern: Mapping[
+        str, str
+    ]  #: by plane, of the reading per unit (and N of a compliance); c = cos θ, s = sin θ, lengths in mm
     not_negative: bool  #: whatever the joints are; the prior's truncation is about these
-    members: Mapping[str, float]  #: what it is the sum of, with their weights; empty where it stands for itself
+    members: Mapping[
+        str, float
+    ]  #: what it is the sum of, with their weights; empty where it stands for itself
 
 
 @dataclass(frozen=True)
@@ -317,7 +405,9 @@ class DescribedMachine(Result):
     null: tuple[str, ...]  #: compliances that no reading shows
     dependent: tuple[str, ...]  #: those whose pattern is a combination of several kept ones
     rank: int
-    condition_number: float  #: of the kept compliances' columns, unscaled (mm, N), uniform full circles
+    condition_number: (
+        float  #: of the kept compliances' columns, unscaled (mm, N), uniform full circles
+    )
 
 
 def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachine:
@@ -329,32 +419,68 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
     """
     circles = tuple(circles) or tuple(Circle(plane=plane) for plane in machine.planes)
     largest = max(abs(x) for circle in circles for x in circle.centre_mm)
-    require(largest <= chain.LARGEST_MM, f"centres must lie within {chain.LARGEST_MM:g} mm, got {largest:g} mm. Check the unit.")
+    require(
+        largest <= chain.LARGEST_MM,
+        f"centres must lie within {chain.LARGEST_MM:g} mm, got {largest:g} mm. Check the unit.",
+    )
     stranger = next(iter(sorted({circle.plane for circle in circles} - set(machine.planes))), None)
-    require(not stranger, f"circles must lie in the machine's planes {machine.plane}, got {stranger}. Add the plane.")
+    require(
+        not stranger,
+        f"circles must lie in the machine's planes {machine.plane}, got {stranger}. Add the plane.",
+    )
     kept = chain.kept_compliances(machine, *circles)
     first = {circle.plane: circle for circle in reversed(circles)}
 
-    at = {plane: [replace(first[plane], radius_mm=float(r)) for r in _RADII] for plane in machine.planes if plane in first}
+    at = {
+        plane: [replace(first[plane], radius_mm=float(r)) for r in _RADII]
+        for plane in machine.planes
+        if plane in first
+    }
     seen = chain.compliance_jacobian
-    elastic = {p: np.stack([seen(machine, own, _ANGLE, kept.names) for own in each]) for p, each in at.items()}
-    rigid = {p: np.stack([chain.geometric_jacobian(machine, own, _ANGLE) for own in each]) for p, each in at.items()}
+    elastic = {
+        p: np.stack([seen(machine, own, _ANGLE, kept.names) for own in each])
+        for p, each in at.items()
+    }
+    rigid = {
+        p: np.stack([chain.geometric_jacobian(machine, own, _ANGLE) for own in each])
+        for p, each in at.items()
+    }
     compliances = []
     for k, name in enumerate(kept.names):
-        members = dict(zip(kept.sets[k], kept.weights[k], strict=True)) | {n.label: w for n, w in kept.absorbed[k].items()}
+        members = dict(zip(kept.sets[k], kept.weights[k], strict=True)) | {
+            n.label: w for n, w in kept.absorbed[k].items()
+        }
         pattern, stands_for = _patterns(elastic, k, 2), members if len(members) > 1 else {}
-        compliances.append(Seen(name.label, compliance_unit(name), name.meaning, pattern, kept.not_negative[k], stands_for))
+        compliances.append(
+            Seen(
+                name.label,
+                compliance_unit(name),
+                name.meaning,
+                pattern,
+                kept.not_negative[k],
+                stands_for,
+            )
+        )
     errors = [
         Seen(name.label, geometric_unit(name.kind), name.meaning, _patterns(rigid, k, 1), False, {})
         for k, name in enumerate(chain.geometric_names(machine))
     ]
-    joints = [(joint.axis, joint.branch, ", ".join(f"{x:g}" for x in joint.frame_mm)) for joint in machine.joints]
+    joints = [
+        (joint.axis, joint.branch, ", ".join(f"{x:g}" for x in joint.frame_mm))
+        for joint in machine.joints
+    ]
     return DescribedMachine(
-        machine.topology, tuple(machine.planes),
+        machine.topology,
+        tuple(machine.planes),
         tuple(f"{axis} in the {branch} branch, frame at ({at}) mm" for axis, branch, at in joints),
-        tuple(dict.fromkeys(circle.centre_mm for circle in circles)), tuple(compliances), tuple(errors), kept.null,
-        kept.dependent, kept.rank, kept.condition_number,
-    )  # fmt: skip
+        tuple(dict.fromkeys(circle.centre_mm for circle in circles)),
+        tuple(compliances),
+        tuple(errors),
+        kept.null,
+        kept.dependent,
+        kept.rank,
+        kept.condition_number,
+    )
 
 
 _RADII = np.array([1.0, 2.0, 3.0, 4.0])
@@ -374,8 +500,13 @@ def _formula(values: Array, base: int) -> str:
     least, text = _NEGLIGIBLE * max(np.abs(values).max(), 1.0), ""
     for power in range(len(_RADII) - 1, -1, -1):
         degree = base + power
-        monomials = np.stack([np.cos(_ANGLE) ** (degree - k) * np.sin(_ANGLE) ** k for k in range(degree + 1)], axis=1)
-        for k, factor in enumerate(np.linalg.lstsq(monomials, by_power[power], rcond=None)[0].tolist()):
+        monomials = np.stack(
+            [np.cos(_ANGLE) ** (degree - k) * np.sin(_ANGLE) ** k for k in range(degree + 1)],
+            axis=1,
+        )
+        for k, factor in enumerate(
+            np.linalg.lstsq(monomials, by_power[power], rcond=None)[0].tolist()
+        ):
             if abs(factor) > least:
                 size = abs(round(factor, 9))
                 sign = (" − " if factor < 0 else " + ") if text else "−" * (factor < 0)
@@ -401,9 +532,13 @@ class Contribution:
     source: str  #: a nuisance coefficient, the rest of a term, a noise, or ``Parameters``: the parameters' own priors
     term: str
     kind: Kind  #: evaluated from the readings' scatter (A), or by other means (B): GUM 2.3.2, 2.3.3
-    u: float | None  #: its own standard uncertainty [``unit``]; None for several coefficients together
+    u: (
+        float | None
+    )  #: its own standard uncertainty [``unit``]; None for several coefficients together
     unit: str
-    sensitivity: float | None  #: of the parameter's estimate, per unit of the source; for noise the effective one, without sign
+    sensitivity: (
+        float | None
+    )  #: of the parameter's estimate, per unit of the source; for noise the effective one, without sign
     contribution: float  #: its part of the parameter's standard uncertainty [unit of the parameter]
     share: float  #: of the parameter's variance
 
@@ -416,7 +551,9 @@ class Budget(Result):
     unit: str
     u: float  #: posterior standard deviation
     contributions: tuple[Contribution, ...]
-    heaviest: str  #: the term with the largest share, of those of type B where these hold more than half
+    heaviest: (
+        str  #: the term with the largest share, of those of type B where these hold more than half
+    )
     #: Standard uncertainty left if the heaviest term were known exactly; None for noise of the readings and for the parameters'
     #: own priors, which nothing makes known.
     u_if_known: float | None
@@ -452,8 +589,21 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
                 j = information.names.index(source)
                 # More of the nuisance than its prior mean moves the estimate the other way than their covariance.
                 sign, size = -float(np.sign(joint[own[i], j])), float(information.scale[j])
-                lines.append(_line(source, term, "B", size, Term.owner(source).unit_of(source).inside, share, u, sign))
-        lines += [_line(f"other {term}", term, "B", None, "", share, u) for term, share in rest.items()]
+                lines.append(
+                    _line(
+                        source,
+                        term,
+                        "B",
+                        size,
+                        Term.owner(source).unit_of(source).inside,
+                        share,
+                        u,
+                        sign,
+                    )
+                )
+        lines += [
+            _line(f"other {term}", term, "B", None, "", share, u) for term, share in rest.items()
+        ]
         ordered = tuple(ranked(lines, lambda line: line.share))
         by_term: dict[str, float] = {}
         for line in ordered:
@@ -461,24 +611,45 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
         # More circles are no help where what all circles share holds the variance.
         of_circles = {line.term for line in ordered if line.kind == "A"}
         shared = {term: by_term[term] for term in by_term if term not in of_circles}
-        heaviest = ranked(shared if sum(shared.values()) > _HALF else by_term, by_term.__getitem__)[0]
-        left = u * float(np.sqrt(known[heaviest][i] / joint[own[i], own[i]])) if heaviest in known else None
+        heaviest = ranked(shared if sum(shared.values()) > _HALF else by_term, by_term.__getitem__)[
+            0
+        ]
+        left = (
+            u * float(np.sqrt(known[heaviest][i] / joint[own[i], own[i]]))
+            if heaviest in known
+            else None
+        )
         found[parameter.name] = Budget(parameter.name, parameter.unit, u, ordered, heaviest, left)
     return found
 
 
 def _line(
-    source: str, term: str, kind: Kind, own_u: float | None, unit: str, share: float, u: float, sign: float = 1.0
+    source: str,
+    term: str,
+    kind: Kind,
+    own_u: float | None,
+    unit: str,
+    share: float,
+    u: float,
+    sign: float = 1.0,
 ) -> Contribution:
     part = float(np.sqrt(max(share, 0.0))) * u
-    return Contribution(source, term, kind, own_u, unit, None if own_u is None else sign * part / own_u, part, share)
+    return Contribution(
+        source, term, kind, own_u, unit, None if own_u is None else sign * part / own_u, part, share
+    )
 
 
-def _noise_line(bound: BoundModel, term: str, value: Mapping[Any, float], share: float, u: float) -> Contribution:
+def _noise_line(
+    bound: BoundModel, term: str, value: Mapping[Any, float], share: float, u: float
+) -> Contribution:
     """A noise of the readings, or the parameters' own priors."""
     columns = bound.columns_of.get(Term.kinds[term], ()) if term in Term.kinds else ()
     parts = [part for part in columns if isinstance(part, BasisNoise) or part.private]
-    kind: Kind = "A" if term == NOISE or (parts and all(isinstance(part, BasisNoise) for part in parts)) else "B"
+    kind: Kind = (
+        "A"
+        if term == NOISE or (parts and all(isinstance(part, BasisNoise) for part in parts))
+        else "B"
+    )
     hyper = "sigma" if term == NOISE else parts[0].hyper if len(parts) == 1 else None
     if hyper is not None:
         return _line(term, term, kind, value[hyper], "mm", share, u)

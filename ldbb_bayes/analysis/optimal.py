@@ -23,7 +23,16 @@ from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.result import Array, Shown
 
-__all__ = ["MOST_TESTS", "Criterion", "Determinant", "Found", "LogBayesFactor", "Objective", "Search", "Variance"]
+__all__ = [
+    "MOST_TESTS",
+    "Criterion",
+    "Determinant",
+    "Found",
+    "LogBayesFactor",
+    "Objective",
+    "Search",
+    "Variance",
+]
 
 _NEGLIGIBLE, _NOTHING = 1e-14, 1e-6
 _CHUNK = 1 << 22
@@ -63,7 +72,9 @@ class Variance:
         inverse = _inverse_transposed(root)
         values, vectors = np.linalg.eigh(self.weight)
         kept = values > _NEGLIGIBLE * values.max()
-        return np.asarray(inverse @ np.swapaxes(inverse, -1, -2) @ (vectors[:, kept] * np.sqrt(values[kept])))
+        return np.asarray(
+            inverse @ np.swapaxes(inverse, -1, -2) @ (vectors[:, kept] * np.sqrt(values[kept]))
+        )
 
     def efficiency(self, value: float, best: float) -> float:
         """Ratio of the mean variances."""
@@ -106,7 +117,9 @@ def _square(root: Array) -> Array:
 
 def _inverse_transposed(root: Array) -> Array:
     """L⁻ᵀ, whose square is S⁻¹."""
-    return np.linalg.solve(np.swapaxes(root, -1, -2), np.broadcast_to(np.eye(root.shape[-1]), root.shape))
+    return np.linalg.solve(
+        np.swapaxes(root, -1, -2), np.broadcast_to(np.eye(root.shape[-1]), root.shape)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +128,9 @@ class Objective(Shown):
 
     rows: Array  #: G (K, candidates, m, p), in sd of the noise: one test of a candidate adds GᵀG to the precision
     prior: Array  #: P (K, p, p): the precision matrix before these tests, of prior and tests already run; zeros where flat
-    interest: int  #: s: the last s of the p parameters are of interest, all others are projected out
+    interest: (
+        int  #: s: the last s of the p parameters are of interest, all others are projected out
+    )
     criterion: Criterion  #: `Determinant`, `Variance` or `LogBayesFactor`
 
     @property
@@ -154,7 +169,9 @@ class Objective(Shown):
         root = np.linalg.cholesky(precision[..., -s:, -s:] + np.swapaxes(cross, -1, -2) @ back)
         own = self.criterion.directions(root)
         slope = np.zeros(self.candidates)
-        for rows, direction in zip(self.rows, np.concatenate([back @ own, own], axis=-2), strict=True):
+        for rows, direction in zip(
+            self.rows, np.concatenate([back @ own, own], axis=-2), strict=True
+        ):
             seen = (rows.reshape(-1, rows.shape[-1]) @ direction).reshape(len(slope), -1)
             slope += np.einsum("ij,ij->i", seen, seen)
         return float(self.criterion.value(root).mean()), slope / len(root)
@@ -177,7 +194,9 @@ class Objective(Shown):
         values = self.criterion.value(root[:, -self.interest :, -self.interest :])
         if self._open:
             # Where only rounding kept a factorisation alive: what is left of a column beside the others is nothing.
-            left = np.diagonal(root, axis1=-2, axis2=-1) / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
+            left = np.diagonal(root, axis1=-2, axis2=-1) / np.sqrt(
+                np.diagonal(precision, axis1=-2, axis2=-1)
+            )
             values = np.where(left.min(axis=-1) < _NOTHING, -np.inf, values)
         return values
 
@@ -240,7 +259,9 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     share = np.full(n, 1.0 / n)
     if not np.isfinite(objective.value(tests * share)):
         cure = "Offer more force levels, or use proper priors."
-        raise InputError(f"the candidates must determine the parameters, got too few different ones. {cure}")
+        raise InputError(
+            f"the candidates must determine the parameters, got too few different ones. {cure}"
+        )
     found = certificate(objective, share, tests)
     spread = np.unique(np.linspace(0, n - 1, min(n, _FIRST)).astype(int))
     active = np.union1d(spread, _largest(found.sensitivity, _ADDED))
@@ -285,7 +306,15 @@ def _solve(objective: Objective, tests: float, start: Array, slack: float) -> Ar
     minimize: Any = optimize.minimize
     one = {"type": "eq", "fun": lambda x: x.sum() - 1.0, "jac": lambda x: np.ones((1, len(x)))}
     options = {"ftol": slack, "maxiter": _ITERATIONS}
-    x = minimize(loss, initial, jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * n, constraints=one, options=options).x
+    x = minimize(
+        loss,
+        initial,
+        jac=True,
+        method="SLSQP",
+        bounds=[(0.0, 1.0)] * n,
+        constraints=one,
+        options=options,
+    ).x
     share = np.where(x > _GONE, x, 0.0)
     return np.asarray(share / share.sum())
 
@@ -331,7 +360,10 @@ def exchange(
         before = value
         for i in rng.permutation(np.flatnonzero(counts)):
             base = _with(counts, i, -1)
-            into = np.array([j for j in _likely(objective, base, size, rng) if feasible(_with(base, j))], dtype=int)
+            into = np.array(
+                [j for j in _likely(objective, base, size, rng) if feasible(_with(base, j))],
+                dtype=int,
+            )
             values = objective.after_adding(base.astype(float), into)
             for best in _largest(values):
                 if _better(values[best], value):
@@ -400,22 +432,31 @@ class Search:
         there = min(tests, len(distinct_forces(self.forces_N)))
         if there < self.levels:
             cure = "Ask for more tests, offer more force levels, or use --augment."
-            raise InputError(f"tests must be at {self.levels} different forces at least for this degree, got {there}. {cure}")
+            raise InputError(
+                f"tests must be at {self.levels} different forces at least for this degree, got {there}. {cure}"
+            )
         optimum, rng = self.shares(float(tests)), np.random.default_rng(self.seed)
         n, share = self.objective.candidates, optimum.share
         best, value = np.zeros(n, dtype=int), -np.inf
         # The rounded optimum, and draws from it and from all candidates in turn.
-        drawn = [np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n) for k in range(1, _STARTS)]
+        drawn = [
+            np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n)
+            for k in range(1, _STARTS)
+        ]
         first = [efficient_rounding(share, tests), *drawn]
         for k in range(_STARTS + self._shakes(tests)):
             start = self._repaired(first[k] if k < _STARTS else _shaken(best, rng), rng)
-            counts, own = exchange(self.objective, start, rng, feasible=self._feasible, thorough=False)
+            counts, own = exchange(
+                self.objective, start, rng, feasible=self._feasible, thorough=False
+            )
             if _better(own, value):
                 best, value = counts, own
         best, value = exchange(self.objective, best, rng, feasible=self._feasible)
         if not np.isfinite(value):
             cure = "Ask for more tests, offer more force levels, or use proper priors."
-            raise InputError(f"tests must be enough to determine the parameters, got {tests}. {cure}")
+            raise InputError(
+                f"tests must be enough to determine the parameters, got {tests}. {cure}"
+            )
         best, value = self._at_fewer_forces(best, value)
         efficiency = self.objective.efficiency(value, optimum.value)
         return Found(best, value, optimum, efficiency)
@@ -427,11 +468,20 @@ class Search:
         """The design with tests at neighbouring forces at one of them, where that costs no more than a ten-thousandth."""
         least = value
         for i, j in combinations(np.flatnonzero(counts).tolist(), 2):
-            if counts[i] and counts[j] and 0.0 < abs(self.forces_N[i] - self.forces_N[j]) <= _CLOSE * np.ptp(self.forces_N):
-                moved = [_with(_with(counts, k, -int(counts[k])), m, int(counts[k])) for k, m in ((i, j), (j, i))]
+            if (
+                counts[i]
+                and counts[j]
+                and 0.0 < abs(self.forces_N[i] - self.forces_N[j]) <= _CLOSE * np.ptp(self.forces_N)
+            ):
+                moved = [
+                    _with(_with(counts, k, -int(counts[k])), m, int(counts[k]))
+                    for k, m in ((i, j), (j, i))
+                ]
                 values = [self.objective.value(own.astype(float)) for own in moved]
                 k = int(_largest(np.array(values))[0])
-                if self.objective.efficiency(values[k], least) >= 1.0 - _NO_LOSS and self._feasible(moved[k]):
+                if self.objective.efficiency(values[k], least) >= 1.0 - _NO_LOSS and self._feasible(
+                    moved[k]
+                ):
                     counts, value = moved[k], values[k]
         return counts, value
 
@@ -453,4 +503,8 @@ def _shaken(counts: Array, rng: np.random.Generator) -> Array:
     """The design with a third of its tests drawn anew from all candidates."""
     n, some = len(counts), max(1, int(counts.sum()) // 3)
     out = rng.choice(np.repeat(np.arange(n), counts), some, replace=False)
-    return np.asarray(counts - np.bincount(out, minlength=n) + np.bincount(rng.integers(n, size=some), minlength=n))
+    return np.asarray(
+        counts
+        - np.bincount(out, minlength=n)
+        + np.bincount(rng.integers(n, size=some), minlength=n)
+    )

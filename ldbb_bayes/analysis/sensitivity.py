@@ -24,7 +24,12 @@ import pandas as pd
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign, distinct_forces
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.evidence import Evidences, check_comparable, log_bayes_factor, probabilities
+from ldbb_bayes.inference.evidence import (
+    Evidences,
+    check_comparable,
+    log_bayes_factor,
+    probabilities,
+)
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
 from ldbb_bayes.inference.posterior import check_probability
 from ldbb_bayes.inference.predictive import compliance_curves, least_squares
@@ -36,21 +41,36 @@ from ldbb_bayes.result import Array, Finite, Numbers, readable
 from ldbb_bayes.units import ranked
 
 __all__ = [
-    "WHITE_NOISE", "Assumed", "Curve", "Explanations", "SlopeSubset", "VaryingSlope", "averaged_curves", "changed",
-    "count_subsets", "discrepancy_assumptions", "explanations", "local_fits", "slope_subsets", "subsets", "under",
-]  # fmt: skip
+    "WHITE_NOISE",
+    "Assumed",
+    "Curve",
+    "Explanations",
+    "SlopeSubset",
+    "VaryingSlope",
+    "averaged_curves",
+    "changed",
+    "count_subsets",
+    "discrepancy_assumptions",
+    "explanations",
+    "local_fits",
+    "slope_subsets",
+    "subsets",
+    "under",
+]
 
 Change = Callable[[HybridModel], HybridModel]
 WHITE_NOISE = "white noise only, no truncation"
 _DISCREPANCIES: tuple[tuple[str, type[Term], Term | None], ...] = (
-    ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)), ("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
+    ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)),
+    ("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
     ("without discrepancy", Discrepancy, None),
     ("set-up shift: one scale for orders 0 and 1", SetupShift, SetupShift("together")),
     ("set-up shift: own scales for orders 0 and 1", SetupShift, SetupShift("apart")),
     ("set-up shift of order 0 (zero) only", SetupShift, SetupShift("zero")),
-    ("set-up shift of order 1 (centre) only", SetupShift, SetupShift("centre")), ("without set-up shift", SetupShift, None),
+    ("set-up shift of order 1 (centre) only", SetupShift, SetupShift("centre")),
+    ("without set-up shift", SetupShift, None),
     ("circles of one scatter", CircleScale, None),
-)  # fmt: skip
+)
 _DRAWS = 4000
 _POINTS = 41
 _EVERY, _SEARCHED = 729, 100
@@ -75,19 +95,34 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
     """Return how circles may differ from one another: what the models say, one idea after the other changed, and not at all."""
     changes: dict[str, Change] = {"as in the model": replace}
     for label, kind, term in _DISCREPANCIES:
-        if any(next((own for own in model.nuisances if isinstance(own, kind)), None) != term for model in models):
-            changes[label] = methodcaller("without", kind.key()) if term is None else methodcaller("with_term", term)
-    return changes | {WHITE_NOISE: methodcaller("without", "truncation", *(kind.key() for kind in Term.kinds.values()))}
+        if any(
+            next((own for own in model.nuisances if isinstance(own, kind)), None) != term
+            for model in models
+        ):
+            changes[label] = (
+                methodcaller("without", kind.key())
+                if term is None
+                else methodcaller("with_term", term)
+            )
+    return changes | {
+        WHITE_NOISE: methodcaller(
+            "without", "truncation", *(kind.key() for kind in Term.kinds.values())
+        )
+    }
 
 
-def changed(pair: Iterable[HybridModel], changes: Mapping[str, Change]) -> dict[str, tuple[HybridModel, ...]]:
+def changed(
+    pair: Iterable[HybridModel], changes: Mapping[str, Change]
+) -> dict[str, tuple[HybridModel, ...]]:
     """Return the two models under every assumption that leaves a difference between them."""
     both = {label: tuple(map(change, pair)) for label, change in changes.items()}
     return {label: models for label, models in both.items() if models[0] != models[1]}
 
 
 def under(
-    names: Iterable[str], assumptions: Mapping[str, Sequence[HybridModel]], weigh: Callable[..., Sequence[Nodes]]
+    names: Iterable[str],
+    assumptions: Mapping[str, Sequence[HybridModel]],
+    weigh: Callable[..., Sequence[Nodes]],
 ) -> tuple[Assumed, ...]:
     """Return the two models compared under every assumption."""
     assumed = []
@@ -130,7 +165,10 @@ class Explanations:
 
 def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
     """Return every combination of names, all of them first."""
-    return [tuple(itertools.compress(names, there)) for there in itertools.product((True, False), repeat=len(names))]
+    return [
+        tuple(itertools.compress(names, there))
+        for there in itertools.product((True, False), repeat=len(names))
+    ]
 
 
 def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
@@ -138,8 +176,13 @@ def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Expla
     constant, linear = pair.values()
     names = (_SLOPES, *linear.rivals)
     combined = subsets(names)
-    weighed = evidences.of(*((linear if _SLOPES in by else constant).with_rivals(*by) for by in combined))
-    value, error = (np.array([getattr(nodes.evidence, part) for nodes in weighed]) for part in ("log_value", "error"))
+    weighed = evidences.of(
+        *((linear if _SLOPES in by else constant).with_rivals(*by) for by in combined)
+    )
+    value, error = (
+        np.array([getattr(nodes.evidence, part) for nodes in weighed])
+        for part in ("log_value", "error")
+    )
     share = probabilities(value)
     found = map(Explained, combined, value.tolist(), error.tolist(), share.tolist())
 
@@ -199,10 +242,18 @@ def slope_subsets(
     slopes = _slopes(model, evidences.campaign)
 
     def of(there: tuple[bool, ...]) -> Nodes:
-        return evidences.of(model.fixing(*(slope for slope, own in zip(slopes.values(), there, strict=True) if not own)))[0]
+        return evidences.of(
+            model.fixing(
+                *(slope for slope, own in zip(slopes.values(), there, strict=True) if not own)
+            )
+        )[0]
 
     every = itertools.product((False, True), repeat=len(slopes))
-    weighed = {there: of(there) for there in every} if 2 ** len(slopes) <= _EVERY else _best_first(len(slopes), of)
+    weighed = (
+        {there: of(there) for there in every}
+        if 2 ** len(slopes) <= _EVERY
+        else _best_first(len(slopes), of)
+    )
     log_evidence = np.array([nodes.evidence.log_value for nodes in weighed.values()])
     share = probabilities(log_evidence)
     found = [
@@ -211,7 +262,10 @@ def slope_subsets(
     ]
     inclusion = (share @ np.array(list(weighed))).tolist()
     return (
-        {name: VaryingSlope(probability) for name, probability in zip(slopes, inclusion, strict=True)},
+        {
+            name: VaryingSlope(probability)
+            for name, probability in zip(slopes, inclusion, strict=True)
+        },
         tuple(ranked(found, lambda subset: subset.probability)),
         averaged_curves(list(weighed.values()), share, seed, ci_prob),
     )
@@ -222,13 +276,18 @@ def _slopes(model: HybridModel, campaign: Campaign) -> dict[str, str]:
     return {p.compliance: p.name for p in model.bind(campaign).parameters if p.group == "slope"}
 
 
-def _best_first(slopes: int, of: Callable[[tuple[bool, ...]], Nodes]) -> dict[tuple[bool, ...], Nodes]:
+def _best_first(
+    slopes: int, of: Callable[[tuple[bool, ...]], Nodes]
+) -> dict[tuple[bool, ...], Nodes]:
     """From no slope and from all: the neighbours (one slope changed) of the best subset not yet expanded, until there are
     ``_SEARCHED``."""
     seen = {there: of(there) for there in ((False,) * slopes, (True,) * slopes)}
     expanded: set[tuple[bool, ...]] = set()
     while len(seen) < _SEARCHED and len(expanded) < len(seen):
-        best = max((there for there in seen if there not in expanded), key=lambda there: seen[there].evidence.log_value)
+        best = max(
+            (there for there in seen if there not in expanded),
+            key=lambda there: seen[there].evidence.log_value,
+        )
         expanded.add(best)
         for near in ((*best[:i], not best[i], *best[i + 1 :]) for i in range(slopes)):
             if near not in seen and len(seen) < _SEARCHED:
@@ -236,7 +295,9 @@ def _best_first(slopes: int, of: Callable[[tuple[bool, ...]], Nodes]) -> dict[tu
     return seen
 
 
-def averaged_curves(weighed: Sequence[Nodes], share: Array, seed: int, ci_prob: float) -> dict[str, Curve]:
+def averaged_curves(
+    weighed: Sequence[Nodes], share: Array, seed: int, ci_prob: float
+) -> dict[str, Curve]:
     """C(F), see `compliance_curves`, over the tested forces, averaged over models with these probabilities."""
     rng = np.random.default_rng(seed)
     bound = weighed[0].bound
@@ -252,7 +313,9 @@ def averaged_curves(weighed: Sequence[Nodes], share: Array, seed: int, ci_prob: 
     low, median, high = np.quantile(every, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob], axis=0)
     mean = every.mean(axis=0)
     return {
-        name.label: Curve(compliance_unit(name), force, mean[:, j], median[:, j], low[:, j], high[:, j], ci_prob)
+        name.label: Curve(
+            compliance_unit(name), force, mean[:, j], median[:, j], low[:, j], high[:, j], ci_prob
+        )
         for j, name in enumerate(bound.compliances)
     }
 
@@ -262,7 +325,9 @@ _TOLERANCE, _SPARE, _POINTS_INSIDE, _COMPONENTS = 5e-2, 1e-3, 128, 2048
 
 
 @one_blas_thread
-def local_fits(model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95, seed: int = 0) -> pd.DataFrame:
+def local_fits(
+    model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95, seed: int = 0
+) -> pd.DataFrame:
     """Fit constant compliance and geometry to every pair of neighbouring force levels.
 
     InputError for one force level, a plan, or a flat prior.
@@ -297,21 +362,37 @@ def local_fits(model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95,
         squares = least_squares(window, fixed=constant.fixed).table
         forces = bound.setting.force_N
         columns = {
-            "force_low_N": float(forces.min()), "force_high_N": float(forces.max()), "force_N": float(forces.mean()),
-            "tests": len(names), "parameter": bound.names, "unit": [parameter.unit for parameter in bound.parameters],
-            "least_squares": squares["estimate"].to_numpy(), "least_squares_u": squares["u"].to_numpy(), "mean": mean, "sd": sd,
-            "ci_low": low, "ci_high": high,
-        }  # fmt: skip
+            "force_low_N": float(forces.min()),
+            "force_high_N": float(forces.max()),
+            "force_N": float(forces.mean()),
+            "tests": len(names),
+            "parameter": bound.names,
+            "unit": [parameter.unit for parameter in bound.parameters],
+            "least_squares": squares["estimate"].to_numpy(),
+            "least_squares_u": squares["u"].to_numpy(),
+            "mean": mean,
+            "sd": sd,
+            "ci_low": low,
+            "ci_high": high,
+        }
         tables.append(pd.DataFrame(columns))
-    return readable(pd.concat(tables, ignore_index=True), f"Fits of neighbouring forces, {100 * ci_prob:g} % intervals")
+    return readable(
+        pd.concat(tables, ignore_index=True),
+        f"Fits of neighbouring forces, {100 * ci_prob:g} % intervals",
+    )
 
 
 def _pairs(campaign: Campaign) -> list[tuple[str, ...]]:
     """Names of the tests of every two neighbouring force levels."""
     if campaign.force_levels < 2:
-        raise InputError("local fits must have at least two force levels, got one: compliance and geometry cannot be separated.")
+        raise InputError(
+            "local fits must have at least two force levels, got one: compliance and geometry cannot be separated."
+        )
     order = np.argsort(campaign.forces_N, kind="stable")
     forces = campaign.forces_N[order]
     level = np.searchsorted(distinct_forces(forces), forces, side="right") - 1
     names = [campaign.tests[i].name for i in order]
-    return [tuple(name for name, at in zip(names, level, strict=True) if at in (first, first + 1)) for first in range(level[-1])]
+    return [
+        tuple(name for name, at in zip(names, level, strict=True) if at in (first, first + 1))
+        for first in range(level[-1])
+    ]

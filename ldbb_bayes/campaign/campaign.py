@@ -23,9 +23,21 @@ from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.result import Array, Shown
 
 __all__ = [
-    "LABELS", "PER_TEST", "Ball", "Campaign", "CampaignFields", "CircularTest", "Direction", "ForceLaw", "Instrument",
-    "MountCompensation", "Plan", "TestFields", "check_campaign", "distinct_forces",
-]  # fmt: skip
+    "LABELS",
+    "PER_TEST",
+    "Ball",
+    "Campaign",
+    "CampaignFields",
+    "CircularTest",
+    "Direction",
+    "ForceLaw",
+    "Instrument",
+    "MountCompensation",
+    "Plan",
+    "TestFields",
+    "check_campaign",
+    "distinct_forces",
+]
 
 Direction = Literal["CW", "CCW"]
 MINIMUM_READINGS, MINIMUM_ARC_DEG, LARGEST_READING_MM, LARGEST_SETUP = 9, 180.0, 100.0, 1000
@@ -49,14 +61,20 @@ def _printable(text: str) -> str:
 
 def _iso(when: Any) -> str:
     try:
-        return when.isoformat() if isinstance(when, date) else str(datetime.fromisoformat(when) and when)
+        return (
+            when.isoformat()
+            if isinstance(when, date)
+            else str(datetime.fromisoformat(when) and when)
+        )
     except (TypeError, ValueError):
         raise ValueError("it should be a date as ISO 8601, for example 2026-11-20") from None
 
 
 def _file_name(name: str) -> str:
     if name and not re.fullmatch(r"[\w+\-][\w+\-. ]{0,99}", name):
-        raise ValueError("it names a file: letters, digits, spaces, '_', '-', '+' or '.', not starting with a dot")
+        raise ValueError(
+            "it names a file: letters, digits, spaces, '_', '-', '+' or '.', not starting with a dot"
+        )
     return name
 
 
@@ -119,11 +137,20 @@ class Ball(Shown):
     def __post_init__(self) -> None:
         check_known("grade of a ball", [] if self.grade is None else [self.grade], _GRADES_UM)
         one = self.grade is None or self.sphericity_um is None
-        require(one, "a ball must have sphericity_um or grade, got both. Keep what its certificate says.")
+        require(
+            one,
+            "a ball must have sphericity_um or grade, got both. Keep what its certificate says.",
+        )
         orders = [order for order, *_ in self.harmonics_um]
-        require(len(set(orders)) == len(orders), f"harmonics_um must give each order once, got {orders}. Remove one.")
+        require(
+            len(set(orders)) == len(orders),
+            f"harmonics_um must give each order once, got {orders}. Remove one.",
+        )
         got = f"harmonics_um and U_um of a ball must come together, got {'U_um' if self.U_um else 'harmonics_um'} alone"
-        require(bool(orders) == (self.U_um is not None), f"{got}. Give both: U_um is their expanded uncertainty (k = 2).")
+        require(
+            bool(orders) == (self.U_um is not None),
+            f"{got}. Give both: U_um is their expanded uncertainty (k = 2).",
+        )
 
     @property
     def stated_sphericity_um(self) -> float | None:
@@ -142,10 +169,14 @@ class Instrument(Shown):
     bar_U_um: Certified | None = None  #: of the bar's length
     mount_U_percent: Percent | None = None  #: of its deflection
     force_U_percent: Percent | None = None  #: of the force's gain
-    force_linearity_percent: Percent | None = None  #: largest deviation from the line, of the largest force
+    force_linearity_percent: Percent | None = (
+        None  #: largest deviation from the line, of the largest force
+    )
     force_random_N: Certified | None = None  #: random error of every force, one sd
     angle_U_deg: CertifiedAngle | None = None  #: of reference and lag
-    bar_certificate: Label | None = None  #: which certificate says so: names, no number depends on them
+    bar_certificate: Label | None = (
+        None  #: which certificate says so: names, no number depends on them
+    )
     force_certificate: Label | None = None  #: likewise
 
     def __post_init__(self) -> None:
@@ -189,7 +220,11 @@ LABELS = (
     *("ball_bar", "ball_bar_calibrated", "force_device"),
 )
 # Fields of a test that a table may hold in columns, by these very names, beside its load and direction.
-PER_TEST = tuple(own.name for own in fields(TestFields) if own.name not in ("name", "force_N", "pressure_bar", "direction"))
+PER_TEST = tuple(
+    own.name
+    for own in fields(TestFields)
+    if own.name not in ("name", "force_N", "pressure_bar", "direction")
+)
 _CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 
 
@@ -203,13 +238,23 @@ class CircularTest(TestFields):
     """
 
     force_N: Force | None = None  #: radial, above zero
-    angle_deg: Any = None  #: θ of the bar's sensitive direction from the plane's first axis, shape (n,)
+    angle_deg: Any = (
+        None  #: θ of the bar's sensitive direction from the plane's first axis, shape (n,)
+    )
     reading_um: Any = None  #: ρ: actual ball distance − R, shape (n,)
-    name: Annotated[str, AfterValidator(_file_name)] = field(default="", kw_only=True)  #: f036 for 36 N, repeats numbered
-    work_ball_deg: Number = field(default=0.0, kw_only=True)  #: how far the ball is turned in its socket
-    tool_ball_deg: Number = field(default=0.0, kw_only=True)  #: how far the ball is turned in its socket
+    name: Annotated[str, AfterValidator(_file_name)] = field(
+        default="", kw_only=True
+    )  #: f036 for 36 N, repeats numbered
+    work_ball_deg: Number = field(
+        default=0.0, kw_only=True
+    )  #: how far the ball is turned in its socket
+    tool_ball_deg: Number = field(
+        default=0.0, kw_only=True
+    )  #: how far the ball is turned in its socket
     angle_rad: Any = field(default=None, kw_only=True)  #: instead of ``angle_deg``; None afterwards
-    reading_mm: Any = field(default=None, kw_only=True)  #: instead of ``reading_um``; None afterwards
+    reading_mm: Any = field(
+        default=None, kw_only=True
+    )  #: instead of ``reading_um``; None afterwards
 
     def __post_init__(self) -> None:
         angle = self._column("angle_deg", "angle_rad", np.rad2deg)
@@ -220,15 +265,22 @@ class CircularTest(TestFields):
 
     def _column(self, plain: str, other: str, convert: Callable[[Array], Array]) -> Array | None:
         """The column as one of two units gives it, in the first."""
-        given = {name: value for name in (plain, other) if (value := getattr(self, name)) is not None}
-        require(len(given) <= 1, f"{self.label} must have {plain} or {other}, got both. Keep one of them.")
+        given = {
+            name: value for name in (plain, other) if (value := getattr(self, name)) is not None
+        }
+        require(
+            len(given) <= 1,
+            f"{self.label} must have {plain} or {other}, got both. Keep one of them.",
+        )
         for name, value in given.items():
             array = np.array(value, dtype=float)
             got = f"{name} of shape (n,), got shape {array.shape}"
             require(array.ndim == 1, f"{self.label} must have {got}. Pass one value per reading.")
             for k in np.flatnonzero(~np.isfinite(array)):
                 got = f"{array[k]} at reading {k + 1}"
-                raise InputError(f"{self.label} must have finite {name}, got {got}. Remove or correct that reading.")
+                raise InputError(
+                    f"{self.label} must have finite {name}, got {got}. Remove or correct that reading."
+                )
             array = array if name == plain else convert(array)
             array.setflags(write=False)
             return array
@@ -284,7 +336,11 @@ class CircularTest(TestFields):
     def planned(self) -> CircularTest:
         """The same test without readings; angles in unequal steps become as many in equal ones over the same arc."""
         wrapped, arc = np.unique(np.mod(self.angle_deg, 360.0)), self.arc_deg
-        start = 0.0 if arc == 360.0 else np.roll(wrapped, -1)[np.argmax(np.diff(wrapped, append=wrapped[0] + 360.0))]
+        start = (
+            0.0
+            if arc == 360.0
+            else np.roll(wrapped, -1)[np.argmax(np.diff(wrapped, append=wrapped[0] + 360.0))]
+        )
         even = start + np.linspace(0.0, arc, len(self.angle_deg), endpoint=arc < 360.0)
         return replace(self, reading_um=None, angle_deg=self.angle_deg if self.step_deg else even)
 
@@ -329,7 +385,9 @@ class CampaignFields(Shown):
     plane: str = "XY"  #: of tests that state none
     radius_mm: Length = 150.0  #: of tests that state none
     name: Label | None = None  #: of the campaign
-    machine_id: Label | None = None  #: what tells the machines of a fleet apart; default: the serial number
+    machine_id: Label | None = (
+        None  #: what tells the machines of a fleet apart; default: the serial number
+    )
     date: Date | None = None  #: ISO 8601 (2026-11-20, 2026-11-20T14:30)
     # For the certificate; no number depends on them.
     machine_type: Label | None = None  #: maker and type
@@ -344,9 +402,13 @@ class CampaignFields(Shown):
     feed_mm_per_min: Number | None = None  #: along the circle
     resolution_um: Positive = 0.24  #: of the readout; sets the floor σ ≥ resolution/√12
     mount: MountCompensation = field(default_factory=MountCompensation)  #: of the work ball
-    force_law: ForceLaw = field(default_factory=ForceLaw)  #: used where a test has only one of force and pressure
+    force_law: ForceLaw = field(
+        default_factory=ForceLaw
+    )  #: used where a test has only one of force and pressure
     #: Where the joints' frames stand, by axis letter; see `Machine`.
-    frames_mm: SkipValidation[Mapping[str, tuple[float, float, float]]] = field(default_factory=dict)
+    frames_mm: SkipValidation[Mapping[str, tuple[float, float, float]]] = field(
+        default_factory=dict
+    )
 
 
 @refusing("campaign")
@@ -359,31 +421,51 @@ class Campaign(CampaignFields):
 
     tests: tuple[CircularTest, ...]  #: all with readings, or none
     name: Label = field(default="campaign", kw_only=True)  #: of the campaign
-    centre_mm: tuple[Coordinate, ...] = field(default=(0.0, 0.0, 0.0), kw_only=True)  #: of tests that state none
-    instrument: Instrument = field(default_factory=Instrument, kw_only=True)  #: what certificates say of it
+    centre_mm: tuple[Coordinate, ...] = field(
+        default=(0.0, 0.0, 0.0), kw_only=True
+    )  #: of tests that state none
+    instrument: Instrument = field(
+        default_factory=Instrument, kw_only=True
+    )  #: what certificates say of it
     #: Tests that may follow: what only they can show is modelled already; their readings, if any, are dropped.
     foreseen: tuple[CircularTest, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         require(self.tests, "campaign must have at least one test, got none. Add a circular test.")
-        foreseen = tuple(self._resolved(replace(test.with_reading_um(None), name="")) for test in self.foreseen)
-        self.__dict__.update(tests=_named([self._resolved(test) for test in self.tests]), foreseen=foreseen)
+        foreseen = tuple(
+            self._resolved(replace(test.with_reading_um(None), name="")) for test in self.foreseen
+        )
+        self.__dict__.update(
+            tests=_named([self._resolved(test) for test in self.tests]), foreseen=foreseen
+        )
         planned = [test.name for test in self.tests if test.reading_um is None]
         got = f"campaign must have readings in all tests or in none, got test {next(iter(planned), '')!r} without"
         require(len(planned) in (0, len(self.tests)), f"{got}. Add its file or plan it apart.")
-        self.__dict__.update(frames_mm=dict(self.machine().frames_mm), machine_id=self.machine_id or self.serial_number)
+        self.__dict__.update(
+            frames_mm=dict(self.machine().frames_mm),
+            machine_id=self.machine_id or self.serial_number,
+        )
 
     def _resolved(self, test: CircularTest) -> CircularTest:
         """The test with everything that it leaves to the campaign."""
         usual: dict[str, Any] = {"radius_mm": self.radius_mm, "plane": self.plane, "setup": 1}
         usual |= dict(zip(_CENTRE, (*self.centre_mm, 0.0)[:3], strict=True))
-        usual = {key: value if (own := getattr(test, key)) is None else own for key, value in usual.items()}
+        usual = {
+            key: value if (own := getattr(test, key)) is None else own
+            for key, value in usual.items()
+        }
         force, pressure = test.force_N, test.pressure_bar
         if force is None:
             force = self.force_law.force_N(float(pressure or 0.0))
             got = f"{force:.4g} N from {pressure} bar"
-            require(force > 0, f"{test.label} must have a force > 0, got {got}. Check pressure_bar and [force].")
-        usual |= {"force_N": force, "pressure_bar": self.force_law.pressure_bar(force) if pressure is None else pressure}
+            require(
+                force > 0,
+                f"{test.label} must have a force > 0, got {got}. Check pressure_bar and [force].",
+            )
+        usual |= {
+            "force_N": force,
+            "pressure_bar": self.force_law.pressure_bar(force) if pressure is None else pressure,
+        }
         return replace(test, **usual)
 
     def machine(self) -> Machine:
@@ -442,13 +524,20 @@ class Campaign(CampaignFields):
     def sha256(self) -> str:
         """SHA-256 of the readings and how they were taken, whatever the files' layout; certificates are beliefs: no part."""
         digest = hashlib.sha256()
-        head: list[Any] = [self.topology, self.resolution_um, self.mount.deflection_um_per_bar, self.mount.compensated]
+        head: list[Any] = [
+            self.topology,
+            self.resolution_um,
+            self.mount.deflection_um_per_bar,
+            self.mount.compensated,
+        ]
         head += [[axis, *frame] for axis, frame in sorted(self.frames_mm.items()) if any(frame)]
         digest.update(json.dumps(head).encode())
         for test in self.tests:
             digest.update(json.dumps(_digested(test)).encode())
             for column in (test.angle_deg, test.reading_um):
-                digest.update(b"" if column is None else np.ascontiguousarray(column, dtype="<f8").tobytes())
+                digest.update(
+                    b"" if column is None else np.ascontiguousarray(column, dtype="<f8").tobytes()
+                )
         if self.is_plan:
             digest.update(b"plan")
         for test in self.foreseen:
@@ -468,9 +557,20 @@ def check_campaign(campaign: object) -> None:
 
 def _digested(test: CircularTest) -> list[Any]:
     """What the model uses of a test beside its readings, numbers as floats."""
-    always = ("force_N", "pressure_bar", "direction", "work_ball_deg", "tool_ball_deg", "radius_mm", "plane", *_CENTRE[:2])
+    always = (
+        "force_N",
+        "pressure_bar",
+        "direction",
+        "work_ball_deg",
+        "tool_ball_deg",
+        "radius_mm",
+        "plane",
+        *_CENTRE[:2],
+    )
     unless = {"centre_z_mm": 0.0, "setup": 1.0, "temperature_C": None, "time_s": None}
-    values = {key: getattr(test, key) for key in (*always, *unless)} | {"setup": float(test.setup or 1)}
+    values = {key: getattr(test, key) for key in (*always, *unless)} | {
+        "setup": float(test.setup or 1)
+    }
     extra = [[key, values[key]] for key, usual in unless.items() if values[key] != usual]
     return [test.name, *(values[key] for key in always), *extra]
 
@@ -479,7 +579,10 @@ def _named(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Give unnamed tests names after their force, numbering repeats; refuse repeated given names."""
     given = [test.name for test in tests if test.name]
     repeated = next((name for name in given if given.count(name) > 1), None)
-    require(repeated is None, f"test names must differ, got {repeated!r} twice. Give each test its own name.")
+    require(
+        repeated is None,
+        f"test names must differ, got {repeated!r} twice. Give each test its own name.",
+    )
     named, used = [], set(given)
     for test in tests:
         stem = test.name or f"f{test.force_N:03.0f}"

@@ -29,14 +29,32 @@ from ldbb_bayes.files import bytes_of, xml_of
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.result import Result, Shown
 
-__all__ = ["SUFFIX", "BallbarFeature", "BallbarRecord", "CalibrationCertificate", "CertifiedQuantity", "read_b5r", "read_dcc"]
+__all__ = [
+    "SUFFIX",
+    "BallbarFeature",
+    "BallbarRecord",
+    "CalibrationCertificate",
+    "CertifiedQuantity",
+    "read_b5r",
+    "read_dcc",
+]
 
 _DCC, _SI = "{https://ptb.de/dcc}", "{https://ptb.de/si}"
 SUFFIX, _LARGEST_BYTES, _LARGEST_RECORD, _LISTED = ".b5r", 32 * 2**20, 64 * 2**20, 12
-_ASIDE = "usedMethods", "usedSoftware", "measuringEquipments", "influenceConditions", "measurementMetaData"
+_ASIDE = (
+    "usedMethods",
+    "usedSoftware",
+    "measuringEquipments",
+    "influenceConditions",
+    "measurementMetaData",
+)
 # Element of an uncertainty and of the number in it, of D-SI 2 and 1.
 _EXPANDED = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
-_STANDARD = {"standardMU": "valueStandardMU", "coverageIntervalMU": "valueStandardMU", "coverageInterval": "standardUnc"}
+_STANDARD = {
+    "standardMU": "valueStandardMU",
+    "coverageIntervalMU": "valueStandardMU",
+    "coverageInterval": "standardUnc",
+}
 # Prefixes; units with factor and dimension; what a quantity is, by words of its name or refType, the first that fits.
 _PREFIXES, _UNITS, _ROLES = WORDS["dcc"]["prefixes"], WORDS["dcc"]["units"], WORDS["dcc"]["roles"]
 # Units of a ball-bar file, each with its size and name here; others stay as the file names them.
@@ -60,13 +78,17 @@ class CertifiedQuantity:
     @property
     def title(self) -> str:
         """Its name, or that of what holds it."""
-        return next((text for text in (self.name, *reversed(self.within), self.ref_type) if text), "no name")
+        return next(
+            (text for text in (self.name, *reversed(self.within), self.ref_type) if text), "no name"
+        )
 
     @property
     def role(self) -> str:
         """What it is by its own name, else by the names of what holds it; empty: nothing for a bar, a force device or a ball."""
         texts = (f"{self.name} {self.ref_type}".lower(), " ".join(self.within).lower())
-        return next((role for text in texts for role, words in _ROLES.items() if re.search(words, text)), "")
+        return next(
+            (role for text in texts for role, words in _ROLES.items() if re.search(words, text)), ""
+        )
 
     def numbers(self, factor: float = 1.0) -> tuple[float, float]:
         """Return value and U (k = 2; 0 where it states none) in a unit that is ``factor`` of the SI's; `InputError` for a unit
@@ -76,7 +98,10 @@ class CertifiedQuantity:
             raise InputError(
                 f"the unit of {self.title!r} must be of D-SI (like {units}), got {self.unit!r}. Correct it in a copy."
             )
-        require(self.U is None or self.k, f"{self.title!r} must have a coverage factor k beside U, got none. State U by hand.")
+        require(
+            self.U is None or self.k,
+            f"{self.title!r} must have a coverage factor k beside U, got none. State U by hand.",
+        )
         U = 0.0 if self.U is None else 2.0 * self.U / float(self.k or 1.0)
         return _plain(self.value * scale[0] / factor), _plain(U * scale[0] / factor)
 
@@ -112,18 +137,30 @@ class CalibrationCertificate(Shown):
 
     def force(self) -> dict[str, Any]:
         """Return those of U_percent, of the gain or else of the largest force, and linearity_percent that it states."""
-        gains, forces, stated = self._having("N/bar").get("gain", []), self._having("N").get("force", []), dict[str, Any]()
+        gains, forces, stated = (
+            self._having("N/bar").get("gain", []),
+            self._having("N").get("force", []),
+            dict[str, Any](),
+        )
         largest = [self._only(gains)] if gains else sorted(forces, key=_size)[-1:]
         used = [one for one in largest if one.U and one.value]
         for value, U in (one.numbers() for one in used):
             stated["U_percent"] = _plain(100.0 * U / abs(value))
-        for one in sorted([*self._having("").get("linearity", []), *self._having("N").get("linearity", [])], key=_size)[-1:]:
+        for one in sorted(
+            [*self._having("").get("linearity", []), *self._having("N").get("linearity", [])],
+            key=_size,
+        )[-1:]:
             whole = 1.0 if _dimension(one) == "" else max(map(_size, forces), default=0.0)
-            require(whole, f"{one.title!r} in newtons must come with forces, got none. Give linearity_percent by hand.")
+            require(
+                whole,
+                f"{one.title!r} in newtons must come with forces, got none. Give linearity_percent by hand.",
+            )
             stated["linearity_percent"] = _plain(100.0 * _size(one) / whole)
             used.append(one)
         if not stated:
-            raise self._nothing("the U of a force device, or its linearity", "U_percent and linearity_percent")
+            raise self._nothing(
+                "the U of a force device, or its linearity", "U_percent and linearity_percent"
+            )
         return stated | {"certificate": self._label(*used)}
 
     def ball(self) -> dict[str, Any]:
@@ -131,7 +168,10 @@ class CalibrationCertificate(Shown):
         bounds = {sum(one.numbers(1e-6)): one for one in self._having("m").get("form", [])}
         if not bounds:
             raise self._nothing("the form of a ball", "sphericity_um")
-        return {"sphericity_um": _plain(max(bounds)), "certificate": self._label(bounds[max(bounds)])}
+        return {
+            "sphericity_um": _plain(max(bounds)),
+            "certificate": self._label(bounds[max(bounds)]),
+        }
 
     def _having(self, dimension: str) -> dict[str, list[CertifiedQuantity]]:
         """Quantities of a dimension, or of a unit that is not known, by what they are."""
@@ -142,19 +182,25 @@ class CalibrationCertificate(Shown):
         return found
 
     def _only(self, found: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
-        require(len(found) == 1, f"{_listed(found[:1])} must stand there once, got {_listed(found)}. Give the right one by hand.")
+        require(
+            len(found) == 1,
+            f"{_listed(found[:1])} must stand there once, got {_listed(found)}. Give the right one by hand.",
+        )
         return found[0]
 
     def _label(self, *used: CertifiedQuantity) -> str:
-        holders = (next((f"{name}: " for name in reversed(one.within) if one.name and "_" not in name), "") for one in used)
-        text = (
-            f"{self.path.name}, DCC {self.identifier}: {', '.join(h + one.title for h, one in zip(holders, used, strict=True))}"
+        holders = (
+            next((f"{name}: " for name in reversed(one.within) if one.name and "_" not in name), "")
+            for one in used
         )
+        text = f"{self.path.name}, DCC {self.identifier}: {', '.join(h + one.title for h, one in zip(holders, used, strict=True))}"
         return "".join(sign if sign.isprintable() else " " for sign in text)[:200]
 
     def _nothing(self, what: str, keys: str) -> InputError:
         got = _listed(self.quantities) or "no number at all"
-        return InputError(f"the DCC must state {what} by a name or refType, got {got}. Give {keys} by hand.")
+        return InputError(
+            f"the DCC must state {what} by a name or refType, got {got}. Give {keys} by hand."
+        )
 
 
 def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
@@ -165,22 +211,38 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
         root = xml_of(raw, "the DCC itself, an .xml file")
         got = f"got the root element {root.tag[:80]!r}. Give the DCC of the laboratory, not its PDF or another XML"
         is_one = root.tag == f"{_DCC}digitalCalibrationCertificate"
-        require(is_one, f"the file must be a digital calibration certificate (namespace https://ptb.de/dcc), {got}.")
-        identifier = root.findtext(f"{_DCC}administrativeData/{_DCC}coreData/{_DCC}uniqueIdentifier") or "of no identifier"
+        require(
+            is_one,
+            f"the file must be a digital calibration certificate (namespace https://ptb.de/dcc), {got}.",
+        )
+        identifier = (
+            root.findtext(f"{_DCC}administrativeData/{_DCC}coreData/{_DCC}uniqueIdentifier")
+            or "of no identifier"
+        )
         results = root.find(f"{_DCC}measurementResults")
         return CalibrationCertificate(
-            path, " ".join(identifier.split()), () if results is None else tuple(_quantities(results, ()))
+            path,
+            " ".join(identifier.split()),
+            () if results is None else tuple(_quantities(results, ())),
         )
 
 
-def _quantities(holder: ElementTree.Element, within: tuple[str, ...]) -> Iterator[CertifiedQuantity]:
+def _quantities(
+    holder: ElementTree.Element, within: tuple[str, ...]
+) -> Iterator[CertifiedQuantity]:
     for element in holder:
         texts = (content.text or "" for content in element.iterfind(f"{_DCC}name/{_DCC}content"))
-        own = " / ".join(dict.fromkeys(" ".join(text.split()) for text in texts if text.strip())), element.get("refType", "")
+        own = (
+            " / ".join(dict.fromkeys(" ".join(text.split()) for text in texts if text.strip())),
+            element.get("refType", ""),
+        )
         if element.tag == f"{_DCC}quantity":
             for path in ("real", "realListXMLList", "hybrid/*"):
                 for number in element.iterfind(_SI + path):
-                    yield from (CertifiedQuantity(*own, within, *numbers) for numbers in _numbers(number, own[0]))
+                    yield from (
+                        CertifiedQuantity(*own, within, *numbers)
+                        for numbers in _numbers(number, own[0])
+                    )
         elif element.tag.removeprefix(_DCC) not in _ASIDE:
             yield from _quantities(element, within + tuple(filter(None, own)))
 
@@ -195,13 +257,19 @@ def _numbers(element: ElementTree.Element, name: str) -> Iterator[tuple[Any, ...
         try:
             return list(map(float, words(owner, tag)))
         except ValueError:
-            raise InputError(f"{name}: {tag} must be numbers, got {words(owner, tag)[0]!r}. Use a decimal point.") from None
+            raise InputError(
+                f"{name}: {tag} must be numbers, got {words(owner, tag)[0]!r}. Use a decimal point."
+            ) from None
 
     spread: tuple[list[float], ...] = ([], [], [])
     for own in element.iter():
         tag = own.tag.removeprefix(_SI).removesuffix("XMLList")
         if tag in _EXPANDED:
-            spread = (numbers(own, _EXPANDED[tag]), numbers(own, "coverageFactor"), numbers(own, "coverageProbability"))
+            spread = (
+                numbers(own, _EXPANDED[tag]),
+                numbers(own, "coverageFactor"),
+                numbers(own, "coverageProbability"),
+            )
         elif tag in _STANDARD:
             spread = (numbers(own, _STANDARD[tag]), [1.0], [])
     every: tuple[list[Any], ...] = (words(element, "unit"), *spread)
@@ -227,7 +295,11 @@ def _scale(unit: str | None) -> tuple[float, str] | None:
             sign = -1
         else:
             return None
-    left = [("" if power > 0 else "/") + name + str(abs(power)).strip("1") for name, power in powers.items() if name and power]
+    left = [
+        ("" if power > 0 else "/") + name + str(abs(power)).strip("1")
+        for name, power in powers.items()
+        if name and power
+    ]
     return factor, "".join(sorted(left, key=lambda part: part[0] == "/"))
 
 
@@ -242,7 +314,9 @@ def _size(one: CertifiedQuantity) -> float:
 
 def _listed(found: Sequence[CertifiedQuantity]) -> str:
     texts = list(dict.fromkeys(f"{one.title!r} ({one.unit})" for one in found))
-    return ", ".join(texts[:_LISTED]) + (f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else "")
+    return ", ".join(texts[:_LISTED]) + (
+        f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
+    )
 
 
 def _plain(number: float) -> float:
@@ -296,17 +370,30 @@ def read_b5r(path: str | os.PathLike[str]) -> BallbarRecord:
 
         def said(tag: str, *attributes: str) -> str:
             element = first.get(tag, root)
-            texts = [element.get(key) for key in attributes] if attributes else [element.text if tag in first else ""]
+            texts = (
+                [element.get(key) for key in attributes]
+                if attributes
+                else [element.text if tag in first else ""]
+            )
             return " ".join(" ".join(text or "" for text in texts).split())[:200]
 
         plane = said("PLANE", "TEST_PLANE").upper()
         plane = next((own for own in PLANES if sorted(own) == sorted(plane)), plane)
         return BallbarRecord(
-            path.name, said("TEST_SPEC", "NAME"), said("MACHINE_TESTED", "NAME"), said("OPERATOR"),
-            said("INSTRUMENT", "MANUFACTURER", "MODEL"), said("SERIAL_NUMBER"), _time(said("LAST_CALIBRATED")),
-            _time(said("DATE_STARTED")), _time(said("DATE_COMPLETED")), plane, _number(said("NOMINAL_LENGTH")),
-            _number(said("PROGRAMMED_FEEDRATE")), features,
-        )  # fmt: skip
+            path.name,
+            said("TEST_SPEC", "NAME"),
+            said("MACHINE_TESTED", "NAME"),
+            said("OPERATOR"),
+            said("INSTRUMENT", "MANUFACTURER", "MODEL"),
+            said("SERIAL_NUMBER"),
+            _time(said("LAST_CALIBRATED")),
+            _time(said("DATE_STARTED")),
+            _time(said("DATE_COMPLETED")),
+            plane,
+            _number(said("NOMINAL_LENGTH")),
+            _number(said("PROGRAMMED_FEEDRATE")),
+            features,
+        )
 
 
 def _features(holder: ElementTree.Element, run: str, analysis: str) -> Iterator[BallbarFeature]:
@@ -319,7 +406,11 @@ def _features(holder: ElementTree.Element, run: str, analysis: str) -> Iterator[
             one, unit = _B5R_UNITS.get(named, (1.0, named))
             yield BallbarFeature(element.get("NAME", ""), value * one, unit, run, analysis)
         direction = next((own.text or "" for own in element if _tag(own) == "RUN_DIRECTION"), run)
-        yield from _features(element, direction.strip().upper(), element.get("NAME", "") if tag == "ANALYSIS" else analysis)
+        yield from _features(
+            element,
+            direction.strip().upper(),
+            element.get("NAME", "") if tag == "ANALYSIS" else analysis,
+        )
 
 
 def _tag(element: ElementTree.Element) -> str:

@@ -40,9 +40,17 @@ from ldbb_bayes.files import read_toml, staged_folder, validated
 from ldbb_bayes.result import Array
 
 __all__ = [
-    "IMPORT_NAME", "LARGEST_PLAN", "TOML_NAME", "TRUTH_NAME", "embedded_campaign", "files_of", "labels_of",
-    "read_campaign", "write_campaign", "write_campaign_into",
-]  # fmt: skip
+    "IMPORT_NAME",
+    "LARGEST_PLAN",
+    "TOML_NAME",
+    "TRUTH_NAME",
+    "embedded_campaign",
+    "files_of",
+    "labels_of",
+    "read_campaign",
+    "write_campaign",
+    "write_campaign_into",
+]
 
 SCHEMA = 1
 TOML_NAME, TRUTH_NAME, IMPORT_NAME = "campaign.toml", "truth.json", "import.toml"
@@ -53,7 +61,9 @@ _OF_TEST = ("force_N", "pressure_bar", "direction", *PER_TEST)
 _TEXTS = ("test", "direction", "plane")
 
 
-def read_campaign(path: str | os.PathLike[str], *, certificates: Mapping[str, Any] | None = None, **options: Any) -> Campaign:
+def read_campaign(
+    path: str | os.PathLike[str], *, certificates: Mapping[str, Any] | None = None, **options: Any
+) -> Campaign:
     """Return the campaign, or the plan, of a campaign folder, a campaign.toml, or one tidy CSV; `InputError` names file and cure.
 
     ``certificates`` are fields of `Instrument`, before what campaign.toml says of them; options, for a tidy CSV only, what
@@ -63,22 +73,35 @@ def read_campaign(path: str | os.PathLike[str], *, certificates: Mapping[str, An
     if path.is_dir():
         path = path / TOML_NAME
     got = f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path},"
-    require(path.is_file(), f"{got} which {'is no ordinary file' if path.exists() else 'does not exist'}. Check the path.")
+    require(
+        path.is_file(),
+        f"{got} which {'is no ordinary file' if path.exists() else 'does not exist'}. Check the path.",
+    )
     check_known("option", options, [own.name for own in fields(Campaign) if own.name != "tests"])
     if path.suffix.lower() != ".toml":
         tests = _tests_of_table(path)
         options = {"name": path.stem} | options
     elif options:
-        raise InputError(f"options must come with a tidy CSV, got {', '.join(options)} with {path}. Write them into {path.name}.")
+        raise InputError(
+            f"options must come with a tidy CSV, got {', '.join(options)} with {path}. Write them into {path.name}."
+        )
     else:
         tests, options = _tests_of_folder(path)
     with placed(path):
-        unnamed = {f"{kind}_certificate": None for k in certificates or () if (kind := k.partition("_")[0]) in ("bar", "force")}
-        instrument = replace(options.pop("instrument", Instrument()), **unnamed | dict(certificates or {}))
+        unnamed = {
+            f"{kind}_certificate": None
+            for k in certificates or ()
+            if (kind := k.partition("_")[0]) in ("bar", "force")
+        }
+        instrument = replace(
+            options.pop("instrument", Instrument()), **unnamed | dict(certificates or {})
+        )
         return Campaign(tests, instrument=instrument, **options)
 
 
-def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
+def write_campaign(
+    campaign: Campaign, folder: str | os.PathLike[str], *, force: bool = False
+) -> Path:
     """Write a campaign (or plan) folder, whole or not at all, and return its path; an existing one goes with ``force`` only.
 
     Numbers are written so that they read back to the same doubles.
@@ -157,19 +180,30 @@ def _tests_of_folder(path: Path) -> tuple[tuple[CircularTest, ...], dict[str, An
     require(planned <= LARGEST_PLAN, f"{path}: {got}. Plan fewer readings a circle.")
     tests = tuple(_test(path, i, entry) for i, entry in enumerate(file.test, start=1))
     stated = {own.name: getattr(file, own.name) for own in fields(CampaignFields)}
-    return tests, stated | {"name": file.name or path.resolve().parent.name} | _instrument_of(path, file, content)
+    return tests, stated | {"name": file.name or path.resolve().parent.name} | _instrument_of(
+        path, file, content
+    )
 
 
 def _with_certificates(path: Path, content: dict[str, Any]) -> dict[str, Any]:
     """The content with what the DCCs that it names say in place of their names."""
     balls = content.get("balls", {})
     tables = {kind: content.get(kind) for kind in ("bar", "force")}
-    tables |= {f"balls.{ball}": balls.get(ball) for ball in ("work", "tool")} if isinstance(balls, dict) else {}
+    tables |= (
+        {f"balls.{ball}": balls.get(ball) for ball in ("work", "tool")}
+        if isinstance(balls, dict)
+        else {}
+    )
     for name, table in tables.items():
         if isinstance(table, dict) and isinstance(dcc := table.pop("dcc", None), str):
-            stated = read_dcc(_inside(path, f"[{name}]: dcc", dcc)).fields("ball" if "." in name else name)
+            stated = read_dcc(_inside(path, f"[{name}]: dcc", dcc)).fields(
+                "ball" if "." in name else name
+            )
             twice = next((key for key in stated if key in table), None)
-            require(twice is None, f"{path}: [{name}] must have {twice} or take it from its dcc, got both. Keep one of them.")
+            require(
+                twice is None,
+                f"{path}: [{name}] must have {twice} or take it from its dcc, got both. Keep one of them.",
+            )
             table |= stated
     return content
 
@@ -178,15 +212,24 @@ def _instrument_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) 
     """Mount, force law and certificates; a stiffness is a deflection per bar by the slope of the force law."""
     law, mount = file.force_law, file.mount
     one = not {"stiffness_N_per_um", "deflection_um_per_bar"} <= content.get("mount", {}).keys()
-    require(one, f"{path}: [mount] must have stiffness_N_per_um or deflection_um_per_bar, got both. Keep one of them.")
+    require(
+        one,
+        f"{path}: [mount] must have stiffness_N_per_um or deflection_um_per_bar, got both. Keep one of them.",
+    )
     stiffness = mount.stiffness_N_per_um
     deflection = law.slope_N_per_bar / stiffness if stiffness else mount.deflection_um_per_bar
     tables: dict[str, Any] = {"bar": file.bar, "mount": mount, "force": law, "angle": file.angle}
-    stated = vars(file.balls) | {f"{table}_{key}": own for table, held in tables.items() for key, own in vars(held).items()}
+    stated = vars(file.balls) | {
+        f"{table}_{key}": own for table, held in tables.items() for key, own in vars(held).items()
+    }
     with placed(path):
         instrument = Instrument(**{own.name: stated[own.name] for own in fields(Instrument)})
     plain = ForceLaw(law.slope_N_per_bar, law.offset_N)
-    return {"mount": MountCompensation(deflection, mount.compensated), "force_law": plain, "instrument": instrument}
+    return {
+        "mount": MountCompensation(deflection, mount.compensated),
+        "force_law": plain,
+        "instrument": instrument,
+    }
 
 
 def _test(toml: Path, k: int, entry: _TestFile) -> CircularTest:
@@ -194,8 +237,14 @@ def _test(toml: Path, k: int, entry: _TestFile) -> CircularTest:
     planned = {key: own.pop(key) for key in ("readings", "start_deg", "arc_deg") if key in own}
     file = own.pop("file", None)
     if file is None:
-        path, n, arc = Path(f"{toml}, test {k}"), planned.get("readings", PLANNED_READINGS), planned.get("arc_deg", 360.0)
-        own["angle_deg"] = planned.get("start_deg", 0.0) + arc * (np.arange(n) / (n if abs(arc) == 360.0 else n - 1))
+        path, n, arc = (
+            Path(f"{toml}, test {k}"),
+            planned.get("readings", PLANNED_READINGS),
+            planned.get("arc_deg", 360.0),
+        )
+        own["angle_deg"] = planned.get("start_deg", 0.0) + arc * (
+            np.arange(n) / (n if abs(arc) == 360.0 else n - 1)
+        )
     elif planned:
         got = f"{next(iter(planned))} must stand in planned tests only, got it beside 'file'"
         raise InputError(f"{toml}, test {k}: {got}. Remove one of them.")
@@ -213,17 +262,27 @@ def _inside(toml: Path, what: str, file: str) -> Path:
         path = (root / file).resolve()
         there = path.is_file()
     except (OSError, RuntimeError, ValueError):
-        raise InputError(f"{place} be the name of one, got {file[:80]!r}, which leads nowhere. Check the name.") from None
+        raise InputError(
+            f"{place} be the name of one, got {file[:80]!r}, which leads nowhere. Check the name."
+        ) from None
     inside = path.is_relative_to(root) and not Path(file).is_absolute()
-    require(inside, f"{place} lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name.")
-    require(there, f"{place} exist, got {file!r}, which is no file in {toml.parent}. Check the name.")
+    require(
+        inside,
+        f"{place} lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name.",
+    )
+    require(
+        there, f"{place} exist, got {file!r}, which is no file in {toml.parent}. Check the name."
+    )
     return toml.parent / file
 
 
 def _tests_of_table(path: Path) -> tuple[CircularTest, ...]:
     """The tests of a tidy CSV: columns test, force_N (or pressure_bar), angle_deg, reading_um, optionally others."""
     columns = _read_columns(path, ("test", *_READINGS, *_OF_TEST))
-    require("test" in columns, f"{path}, line 1: columns must hold 'test', got none. Name the test each row belongs to.")
+    require(
+        "test" in columns,
+        f"{path}, line 1: columns must hold 'test', got none. Name the test each row belongs to.",
+    )
     readings = _checked(path, columns)
     tests = []
     for name in dict.fromkeys(columns["test"].tolist()):
@@ -249,9 +308,15 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
         got = f"columns must be among {', '.join(known)}, got {name[:60]!r}. Did you mean {nearest(name[:60], known)!r}?"
         cure = "Rename or remove the column, or let ldbb-bayes import read the file"
         require(name in known, f"{path}, line 1: {got} {cure}.")
-        require(names.count(name) == 1, f"{path}, line 1: columns must differ, got {name!r} twice. Remove one.")
+        require(
+            names.count(name) == 1,
+            f"{path}, line 1: columns must differ, got {name!r} twice. Remove one.",
+        )
     filled = [row for row in rows[1:] if any(row[1])]
-    require(filled, f"{path} must hold readings below its header, got none. Fill the file or remove the test.")
+    require(
+        filled,
+        f"{path} must hold readings below its header, got none. Fill the file or remove the test.",
+    )
     got = "got fewer names than columns. Name them all; with decimal commas separate the cells by semicolons"
     named = not all(any(cells[len(names) :]) for _, cells in filled)
     require(named, f"{path}, line 1: the header must name every column, {got}.")
@@ -260,7 +325,9 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
     points = any("." in cell for name in names if name not in _TEXTS for cell in columns[name])
     decimal = "," if separator != "," and not points else "."
     return {
-        name: np.array(own, dtype=object) if name in _TEXTS else numbers_of(str(path), name, lines, own, decimal, strict=True)
+        name: np.array(own, dtype=object)
+        if name in _TEXTS
+        else numbers_of(str(path), name, lines, own, decimal, strict=True)
         for name, own in columns.items()
     }
 
@@ -272,7 +339,9 @@ def _checked(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
         present = [name for name in pair if name in columns]
         if len(present) != 1:
             got = "both" if present else "neither"
-            raise InputError(f"{path}, line 1: columns must hold {pair[0]} or {pair[1]}, got {got}. Correct the header.")
+            raise InputError(
+                f"{path}, line 1: columns must hold {pair[0]} or {pair[1]}, got {got}. Correct the header."
+            )
         found[present[0]] = columns[present[0]]
     (angle, values), _ = found.items()
     span, cure = float(np.ptp(values)), "If the angles are {}, name the column {}"
@@ -286,26 +355,47 @@ def _checked(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     """Write campaign.toml and the CSVs into an existing folder."""
     head: dict[str, Any] = {"schema": SCHEMA}
-    head |= {key: getattr(campaign, key) for key in ("topology", "plane", "radius_mm", "name", *LABELS)}
+    head |= {
+        key: getattr(campaign, key) for key in ("topology", "plane", "radius_mm", "name", *LABELS)
+    }
     head |= {"feed_mm_per_min": campaign.feed_mm_per_min, "resolution_um": campaign.resolution_um}
     head |= {"mount": asdict(campaign.mount), "force": asdict(campaign.force_law)}
     known = asdict(campaign.instrument)
-    head["balls"] = {ball: own for ball in ("work", "tool") if (own := {k: v for k, v in known.pop(ball).items() if v})} or None
+    head["balls"] = {
+        ball: own
+        for ball in ("work", "tool")
+        if (own := {k: v for k, v in known.pop(ball).items() if v})
+    } or None
     for table, key, own in ((*name.partition("_")[::2], own) for name, own in known.items() if own):
         head.setdefault(table, {})[key] = own
     head["tolerance"] = dict(campaign.tolerances) or None
     head["frames_mm"] = {axis: list(frame) for axis, frame in campaign.frames_mm.items()} or None
     entries = [f"\n[[test]]\n{tomli_w.dumps(_entry(campaign, test))}" for test in campaign.tests]
-    (folder / TOML_NAME).write_text(tomli_w.dumps(_given(head)) + "".join(entries), encoding="utf-8")
+    (folder / TOML_NAME).write_text(
+        tomli_w.dumps(_given(head)) + "".join(entries), encoding="utf-8"
+    )
     for test in campaign.tests:
         if test.reading_um is not None:
-            rows = (f"{angle},{own}\n" for angle, own in zip(test.angle_deg.tolist(), test.reading_um.tolist(), strict=True))
-            (folder / f"{test.name}.csv").write_text("angle_deg,reading_um\n" + "".join(rows), encoding="utf-8")
+            rows = (
+                f"{angle},{own}\n"
+                for angle, own in zip(
+                    test.angle_deg.tolist(), test.reading_um.tolist(), strict=True
+                )
+            )
+            (folder / f"{test.name}.csv").write_text(
+                "angle_deg,reading_um\n" + "".join(rows), encoding="utf-8"
+            )
 
 
 def _entry(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     """A [[test]] of campaign.toml, without what is as usual."""
-    usual = {"radius_mm": campaign.radius_mm, "plane": campaign.plane, "setup": 1, "temperature_C": None, "time_s": None}
+    usual = {
+        "radius_mm": campaign.radius_mm,
+        "plane": campaign.plane,
+        "setup": 1,
+        "temperature_C": None,
+        "time_s": None,
+    }
     entry: dict[str, Any] = {"file": None if test.reading_um is None else f"{test.name}.csv"}
     entry |= {key: getattr(test, key) for key in ("force_N", "pressure_bar", "name", "direction")}
     entry |= {key: own for key in PER_TEST if (own := getattr(test, key)) != usual.get(key, 0.0)}
@@ -313,7 +403,10 @@ def _entry(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
         return _given(entry)
     n, step = len(test.angle_deg), test.step_deg
     got = f"others in test {test.name!r}"
-    require(step, f"a plan's angles must be evenly spaced within one turn to be written, got {got}. Plan even angles.")
+    require(
+        step,
+        f"a plan's angles must be evenly spaced within one turn to be written, got {got}. Plan even angles.",
+    )
     full = abs(abs(n * step) - 360.0) < 1e-6 * 360.0
     arc = float(np.copysign(360.0, step) if full else (n - 1) * step)
     return _given(entry | {"readings": n, "start_deg": float(test.angle_deg[0]), "arc_deg": arc})
@@ -326,7 +419,9 @@ def _given(entry: dict[str, Any]) -> dict[str, Any]:
 def files_of(folder: Path) -> set[str]:
     """Names in a folder that belong to the campaign in it: what may go when the campaign is replaced."""
     try:
-        listed = {str(entry.get("file", "")) for entry in read_toml(folder / TOML_NAME).get("test", [])}
+        listed = {
+            str(entry.get("file", "")) for entry in read_toml(folder / TOML_NAME).get("test", [])
+        }
     except (InputError, AttributeError, TypeError):
         return set()
     return {TOML_NAME, TRUTH_NAME, IMPORT_NAME, *listed}
@@ -343,7 +438,11 @@ def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
     found = {label: content[label] for label in ("name", "machine_id", "date") if label in content}
     found |= {label: own.isoformat() for label, own in found.items() if isinstance(own, date)}
     texts = {label: own for label, own in found.items() if isinstance(own, str)}
-    return {label: text for label, text in texts.items() if text.isprintable() and 0 < len(text) <= _LONGEST_LABEL}
+    return {
+        label: text
+        for label, text in texts.items()
+        if text.isprintable() and 0 < len(text) <= _LONGEST_LABEL
+    }
 
 
 def embedded_campaign(name: str = "recovered_experiment") -> Path:
@@ -353,4 +452,6 @@ def embedded_campaign(name: str = "recovered_experiment") -> Path:
         if (folder / TOML_NAME).is_file():
             return folder
     got = f"got {name!r}, which is missing"
-    raise InputError(f"embedded campaign must be one of those installed, {got}. Install the package again.")
+    raise InputError(
+        f"embedded campaign must be one of those installed, {got}. Install the package again."
+    )

@@ -21,21 +21,49 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInf
 from pydantic.dataclasses import dataclass as checked
 
 from ldbb_bayes.campaign.campaign import PER_TEST, Number, TestFields
-from ldbb_bayes.campaign.spreadsheet import Rows, Sheet, could_be_thousands, is_missing, looks_like_number, number
+from ldbb_bayes.campaign.spreadsheet import (
+    Rows,
+    Sheet,
+    could_be_thousands,
+    is_missing,
+    looks_like_number,
+    number,
+)
 from ldbb_bayes.errors import InputError, check_known, nearest, require
 from ldbb_bayes.files import read_toml, validated
 from ldbb_bayes.result import Shown
 
 __all__ = [
-    "UNITS", "WORDS", "Assumption", "Heading", "Layout", "Notes", "Said", "TestLayout", "directions_said", "find_headings",
-    "layout_to_toml", "load_in_name", "load_is_ambiguous", "not_understood", "note_heading", "plane_in_name", "radius_in_name",
-    "read_layout", "said_above", "said_elsewhere", "unit_of",
-]  # fmt: skip
+    "UNITS",
+    "WORDS",
+    "Assumption",
+    "Heading",
+    "Layout",
+    "Notes",
+    "Said",
+    "TestLayout",
+    "directions_said",
+    "find_headings",
+    "layout_to_toml",
+    "load_in_name",
+    "load_is_ambiguous",
+    "not_understood",
+    "note_heading",
+    "plane_in_name",
+    "radius_in_name",
+    "read_layout",
+    "said_above",
+    "said_elsewhere",
+    "unit_of",
+]
 
 # Words and units by which files name what they hold, in English, German and some others.
-WORDS: Mapping[str, Any] = tomllib.loads((Path(__file__).parent / "words.toml").read_text(encoding="utf-8"))
+WORDS: Mapping[str, Any] = tomllib.loads(
+    (Path(__file__).parent / "words.toml").read_text(encoding="utf-8")
+)
 UNITS: Mapping[str, Mapping[str, float]] = {
-    role: {unit: float(one) for unit, (one, *_) in units.items()} for role, units in WORDS["units"].items()
+    role: {unit: float(one) for unit, (one, *_) in units.items()}
+    for role, units in WORDS["units"].items()
 }
 ROLES: Mapping[str, Sequence[str]] = {role: words.split() for role, words in WORDS["roles"].items()}
 
@@ -46,7 +74,10 @@ def plain(text: str) -> str:
 
 
 _BY_WORD = {
-    plain(word): unit for units in WORDS["units"].values() for unit, (_, *words) in units.items() for word in (unit, *words)
+    plain(word): unit
+    for units in WORDS["units"].values()
+    for unit, (_, *words) in units.items()
+    for word in (unit, *words)
 }
 
 
@@ -71,7 +102,9 @@ def _known_encoding(name: str) -> str:
     try:
         "".encode(name)
     except (LookupError, ValueError):
-        raise ValueError("it should be one that Python knows, for example utf-8, utf-16-le, utf-16-be, cp1252") from None
+        raise ValueError(
+            "it should be one that Python knows, for example utf-8, utf-16-le, utf-16-be, cp1252"
+        ) from None
     return name
 
 
@@ -92,9 +125,13 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
     separator: Annotated[str, AfterValidator(_sign)] | None = None
     decimal: Literal[".", ","] | None = None
-    header_line: int | None = Field(default=None, ge=0)  #: 0: there is none, columns then go by number from 1
+    header_line: int | None = Field(
+        default=None, ge=0
+    )  #: 0: there is none, columns then go by number from 1
     sheets: list[str] = Field(default_factory=list)
-    columns: dict[str, _Column] = Field(default_factory=dict)  #: by role: header or number; several of the reading, each a test
+    columns: dict[str, _Column] = Field(
+        default_factory=dict
+    )  #: by role: header or number; several of the reading, each a test
     #: Of the tests, in the order they stand in files, sheets and rows; before what a [[test]] says.
     forces_N: list[Number] = Field(default_factory=list)
     pressures_bar: list[Number] = Field(default_factory=list)
@@ -103,7 +140,9 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     time_unit: str | None = None
     force_unit: str | None = None
     pressure_unit: str | None = None
-    zero: Literal["deviation", "distance"] | None = None  #: readings are deviations from the radius, or distances of the balls
+    zero: Literal["deviation", "distance"] | None = (
+        None  #: readings are deviations from the radius, or distances of the balls
+    )
     sign: Literal[1, -1] = 1  #: −1 where the instrument counts a longer bar as negative
     angle_sign: Literal[1, -1] = 1  #: −1 where the file counts clockwise
     angle_offset_deg: float = 0.0  #: of the plane's first axis, as the file counts: θ = angle_sign · (angle − angle_offset_deg)
@@ -128,13 +167,19 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     def _each_once(cls, tests: list[TestLayout]) -> list[TestLayout]:
         files = [entry.file for entry in tests]
         for file in (file for k, file in enumerate(files) if file in files[:k]):
-            raise ValueError(f"[[test]] must be one for each file, sheet or label, got two for {file!r}")
+            raise ValueError(
+                f"[[test]] must be one for each file, sheet or label, got two for {file!r}"
+            )
         return tests
 
     @field_validator("columns")
     @classmethod
     def _one_column(cls, columns: dict[str, _Column]) -> dict[str, _Column]:
-        for role in (role for role, column in columns.items() if role != "reading" and isinstance(column, list)):
+        for role in (
+            role
+            for role, column in columns.items()
+            if role != "reading" and isinstance(column, list)
+        ):
             raise ValueError(f"the {role} must be one column")
         return columns
 
@@ -146,7 +191,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
             of_tests |= {"force_N", "pressure_bar"}
             spoken = {"forces_N": [], "pressures_bar": []} | spoken
         if of_tests and "test" not in given:
-            spoken["test"] = [{key: value for key, value in entry.stated().items() if key not in of_tests} for entry in self.test]
+            spoken["test"] = [
+                {key: value for key, value in entry.stated().items() if key not in of_tests}
+                for entry in self.test
+            ]
         return validated(Layout, {**self.model_dump(by_alias=True), **spoken}, "options")
 
 
@@ -155,7 +203,9 @@ def layout_to_toml(layout: Layout) -> str:
     content = layout.model_dump(by_alias=True, exclude_none=True)
     tests = content.pop("test")
     content = {key: value for key, value in content.items() if value not in ([], {})}
-    return tomli_w.dumps(content) + "".join(f"\n[[test]]\n{tomli_w.dumps(entry)}" for entry in tests)
+    return tomli_w.dumps(content) + "".join(
+        f"\n[[test]]\n{tomli_w.dumps(entry)}" for entry in tests
+    )
 
 
 def read_layout(path: str | os.PathLike[str]) -> Layout:
@@ -195,13 +245,22 @@ class Notes:
     def told(self) -> tuple[Assumption, ...]:
         """In the order of their first places."""
         return tuple(
-            Assumption(places[0] if len(places) == 1 else f"{len(places)} places" if places[0] else "", *key)
+            Assumption(
+                places[0] if len(places) == 1 else f"{len(places)} places" if places[0] else "",
+                *key,
+            )
             for key, places in self._told.items()
         )
 
     def layout(self, given: Layout) -> Layout:
         """What was given, and how the sheets are written where all are alike. What they say of the tests is for them to say."""
-        return given.with_given({key: own[0] for key, own in self._found.items() if all(value == own[0] for value in own)})
+        return given.with_given(
+            {
+                key: own[0]
+                for key, own in self._found.items()
+                if all(value == own[0] for value in own)
+            }
+        )
 
 
 # Signs of a line that are looked at, and of a name; lines above a table; rows of numbers that make one.
@@ -209,7 +268,20 @@ _LONGEST, _LONGEST_NAME, _LARGEST_ABOVE, _BLOCK = 300, 200, 1000, 9
 _NUMBER = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
 # A number, not the beginning of a clock, a date or a longer number.
 _WHOLE = r"(?![\d:/]|[.,]\d|[\-−]\d|\s\d{3}(?!\d))"
-_MONTHS = ("jan", "feb", "mar mär", "apr", "may mai", "jun", "jul", "aug", "sep", "oct okt", "nov", "dec dez")
+_MONTHS = (
+    "jan",
+    "feb",
+    "mar mär",
+    "apr",
+    "may mai",
+    "jun",
+    "jul",
+    "aug",
+    "sep",
+    "oct okt",
+    "nov",
+    "dec dez",
+)
 _PARTS = dict[str, str]()
 for _name, _text in WORDS["parts"].items():
     _PARTS[_name] = _text % _PARTS
@@ -217,24 +289,33 @@ _BETWEEN = _PARTS["between"]
 
 
 def _units_of(units: str | Mapping[str, float], one: float = 1.0) -> Mapping[str, float]:
-    return {unit: one * size for unit, size in (UNITS[units] if isinstance(units, str) else units).items()}
+    return {
+        unit: one * size
+        for unit, size in (UNITS[units] if isinstance(units, str) else units).items()
+    }
 
 
 # By word: the unit meant where none is named, and all units with what one is in ours.
 _SAID: Mapping[str, tuple[str, str, Mapping[str, float]]] = {
-    key: (own["words"], own["unit"], _units_of(own["units"], own.get("one", 1.0))) for key, own in WORDS["numbers"].items()
+    key: (own["words"], own["unit"], _units_of(own["units"], own.get("one", 1.0)))
+    for key, own in WORDS["numbers"].items()
 }
 _NAMES = {key: words % _PARTS for key, words in WORDS["names"].items()}
 _AND_CALIBRATED = _PARTS["calibrated"]
 _VALUE = rf"{_PARTS['cell']}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
 _IN_WORDS = {key: words % _PARTS for key, words in WORDS["in_words"].items()}
 _IN_WORDS |= {key: _VALUE % words for key, words in _NAMES.items()}
-_KEY = re.compile("|".join((*_NAMES.values(), "date|datum|plane|ebene", _AND_CALIBRATED)), re.IGNORECASE)
+_KEY = re.compile(
+    "|".join((*_NAMES.values(), "date|datum|plane|ebene", _AND_CALIBRATED)), re.IGNORECASE
+)
 _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT = {name: WORDS["mount"][name] for name in ("raw", "compensated")}
 _ANOTHER = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
-_IN_NAME = re.compile(rf"(?<![\d.,A-Za-z])({_NUMBER})[ _-]?(kN|daN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])", re.IGNORECASE)
+_IN_NAME = re.compile(
+    rf"(?<![\d.,A-Za-z])({_NUMBER})[ _-]?(kN|daN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
+    re.IGNORECASE,
+)
 # A decimal mark that a file name cannot hold (3_5bar), marks between thousands (1 238 N; there is no force of 10 236 N).
 _CUT = re.compile(
     r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])|\d[_p\-]\d[ _]?N(?![a-z])"
@@ -244,13 +325,17 @@ _CUT = re.compile(
 # Three digits at most: F2000 is a feed.
 _AS_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
 # A radius from 50 mm on: R10 numbers a run.
-_AS_R = re.compile(r"(?<![a-zA-Z0-9])R(?:adius)?[ _=]?([5-9]\d|[1-9]\d{2,3})(?:[ _]?mm)?(?![a-zA-Z\d.,])")
+_AS_R = re.compile(
+    r"(?<![a-zA-Z0-9])R(?:adius)?[ _=]?([5-9]\d|[1-9]\d{2,3})(?:[ _]?mm)?(?![a-zA-Z\d.,])"
+)
 _PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ)(?![a-zA-Z])")
 _TURNED = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
 # Up to these a number with a mark before three digits may be of thousands.
 _LARGEST = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
 _WAYS: Mapping[str, Any] = WORDS["directions"]
-_SENSE = re.compile(rf"(?<![a-zA-Z])({_WAYS['clock_hand']}|ccw|cw|{_WAYS['in_words']})(?![a-z])", re.IGNORECASE)
+_SENSE = re.compile(
+    rf"(?<![a-zA-Z])({_WAYS['clock_hand']}|ccw|cw|{_WAYS['in_words']})(?![a-z])", re.IGNORECASE
+)
 _DIRECTION = re.compile(_WAYS["after"], re.IGNORECASE)
 Lines = Sequence[tuple[int | str, str]]
 
@@ -270,14 +355,23 @@ def said_above(above: Lines) -> dict[str, list[Said]]:
     for line, text in above:
         for key, (words, usual, units) in _SAID.items():
             for match in _pattern(words).finditer(text[:_LONGEST]):
-                before = re.split(r"[;,|\t]", text[: match.start()])[-1] + match[0][: match.start("number") - match.start()]
+                before = (
+                    re.split(r"[;,|\t]", text[: match.start()])[-1]
+                    + match[0][: match.start("number") - match.start()]
+                )
                 if _ANOTHER.search(before) or _ANOTHER.fullmatch(match["after"]):
                     continue
-                after = "" if match["cell"] and _unit(match["after"], units) is None else match["after"]
+                after = (
+                    "" if match["cell"] and _unit(match["after"], units) is None else match["after"]
+                )
                 named = match["inside"] or match["brackets"] or after
                 unit = _unit(named, units) if named else usual
                 if unit:
-                    value = math.nan if _may_be_thousands(key, match["number"]) else _value(match["number"]) * units[unit]
+                    value = (
+                        math.nan
+                        if _may_be_thousands(key, match["number"])
+                        else _value(match["number"]) * units[unit]
+                    )
                     found.setdefault(key, []).append(Said(value, named, line))
         for key, text_said in _said_in_words(text[:_LONGEST]):
             found.setdefault(key, []).append(Said(text_said, "", line))
@@ -292,15 +386,21 @@ def _said_in_words(text: str) -> Iterator[tuple[str, str]]:
             value = re.sub("[-/]", "", value.upper()) if key == "plane" else value
             value = _iso(value) if key in ("date", "ball_bar_calibrated") else value
             if key in _NAMES:
-                column = _KEY.fullmatch(value) or (_is_header(value) and not re.search(r"[:=\d]", match[0]))
-                column = column and not (key == "ball_bar" and re.fullmatch(_PARTS["product"], value, re.IGNORECASE))
+                column = _KEY.fullmatch(value) or (
+                    _is_header(value) and not re.search(r"[:=\d]", match[0])
+                )
+                column = column and not (
+                    key == "ball_bar" and re.fullmatch(_PARTS["product"], value, re.IGNORECASE)
+                )
                 value = "" if column else re.split(rf",\s*{_AND_CALIBRATED}", value, flags=re.I)[0]
             if value.isprintable() and not is_missing(value or "-"):
                 yield key, value
     for part in (text, *re.split(r"[;|\t]|,(?!\s)", text)):
         rest = " ".join(_FILLING.sub(" ", part.casefold()).split())
         if _READINGS.search(part) or (part == text and "ompens" in rest):
-            yield from (("mount", name) for name, pattern in _MOUNT.items() if re.fullmatch(pattern, rest))
+            yield from (
+                ("mount", name) for name, pattern in _MOUNT.items() if re.fullmatch(pattern, rest)
+            )
 
 
 def _iso(text: str) -> str:
@@ -308,7 +408,9 @@ def _iso(text: str) -> str:
     parts = [part for part in re.split(r"[-/., ]+", text.casefold()) if part]
     parts = [parts[1], parts[0], parts[2]] if parts[0].isalpha() else parts
     if parts[1].isalpha():
-        parts[1] = next((str(k) for k, names in enumerate(_MONTHS, start=1) if parts[1][:3] in names), "0")
+        parts[1] = next(
+            (str(k) for k, names in enumerate(_MONTHS, start=1) if parts[1][:3] in names), "0"
+        )
     year, month, day = map(int, parts if len(parts[0]) == 4 else reversed(parts))
     try:
         return date(year, month, day).isoformat()
@@ -327,7 +429,8 @@ def _pattern(words: str) -> re.Pattern[str]:
     unit = r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?P<brackets>[^\])]*)[\])])"
     rest = r"\s*(?P<cell>[;|,\t]?)\s*(?P<after>[^\s;,|()\[\]]*)"
     return re.compile(
-        rf"\b{words}\b{_BETWEEN}{{0,4}}(?:{unit}{_BETWEEN}{{0,4}})?(?P<number>{_NUMBER}){_WHOLE}(?!'){rest}", re.IGNORECASE
+        rf"\b{words}\b{_BETWEEN}{{0,4}}(?:{unit}{_BETWEEN}{{0,4}})?(?P<number>{_NUMBER}){_WHOLE}(?!'){rest}",
+        re.IGNORECASE,
     )
 
 
@@ -356,15 +459,26 @@ def directions_said(above: Lines, names: Sequence[str]) -> set[str]:
 
 
 def _senses(text: str) -> set[str]:
-    return {"CCW" if match[1].casefold().startswith(tuple(_WAYS["counter"])) else "CW" for match in _SENSE.finditer(text)}
+    return {
+        "CCW" if match[1].casefold().startswith(tuple(_WAYS["counter"])) else "CW"
+        for match in _SENSE.finditer(text)
+    }
 
 
 def load_in_name(names: Sequence[str], kind: str = "") -> tuple[str, float, str] | None:
     """Field (of one kind if asked), value and the name that says it alone: ``238N``, ``2.5 bar``, ``f238``."""
     for name in names:
         found = [(text, unit_named(word)) for text, word in _IN_NAME.findall(name[:_LONGEST])]
-        said = [("force_N", text, UNITS["force"][unit]) for text, unit in found if unit in UNITS["force"]]
-        said += [("pressure_bar", text, UNITS["pressure"][unit]) for text, unit in found if unit in UNITS["pressure"]]
+        said = [
+            ("force_N", text, UNITS["force"][unit])
+            for text, unit in found
+            if unit in UNITS["force"]
+        ]
+        said += [
+            ("pressure_bar", text, UNITS["pressure"][unit])
+            for text, unit in found
+            if unit in UNITS["pressure"]
+        ]
         said = [own for own in said if kind in ("", own[0])]
         short = _AS_F.findall(name[:_LONGEST])
         if not said and len(short) == 1:
@@ -411,7 +525,10 @@ def unit_of(header: str) -> tuple[str, str]:
     header = header.strip().lstrip("#").strip()
     if len(header) > _LONGEST_NAME:
         return header, ""
-    name, inside = _BRACKET.split(header)[0].strip(" _"), [_RANGE.sub("", text) for text in _INSIDE.findall(header)]
+    name, inside = (
+        _BRACKET.split(header)[0].strip(" _"),
+        [_RANGE.sub("", text) for text in _INSIDE.findall(header)],
+    )
     after = _AFTER_IN.fullmatch(header)
     if not (inside and name) and after:
         name, inside = after[1].strip(" _"), [after[2].strip()]
@@ -420,7 +537,9 @@ def unit_of(header: str) -> tuple[str, str]:
             return name, "deg"
         known = {unit_named(text) for text in inside} - {""}
         scaled = not after and bool(re.search(r"\d", re.split(r"[\])}>]", header)[-1]))
-        return name, known.pop() if len(known) == 1 and not scaled else " and ".join(inside) + " …" * scaled
+        return name, known.pop() if len(known) == 1 and not scaled else " and ".join(
+            inside
+        ) + " …" * scaled
     match = _AT_END.fullmatch(header)
     unit = unit_named(match[2]) if match else ""
     if not match or not unit:
@@ -439,18 +558,33 @@ def _called(name: str, role: str) -> bool:
         return False
     if role == "test" and not set(parts) <= {*words, *_NUMBERING}:
         return False
-    return any(word in parts or (len(word) > 3 and any(part.startswith(word) for part in parts)) for word in words)
+    return any(
+        word in parts or (len(word) > 3 and any(part.startswith(word) for part in parts))
+        for word in words
+    )
 
 
-def _columns_of(where: str, layout: Layout, headers: Sequence[str]) -> tuple[dict[str, int], list[int]]:
+def _columns_of(
+    where: str, layout: Layout, headers: Sequence[str]
+) -> tuple[dict[str, int], list[int]]:
     """Which column is what, and all columns of readings: as the layout says, else by the words of the header."""
-    asked = {role: column if isinstance(column, list) else [column] for role, column in layout.columns.items()}
-    each = {role: [_asked(where, role, column, headers) for column in columns] for role, columns in asked.items() if columns}
+    asked = {
+        role: column if isinstance(column, list) else [column]
+        for role, column in layout.columns.items()
+    }
+    each = {
+        role: [_asked(where, role, column, headers) for column in columns]
+        for role, columns in asked.items()
+        if columns
+    }
     found, readings = {role: columns[0] for role, columns in each.items()}, each.get("reading", [])
     if not any(headers):
         if "reading" not in found or not {"angle", "time"} & set(found):
             got = f"got {len(headers)} of them. Give --reading-column and --angle-column or --time-column."
-            require(not found and len(headers) == 2, f"{where}: columns without a header must be named by number, {got}")
+            require(
+                not found and len(headers) == 2,
+                f"{where}: columns without a header must be named by number, {got}",
+            )
             found = {"angle": 0, "reading": 1}
         return found, readings or [found["reading"]]
     names = [unit_of(header)[0] for header in headers]
@@ -458,25 +592,39 @@ def _columns_of(where: str, layout: Layout, headers: Sequence[str]) -> tuple[dic
         free = [k for k in range(len(headers)) if k not in found.values()]
         own = [k for k in free if _called(names[k], role)]
         own = [k for k in own if headers[k] not in PER_TEST] or own
-        if role == "reading":  # columns that are called by the load of a test: 36 N [mm], reading 238 N
+        if (
+            role == "reading"
+        ):  # columns that are called by the load of a test: 36 N [mm], reading 238 N
             loaded = [k for k in free if load_in_name([headers[k]]) is not None]
             if len(loaded) > 1 and set(own) <= set(loaded):
                 readings, own = loaded, loaded[:1]
         if len(own) > 1:
-            both = ", or all, each a test of its own, by naming it once for each" if role == "reading" else ""
+            both = (
+                ", or all, each a test of its own, by naming it once for each"
+                if role == "reading"
+                else ""
+            )
             got = " and ".join(repr(headers[k][:_LONGEST_NAME]) for k in own)
-            raise InputError(f"{where}: one column must hold the {role}, got {got}. Say which: --{role}-column{both}.")
+            raise InputError(
+                f"{where}: one column must hold the {role}, got {got}. Say which: --{role}-column{both}."
+            )
         if own and (role == "reading" or headers[own[0]] not in PER_TEST):
             found[role] = own[0]
     if "angle" in found and "time" not in layout.columns:
         found.pop("time", None)
     elif "angle" not in found and "time" not in found and "time_s" in headers:
         found["time"] = list(headers).index("time_s")
-    found = {role: column for role, column in found.items() if role == "reading" or column not in readings}
+    found = {
+        role: column
+        for role, column in found.items()
+        if role == "reading" or column not in readings
+    }
     readings = readings or ([found["reading"]] if "reading" in found else [])
     if len(readings) > 1 and "test" in found:
         got = f"{len(readings)} of readings beside {headers[found['test']][:_LONGEST_NAME]!r}. Say which: --reading-column"
-        raise InputError(f"{where}: a table must have one column of readings, or none that names the test, got {got}.")
+        raise InputError(
+            f"{where}: a table must have one column of readings, or none that names the test, got {got}."
+        )
     return found, readings
 
 
@@ -484,12 +632,21 @@ def _asked(where: str, role: str, column: str | int, headers: Sequence[str]) -> 
     """The column that was asked for, by its number or its header, with or without the unit."""
     if isinstance(column, int):
         right = 1 <= column <= len(headers)
-        require(right, f"{where}: column of the {role} must be 1 to {len(headers)}, got {column}. Correct it.")
+        require(
+            right,
+            f"{where}: column of the {role} must be 1 to {len(headers)}, got {column}. Correct it.",
+        )
         return column - 1
     exact = [k for k, header in enumerate(headers) if plain(header) == plain(column)]
-    matching = exact or [k for k, header in enumerate(headers) if plain(unit_of(header)[0]) == plain(unit_of(column)[0])]
+    matching = exact or [
+        k
+        for k, header in enumerate(headers)
+        if plain(unit_of(header)[0]) == plain(unit_of(column)[0])
+    ]
     if len(matching) != 1:
-        known = ", ".join(repr(header[:_LONGEST_NAME]) for header in headers if header) or "no header"
+        known = (
+            ", ".join(repr(header[:_LONGEST_NAME]) for header in headers if header) or "no header"
+        )
         hint = f" Did you mean {nearest(column, headers)!r}?" if any(headers) else ""
         got = f"{column!r} ({len(matching) or 'none'} such)"
         raise InputError(f"{where}: column of the {role} must be one of {known}, got {got}.{hint}")
@@ -510,7 +667,9 @@ class Heading:
     units: list[str]  # that each header names, or empty
     roles: dict[str, int]  # column of each role, from 0
     above: list[tuple[int | str, str]]  # lines above the header, with their numbers
-    readings: list[int]  # where each column of readings is a test of its own, all of them; else the one, or none
+    readings: list[
+        int
+    ]  # where each column of readings is a test of its own, all of them; else the one, or none
     label: str = ""  # of one of several such tests
 
     def column(self, role: str, c: int) -> str:
@@ -523,8 +682,14 @@ class Heading:
             yield self
             return
         for column in self.readings:
-            label = _BRACKET.split(self.headers[column])[0].strip() or self.headers[column] or f"column {column + 1}"
-            yield replace(self, roles=self.roles | {"reading": column}, readings=[column], label=label)
+            label = (
+                _BRACKET.split(self.headers[column])[0].strip()
+                or self.headers[column]
+                or f"column {column + 1}"
+            )
+            yield replace(
+                self, roles=self.roles | {"reading": column}, readings=[column], label=label
+            )
 
 
 def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
@@ -541,33 +706,52 @@ def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
         below = _units_alone(rows[first][1]) if first < block else []
         if below:
             named = zip(headers, [*below, *[""] * width], strict=False)
-            units, first = [unit and unit_of(f"{name} [{unit}]")[1] for name, unit in named], first + 1
+            units, first = (
+                [unit and unit_of(f"{name} [{unit}]")[1] for name, unit in named],
+                first + 1,
+            )
         while first < block and all(_RULE.fullmatch(cell) for cell in rows[first][1]):
             first += 1
-    above: list[tuple[int | str, str]] = [*_texts(sheet, rows[max(first - _LARGEST_ABOVE, 0) : last])]
-    roles, readings = _columns_of(f"{sheet.place}, line {line}" if line else sheet.place, layout, headers)
+    above: list[tuple[int | str, str]] = [
+        *_texts(sheet, rows[max(first - _LARGEST_ABOVE, 0) : last])
+    ]
+    roles, readings = _columns_of(
+        f"{sheet.place}, line {line}" if line else sheet.place, layout, headers
+    )
     for c in readings:
-        if units[c] == unit_of(headers[c])[1]:  # the load in the name of a column, and the load's unit, are not of its readings
+        if (
+            units[c] == unit_of(headers[c])[1]
+        ):  # the load in the name of a column, and the load's unit, are not of its readings
             units[c] = unit_of(f"reading {_IN_NAME.sub('', headers[c][:_LONGEST])}")[1]
     return Heading(line, first, headers, units, roles, above, readings)
 
 
 def _texts(sheet: Sheet, rows: Rows) -> Iterator[tuple[int, str]]:
     """Lines as text, with their numbers."""
-    return ((line, (sheet.separator or ";").join(cells if sheet.separator else filter(None, cells))) for line, cells in rows)
+    return (
+        (line, (sheet.separator or ";").join(cells if sheet.separator else filter(None, cells)))
+        for line, cells in rows
+    )
 
 
 def _block(sheet: Sheet, layout: Layout) -> int:
     """The first of nine rows of numbers, cell for cell alike; of the first below the header line that was given."""
     rows, header = sheet.rows, layout.header_line
     if header and header not in [line for line, _ in rows]:
-        raise InputError(f"{sheet.place}: header line must hold names, got nothing in line {header}. Correct --header-line.")
+        raise InputError(
+            f"{sheet.place}: header line must hold names, got nothing in line {header}. Correct --header-line."
+        )
     start = next((k for k, (line, _) in enumerate(rows) if line > (header or 0)), len(rows))
     for k in range(start, min(len(rows) - 1, start + _LARGEST_ABOVE)):
-        if all(_numbers(cells) >= 2 and len(cells) == len(rows[k][1]) for _, cells in rows[k : k + _BLOCK]):
+        if all(
+            _numbers(cells) >= 2 and len(cells) == len(rows[k][1])
+            for _, cells in rows[k : k + _BLOCK]
+        ):
             return k
     line, cells = rows[len(rows) // 2] if rows else (0, [])
-    example = f"Line {line} reads {', '.join(repr(cell[:30]) for cell in cells[:6])}. " if rows else ""
+    example = (
+        f"Line {line} reads {', '.join(repr(cell[:30]) for cell in cells[:6])}. " if rows else ""
+    )
     raise _NoTableError(
         f"{sheet.place} must hold a table of at least {_BLOCK} rows with two columns of numbers, got none. "
         f"{example}Check the separator (--separator), the encoding (--encoding) and what the file is; "
@@ -586,7 +770,9 @@ def _upwards(sheet: Sheet, block: int) -> int:
         k -= 1
     if k and (_numbers(rows[k - 1][1]) or any(_numbers(cells) >= 2 for _, cells in rows[:k])):
         got = f"rows of a table without a header must be alike, got {', '.join(map(repr, rows[k - 1][1]))[:60]}"
-        raise InputError(f"{sheet.place}, line {rows[k - 1][0]}: {got}. Correct or remove the line, or give --header-line.")
+        raise InputError(
+            f"{sheet.place}, line {rows[k - 1][0]}: {got}. Correct or remove the line, or give --header-line."
+        )
     return k
 
 
@@ -599,24 +785,44 @@ def _header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
         k = [line for line, _ in rows].index(given)
         if _numbers(rows[k][1]) >= 2 and not _names_columns(rows[k][1]):
             cure = "Correct --header-line; 0: none"
-            raise InputError(f"{sheet.place}, line {given}: the header must hold names, got numbers. {cure}.")
+            raise InputError(
+                f"{sheet.place}, line {given}: the header must hold names, got numbers. {cure}."
+            )
     else:
         wordy = [k for k, (_, cells) in enumerate(rows[:block]) if _names_columns(cells)]
         if not wordy:
             return None
         k = wordy[-2] if _units_alone(rows[wordy[-1]][1]) and len(wordy) > 1 else wordy[-1]
-    amid = next((line for line, cells in rows[:k] if _numbers(cells) >= 2 and len(cells) == len(rows[block][1])), None)
+    amid = next(
+        (
+            line
+            for line, cells in rows[:k]
+            if _numbers(cells) >= 2 and len(cells) == len(rows[block][1])
+        ),
+        None,
+    )
     got = f"the header must stand above all numbers, got numbers in line {amid}"
-    require(amid is None, f"{sheet.place}, line {rows[k][0]}: {got}. Remove the line, or correct --header-line.")
+    require(
+        amid is None,
+        f"{sheet.place}, line {rows[k][0]}: {got}. Remove the line, or correct --header-line.",
+    )
     return k
 
 
 def _names_columns(cells: Sequence[str]) -> bool:
     """Two words or more, and no number, unless two of the words name what every table has."""
-    words = [cell for cell in cells if cell and not (looks_like_number(cell) or is_missing(cell) or _RULE.fullmatch(cell))]
+    words = [
+        cell
+        for cell in cells
+        if cell and not (looks_like_number(cell) or is_missing(cell) or _RULE.fullmatch(cell))
+    ]
     if len(words) < 2:
         return False
-    return _numbers(cells) == 0 or sum(any(_called(unit_of(c)[0], r) for c in words) for r in ("angle", "reading", "time")) >= 2
+    return (
+        _numbers(cells) == 0
+        or sum(any(_called(unit_of(c)[0], r) for c in words) for r in ("angle", "reading", "time"))
+        >= 2
+    )
 
 
 def _headers(sheet: Sheet, k: int, block: int) -> list[str]:
@@ -641,7 +847,9 @@ def _units_alone(cells: Sequence[str]) -> list[str]:
     filled = [k for k, cell in enumerate(cells) if cell]
     sure = [k for k in filled if known[k] or re.fullmatch(r"[\[({].*[\])}]", cells[k])]
     others = [cells[k] for k in filled if k not in sure]
-    enough = len(sure) >= min(len(filled), 2 - ("grad" in map(plain, others))) and all(len(cell) <= 4 for cell in others)
+    enough = len(sure) >= min(len(filled), 2 - ("grad" in map(plain, others))) and all(
+        len(cell) <= 4 for cell in others
+    )
     if not any(known) or not enough or any(load_in_name([cell]) is not None for cell in cells):
         return []
     return [known[k] or inside[k] for k in range(len(cells))]
@@ -654,12 +862,18 @@ def find_headings(
     pattern ``matched``, without a table of angles and readings."""
     found: list[tuple[Sheet, Heading]] = []
     left: list[tuple[Sheet, InputError | Heading]] = []
-    several = {sheet.path for sheet, other in pairwise(sheets) if sheet.path == other.path} if not layout.sheets else set()
+    several = (
+        {sheet.path for sheet, other in pairwise(sheets) if sheet.path == other.path}
+        if not layout.sheets
+        else set()
+    )
     for sheet in sheets:
         try:
             heading = _find_heading(sheet, layout)
         except InputError as error:
-            none = isinstance(error, _NoTableError) or not any(_names_readings(cells) for _, cells in sheet.rows[:_LARGEST_ABOVE])
+            none = isinstance(error, _NoTableError) or not any(
+                _names_readings(cells) for _, cells in sheet.rows[:_LARGEST_ABOVE]
+            )
             if not none or sheet.path not in {*several, *matched}:
                 raise
             left.append((sheet, error))
@@ -670,27 +884,41 @@ def find_headings(
         else:
             left.append((sheet, heading))
     if not found:
-        found, refused = [(own, why) for own, why in left if isinstance(why, Heading)], [why for _, why in left]
+        found, refused = (
+            [(own, why) for own, why in left if isinstance(why, Heading)],
+            [why for _, why in left],
+        )
         if not found:
             raise next(why for why in reversed(refused) if isinstance(why, InputError))
         left = []
     for sheet, _ in left:
         notes.add(
-            sheet.place, "left out", "the sheet" if sheet.name else "the file", "it holds no table of angles and readings",
+            sheet.place,
+            "left out",
+            "the sheet" if sheet.name else "the file",
+            "it holds no table of angles and readings",
             "--sheets",
-        )  # fmt: skip
+        )
     paths = [sheet.path for sheet, _ in found]
-    found = [(replace(sheet, only=True) if paths.count(sheet.path) == 1 else sheet, heading) for sheet, heading in found]
+    found = [
+        (replace(sheet, only=True) if paths.count(sheet.path) == 1 else sheet, heading)
+        for sheet, heading in found
+    ]
     return found, [sheet for sheet, _ in left]
 
 
 def _names_readings(cells: Sequence[str]) -> bool:
     """Whether a row names angle or time, and reading."""
     names = [unit_of(cell)[0] for cell in cells if cell and not looks_like_number(cell)]
-    return all(any(_called(name, role) for name in names for role in roles) for roles in (("angle", "time"), ("reading",)))
+    return all(
+        any(_called(name, role) for name in names for role in roles)
+        for roles in (("angle", "time"), ("reading",))
+    )
 
 
-def said_elsewhere(sheets: Iterable[Sheet], names: Collection[str]) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+def said_elsewhere(
+    sheets: Iterable[Sheet], names: Collection[str]
+) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     """Lines of sheets without a table: those outside lists of tests, which speak of all tests; and of each row with one of these
     names, which speaks of that test, its cells as ``header: cell``."""
     of_all, of_one, wanted = [], [], {plain(name) for name in names}
@@ -698,9 +926,16 @@ def said_elsewhere(sheets: Iterable[Sheet], names: Collection[str]) -> tuple[lis
         header: list[str] = []
         for line, cells in sheet.rows[:_LARGEST_ABOVE]:
             where, filled = f"{line} of {sheet.place}", [cell for cell in cells if cell]
-            if (mine := wanted & set(map(plain, filled))) and (plain(filled[0]) in mine or not _labels(filled[0])):
-                named = [(name, cell) for name, cell in zip(header, cells, strict=False) if name and cell]
-                of_one += [(where, f"{'direction' if _SENSE.fullmatch(cell) else name}: {cell}") for name, cell in named]
+            if (mine := wanted & set(map(plain, filled))) and (
+                plain(filled[0]) in mine or not _labels(filled[0])
+            ):
+                named = [
+                    (name, cell) for name, cell in zip(header, cells, strict=False) if name and cell
+                ]
+                of_one += [
+                    (where, f"{'direction' if _SENSE.fullmatch(cell) else name}: {cell}")
+                    for name, cell in named
+                ]
             elif _heads_a_list(filled):
                 header = list(cells)
             elif not header or _labels(filled[0]):
@@ -718,23 +953,39 @@ def _labels(cell: str) -> bool:
 
 def _heads_a_list(filled: Sequence[str]) -> bool:
     """Whether a row names the columns of a list of tests, and is no label with its value: ``Radius | 100 mm``."""
-    if not _names_columns(filled) or any(cell.endswith(":") or re.match(_NUMBER, cell) for cell in filled):
+    if not _names_columns(filled) or any(
+        cell.endswith(":") or re.match(_NUMBER, cell) for cell in filled
+    ):
         return False
     if len(filled) == 2 and _labels(filled[0]):
         return _called(unit_of(filled[1])[0], "test")
-    return any(_is_header(cell) or cell in PER_TEST for cell in filled[len(filled) == 2 or _labels(filled[0]) :])
+    return any(
+        _is_header(cell) or cell in PER_TEST
+        for cell in filled[len(filled) == 2 or _labels(filled[0]) :]
+    )
 
 
 # What a line of such a sheet may speak of in words that are not understood.
-_SPOKEN_OF = {key: re.compile(rf"\b{_SAID[key][0]}\b", re.I) for key in ("force_N", "pressure_bar", "feed_mm_per_min")}
-_SPOKEN_OF |= {"radius_mm": re.compile("(?i)(?<!kugel)radius"), "direction": _DIRECTION, "mount": re.compile("(?i)ompens|mount")}
+_SPOKEN_OF = {
+    key: re.compile(rf"\b{_SAID[key][0]}\b", re.I)
+    for key in ("force_N", "pressure_bar", "feed_mm_per_min")
+}
+_SPOKEN_OF |= {
+    "radius_mm": re.compile("(?i)(?<!kugel)radius"),
+    "direction": _DIRECTION,
+    "mount": re.compile("(?i)ompens|mount"),
+}
 
 
 def not_understood(lines: Lines) -> dict[str, str]:
     """By field, the first line that speaks of it and says nothing that is understood."""
     found: dict[str, str] = {}
     for line, text in lines:
-        if not (said_above([(line, text)]) or len(directions_said([(line, text)], ())) == 1 or _ANOTHER.search(text)):
+        if not (
+            said_above([(line, text)])
+            or len(directions_said([(line, text)], ())) == 1
+            or _ANOTHER.search(text)
+        ):
             for key in (key for key, words in _SPOKEN_OF.items() if words.search(text[:_LONGEST])):
                 found.setdefault(key, f"line {line} says {key.split('_')[0]}, not understood")
     return found
@@ -750,17 +1001,35 @@ def note_heading(sheet: Sheet, heading: Heading, layout: Layout, notes: Notes) -
         if value != "" and getattr(layout, key) is None:
             notes.keep(**{key: value})
             if value not in usual:
-                notes.add(sheet.place, key.partition("_")[0], shown, because, "--" + key.replace("_", "-"))
-    found: dict[str, Any] = {role: heading.headers[c] or c + 1 for role, c in heading.roles.items() if role not in layout.columns}
+                notes.add(
+                    sheet.place, key.partition("_")[0], shown, because, "--" + key.replace("_", "-")
+                )
+    found: dict[str, Any] = {
+        role: heading.headers[c] or c + 1
+        for role, c in heading.roles.items()
+        if role not in layout.columns
+    }
     if len(heading.readings) > 1 and "reading" not in layout.columns:
         found["reading"] = [heading.headers[c] for c in heading.readings]
     if found:
         notes.keep(columns=dict(layout.columns) | found)
         shown = ", ".join(f"{role} = {column!r}" for role, column in found.items())[:_LONGEST_NAME]
         because = "their names" if heading.line else "no header: the first two"
-        notes.add(sheet.place, "columns", shown, because, ", ".join(f"--{role}-column" for role in found))
+        notes.add(
+            sheet.place, "columns", shown, because, ", ".join(f"--{role}-column" for role in found)
+        )
     used = {*heading.roles.values(), *heading.readings}
-    others = [header for c, header in enumerate(heading.headers) if header and c not in used and header not in PER_TEST]
+    others = [
+        header
+        for c, header in enumerate(heading.headers)
+        if header and c not in used and header not in PER_TEST
+    ]
     if others:
         names = ", ".join(others)[:_LONGEST_NAME]
-        notes.add(sheet.place, "columns not used", names, "no role is known for them", "--…-column, or a [[test]] in --layout")
+        notes.add(
+            sheet.place,
+            "columns not used",
+            names,
+            "no role is known for them",
+            "--…-column, or a [[test]] in --layout",
+        )

@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 from pydantic import PlainSerializer
 
 from ldbb_bayes.campaign import headers, spreadsheet
-from ldbb_bayes.campaign.campaign import LABELS, PER_TEST, Campaign, CircularTest, ForceLaw, MountCompensation
+from ldbb_bayes.campaign.campaign import (
+    LABELS,
+    PER_TEST,
+    Campaign,
+    CircularTest,
+    ForceLaw,
+    MountCompensation,
+)
 from ldbb_bayes.campaign.certificates import SUFFIX, BallbarRecord, read_b5r
 from ldbb_bayes.campaign.headers import UNITS, WORDS, Assumption, Heading, Layout, Notes, Said
 from ldbb_bayes.campaign.preview import resolution_of
@@ -46,8 +53,14 @@ _UNIT = {"force_N": "N", "pressure_bar": "bar", "radius_mm": "mm", "feed_mm_per_
 _UNIT |= {"resolution_um": "µm"}
 _LOADS = {"force_N": ("force", "forces_N"), "pressure_bar": ("pressure", "pressures_bar")}
 # What lines above a table say of the campaign, and what says otherwise.
-_OF_CAMPAIGN = {"plane": "--plane", "resolution_um": "--resolution-um", "mount": "--raw, --mount-um-per-bar"}
-_OF_CAMPAIGN |= {"feed_mm_per_min": "--feed-mm-per-min"} | {key: f"--{key.replace('_', '-')}" for key in LABELS}
+_OF_CAMPAIGN = {
+    "plane": "--plane",
+    "resolution_um": "--resolution-um",
+    "mount": "--raw, --mount-um-per-bar",
+}
+_OF_CAMPAIGN |= {"feed_mm_per_min": "--feed-mm-per-min"} | {
+    key: f"--{key.replace('_', '-')}" for key in LABELS
+}
 _OF_ALL = {*_OF_CAMPAIGN, "radius_mm", "temperature_C"}
 # Of these each test may say its own; of people, places and instruments all are named.
 _OF_EACH, _OF_SEVERAL = ("plane", "date"), ("operator", "place", "ball_bar", "force_device")
@@ -98,8 +111,14 @@ class _Table:
 
     def names(self) -> list[str]:
         """Of test, column, sheet and file."""
-        column = self.heading.headers[self.heading.roles["reading"]] if "reading" in self.heading.roles else ""
-        return [name for name in (self.label, column, self.sheet.name, self.sheet.path.stem) if name]
+        column = (
+            self.heading.headers[self.heading.roles["reading"]]
+            if "reading" in self.heading.roles
+            else ""
+        )
+        return [
+            name for name in (self.label, column, self.sheet.name, self.sheet.path.stem) if name
+        ]
 
     def note(self, what: str, value: str, because: str, option: str) -> None:
         self.notes.add(self.place, what, value, because, option)
@@ -112,8 +131,12 @@ class _Table:
     def circle(self, loads: dict[str, float]) -> _Circle:
         """The fields of the circular test: load, direction, angles, readings, laps."""
         if loads:
-            self.stated = {key: value for key, value in self.stated.items() if key not in _LOADS} | loads
-        self.fields |= {key: value for key, value in self.stated.items() if key not in ("file", "start_deg")}
+            self.stated = {
+                key: value for key, value in self.stated.items() if key not in _LOADS
+            } | loads
+        self.fields |= {
+            key: value for key, value in self.stated.items() if key not in ("file", "start_deg")
+        }
         if "name" not in self.fields:
             self.fields["name"] = self.name_of_file(self.own_name)
         self.fields["direction"] = self._direction()
@@ -122,7 +145,12 @@ class _Table:
         angle, reading = self._angle(), self._reading()
         with placed(self.place):
             angle, reading = self._laps(angle, reading)
-        return _Circle(self, {key: value for key, value in self.fields.items() if value is not None}, angle, reading)
+        return _Circle(
+            self,
+            {key: value for key, value in self.fields.items() if value is not None},
+            angle,
+            reading,
+        )
 
     def name_of_file(self, stem: str) -> str:
         """A test's name is a file's: signs that cannot stand in one are replaced."""
@@ -138,9 +166,13 @@ class _Table:
         radius = headers.radius_in_name(self.names()) if key == "radius_mm" else None
         first = [(column, "its column", _IN_LINE), (self.given(key), "as given", _IN_LINE)]
         first = first if key == "radius_mm" else first[::-1]
-        sure = [(float(value), where, within) for value, where, within in first if value is not None]
+        sure = [
+            (float(value), where, within) for value, where, within in first if value is not None
+        ]
         said = [(own.value, f"line {own.line}", _IN_LINE) for own in self.above.get(key, ())]
-        said += [(named[1], f"the name {named[2]!r}", _IN_NAME)] if named and named[0] == key else []
+        said += (
+            [(named[1], f"the name {named[2]!r}", _IN_NAME)] if named and named[0] == key else []
+        )
         said += [(radius, "its name", _IN_NAME)] if radius is not None else []
         if not (sure or said):
             return None
@@ -152,11 +184,20 @@ class _Table:
             if not (math.isnan(other) or np.isclose(other, value, rtol=within)):
                 if not sure:
                     got = f"{value:g} {unit} in {where} and {other:g} {unit} in {there}"
-                    raise InputError(f"{self.place}: {key} must be said once, got {got}. Give {option}.")
-                self.note(key, f"{value:g} {unit}, {where}", f"{there} says {other:g} {unit}", option)
+                    raise InputError(
+                        f"{self.place}: {key} must be said once, got {got}. Give {option}."
+                    )
+                self.note(
+                    key, f"{value:g} {unit}, {where}", f"{there} says {other:g} {unit}", option
+                )
         if not sure:
             above = self.above.get(key)
-            self.note(key, f"{value:g} {unit}", where + (", no unit there" if above and not above[0].unit else ""), option)
+            self.note(
+                key,
+                f"{value:g} {unit}",
+                where + (", no unit there" if above and not above[0].unit else ""),
+                option,
+            )
         return value
 
     def _direction(self) -> str | None:
@@ -168,13 +209,20 @@ class _Table:
         said = set(lines) or headers.directions_said(self.heading.above, self.names()) or elsewhere
         if given is not None:
             if said - {given}:
-                self.note("direction", f"{given}, as given", "the file says the other", "--direction")
+                self.note(
+                    "direction", f"{given}, as given", "the file says the other", "--direction"
+                )
             return given
         if len(lines) > 1 or set(lines) - {"CW", "CCW"}:
             got = f"direction must be CW or CCW in all rows of a test, got {', '.join(sorted(lines))[:60]!r}"
-            raise InputError(f"{self.place}, line {max(lines.values())}: {got}. Correct it, or give --direction.")
+            raise InputError(
+                f"{self.place}, line {max(lines.values())}: {got}. Correct it, or give --direction."
+            )
         got = "CW and CCW above the table or in names"
-        require(len(said) <= 1, f"{self.place}: direction must be said once, got {got}. Give --direction.")
+        require(
+            len(said) <= 1,
+            f"{self.place}: direction must be said once, got {got}. Give --direction.",
+        )
         direction = next(iter(said), None)
         if direction and not lines:
             self.note("direction", direction, "a line above the table, or the name", "--direction")
@@ -186,7 +234,9 @@ class _Table:
         found = {key: self.quantity(key, None if given else self._one_value(key)) for key in _LOADS}
         loads = {key: value for key, value in found.items() if value is not None}
         got = "got neither from a column, the lines above the table or the name"
-        got += f" (which number does {self.own_name!r} mean?)" * headers.load_is_ambiguous(self.names())
+        got += f" (which number does {self.own_name!r} mean?)" * headers.load_is_ambiguous(
+            self.names()
+        )
         cure = "Give --forces-N or --pressures-bar, one for each test in the order of files and sheets, or a [[test]] in --layout"
         require(loads, f"{self.place}: force or pressure must be known, {got}. {cure}.")
         return loads
@@ -197,7 +247,9 @@ class _Table:
         if role not in self.numbers:
             return None
         values = self.numbers[role] * self._unit(role, unit)
-        changed = np.flatnonzero(np.abs(values - values[0]) > 1e-9 * max(float(np.abs(values).max()), 1.0))
+        changed = np.flatnonzero(
+            np.abs(values - values[0]) > 1e-9 * max(float(np.abs(values).max()), 1.0)
+        )
         if changed.size:
             got = f"{role} must be the same in all rows of a test, got {values.min():g} to {values.max():g} {unit}"
             cure = f"Name the test of each row in a column (--test-column), or give the nominal value ({_option(key)})"
@@ -215,14 +267,21 @@ class _Table:
         if not named:
             self.note(f"unit of the {role}", default, because, option)
         elif header not in ("", named):
-            self.note(f"unit of the {role}", f"{named}, as given", f"line {self.heading.line} says {header}", option)
+            self.note(
+                f"unit of the {role}",
+                f"{named}, as given",
+                f"line {self.heading.line} says {header}",
+                option,
+            )
         self.notes.keep(**{f"{role}_unit": None if header else named or default})
         return UNITS[role][named or default]
 
     def _column(self, role: str, what: str) -> Array:
         if role not in self.numbers:
             seen = f"{', '.join(map(repr, self.heading.headers))[:_LONGEST_LIST]} in line {self.heading.line}"
-            raise InputError(f"{self.place}: a column must hold the {what}, got {seen}. Say which: --{role}-column.")
+            raise InputError(
+                f"{self.place}: a column must hold the {what}, got {seen}. Say which: --{role}-column."
+            )
         return self.numbers[role]
 
     def _angle(self) -> Array:
@@ -231,31 +290,43 @@ class _Table:
             return self._from_time()
         raw = self._column("angle", "angle, or the time")
         span = float(np.ptp(raw))
-        unit = self._unit("angle", "deg" if span > _LARGEST_SPAN_RAD else "rad", f"it spans {span:.4g}")
-        return np.unwrap(self.layout.angle_sign * (raw * unit - self.layout.angle_offset_deg), period=_TURN)
+        unit = self._unit(
+            "angle", "deg" if span > _LARGEST_SPAN_RAD else "rad", f"it spans {span:.4g}"
+        )
+        return np.unwrap(
+            self.layout.angle_sign * (raw * unit - self.layout.angle_offset_deg), period=_TURN
+        )
 
     def _from_time(self) -> Array:
         feed = self.quantity("feed_mm_per_min")
         if feed is None or not feed > 0.0:
-            raise InputError(f"{self.place}: a log over time must come with its feed, got none. Give --feed-mm-per-min.")
+            raise InputError(
+                f"{self.place}: a log over time must come with its feed, got none. Give --feed-mm-per-min."
+            )
         where = {}
         for key in ("start_deg", "overshoot_deg"):
             value = self.quantity(key)
             if value is None:
                 self.note(key, "0°", "nothing says otherwise", _option(key))
             where[key] = value or 0.0
-        self.note("feed", "constant from the first reading on", "a log holds no more", "--overshoot-deg")
+        self.note(
+            "feed", "constant from the first reading on", "a log holds no more", "--overshoot-deg"
+        )
         if self.fields["direction"] is None:
             self.note("direction", "CCW", "none stated", "--direction")
             self.fields["direction"] = "CCW"
         back = np.flatnonzero(np.diff(self.numbers["time"]) <= 0.0)
         if back.size:
             line = self.lines[back[0] + 1]
-            raise InputError(f"{self.place}, line {line}: time must increase from row to row. Sort or split the log.")
+            raise InputError(
+                f"{self.place}, line {line}: time must increase from row to row. Sort or split the log."
+            )
         sense = -1 if self.fields["direction"] == "CW" else 1
         with placed(self.place):
             time_s = self.numbers["time"] * self._unit("time", "s")
-            angle = angles_from_time(time_s, feed_mm_per_min=feed, radius_mm=self.radius_mm, sense=sense, **where)
+            angle = angles_from_time(
+                time_s, feed_mm_per_min=feed, radius_mm=self.radius_mm, sense=sense, **where
+            )
         kept = on_the_circle(angle, start_deg=where["start_deg"], sense=sense)
         if not kept.all():
             left = f"{np.count_nonzero(~kept)} readings left out"
@@ -267,8 +338,13 @@ class _Table:
         """Actual ball distance − R, shape (n,) [µm]."""
         raw = self._column("reading", "reading")
         got = f"the reading must change from row to row, got {raw[0]:g} in all"
-        require(np.ptp(raw) > 0.0, f"{self.place}: {got}. Say which column it is: --reading-column.")
-        largest, by_radius = float(np.abs(raw).max()), abs(np.median(raw) / self.radius_mm - 1.0) < _NEAR_RADIUS
+        require(
+            np.ptp(raw) > 0.0, f"{self.place}: {got}. Say which column it is: --reading-column."
+        )
+        largest, by_radius = (
+            float(np.abs(raw).max()),
+            abs(np.median(raw) / self.radius_mm - 1.0) < _NEAR_RADIUS,
+        )
         usual = "mm" if by_radius or largest < _LARGEST_IN_MM else "um"
         reading = raw * self._unit("reading", usual, f"the largest is {largest:.4g}")
         # Distances on another radius are no deviations of this one.
@@ -279,21 +355,32 @@ class _Table:
         given = self.layout.zero
         if {"distance": not near, "deviation": far, None: far and not near}[given]:
             got = f"got {median_mm:.5g} mm{f' as {given} (--zero)' if given else ''}. Give --radius-mm, or --unit, or --zero."
-            raise InputError(f"{self.place}: readings must be deviations from {self.radius_mm:g} mm, or distances near it, {got}")
+            raise InputError(
+                f"{self.place}: readings must be deviations from {self.radius_mm:g} mm, or distances near it, {got}"
+            )
         zero = given or ("distance" if near else "deviation")
         if given is None:
             self.notes.keep(zero=zero)
         if zero == "distance" and given is None:
             why = f"its median is {median_mm:.4g} mm"
-            self.note("reading", f"distance of the balls, {self.radius_mm:g} mm subtracted", why, "--zero")
-        return self.layout.sign * (reading - 1e3 * self.radius_mm if zero == "distance" else reading)
+            self.note(
+                "reading", f"distance of the balls, {self.radius_mm:g} mm subtracted", why, "--zero"
+            )
+        return self.layout.sign * (
+            reading - 1e3 * self.radius_mm if zero == "distance" else reading
+        )
 
     def _laps(self, angle: Array, reading: Array) -> tuple[Array, Array]:
         if len(angle) < 2:
             return angle, reading
         travel, stated = direction_run(angle), self.fields.get("direction")
         if stated and travel not in (None, stated):
-            self.note("direction", f"{stated}, as stated", f"the angles run {travel}: taken as sorted", "--direction")
+            self.note(
+                "direction",
+                f"{stated}, as stated",
+                f"the angles run {travel}: taken as sorted",
+                "--direction",
+            )
         # A full circle whose last reading stands one step before the first is one.
         laps = float(abs(angle[-1] - angle[0]) + np.median(np.abs(np.diff(angle)))) / _TURN
         if laps < _MORE_THAN_A_TURN or self.layout.laps == "keep":
@@ -324,27 +411,42 @@ class _Circle:
 
     def completed_by(self, other: _Circle) -> bool:
         """Whether both are arcs of one force and direction, run the same way, that together make a circle."""
-        mine, theirs = ({k: v for k, v in own.fields.items() if k not in _OF_A_FILE} for own in (self, other))
+        mine, theirs = (
+            {k: v for k, v in own.fields.items() if k not in _OF_A_FILE} for own in (self, other)
+        )
         ways = [own.angle_deg[-1] > own.angle_deg[0] for own in (self, other)]
         arcs = all(_HALF_DEG[0] <= own.arc_deg <= _HALF_DEG[1] for own in (self, other))
         if not arcs or mine != theirs or ways[0] != ways[1]:
             return False
         around = np.sort(np.mod(np.concatenate([self.angle_deg, other.angle_deg]), _TURN))
         largest = float(np.diff(np.append(around, around[0] + _TURN)).max())
-        return largest <= 3.0 * max(float(np.median(np.abs(np.diff(own.angle_deg)))) for own in (self, other))
+        return largest <= 3.0 * max(
+            float(np.median(np.abs(np.diff(own.angle_deg)))) for own in (self, other)
+        )
 
     def joined(self, other: _Circle) -> _Circle:
         """Both as one test, its angles running on."""
         on = other.angle_deg + _TURN * round((self.angle_deg[-1] - other.angle_deg[0]) / _TURN)
         names = [str(own.fields["name"]) for own in (self, other)]
-        alike = "".join(a for a, _ in takewhile(lambda pair: pair[0] == pair[1], zip(*names, strict=False)))
+        alike = "".join(
+            a for a, _ in takewhile(lambda pair: pair[0] == pair[1], zip(*names, strict=False))
+        )
         name = alike.rstrip(" _-.,+(") or names[0]
         because = "of one force and direction, together they make a circle"
         self.table.notes.add(
-            "", "half circles", f"{names[0]!r} and {names[1]!r} are one test", because, "setup of a [[test]] in --layout"
+            "",
+            "half circles",
+            f"{names[0]!r} and {names[1]!r} are one test",
+            because,
+            "setup of a [[test]] in --layout",
         )
-        angle, reading = np.concatenate([self.angle_deg, on]), np.concatenate([self.reading_um, other.reading_um])
-        return replace(self, fields=self.fields | {"name": name}, angle_deg=angle, reading_um=reading)
+        angle, reading = (
+            np.concatenate([self.angle_deg, on]),
+            np.concatenate([self.reading_um, other.reading_um]),
+        )
+        return replace(
+            self, fields=self.fields | {"name": name}, angle_deg=angle, reading_um=reading
+        )
 
 
 def _stitched(circles: Sequence[_Circle]) -> list[_Circle]:
@@ -358,21 +460,41 @@ def _stitched(circles: Sequence[_Circle]) -> list[_Circle]:
 
 
 def _tests_in(
-    sheet: Sheet, heading: Heading, layout: Layout, campaign: Mapping[str, Any], notes: Notes, left_out: Sequence[Sheet]
+    sheet: Sheet,
+    heading: Heading,
+    layout: Layout,
+    campaign: Mapping[str, Any],
+    notes: Notes,
+    left_out: Sequence[Sheet],
 ) -> Iterator[_Table]:
     """The tests of one sheet, in the order of their first rows; with what the sheets left out say of them."""
     rows = sheet.rows[heading.first :]
-    while rows and not any(spreadsheet.looks_like_number(cell) or spreadsheet.is_missing(cell) for cell in rows[-1][1]):
+    while rows and not any(
+        spreadsheet.looks_like_number(cell) or spreadsheet.is_missing(cell) for cell in rows[-1][1]
+    ):
         rows.pop()  # what is no row of numbers may only stand below the table
     lines, columns = spreadsheet.columns_of(sheet.place, rows, len(heading.headers))
     headers.note_heading(sheet, heading, layout, notes)
-    numeric = {role: c for role, c in heading.roles.items() if role not in ("test", "direction", "reading")}
-    clock = numeric.pop("time") if "time" in numeric and spreadsheet.is_clock(columns[numeric["time"]][0]) else None
-    decimal = _decimal(sheet, lines, [columns[c] for c in (*numeric.values(), *heading.readings)], layout, notes)
-    numbers = {role: numbers_of(sheet.place, heading.column(role, c), lines, columns[c], decimal) for role, c in numeric.items()}
+    numeric = {
+        role: c for role, c in heading.roles.items() if role not in ("test", "direction", "reading")
+    }
+    clock = (
+        numeric.pop("time")
+        if "time" in numeric and spreadsheet.is_clock(columns[numeric["time"]][0])
+        else None
+    )
+    decimal = _decimal(
+        sheet, lines, [columns[c] for c in (*numeric.values(), *heading.readings)], layout, notes
+    )
+    numbers = {
+        role: numbers_of(sheet.place, heading.column(role, c), lines, columns[c], decimal)
+        for role, c in numeric.items()
+    }
     if clock is not None:
         if layout.time_unit not in (None, "s"):
-            raise InputError(f"{sheet.place}: times of day have no unit, got {layout.time_unit!r}. Leave --time-unit out.")
+            raise InputError(
+                f"{sheet.place}: times of day have no unit, got {layout.time_unit!r}. Leave --time-unit out."
+            )
         numbers["time"] = spreadsheet.seconds_of(sheet.place, lines, columns[clock])
         heading.units[clock] = "s"
     labels = columns[heading.roles["test"]] if "test" in heading.roles else [""] * len(lines)
@@ -385,57 +507,125 @@ def _tests_in(
     per_test = _per_test(sheet, heading, columns, labels, notes)
     for own in heading.each():
         for c in own.readings:
-            numbers["reading"] = numbers_of(sheet.place, heading.column("reading", c), lines, columns[c], decimal)
+            numbers["reading"] = numbers_of(
+                sheet.place, heading.column("reading", c), lines, columns[c], decimal
+            )
         for label, mine in groups.items():
             at, name = [lines[k] for k in mine], label or own.label
-            words = {columns[own.roles["direction"]][k]: lines[k] for k in reversed(mine)} if "direction" in own.roles else {}
+            words = (
+                {columns[own.roles["direction"]][k]: lines[k] for k in reversed(mine)}
+                if "direction" in own.roles
+                else {}
+            )
             several = len(mine) < len(lines) or len(heading.readings) > 1 or bool(sheet.own_name)
             stated = _stated(sheet, name, layout, several)
             fields = {
-                key: spreadsheet.constant(sheet.place, name, key, at, [columns[c][k] for k in mine], decimal)
+                key: spreadsheet.constant(
+                    sheet.place, name, key, at, [columns[c][k] for k in mine], decimal
+                )
                 for key, c in per_test.items()
             }
             part = {role: values[mine] for role, values in numbers.items()}
-            of_all, of_one = headers.said_elsewhere(left_out, [label or sheet.name or sheet.path.stem, sheet.path.name])
-            all_said = {key: said for key, said in headers.said_above(of_all).items() if key in _OF_ALL}
+            of_all, of_one = headers.said_elsewhere(
+                left_out, [label or sheet.name or sheet.path.stem, sheet.path.name]
+            )
+            all_said = {
+                key: said for key, said in headers.said_above(of_all).items() if key in _OF_ALL
+            }
             heard = replace(own, above=[*own.above, *of_one])
             above = all_said | headers.said_above(heard.above)
-            yield _Table(sheet, heard, name, at, part, words, above, layout, stated, campaign, notes, fields, of_all)
+            yield _Table(
+                sheet,
+                heard,
+                name,
+                at,
+                part,
+                words,
+                above,
+                layout,
+                stated,
+                campaign,
+                notes,
+                fields,
+                of_all,
+            )
 
 
 def _names(sheet: Sheet, label: str) -> list[str]:
     """By which a [[test]] of the layout may call a test."""
-    return [name for name in (label, sheet.own_name, sheet.path.name, sheet.path.stem, str(sheet.path), sheet.name) if name]
+    return [
+        name
+        for name in (
+            label,
+            sheet.own_name,
+            sheet.path.name,
+            sheet.path.stem,
+            str(sheet.path),
+            sheet.name,
+        )
+        if name
+    ]
 
 
 def _stated(sheet: Sheet, label: str, layout: Layout, several: bool) -> dict[str, Any]:
     """What the layout says of a test, by any of its names, the first of them before the others."""
     names = _names(sheet, label)
-    of_file = [entry for entry in layout.test if entry.file in names and entry.file not in (label, sheet.own_name)]
+    of_file = [
+        entry
+        for entry in layout.test
+        if entry.file in names and entry.file not in (label, sheet.own_name)
+    ]
     if several and any(entry.force_N or entry.pressure_bar for entry in of_file):
         cure = "Give --forces-N with one for each, a [[test]] for each in --layout, or a column"
-        raise InputError(f"{sheet.place}: a force or pressure given for the file must be of one test, got several in it. {cure}.")
-    entries = sorted((own for own in layout.test if own.file in names), key=lambda own: -names.index(own.file))
+        raise InputError(
+            f"{sheet.place}: a force or pressure given for the file must be of one test, got several in it. {cure}."
+        )
+    entries = sorted(
+        (own for own in layout.test if own.file in names), key=lambda own: -names.index(own.file)
+    )
     return {key: value for entry in entries for key, value in entry.stated().items()}
 
 
 def _per_test(
-    sheet: Sheet, heading: Heading, columns: Sequence[Sequence[str]], labels: Sequence[str], notes: Notes
+    sheet: Sheet,
+    heading: Heading,
+    columns: Sequence[Sequence[str]],
+    labels: Sequence[str],
+    notes: Notes,
 ) -> dict[str, int]:
     """Columns that hold one value for each test; times and temperatures of every reading are left out, and told."""
-    found = {header: c for c, header in enumerate(heading.headers) if header in PER_TEST and c not in heading.roles.values()}
+    found = {
+        header: c
+        for c, header in enumerate(heading.headers)
+        if header in PER_TEST and c not in heading.roles.values()
+    }
     for header in sorted(set(found) & {"time_s", "temperature_C"}):
         if len(set(zip(labels, columns[found[header]], strict=True))) > len(set(labels)):
-            notes.add(sheet.place, "columns not used", header, "it changes within a test", "a [[test]] in --layout")
+            notes.add(
+                sheet.place,
+                "columns not used",
+                header,
+                "it changes within a test",
+                "a [[test]] in --layout",
+            )
             del found[header]
     return found
 
 
-def _decimal(sheet: Sheet, lines: Sequence[int], columns: Sequence[Sequence[str]], layout: Layout, notes: Notes) -> str | None:
+def _decimal(
+    sheet: Sheet,
+    lines: Sequence[int],
+    columns: Sequence[Sequence[str]],
+    layout: Layout,
+    notes: Notes,
+) -> str | None:
     """The decimal mark, as given or found out; told where it may be another."""
     cells = [(line, column[k]) for k, line in enumerate(lines) for column in columns]
     decimal = layout.decimal or spreadsheet.decimal_mark(sheet.place, cells)
-    marked, other = [cell for _, cell in cells if decimal and decimal in cell], "," if decimal == "." else "."
+    marked, other = (
+        [cell for _, cell in cells if decimal and decimal in cell],
+        "," if decimal == "." else ".",
+    )
     if layout.decimal is not None:
         if not marked and any(other in cell for _, cell in cells):
             why = f"cells have {other!r} alone: thousands"
@@ -444,13 +634,24 @@ def _decimal(sheet: Sheet, lines: Sequence[int], columns: Sequence[Sequence[str]
         notes.keep(decimal=decimal)
         doubtful = all(spreadsheet.could_be_thousands(cell) for cell in marked)
         if doubtful or decimal == ",":
-            why = "thousands are as likely: three digits behind each" if doubtful else "no cell has a point"
+            why = (
+                "thousands are as likely: three digits behind each"
+                if doubtful
+                else "no cell has a point"
+            )
             notes.add(sheet.place, "decimal mark", decimal, why, "--decimal")
     return decimal
 
 
-_Summary = Annotated[Campaign, PlainSerializer(lambda own: {"name": own.name, "tests": len(own.tests), "readings": own.readings})]
-_Given = Annotated[Layout, PlainSerializer(lambda own: own.model_dump(by_alias=True, exclude_none=True))]
+_Summary = Annotated[
+    Campaign,
+    PlainSerializer(
+        lambda own: {"name": own.name, "tests": len(own.tests), "readings": own.readings}
+    ),
+]
+_Given = Annotated[
+    Layout, PlainSerializer(lambda own: own.model_dump(by_alias=True, exclude_none=True))
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -461,12 +662,17 @@ class Imported(Result):
     campaign: _Summary  #: in JSON its name and numbers of tests and readings
     layout: _Given  #: with what was found out filled in: reading the same files with it guesses nothing of them
     assumptions: tuple[Assumption, ...]  #: with the option that changes each
-    unsaid: tuple[str, ...]  #: fields of the campaign for which the usual value was taken, as nothing says another
+    unsaid: tuple[
+        str, ...
+    ]  #: fields of the campaign for which the usual value was taken, as nothing says another
     records: tuple[BallbarRecord, ...] = ()  #: of Renishaw's files among them
 
 
 def import_campaign(
-    files: Sequence[str | os.PathLike[str]] | str | os.PathLike[str], *, layout: Layout | None = None, **campaign: Any
+    files: Sequence[str | os.PathLike[str]] | str | os.PathLike[str],
+    *,
+    layout: Layout | None = None,
+    **campaign: Any,
 ) -> Imported:
     """Read tables as they are found into one campaign.
 
@@ -479,46 +685,79 @@ def import_campaign(
     paths, named = matching(given), {Path(file) for file in given}
     records = tuple(read_b5r(path) for path in paths if path.suffix.lower() == SUFFIX)
     paths = [path for path in paths if path.suffix.lower() != SUFFIX]
-    got = f"got {given[0]} alone: how a {SUFFIX} file writes its trace is described nowhere in public"
-    require(paths, f"files must hold readings, {got}. Export the trace as text, and name that file too.")
+    got = (
+        f"got {given[0]} alone: how a {SUFFIX} file writes its trace is described nowhere in public"
+    )
+    require(
+        paths, f"files must hold readings, {got}. Export the trace as text, and name that file too."
+    )
     tests: list[CircularTest] = []
     tables: list[_Table] = []
-    read = partial(read_sheets, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets)
+    read = partial(
+        read_sheets, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets
+    )
     sheets = [sheet for path in paths for sheet in read(path)]
     found, left_out = headers.find_headings(sheets, layout, notes, set(paths) - named)
     for sheet, heading in found:
         tables += list(_tests_in(sheet, heading, layout, campaign, notes, left_out))
         if len(tables) > LARGEST_TESTS:
-            raise InputError(f"{sheet.path}: a campaign must have at most {LARGEST_TESTS} tests, got more. Import fewer at once.")
+            raise InputError(
+                f"{sheet.path}: a campaign must have at most {LARGEST_TESTS} tests, got more. Import fewer at once."
+            )
     loads = {key: values for key, (_, name) in _LOADS.items() if (values := getattr(layout, name))}
     for key, values in loads.items():
         listed = ", ".join(table.own_name for table in tables)[:_LONGEST_LIST]
         got = f"{_option(key)} must hold one number for each test, got {len(values)} for {len(tables)} tests ({listed})"
         require(len(values) == len(tables), f"{got}. Give all, in the order of files and sheets.")
     _take_said(campaign, tables)
-    circles = _stitched([table.circle({key: own[k] for key, own in loads.items()}) for k, table in enumerate(tables)])
+    circles = _stitched(
+        [
+            table.circle({key: own[k] for key, own in loads.items()})
+            for k, table in enumerate(tables)
+        ]
+    )
     for test, table in ((circle.test(), circle.table) for circle in circles):
         if table.label and test.name in [own.name for own in tests]:
-            name = table.name_of_file(f"{table.sheet.own_name or table.sheet.path.stem} {test.name}")
-            table.note("name of the test", name, f"{test.name!r} stands elsewhere too", "a [[test]] in --layout")
+            name = table.name_of_file(
+                f"{table.sheet.own_name or table.sheet.path.stem} {test.name}"
+            )
+            table.note(
+                "name of the test",
+                name,
+                f"{test.name!r} stands elsewhere too",
+                "a [[test]] in --layout",
+            )
             test = replace(test, name=name)
         tests.append(test)
     names = [test.name for test in tests]
     twice = next((name for k, name in enumerate(names) if name in names[:k]), None)
     got = f"{', '.join(map(str, paths))[:_LONGEST_LIST]}: tests must bear different names, got {twice!r} twice."
-    require(twice is None, f"{got} A file or sheet named twice? Else rename one, or give it a name in a [[test]] of --layout.")
+    require(
+        twice is None,
+        f"{got} A file or sheet named twice? Else rename one, or give it a name in a [[test]] of --layout.",
+    )
     used = {name for table in tables for name in _names(table.sheet, table.label)}
     for entry in layout.test:
         if entry.file not in used:
-            notes.add("", "[[test]] not used", entry.file[:_LONGEST_LIST], "no file, sheet or label of that name", "--layout")
+            notes.add(
+                "",
+                "[[test]] not used",
+                entry.file[:_LONGEST_LIST],
+                "no file, sheet or label of that name",
+                "--layout",
+            )
     _take_resolution(campaign, tests, notes)
     for key, said in headers.said_above(tables[0].of_all).items():
         for own in said if key in _LOADS else ():
             why = f"line {own.line} says {own.value:g} {key.partition('_')[2]} outside the list of tests"
             notes.add("", key, "taken for no test", why, _option(_LOADS[key][1]))
     unsaid = _note_machine(campaign, tests, notes, headers.not_understood(tables[0].of_all))
-    campaign.setdefault("name", paths[0].stem if len(paths) == 1 else paths[0].resolve().parent.name or "campaign")
-    return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told(), unsaid, records)
+    campaign.setdefault(
+        "name", paths[0].stem if len(paths) == 1 else paths[0].resolve().parent.name or "campaign"
+    )
+    return Imported(
+        Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told(), unsaid, records
+    )
 
 
 def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
@@ -528,7 +767,9 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
     for given in files:
         text = os.fspath(given).strip('"')
         windows, path = PureWindowsPath(text), Path(text)
-        path = Path(*windows.parts) if "\\" in text and not (windows.anchor or path.exists()) else path
+        path = (
+            Path(*windows.parts) if "\\" in text and not (windows.anchor or path.exists()) else path
+        )
         wild = next((k for k, part in enumerate(path.parts) if set("*?") & set(part)), None)
         if wild is None or path.exists():
             found.append(path)
@@ -536,7 +777,10 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
         above, pattern = Path(*path.parts[:wild]), "/".join(path.parts[wild:]).replace("[", "[[]")
         matches = [own for own in above.glob(pattern) if not own.name.startswith((".", "~$"))]
         matches = sorted([own for own in matches if own.is_file()] or matches, key=_naturally)
-        there = sorted((own.name for own in above.glob("*") if not own.name.startswith((".", "~$"))), key=_naturally)
+        there = sorted(
+            (own.name for own in above.glob("*") if not own.name.startswith((".", "~$"))),
+            key=_naturally,
+        )
         holds = f"{above} holds {', '.join(map(repr, there))[:_LONGEST_LIST] or 'nothing'}"
         cure = f"got none: {holds if above.is_dir() else f'there is no folder {above}'}. Name the files, or correct the pattern"
         require(matches, f"{text} must match a file, {cure}.")
@@ -547,7 +791,10 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
 
 def _naturally(name: object) -> list[Any]:
     """For sorting: 2 N before 10 N."""
-    return [int(part) if part.isdigit() else part for part in re.split(r"([0-9]+)", str(name).casefold())]
+    return [
+        int(part) if part.isdigit() else part
+        for part in re.split(r"([0-9]+)", str(name).casefold())
+    ]
 
 
 def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
@@ -556,16 +803,29 @@ def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
         found: dict[Any, str] = {}
         for table in tables:
             lines = [own for own in table.above.get(key, ()) if own.value == own.value]
-            said = {own.value if isinstance(own.value, str) else round(own.value, 9): f"line {own.line}" for own in lines}
-            own = {value: line if " of " in line else f"{line} of {table.sheet.place}" for value, line in said.items()}
+            said = {
+                own.value if isinstance(own.value, str) else round(own.value, 9): f"line {own.line}"
+                for own in lines
+            }
+            own = {
+                value: line if " of " in line else f"{line} of {table.sheet.place}"
+                for value, line in said.items()
+            }
             if key == "plane" and (named := headers.plane_in_name(table.names())):
                 said, own = ({named: "its name"} | lines for lines in (said, own))
             sure = table.stated.get(key) or table.fields.get(key) or table.given(key)
             if sure is not None:
-                sure = ("raw", "compensated")[sure.compensated] if isinstance(sure, MountCompensation) else sure
+                sure = (
+                    ("raw", "compensated")[sure.compensated]
+                    if isinstance(sure, MountCompensation)
+                    else sure
+                )
                 own.pop(sure, None)
                 got = f"{sure} as given and raw in {own.get('raw')}"
-                require("raw" not in own, f"{table.place}: {key} must be said once, got {got}. Correct the line, or give --raw.")
+                require(
+                    "raw" not in own,
+                    f"{table.place}: {key} must be said once, got {got}. Correct the line, or give --raw.",
+                )
                 for value in own:
                     table.note(key, f"{sure}, as given", f"{said[value]} says {value}", option)
                 continue
@@ -575,18 +835,30 @@ def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
             if several or (key == "plane" and own.keys() - PLANES.keys()):
                 must = "said once" if several else f"one of {', '.join(PLANES)}"
                 got = " and ".join(f"{value} in {where}" for value, where in all_said.items())
-                raise InputError(f"{table.place}: {key} must be {must}, got {got}. Correct the lines, or give {option}.")
+                raise InputError(
+                    f"{table.place}: {key} must be {must}, got {got}. Correct the lines, or give {option}."
+                )
             for value in own:
-                table.note(key, f"{value:g} {_UNIT[key]}" if key in _UNIT else value, said[value], option)
+                table.note(
+                    key, f"{value:g} {_UNIT[key]}" if key in _UNIT else value, said[value], option
+                )
                 table.fields |= {key: value} if key == "plane" else {}
-        if found and (key != "plane" or ({table.fields.get(key) for table in tables} == set(found) and len(found) == 1)):
+        if found and (
+            key != "plane"
+            or ({table.fields.get(key) for table in tables} == set(found) and len(found) == 1)
+        ):
             _take(campaign, key, list(found))
     campaign.setdefault("machine_id", campaign.get("serial_number") or campaign.get("machine_type"))
     for table in tables:
         for heat in table.above.get("temperature_C", ())[:1]:
             if "temperature_C" not in table.stated and table.fields.get("temperature_C") is None:
                 table.fields["temperature_C"] = heat.value
-                table.note("temperature_C", f"{heat.value:g} °C", f"line {heat.line}", "a [[test]] in --layout")
+                table.note(
+                    "temperature_C",
+                    f"{heat.value:g} °C",
+                    f"line {heat.line}",
+                    "a [[test]] in --layout",
+                )
 
 
 def _take(campaign: dict[str, Any], key: str, found: list[Any]) -> None:
@@ -604,16 +876,27 @@ def _take_resolution(campaign: dict[str, Any], tests: Sequence[CircularTest], no
     if "resolution_um" in campaign:
         return
     steps = [(resolution_of(test.reading_um), float(np.ptp(test.reading_um))) for test in tests]
-    likely = [step for step, span in steps if step and _STEPS_UM[0] <= step <= min(_STEPS_UM[1], _LARGEST_STEP * span)]
+    likely = [
+        step
+        for step, span in steps
+        if step and _STEPS_UM[0] <= step <= min(_STEPS_UM[1], _LARGEST_STEP * span)
+    ]
     if likely and len(likely) == len(tests):
         campaign["resolution_um"] = float(f"{min(likely):.3g}")
         notes.add(
-            "", "resolution_um", f"{campaign['resolution_um']:g} µm", "the smallest step of the readings", "--resolution-um"
+            "",
+            "resolution_um",
+            f"{campaign['resolution_um']:g} µm",
+            "the smallest step of the readings",
+            "--resolution-um",
         )
 
 
 def _note_machine(
-    campaign: Mapping[str, Any], tests: Sequence[CircularTest], notes: Notes, unclear: Mapping[str, str]
+    campaign: Mapping[str, Any],
+    tests: Sequence[CircularTest],
+    notes: Notes,
+    unclear: Mapping[str, str],
 ) -> tuple[str, ...]:
     """What the model needs to know of the machine and no table says, or not clearly: its fields are told."""
     unsaid, law, unclear = [], ForceLaw(), dict(unclear)
@@ -624,17 +907,29 @@ def _note_machine(
         ("resolution_um", "0.24 µm", "--resolution-um"),
         ("mount", "readings compensated for its deflection", "--raw"),
     ):
-        if key not in campaign and not (key in ("radius_mm", "plane") and all(getattr(test, key) for test in tests)):
+        if key not in campaign and not (
+            key in ("radius_mm", "plane") and all(getattr(test, key) for test in tests)
+        ):
             notes.add("", key, value, unclear.pop(key, "nothing says otherwise"), option)
             unsaid.append(key)
     for key, line in unclear.items():
         notes.add("", key, "not taken from there", line, _option(key))
     both = [(own.force_N, own.pressure_bar) for own in tests]
-    apart = [(f, bar) for f, bar in both if f is not None and bar is not None and abs(law.force_N(bar) - f) > _OFF_LAW * abs(f)]
+    apart = [
+        (f, bar)
+        for f, bar in both
+        if f is not None and bar is not None and abs(law.force_N(bar) - f) > _OFF_LAW * abs(f)
+    ]
     if apart and "force_law" not in campaign:
         said = ", ".join(f"{force:g} N at {bar:g} bar" for force, bar in apart)[:_LONGEST_LIST]
         by_law = ", ".join(f"{law.force_N(bar):.4g} N" for _, bar in apart)[:_LONGEST_LIST]
-        notes.add("", "force", said, f"of the pressures the force law makes {by_law}", "--force-slope, --force-offset")
+        notes.add(
+            "",
+            "force",
+            said,
+            f"of the pressures the force law makes {by_law}",
+            "--force-slope, --force-offset",
+        )
     if any(test.force_N is None for test in tests) and "force_law" not in campaign:
         words = f"{law.slope_N_per_bar:g} N/bar × pressure − {-law.offset_N:g} N"
         notes.add("", "force", words, "pressure alone is given", "--force-slope, --force-offset")
@@ -646,21 +941,37 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> 
     keep = np.ones(len(test.angle_deg), dtype=bool)
     for start, end in arcs_deg:
         if not (np.isfinite(start) and np.isfinite(end)):
-            raise InputError(f"arcs_deg must be finite angles, got ({start}, {end}). Give start and end in degrees.")
+            raise InputError(
+                f"arcs_deg must be finite angles, got ({start}, {end}). Give start and end in degrees."
+            )
         width = 360.0 if abs(end - start) >= 360.0 else np.mod(end - start, 360.0)
         keep &= np.mod(test.angle_deg - start, 360.0) > width
-    require(keep.any(), f"arcs_deg must leave readings, got arcs that cover all of test {test.name!r}. Make them smaller.")
+    require(
+        keep.any(),
+        f"arcs_deg must leave readings, got arcs that cover all of test {test.name!r}. Make them smaller.",
+    )
     return test.select(keep)
 
 
 def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularTest:
     """Return the test without the readings within ``half_width_deg`` of the axis reversal points 0°, 90°, 180° and 270°."""
-    require(0.0 < half_width_deg < 45.0, f"half_width_deg must lie between 0 and 45, got {half_width_deg}. Choose a few degrees.")
-    return mask_angles(test, [(q - half_width_deg, q + half_width_deg) for q in (0.0, 90.0, 180.0, 270.0)])
+    require(
+        0.0 < half_width_deg < 45.0,
+        f"half_width_deg must lie between 0 and 45, got {half_width_deg}. Choose a few degrees.",
+    )
+    return mask_angles(
+        test, [(q - half_width_deg, q + half_width_deg) for q in (0.0, 90.0, 180.0, 270.0)]
+    )
 
 
 def angles_from_time(
-    time_s: Array, *, feed_mm_per_min: float, radius_mm: float, start_deg: float, overshoot_deg: float, sense: int
+    time_s: Array,
+    *,
+    feed_mm_per_min: float,
+    radius_mm: float,
+    start_deg: float,
+    overshoot_deg: float,
+    sense: int,
 ) -> Array:
     """Angle of every reading of a log over time, shape (n,) [deg], not modulo 360°. The axes run at constant feed along the
     circle: θ(t) = start + sense · (feed (t − t0) / R − overshoot), with t0 the first reading's time and sense 1
@@ -705,5 +1016,7 @@ def direction_run(angle_deg: Array) -> str | None:
     far = float(way[np.argmax(np.abs(way))])
     if abs(far) > 0.5 * _TURN and abs(far - way[-1]) > 0.5 * _TURN:
         cure = "Name the test of each row in a column (--test-column), or split the file."
-        raise InputError(f"angles must run one way in a test, got {way[-1] - far:+.0f}° after {far:+.0f}°. {cure}")
+        raise InputError(
+            f"angles must run one way in a test, got {way[-1] - far:+.0f}° after {far:+.0f}°. {cure}"
+        )
     return None if abs(far) <= 0.5 * _TURN else "CCW" if far > 0.0 else "CW"

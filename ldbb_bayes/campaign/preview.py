@@ -86,9 +86,15 @@ class TestPreview:
     centre_mm: tuple[float, float, float]
     work_ball_deg: float
     tool_ball_deg: float
-    resolution_um: float | None  #: step by which all readings differ, where enough of them repeat to see one
-    spikes: int  #: readings more than eight times the scatter off a resistant Fourier fit to order 12
-    noise_um: float | None  #: scatter left by a Fourier fit to order 12 without the spikes, of 35 to 200 000 readings
+    resolution_um: (
+        float | None
+    )  #: step by which all readings differ, where enough of them repeat to see one
+    spikes: (
+        int  #: readings more than eight times the scatter off a resistant Fourier fit to order 12
+    )
+    noise_um: (
+        float | None
+    )  #: scatter left by a Fourier fit to order 12 without the spikes, of 35 to 200 000 readings
     start_end_um: float | None  #: last reading minus first, where the circle closes
     peak_to_peak_um: float | None
     remarks: tuple[Remark, ...]
@@ -111,17 +117,37 @@ class CampaignPreview(Result):
 def preview(campaign: Campaign) -> CampaignPreview:
     """Look at a campaign or plan without fitting anything."""
     return CampaignPreview(
-        name=campaign.name, sha256=campaign.sha256, topology=campaign.topology, plane=campaign.machine().plane,
-        is_plan=campaign.is_plan, tests=tuple(_preview(test, campaign) for test in campaign.tests),
-        assumptions=_assumptions(campaign), remarks=_remarks(campaign),
-    )  # fmt: skip
+        name=campaign.name,
+        sha256=campaign.sha256,
+        topology=campaign.topology,
+        plane=campaign.machine().plane,
+        is_plan=campaign.is_plan,
+        tests=tuple(_preview(test, campaign) for test in campaign.tests),
+        assumptions=_assumptions(campaign),
+        remarks=_remarks(campaign),
+    )
 
 
-_SHOWN = ("name", "force_N", "pressure_bar", "arc_deg", "direction", "plane", "setup", "work_ball_deg", "tool_ball_deg")
+_SHOWN = (
+    "name",
+    "force_N",
+    "pressure_bar",
+    "arc_deg",
+    "direction",
+    "plane",
+    "setup",
+    "work_ball_deg",
+    "tool_ball_deg",
+)
 
 
 def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
-    angle, stated, remarks, kinds = np.asarray(test.angle_deg), campaign.resolution_um, _Remarks(), RemarkKind
+    angle, stated, remarks, kinds = (
+        np.asarray(test.angle_deg),
+        campaign.resolution_um,
+        _Remarks(),
+        RemarkKind,
+    )
     around, steps = np.sort(np.mod(angle, 360.0)), np.diff(angle)
     between, step = np.diff(np.append(around, around[0] + 360.0)), float(np.median(np.abs(steps)))
     gap, usual = float(between.max()), max(float(np.median(between)), step)
@@ -129,7 +155,12 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
     # Angles that rise in all tests, although some are stated to run the other way, are those of a sorted table.
     both = {"CW", "CCW"} <= {own.direction for own in campaign.tests}
     in_order = both and all(np.all(np.diff(own.angle_deg) > 0) for own in campaign.tests)
-    against = test.direction and travel and test.direction != travel and not (campaign.is_plan or in_order)
+    against = (
+        test.direction
+        and travel
+        and test.direction != travel
+        and not (campaign.is_plan or in_order)
+    )
     remarks.add(kinds.TRAVEL, against, stated=test.direction, travel=travel)
     remarks.add(kinds.ARC, test.arc_deg < _FULL_DEG, arc_deg=test.arc_deg)
     remarks.add(kinds.GAP, test.arc_deg >= _FULL_DEG and gap > 10.0 * usual, gap_deg=gap)
@@ -137,26 +168,58 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
     law = campaign.force_law.force_N(pressure)
     off = abs(law - force) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max()))
     remarks.add(kinds.FORCE_LAW, off, force_N=force, law_N=law, pressure_bar=pressure)
-    seen: dict[str, Any] = {"resolution_um": None, "spikes": 0, "noise_um": None, "start_end_um": None, "peak_to_peak_um": None}
+    seen: dict[str, Any] = {
+        "resolution_um": None,
+        "spikes": 0,
+        "noise_um": None,
+        "start_end_um": None,
+        "peak_to_peak_um": None,
+    }
     if test.reading_um is not None:
-        reading, span, digit = test.reading_um, float(np.ptp(test.reading_um)), resolution_of(test.reading_um)
+        reading, span, digit = (
+            test.reading_um,
+            float(np.ptp(test.reading_um)),
+            resolution_of(test.reading_um),
+        )
         closes = travel is not None and abs(abs(angle[-1] - angle[0]) - 360.0) <= 2.0 * step
         seen |= {"resolution_um": digit, "peak_to_peak_um": span}
         seen |= {"start_end_um": float(reading[-1] - reading[0]) if closes else None}
         if len(reading) in _FITTED:
             seen["noise_um"], seen["spikes"] = _path(test, stated, closes, remarks)
-        remarks.add(kinds.UNIT, not 3.0 * stated <= span <= 1000.0, what="peak to peak", value=span, unit="µm")
-        remarks.add(kinds.STEP, digit and not 0.5 * stated < digit < 1.5 * stated, step_um=digit, stated_um=stated)
+        remarks.add(
+            kinds.UNIT,
+            not 3.0 * stated <= span <= 1000.0,
+            what="peak to peak",
+            value=span,
+            unit="µm",
+        )
+        remarks.add(
+            kinds.STEP,
+            digit and not 0.5 * stated < digit < 1.5 * stated,
+            step_um=digit,
+            stated_um=stated,
+        )
     return TestPreview(
-        **{key: getattr(test, key) for key in _SHOWN}, readings=len(angle), largest_gap_deg=gap, travel=travel,
-        radius_mm=test.circle.radius_mm, centre_mm=test.circle.centre_mm, **seen, remarks=tuple(remarks),
-    )  # fmt: skip
+        **{key: getattr(test, key) for key in _SHOWN},
+        readings=len(angle),
+        largest_gap_deg=gap,
+        travel=travel,
+        radius_mm=test.circle.radius_mm,
+        centre_mm=test.circle.centre_mm,
+        **seen,
+        remarks=tuple(remarks),
+    )
 
 
-def _path(test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks) -> tuple[float, int]:
+def _path(
+    test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks
+) -> tuple[float, int]:
     """Scatter off a Fourier fit to order 12 [µm], and the number of spikes; what looks odd is remarked. Where the circle closes,
     a drift linear in the angle is fitted too: last and first reading are a step of the path apart."""
-    turns, reading = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1))), np.asarray(test.reading_um)
+    turns, reading = (
+        np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1))),
+        np.asarray(test.reading_um),
+    )
     path, turn = np.hstack([turns.real, turns.imag[:, 1:]]), test.angle_deg / 360.0
     columns = np.column_stack([path, turn]) if closes else path
     kept = _without_spikes(columns, reading)
@@ -166,7 +229,9 @@ def _path(test: CircularTest, resolution_um: float, closes: bool, remarks: _Rema
     spikes = ranked(np.flatnonzero(~kept).tolist(), lambda k: abs(off[k]))
     for k in spikes[:1]:
         at = float(test.angle_deg[k])
-        remarks.add(RemarkKind.SPIKES, reading=k + 1, angle_deg=at, off_um=float(off[k]), count=len(spikes))
+        remarks.add(
+            RemarkKind.SPIKES, reading=k + 1, angle_deg=at, off_um=float(off[k]), count=len(spikes)
+        )
     return _fit(path, reading, kept)[2], len(spikes)
 
 
@@ -174,7 +239,11 @@ def _fit(columns: Array, reading: Array, kept: NDArray[np.bool_]) -> tuple[Array
     """Coefficients of least squares over the readings kept, all readings off it, and the scatter of those kept."""
     coefficients: Array = np.linalg.lstsq(columns[kept], reading[kept], rcond=1e-9)[0].astype(float)
     off = reading - columns @ coefficients
-    return coefficients, off, float(np.sqrt(np.sum(off[kept] ** 2) / (np.count_nonzero(kept) - columns.shape[1])))
+    return (
+        coefficients,
+        off,
+        float(np.sqrt(np.sum(off[kept] ** 2) / (np.count_nonzero(kept) - columns.shape[1]))),
+    )
 
 
 def _without_spikes(columns: Array, reading: Array) -> NDArray[np.bool_]:
@@ -185,7 +254,9 @@ def _without_spikes(columns: Array, reading: Array) -> NDArray[np.bool_]:
     off = reading - span @ (span.T @ reading)
     for _ in range(_ROUNDS):
         weight = 1.0 / np.maximum(np.abs(off), 1e-6 * np.abs(off).max() + 1e-12)
-        off = reading - span @ np.linalg.solve((span.T * weight) @ span, span.T @ (weight * reading))
+        off = reading - span @ np.linalg.solve(
+            (span.T * weight) @ span, span.T @ (weight * reading)
+        )
     kept = np.ones(n, dtype=bool)
     for _ in range(_ROUNDS):
         # A path of least absolute deviations goes through p readings.
@@ -212,21 +283,37 @@ def resolution_of(reading_um: Array) -> float | None:
 
 
 def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
-    tests, machine, law, forces, kinds = campaign.tests, campaign.machine(), campaign.force_law, campaign.forces_N, RemarkKind
-    setups, both = sorted({test.setup or 1 for test in tests}), [plane for plane in machine.planes if _both_ways(campaign, plane)]
+    tests, machine, law, forces, kinds = (
+        campaign.tests,
+        campaign.machine(),
+        campaign.force_law,
+        campaign.forces_N,
+        RemarkKind,
+    )
+    setups, both = (
+        sorted({test.setup or 1 for test in tests}),
+        [plane for plane in machine.planes if _both_ways(campaign, plane)],
+    )
     remarks = _Remarks()
     radii = sorted({test.circle.radius_mm for test in tests})
     remarks.add(kinds.MACHINE, topology=campaign.topology, plane=machine.plane, radii_mm=radii)
     remarks.add(kinds.FRAMES, campaign.frames_mm, frames_mm=dict(campaign.frames_mm))
     remarks.add(kinds.SETUPS, len(setups) > 1, setups=setups)
     remarks.add(kinds.BOTH_WAYS, both, planes=both)
-    for over, values in (("time", [t.time_s for t in tests]), ("temperature", [t.temperature_C for t in tests])):
+    for over, values in (
+        ("time", [t.time_s for t in tests]),
+        ("temperature", [t.temperature_C for t in tests]),
+    ):
         remarks.add(kinds.COVARIATE, None not in values and len(set(values)) > 1, over=over)
     remarks.add(kinds.READINGS, resolution_um=campaign.resolution_um)
     remarks.add(kinds.MOUNT, **asdict(campaign.mount))
     remarks.add(kinds.FORCES, slope_N_per_bar=law.slope_N_per_bar, offset_N=law.offset_N)
     remarks.add(kinds.REFERENCE, force_N=float(forces.min() + forces.max()) / 2)
-    remarks.add(kinds.BALLS, clocked=len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in tests}) > 1)
+    remarks.add(
+        kinds.BALLS,
+        clocked=len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in tests})
+        > 1,
+    )
     return tuple(remarks)
 
 
@@ -235,19 +322,46 @@ def _both_ways(campaign: Campaign, plane: str) -> bool:
 
 
 def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
-    remarks, tests, planes, kinds = _Remarks(), campaign.tests, campaign.machine().planes, RemarkKind
+    remarks, tests, planes, kinds = (
+        _Remarks(),
+        campaign.tests,
+        campaign.machine().planes,
+        RemarkKind,
+    )
     force = float(campaign.forces_N.max())
     remarks.add(kinds.ONE_LEVEL, campaign.force_levels == 1)
     remarks.add(kinds.TWO_LEVELS, campaign.force_levels == 2)
-    remarks.add(kinds.UNIT, not _FORCES_N[0] <= force <= _FORCES_N[1], what="the largest force", value=force, unit="N")
+    remarks.add(
+        kinds.UNIT,
+        not _FORCES_N[0] <= force <= _FORCES_N[1],
+        what="the largest force",
+        value=force,
+        unit="N",
+    )
     for radius in sorted({test.circle.radius_mm for test in tests}):
-        remarks.add(kinds.UNIT, not _RADII_MM[0] <= radius <= _RADII_MM[1], what="a radius", value=radius, unit="mm")
+        remarks.add(
+            kinds.UNIT,
+            not _RADII_MM[0] <= radius <= _RADII_MM[1],
+            what="a radius",
+            value=radius,
+            unit="mm",
+        )
     for first, second in combinations(tests if not campaign.is_plan else (), 2):
-        remarks.add(kinds.COPY, np.array_equal(first.reading_um, second.reading_um), first=first.name, second=second.name)
+        remarks.add(
+            kinds.COPY,
+            np.array_equal(first.reading_um, second.reading_um),
+            first=first.name,
+            second=second.name,
+        )
     for plane in planes:
         one, other = sorted(plane)
         named = plane if len(planes) > 1 else ""
-        remarks.add(kinds.ONE_WAY, not _both_ways(campaign, plane), compliance=f"C_{one}{other}{one}", plane=named)
+        remarks.add(
+            kinds.ONE_WAY,
+            not _both_ways(campaign, plane),
+            compliance=f"C_{one}{other}{one}",
+            plane=named,
+        )
     places = {(test.setup, test.plane, test.circle.centre_mm) for test in tests}
     for setup in sorted({test.setup or 1 for test in tests}):
         remarks.add(kinds.PLACES, sum(own == setup for own, *_ in places) > 1, setup=setup)

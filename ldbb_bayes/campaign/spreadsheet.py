@@ -18,21 +18,50 @@ from ldbb_bayes.files import LARGEST_TABLE_BYTES, bytes_of
 from ldbb_bayes.result import Array
 
 __all__ = [
-    "Rows", "Sheet", "columns_of", "constant", "could_be_thousands", "decimal_mark", "is_clock", "is_missing",
-    "looks_like_number", "number", "numbers_of", "read_sheets", "read_strict_table", "seconds_of",
-]  # fmt: skip
+    "Rows",
+    "Sheet",
+    "columns_of",
+    "constant",
+    "could_be_thousands",
+    "decimal_mark",
+    "is_clock",
+    "is_missing",
+    "looks_like_number",
+    "number",
+    "numbers_of",
+    "read_sheets",
+    "read_strict_table",
+    "seconds_of",
+]
 
 Rows = list[tuple[int, list[str]]]
 # Cells of a table; signs of a line, of a cell shown.
 _LARGEST_TABLE, _LARGEST_LINE, _SHOWN = 4_000_000, 100_000, 60
 _GAP = r"[ '\u00a0\u202f\u2009]"
 _EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"
-_NUMBER = re.compile(rf"[+\-−–]?(?:\d{{1,3}}(?:{_GAP}\d{{3}})+(?:[.,]\d+)?|\d[\d.,]*{_EXPONENT}|[.,]\d+{_EXPONENT})")
+_NUMBER = re.compile(
+    rf"[+\-−–]?(?:\d{{1,3}}(?:{_GAP}\d{{3}})+(?:[.,]\d+)?|\d[\d.,]*{_EXPONENT}|[.,]\d+{_EXPONENT})"
+)
 # 12:00:01.250, 00:01,25 (minutes, seconds), 2026-03-04T12:00:01Z, 12:00:01 PM.
 _DATE = r"(?:\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{4})[T ]"
 _ZONE = r"Z|[+-]\d\d:\d\d|\s?([AaPp])\.?[Mm]\.?"
-_CLOCK = re.compile(rf"(?:{_DATE})?(?:(\d{{1,2}}):)?(\d{{1,2}}):(\d{{1,2}}(?:[.,]\d{{1,9}})?)(?:{_ZONE})?")
-_MISSING = ("-", "--", "---", "nan", "n/a", "na", "#n/a", "#div/0!", "#value!", "#ref!", "null", "none")
+_CLOCK = re.compile(
+    rf"(?:{_DATE})?(?:(\d{{1,2}}):)?(\d{{1,2}}):(\d{{1,2}}(?:[.,]\d{{1,9}})?)(?:{_ZONE})?"
+)
+_MISSING = (
+    "-",
+    "--",
+    "---",
+    "nan",
+    "n/a",
+    "na",
+    "#n/a",
+    "#div/0!",
+    "#value!",
+    "#ref!",
+    "null",
+    "none",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +127,21 @@ def number(cell: str, decimal: str = ".") -> float:
 
 
 def numbers_of(
-    place: str, what: str, lines: Sequence[int], cells: Sequence[str], decimal: str | None, *, strict: bool = False
+    place: str,
+    what: str,
+    lines: Sequence[int],
+    cells: Sequence[str],
+    decimal: str | None,
+    *,
+    strict: bool = False,
 ) -> Array:
     """One column of finite numbers; a strict table has no marks between thousands."""
     values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):
         with suppress(ValueError):
-            values[k] = float(cell.replace(decimal or ".", ".")) if strict else number(cell, decimal or ".")
+            values[k] = (
+                float(cell.replace(decimal or ".", ".")) if strict else number(cell, decimal or ".")
+            )
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         cell = cells[bad[0]]
@@ -116,7 +153,9 @@ def numbers_of(
         )
         if re.match(r"\d{4}-\d\d-\d\d", cell):
             cure = "A spreadsheet took a number for a date: format the column as number"
-        raise InputError(f"{place}, line {lines[bad[0]]}: {what} must be a finite number, got {got}. {cure}.")
+        raise InputError(
+            f"{place}, line {lines[bad[0]]}: {what} must be a finite number, got {got}. {cure}."
+        )
     return values
 
 
@@ -140,7 +179,12 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
     other = "." if sure == "," else ","
     if wrong is None and sure is None and len(alone) == 2:
         wrong = max(alone.values())
-    if wrong is None and sure and other in alone and not _in_thousands(alone[other][1], re.escape(other)):
+    if (
+        wrong is None
+        and sure
+        and other in alone
+        and not _in_thousands(alone[other][1], re.escape(other))
+    ):
         wrong = alone[other]
     if wrong is not None:
         got = f"the decimal mark must be the same in all rows, got {wrong[1][:_SHOWN]!r}"
@@ -167,7 +211,12 @@ def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
 
 
 def constant(
-    place: str, test: str, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str | None
+    place: str,
+    test: str,
+    name: str,
+    lines: Sequence[int],
+    cells: Sequence[str],
+    decimal: str | None,
 ) -> str | float | None:
     """The one value that a column holds in all rows of a test; None where it is empty."""
     other = next((k for k, cell in enumerate(cells) if cell != cells[0]), None)
@@ -181,17 +230,28 @@ def constant(
 
 _MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
 # How a zip (XLSX, ODS) and a compound file (XLS, or a workbook with a password) begin.
-_ARCHIVE, _BINARY, _WORKBOOKS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0", (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
+_ARCHIVE, _BINARY, _WORKBOOKS = (
+    b"PK\x03\x04",
+    b"\xd0\xcf\x11\xe0",
+    (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"),
+)
 # How PDF and pictures begin, which hold no table whatever they show.
 _PICTURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 
 
 def read_sheets(
-    path: Path, *, encoding: str | None = None, separator: str | None = None, sheets: Sequence[str] = ()
+    path: Path,
+    *,
+    encoding: str | None = None,
+    separator: str | None = None,
+    sheets: Sequence[str] = (),
 ) -> list[Sheet]:
     """Return the tables in a file: of a workbook (XLSX, XLS, ODS) the sheets asked for, by default all that hold anything."""
     raw = _bytes_of(path)
-    require(path.suffix.lower() != ".zip", f"{path} must be unpacked, got an archive. Unpack it and name the files in it.")
+    require(
+        path.suffix.lower() != ".zip",
+        f"{path} must be unpacked, got an archive. Unpack it and name the files in it.",
+    )
     if raw.startswith((_ARCHIVE, _BINARY)) or path.suffix.lower() in _WORKBOOKS:
         return _sheets_of_workbook(path, raw, sheets)
     if raw.startswith(_PICTURES):
@@ -213,7 +273,10 @@ def read_strict_table(path: Path) -> tuple[Rows, str]:
 
 def _bytes_of(path: Path) -> bytes:
     raw = bytes_of(path, LARGEST_TABLE_BYTES, what="a file")
-    require(raw.strip(b" \t\r\n\0"), f"{path} must hold a table, got an empty file. Leave it out or export it again.")
+    require(
+        raw.strip(b" \t\r\n\0"),
+        f"{path} must hold a table, got an empty file. Leave it out or export it again.",
+    )
     return raw
 
 
@@ -222,12 +285,17 @@ def _decoded(path: Path, raw: bytes, encoding: str | None) -> tuple[str, str]:
     workbook = f"{path} must be a text file, got a workbook. Import it: ldbb-bayes import {path} --out FOLDER."
     require(not raw.startswith((_ARCHIVE, _BINARY)), workbook)
     mark, marked = next(((sign, name) for sign, name in _MARKS if raw.startswith(sign)), (b"", ""))
-    encoding, cure = encoding or marked or _encoding_of(raw), "Save it as 'CSV UTF-8', or import it with --encoding"
+    encoding, cure = (
+        encoding or marked or _encoding_of(raw),
+        "Save it as 'CSV UTF-8', or import it with --encoding",
+    )
     try:
         text = raw[len(mark) :].rstrip(b"\x1a").decode(encoding)
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
-        raise InputError(f"{path}, line {line}: text must be {encoding}, got other bytes. {cure}.") from None
+        raise InputError(
+            f"{path}, line {line}: text must be {encoding}, got other bytes. {cure}."
+        ) from None
     strange = re.search(r"[^ -\U0010ffff\t\r\n\f]", text)
     if strange is not None:
         line = text.count("\n", 0, strange.start()) + 1
@@ -239,9 +307,15 @@ def columns_of(place: str, rows: Rows, width: int) -> tuple[list[int], list[list
     """Lines and columns of rows that are equally wide."""
     for line, cells in rows:
         if len(cells) < width or any(cells[width:]):
-            cure = "Complete or remove the line; with decimal commas separate the cells by semicolons"
-            raise InputError(f"{place}, line {line}: rows must have {width} cells, got {len(cells)}. {cure}.")
-    return [line for line, _ in rows], [list(column) for column in zip(*(cells[:width] for _, cells in rows), strict=True)]
+            cure = (
+                "Complete or remove the line; with decimal commas separate the cells by semicolons"
+            )
+            raise InputError(
+                f"{place}, line {line}: rows must have {width} cells, got {len(cells)}. {cure}."
+            )
+    return [line for line, _ in rows], [
+        list(column) for column in zip(*(cells[:width] for _, cells in rows), strict=True)
+    ]
 
 
 def _encoding_of(raw: bytes) -> str:
@@ -274,7 +348,11 @@ def _cells(path: Path, k: int, line: str, sign: str) -> list[str]:
     if sign == " ":
         return line.split()
     try:
-        cells = next(csv.reader(io.StringIO(line), delimiter=sign, strict=True)) if '"' in line else line.split(sign)
+        cells = (
+            next(csv.reader(io.StringIO(line), delimiter=sign, strict=True))
+            if '"' in line
+            else line.split(sign)
+        )
     except (csv.Error, StopIteration):
         got = f"quotes must be closed in their cell, got {line[:_SHOWN]!r}"
         raise InputError(f"{path}, line {k}: {got}. Correct the line.") from None
@@ -287,7 +365,10 @@ def _separator_of(lines: Sequence[str]) -> str:
     sample = sample[len(sample) // 3 :][:200]
     best, most = ",", 0.0
     for sign in (";", "\t", "|", ",", " ") if sample else ():
-        split = [line.split() if sign == " " else [cell.strip(' "') for cell in line.split(sign)] for line in sample]
+        split = [
+            line.split() if sign == " " else [cell.strip(' "') for cell in line.split(sign)]
+            for line in sample
+        ]
         counts = [len(cells) for cells in split]
         usual = max(sorted(set(counts)), key=counts.count)
         alike = counts.count(usual) / len(counts) if usual > 1 else 0.0
@@ -311,32 +392,53 @@ def _sheets_of_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[S
         _check_archive(path, raw)
     old = raw.startswith(_BINARY)  # by its path, as this tells whether it has a password
     got = "a cut one. Open and save it again"
-    require(not old or len(raw) % 512 == 0, f"{path} must hold a workbook that can be read, got {got}.")
+    require(
+        not old or len(raw) % 512 == 0, f"{path} must hold a workbook that can be read, got {got}."
+    )
     try:
         with python_calamine.load_workbook(path if old else io.BytesIO(raw)) as book:
             check_known(f"{path}: sheet", wanted, book.sheet_names)
             found = []
             for name in wanted or book.sheet_names:
-                cells = enumerate(book.get_sheet_by_name(name).to_python(skip_empty_area=False), start=1)
-                rows = [(k, texts) for k, row in cells if any(texts := [_text_of(value) for value in row])]
+                cells = enumerate(
+                    book.get_sheet_by_name(name).to_python(skip_empty_area=False), start=1
+                )
+                rows = [
+                    (k, texts)
+                    for k, row in cells
+                    if any(texts := [_text_of(value) for value in row])
+                ]
                 found += [Sheet(path, name, rows)] if rows else []
     except python_calamine.PasswordError:
-        raise InputError(f"{path} must be a workbook without a password, got one with. Save it without.") from None
+        raise InputError(
+            f"{path} must be a workbook without a password, got one with. Save it without."
+        ) from None
     except BaseException as error:
-        panicked = type(error).__name__ == "PanicException"  # the library's assertions are no Exception
+        panicked = (
+            type(error).__name__ == "PanicException"
+        )  # the library's assertions are no Exception
         if not (panicked or isinstance(error, python_calamine.CalamineError | OSError)):
             raise
         got = f"a damaged one ({error})".replace("\n", " ")
-        raise InputError(f"{path} must hold a workbook that can be read, got {got}. Open and save it again.") from None
+        raise InputError(
+            f"{path} must hold a workbook that can be read, got {got}. Open and save it again."
+        ) from None
     require(found, f"{path} must hold a table, got empty sheets. Leave it out or export it again.")
     size = sum(len(sheet.rows) * len(sheet.rows[0][1]) for sheet in found)
-    require(size <= _LARGEST_TABLE, f"{path} must hold at most {_LARGEST_TABLE} cells, got {size}. Split it.")
+    require(
+        size <= _LARGEST_TABLE,
+        f"{path} must hold at most {_LARGEST_TABLE} cells, got {size}. Split it.",
+    )
     return found
 
 
 def _text_of(value: object) -> str:
     """A cell as text; a whole number without a point."""
-    return f"{value:.0f}" if isinstance(value, float) and value.is_integer() and abs(value) < 1e15 else str(value).strip()
+    return (
+        f"{value:.0f}"
+        if isinstance(value, float) and value.is_integer() and abs(value) < 1e15
+        else str(value).strip()
+    )
 
 
 def _check_archive(path: Path, raw: bytes) -> None:
@@ -344,17 +446,27 @@ def _check_archive(path: Path, raw: bytes) -> None:
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             parts = archive.infolist()
-            size, packed = (sum(getattr(part, own) for part in parts) for own in ("file_size", "compress_size"))
+            size, packed = (
+                sum(getattr(part, own) for part in parts) for own in ("file_size", "compress_size")
+            )
             got = f"{size / 2**20:.0f} MB from {packed / 2**20:.2f} MB. Do not open it unless you know where it comes from"
             most = f"{_LARGEST_UNPACKED / 2**20:.0f} MB and {_LARGEST_RATIO:.0f} times its size"
             fits = size <= min(_LARGEST_UNPACKED, _LARGEST_RATIO * packed + _SMALL)
             require(fits, f"{path} must unpack to at most {most}, got {got}.")
             for part in parts:
-                if part.filename.startswith("xl/worksheets/") and (far := _FAR.search(archive.read(part))):
-                    got = f"cell {far[1][:20].decode()}. Delete it, or save the sheet as 'CSV UTF-8'"
-                    raise InputError(f"{path} must hold its cells within column ZZ and row 99999, got {got}.")
+                if part.filename.startswith("xl/worksheets/") and (
+                    far := _FAR.search(archive.read(part))
+                ):
+                    got = (
+                        f"cell {far[1][:20].decode()}. Delete it, or save the sheet as 'CSV UTF-8'"
+                    )
+                    raise InputError(
+                        f"{path} must hold its cells within column ZZ and row 99999, got {got}."
+                    )
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001  # whatever a damaged archive makes of the library
         got = f"a damaged one ({type(error).__name__})"
-        raise InputError(f"{path} must hold a workbook that can be read, got {got}. Open and save it again.") from None
+        raise InputError(
+            f"{path} must hold a workbook that can be read, got {got}. Open and save it again."
+        ) from None

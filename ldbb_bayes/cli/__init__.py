@@ -46,15 +46,22 @@ class _Commands(TyperGroup):
             raise KeyboardInterrupt from None
         except (_UsageError, InputError) as error:
             code = EXIT_BAD_INPUT
-            said = str(error) if isinstance(error, InputError) else f"{error.format_message().rstrip('.?')}. See --help."
+            said = (
+                str(error)
+                if isinstance(error, InputError)
+                else f"{error.format_message().rstrip('.?')}. See --help."
+            )
             print(f"ldbb-bayes: {said}", file=sys.stderr)  # noqa: T201
         sys.exit(code)
 
 
 app = typer.Typer(
-    cls=_Commands, name="ldbb-bayes", help="Bayesian uncertainty quantification for the loaded double ball bar.",
-    add_completion=False, pretty_exceptions_enable=False,
-)  # fmt: skip
+    cls=_Commands,
+    name="ldbb-bayes",
+    help="Bayesian uncertainty quantification for the loaded double ball bar.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
 _COMMANDS = (
     *(report, demo, machine, check, fit, batch, trend, population),
     *(identify, compare, design, simulate, summarize, validate),
@@ -67,8 +74,15 @@ app.command("import")(import_)
 @app.command("app")
 @options.command
 def app_(
-    port: Annotated[int, options.option(int, "Port of this machine. Default: any that is free.", 0, min=0, max=65535)],
-    no_browser: Annotated[bool, options.option(bool, "Print the address, and open no browser.", False)],
+    port: Annotated[
+        int,
+        options.option(
+            int, "Port of this machine. Default: any that is free.", 0, min=0, max=65535
+        ),
+    ],
+    no_browser: Annotated[
+        bool, options.option(bool, "Print the address, and open no browser.", False)
+    ],
 ) -> None:
     """A page in the browser: drop files, read the sheets, plan the next circles. It is served to this machine alone.
 
@@ -91,7 +105,10 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def root(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", callback=_print_version, is_eager=True
+        ),
     ] = False,
 ) -> None:
     """Bayesian uncertainty quantification for the loaded double ball bar."""

@@ -21,8 +21,17 @@ if TYPE_CHECKING:
     from ldbb_bayes.result import Table
 
 __all__ = [
-    "ATLAS_FILES", "LAYOUT_OPTIONS", "batch", "check", "import_", "machine", "population", "simulate", "trend", "write_atlases",
-]  # fmt: skip
+    "ATLAS_FILES",
+    "LAYOUT_OPTIONS",
+    "batch",
+    "check",
+    "import_",
+    "machine",
+    "population",
+    "simulate",
+    "trend",
+    "write_atlases",
+]
 
 _ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
 
@@ -50,11 +59,18 @@ LAYOUT_OPTIONS = group(_layout, **options_of("layout", **_READ))
 def import_(
     files: Annotated[
         list[Path],
-        typer.Argument(help="CSV, text, XLSX, XLS or ODS; one test each, or a column that names the test.", metavar="FILE..."),
+        typer.Argument(
+            help="CSV, text, XLSX, XLS or ODS; one test each, or a column that names the test.",
+            metavar="FILE...",
+        ),
     ],
-    out: Annotated[Path, option(Path, "Campaign folder to write.", options.REQUIRED, metavar="CAMPAIGN")],
+    out: Annotated[
+        Path, option(Path, "Campaign folder to write.", options.REQUIRED, metavar="CAMPAIGN")
+    ],
     layout: Annotated[Any, LAYOUT_OPTIONS],
-    name: Annotated[dict[str, Any], group(options.campaign_fields, name=option(str, "Name of the campaign."))],
+    name: Annotated[
+        dict[str, Any], group(options.campaign_fields, name=option(str, "Name of the campaign."))
+    ],
     table: options.TableFields,
     certificates: options.Certificates,
     force: Annotated[bool, options.FORCE],
@@ -69,17 +85,35 @@ def import_(
 
     output = Output(out, force, as_json, quiet=False)
     output.check(*files_of(out))
-    result = lb.import_campaign(files, layout=layout, **table, **name, instrument=lb.Instrument(**certificates))
+    result = lb.import_campaign(
+        files, layout=layout, **table, **name, instrument=lb.Instrument(**certificates)
+    )
     contents = {IMPORT_NAME: layout_to_toml(result.layout)}
-    _deliver(output, result.campaign, result.as_dict(), result, contents, f". Look at it: ldbb-bayes check {out}")
+    _deliver(
+        output,
+        result.campaign,
+        result.as_dict(),
+        result,
+        contents,
+        f". Look at it: ldbb-bayes check {out}",
+    )
 
 
-def _deliver(output: Output, campaign: lb.Campaign, record: Any, result: Any, contents: dict[str, Any], more: str) -> None:
+def _deliver(
+    output: Output,
+    campaign: lb.Campaign,
+    record: Any,
+    result: Any,
+    contents: dict[str, Any],
+    more: str,
+) -> None:
     """Write a campaign and what stands beside it."""
     from ldbb_bayes.campaign.folder import write_campaign_into
 
     size = f" ({len(campaign.tests)} tests, {campaign.readings} readings)"
-    output.deliver(record, result, contents, also=partial(write_campaign_into, campaign), more=f"{size}{more}")
+    output.deliver(
+        record, result, contents, also=partial(write_campaign_into, campaign), more=f"{size}{more}"
+    )
 
 
 @command
@@ -88,14 +122,24 @@ def check(campaign: options.GivenCampaign, as_json: Annotated[bool, options.JSON
     from ldbb_bayes.report.text import parts_of
 
     seen, known = lb.preview(campaign), lb.uncertainties(campaign)
-    record = lb.with_words(seen) | {"uncertainties": known.as_dict()["assumed"], "certificates": dict(known.certificates)}
+    record = lb.with_words(seen) | {
+        "uncertainties": known.as_dict()["assumed"],
+        "certificates": dict(known.certificates),
+    }
     Output(as_json=as_json).deliver(record, (*parts_of(seen), *parts_of(known)))
 
 
 @command
 def simulate(
-    source: Annotated[Path, typer.Argument(help="A TOML of truths (forces_N, parameters, hyper_um), or a plan or campaign.")],
-    out: Annotated[Path, option(Path, "Campaign folder to write.", options.REQUIRED, metavar="DIR")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="A TOML of truths (forces_N, parameters, hyper_um), or a plan or campaign."
+        ),
+    ],
+    out: Annotated[
+        Path, option(Path, "Campaign folder to write.", options.REQUIRED, metavar="DIR")
+    ],
     model: options.ChosenModel,
     truth: Annotated[Path | None, option(Path, "Truths for a plan, as TOML.", metavar="FILE.toml")],
     certificates: options.Certificates,
@@ -123,15 +167,21 @@ def simulate(
         truths = Truths(None, None, {}, False) if truth is None else read_truths(truth)
         got = f"got it beside {source}. Remove one of them."
         require(truths.plan is None, f"{truth}: 'forces_N' must stand in truths given alone, {got}")
-    made = model.simulate(plan, seed=seed, parameters=truths.parameters, hyper_um=truths.hyper_um, exact=truths.exact)
+    made = model.simulate(
+        plan, seed=seed, parameters=truths.parameters, hyper_um=truths.hyper_um, exact=truths.exact
+    )
     found = {"parameters": made.parameters, "units": made.units, "hyper_um": made.hyper_um}
     record = {"schema": 1, "seed": seed, "sha256": made.campaign.sha256, **found}
     output = Output(out, force, as_json, quiet=False, files=tuple(files_of(out)))
-    _deliver(output, made.campaign, record, (), {TRUTH_NAME: record}, f", the truth in {out}/truth.json")
+    _deliver(
+        output, made.campaign, record, (), {TRUTH_NAME: record}, f", the truth in {out}/truth.json"
+    )
 
 
 ATLAS_FILES = options.figure_files(
-    f"{kind}_atlas{plane}" for kind in ("compliance", "geometric") for plane in ("", "_XY", "_YZ", "_ZX")
+    f"{kind}_atlas{plane}"
+    for kind in ("compliance", "geometric")
+    for plane in ("", "_XY", "_YZ", "_ZX")
 )
 
 
@@ -140,8 +190,14 @@ def write_atlases(machine: Machine, circles: Sequence[Circle], folder: Path) -> 
     first = {circle.plane: circle for circle in reversed(circles)}
     for plane in machine.planes:
         stem = f"_{plane}" if len(machine.planes) > 1 else ""
-        atlases = {"compliance": lb.figures.compliance_atlas, "geometric": lb.figures.geometric_atlas}
-        drawn = {f"{name}_atlas{stem}": partial(draw, machine, first[plane]) for name, draw in atlases.items()}
+        atlases = {
+            "compliance": lb.figures.compliance_atlas,
+            "geometric": lb.figures.geometric_atlas,
+        }
+        drawn = {
+            f"{name}_atlas{stem}": partial(draw, machine, first[plane])
+            for name, draw in atlases.items()
+        }
         options.write_files(folder, {}, drawn)
 
 
@@ -155,7 +211,12 @@ _MACHINE = group(**options_of("machine", frames=Kind(list[str], _frames_in, "AXI
 
 @command
 def machine(
-    topology: Annotated[str, typer.Argument(help="Joints from workpiece to tool, for example wCAFYXZSt.", metavar="TOPOLOGY")],
+    topology: Annotated[
+        str,
+        typer.Argument(
+            help="Joints from workpiece to tool, for example wCAFYXZSt.", metavar="TOPOLOGY"
+        ),
+    ],
     output: options.OutputOptions,
     asked: Annotated[dict[str, Any], _MACHINE],
 ) -> None:
@@ -164,11 +225,17 @@ def machine(
     Names follow ISO 230-1 and the paper. c = cos θ, s = sin θ; lengths in mm.
     """
     own = lb.Machine(topology, asked["plane"], asked.get("frames_mm", {}))
-    circles = [lb.Circle(centre_mm=at, plane=name) for name in own.planes for at in asked.get("centre", [(0.0, 0.0, 0.0)])]
+    circles = [
+        lb.Circle(centre_mm=at, plane=name)
+        for name in own.planes
+        for at in asked.get("centre", [(0.0, 0.0, 0.0)])
+    ]
     seen = lb.describe(own, circles)
     record = {"schema": 1, **seen.as_dict()}
     output.check("machine.json", *ATLAS_FILES)
-    output.deliver(record, seen, {"machine.json": record}, also=partial(write_atlases, own, circles))
+    output.deliver(
+        record, seen, {"machine.json": record}, also=partial(write_atlases, own, circles)
+    )
 
 
 _SHOWN = 10
@@ -180,8 +247,12 @@ _CAMPAIGNS += "@FILE or a .txt file."
 
 @command
 def batch(
-    campaigns: Annotated[list[str], typer.Argument(help=_CAMPAIGNS, metavar="CAMPAIGNS...", show_default=False)],
-    out: Annotated[Path, option(Path, "Folder for the journal and the table.", options.REQUIRED, metavar="DIR")],
+    campaigns: Annotated[
+        list[str], typer.Argument(help=_CAMPAIGNS, metavar="CAMPAIGNS...", show_default=False)
+    ],
+    out: Annotated[
+        Path, option(Path, "Folder for the journal and the table.", options.REQUIRED, metavar="DIR")
+    ],
     model: options.ChosenModel,
     table: options.TableFields,
     certificates: options.Certificates,
@@ -205,16 +276,24 @@ def batch(
     try:
         with options.counting_progress(quiet, "campaigns") as progress:
             executor = partial(executor_named, **pool)
-            given: dict[str, Any] = {"model": model, "table": table, "certificates": certificates, "tolerances": tolerances}
+            given: dict[str, Any] = {
+                "model": model,
+                "table": table,
+                "certificates": certificates,
+                "tolerances": tolerances,
+            }
             given |= asked
             done = lb.batch(campaigns, out, executor=executor, **given, progress=progress)
     except KeyboardInterrupt:
         if not (out / JOURNAL).exists():
             raise
         options.fail(
-            f"interrupted; {out} keeps what is done. The same command with --resume goes on with it.", options.EXIT_INTERRUPTED
+            f"interrupted; {out} keeps what is done. The same command with --resume goes on with it.",
+            options.EXIT_INTERRUPTED,
         )
-    options.Output(as_json=as_json).deliver({"schema": 1, **lb.with_words(done)}, _batch_parts(done))
+    options.Output(as_json=as_json).deliver(
+        {"schema": 1, **lb.with_words(done)}, _batch_parts(done)
+    )
     if done.not_converged:
         raise typer.Exit(options.EXIT_MISSED)
 
@@ -224,9 +303,12 @@ def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
     from ldbb_bayes.result import Table
 
     numbers = (
-        ("fitted", done.done), ("… not converged: do not use their numbers", done.not_converged),
-        ("… with doubts: see their verdict", done.doubtful), ("failed", done.failed), ("in all", done.campaigns),
-    )  # fmt: skip
+        ("fitted", done.done),
+        ("… not converged: do not use their numbers", done.not_converged),
+        ("… with doubts: see their verdict", done.doubtful),
+        ("failed", done.failed),
+        ("in all", done.campaigns),
+    )
     parts = []
     for head, entries in (("Failed", done.failures), ("To look at", done.doubts)):
         said = [tuple(one.values()) for one in entries[:_SHOWN]]
@@ -238,7 +320,9 @@ def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
     return (Table.of("", ("campaigns", "number"), numbers), *parts, *ended)
 
 
-BatchesArgument = Annotated[list[Path], typer.Argument(help="Folders that ldbb-bayes batch wrote.", metavar="BATCH...")]
+BatchesArgument = Annotated[
+    list[Path], typer.Argument(help="Folders that ldbb-bayes batch wrote.", metavar="BATCH...")
+]
 
 
 @command
@@ -266,7 +350,11 @@ _POPULATION = group(**options_of("rows", "population"))
 
 
 @command
-def population(batches: BatchesArgument, output: options.OutputOptions, asked: Annotated[dict[str, Any], _POPULATION]) -> None:
+def population(
+    batches: BatchesArgument,
+    output: options.OutputOptions,
+    asked: Annotated[dict[str, Any], _POPULATION],
+) -> None:
     """The population that the machines of a batch come from: mean, spread, the next machine, and machines that do not belong.
 
     Campaigns of one machine (machine_id in campaign.toml) are taken together; each machine is compared with the others.
@@ -278,5 +366,8 @@ def population(batches: BatchesArgument, output: options.OutputOptions, asked: A
     with options.counting_progress(output.quiet, "machines left out") as progress:
         result = lb.population(rows, **asked, progress=progress)
     record = lb.with_words(result)
-    contents = {"population.json": record, "machines.csv": result.machines_table().rename_axis("machine").reset_index()}
+    contents = {
+        "population.json": record,
+        "machines.csv": result.machines_table().rename_axis("machine").reset_index(),
+    }
     output.deliver(record, result, contents)

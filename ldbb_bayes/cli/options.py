@@ -33,7 +33,9 @@ EXIT_MISSED, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 REQUIRED = inspect.Parameter.empty
 # Short, so that names of options stay whole in the help on narrow terminals.
 _METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
-CATALOGUE: Mapping[str, Any] = tomllib.loads((Path(__file__).parent / "options.toml").read_text(encoding="utf-8"))
+CATALOGUE: Mapping[str, Any] = tomllib.loads(
+    (Path(__file__).parent / "options.toml").read_text(encoding="utf-8")
+)
 
 
 # ---- groups of options
@@ -74,7 +76,9 @@ class Option:
         more.setdefault("metavar", _METAVARS.get(typed))
         typed = typed | None if default is None else typed
         annotation = Annotated[typed, typer.Option(self.flag(name), help=self.help, **more)]  # type: ignore[valid-type]
-        return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        return inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+        )
 
     def read(self, typed: Any, name: str) -> Any:
         """What was typed means."""
@@ -103,8 +107,13 @@ class Group:
     def made(self, typed: dict[str, Any]) -> Any:
         """The argument; its options are taken out of what was typed."""
         first = () if self.first is None else (typed.pop(self.first.name),)
-        read = {option.to or name: option.read(typed.pop(name), name) for name, option in self.options.items()}
-        return self.make(*first, **{name: value for name, value in read.items() if value is not None})
+        read = {
+            option.to or name: option.read(typed.pop(name), name)
+            for name, option in self.options.items()
+        }
+        return self.make(
+            *first, **{name: value for name, value in read.items() if value is not None}
+        )
 
 
 def option(kind: Any, help: str, default: Any = None, to: str = "", **more: Any) -> Option:
@@ -112,7 +121,9 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **more: Any)
     return Option(kind, help, default, to, more)
 
 
-def group(make: Callable[..., Any] = dict, first: inspect.Parameter | None = None, /, **options: Option) -> Group:
+def group(
+    make: Callable[..., Any] = dict, first: inspect.Parameter | None = None, /, **options: Option
+) -> Group:
     """Options that make one argument: by default a dictionary of those given."""
     return Group(options, make, first)
 
@@ -146,7 +157,9 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             groups[name] = stated
             parameters += stated.parameters()
         else:
-            parameters.append(own.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kinds[name]))
+            parameters.append(
+                own.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kinds[name])
+            )
 
     @functools.wraps(function)
     def run(**typed: Any) -> None:
@@ -186,7 +199,9 @@ def pairs_in(entries: Iterable[str], option: str, form: str) -> dict[str, str]:
     for entry in entries:
         name, sign, value = entry.partition("=")
         if not (name and sign and value):
-            raise InputError(f"{option} must be {form}, got {entry!r}. Put a name, '=' and what belongs to it.")
+            raise InputError(
+                f"{option} must be {form}, got {entry!r}. Put a name, '=' and what belongs to it."
+            )
         if name in pairs:
             raise InputError(f"{option} must give each name once, got {name!r} again. Remove one.")
         pairs[name] = value
@@ -199,7 +214,10 @@ def numbers_in(text: str, option: str, separator: str = ",") -> tuple[float, ...
         numbers = tuple(map(float, text.split(separator)))
     except ValueError:
         numbers = (math.nan,)
-    require(all(map(math.isfinite, numbers)), f"{option} must hold numbers, got {text!r}. Write them like 36{separator}2e-6.")
+    require(
+        all(map(math.isfinite, numbers)),
+        f"{option} must hold numbers, got {text!r}. Write them like 36{separator}2e-6.",
+    )
     return numbers
 
 
@@ -207,7 +225,10 @@ def points_in(entries: Iterable[str], option: str) -> list[tuple[float, ...]]:
     """X,Y,Z of an option that may be repeated [mm]."""
     points = [numbers_in(text, option) for text in entries]
     for point in points:
-        require(len(point) == 3, f"{option} must hold three numbers X,Y,Z in mm, got {len(point)}. For example 0,-200,350.")
+        require(
+            len(point) == 3,
+            f"{option} must hold three numbers X,Y,Z in mm, got {len(point)}. For example 0,-200,350.",
+        )
     return points
 
 
@@ -217,18 +238,29 @@ def ball_in(text: str, option: str) -> Ball:
         re.fullmatch(r"(\d*\.?\d+) ?[uµμ]m", text.replace(",", ".")),
         "a grade like G20, or a deviation from sphericity like 0.5um",
     )
-    require(size or text[:1] not in {*"+-.0123456789"}, f"{option} must be {like}, got {text!r}. Correct it.")
+    require(
+        size or text[:1] not in {*"+-.0123456789"},
+        f"{option} must be {like}, got {text!r}. Correct it.",
+    )
     with placed(option):
         return lb.Ball(grade=text) if size is None else lb.Ball(sphericity_um=float(size[1]))
 
 
 KINDS: Mapping[str, Any] = {
-    "text": str, "integer": int, "number": float, "flag": bool, "path": Path, "texts": list[str],
-    "list": Kind(str, names_in, "LIST"), "names": Kind(str, names_in), "numbers": Kind(str, numbers_in),
-    "ball": Kind(str, ball_in, "G20|0.5um"), "negated": Kind(bool, lambda value, _: not value),
+    "text": str,
+    "integer": int,
+    "number": float,
+    "flag": bool,
+    "path": Path,
+    "texts": list[str],
+    "list": Kind(str, names_in, "LIST"),
+    "names": Kind(str, names_in),
+    "numbers": Kind(str, numbers_in),
+    "ball": Kind(str, ball_in, "G20|0.5um"),
+    "negated": Kind(bool, lambda value, _: not value),
     "points": Kind(list[str], points_in, "X,Y,Z"),
     "tolerances": Kind(list[str], lambda own, flag: pairs_in(own, flag, 'NAME="VALUE UNIT"')),
-}  # fmt: skip
+}
 
 
 # ---- campaign and model
@@ -252,15 +284,21 @@ def certified(*, balls: Ball | None = None, **given: Any) -> dict[str, Any]:
             stated[kind] = lb.Ball(**read_dcc(file).fields("ball"))
     for key in stated.keys() & given:
         got = f"got --{key.replace('_', '-')} too" if "_" in key else f"got --{key}-ball too"
-        raise InputError(f"what a DCC says must not be given by hand as well, {got}. Keep one of them.")
+        raise InputError(
+            f"what a DCC says must not be given by hand as well, {got}. Keep one of them."
+        )
     return ({} if balls is None else {"work": balls, "tool": balls}) | stated | given
 
 
 def campaign_fields(*, raw: bool = False, **given: Any) -> dict[str, Any]:
     """What the options say of a campaign that no table says: those given, as fields of `Campaign`."""
-    deflection, slope, offset = (given.pop(name, None) for name in ("mount_um_per_bar", "force_slope", "force_offset"))
+    deflection, slope, offset = (
+        given.pop(name, None) for name in ("mount_um_per_bar", "force_slope", "force_offset")
+    )
     if raw or deflection is not None:
-        given["mount"] = lb.MountCompensation(2.33 if deflection is None else deflection, compensated=not raw)
+        given["mount"] = lb.MountCompensation(
+            2.33 if deflection is None else deflection, compensated=not raw
+        )
     if slope is not None or offset is not None:
         usual = lb.ForceLaw()
         slope = usual.slope_N_per_bar if slope is None else slope
@@ -277,7 +315,9 @@ def model_from(
 ) -> HybridModel:
     """The model the options describe."""
     if model is not None and preset is not None:
-        raise InputError("the model must come from --model or --preset, got both. Write preset = … into the file.")
+        raise InputError(
+            "the model must come from --model or --preset, got both. Write preset = … into the file."
+        )
     if model is None:
         chosen = lb.HybridModel.from_preset(preset or "default", 1 if degree is None else degree)
     else:
@@ -288,8 +328,15 @@ def model_from(
 
 
 _TABLE, _CERTIFICATES = options_of("table", "labels"), options_of("certificates")
-_CERTIFIED = [*(own.to or name for name, own in _CERTIFICATES.items()), "bar_certificate", "force_certificate"]
-CampaignArgument = Annotated[Path, typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN")]
+_CERTIFIED = [
+    *(own.to or name for name, own in _CERTIFICATES.items()),
+    "bar_certificate",
+    "force_certificate",
+]
+CampaignArgument = Annotated[
+    Path,
+    typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),
+]
 _PATH = inspect.Parameter("campaign", inspect.Parameter.KEYWORD_ONLY, annotation=CampaignArgument)
 GivenCampaign = Annotated["Campaign", group(campaign_from, _PATH, **_TABLE, **_CERTIFICATES)]
 Certificates = Annotated[dict[str, Any], group(certified, **_CERTIFICATES)]
@@ -297,7 +344,9 @@ TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE)]
 ChosenModel = Annotated["HybridModel", group(model_from, **options_of("model"))]
 SHARED = options_of("shared")
 CI, SEED, SAMPLER, ESS, FORCE, JSON, QUIET, PRIOR_FROM, TOLERANCE = SHARED.values()
-Tolerances = Annotated[dict[str, str], group(lambda tolerances=None: tolerances or {}, tolerance=TOLERANCE)]
+Tolerances = Annotated[
+    dict[str, str], group(lambda tolerances=None: tolerances or {}, tolerance=TOLERANCE)
+]
 PoolOptions = Annotated[dict[str, Any], group(**options_of("pool"))]
 
 
@@ -325,13 +374,19 @@ def drawing(name: str, *results: Any) -> Callable[[], Figure]:
     return lambda: cast("Figure", getattr(lb.figures, name)(*results))
 
 
-def write_files(folder: Path, contents: Mapping[str, Any], figures: Mapping[str, Callable[[], Figure]] | None = None) -> None:
+def write_files(
+    folder: Path,
+    contents: Mapping[str, Any],
+    figures: Mapping[str, Callable[[], Figure]] | None = None,
+) -> None:
     """Write records as JSON, tables as CSV (by their files' names), text as it is and figures (PNG and SVG) into a folder."""
     from ldbb_bayes.result import json_text
 
     for name, content in contents.items():
         text = json_text(content) if name.endswith(".json") else content
-        (folder / name).write_text(text if isinstance(text, str) else text.to_csv(index=False), encoding="utf-8")
+        (folder / name).write_text(
+            text if isinstance(text, str) else text.to_csv(index=False), encoding="utf-8"
+        )
     for name, draw in (figures or {}).items():
         lb.figures.save_figure(draw(), folder, name)
 
@@ -390,15 +445,29 @@ OutputOptions = Annotated[Output, group(Output, **options_of("output"))]
 
 
 @contextmanager
-def _progress(words: Callable[..., tuple[float, str]], quiet: bool, what: str) -> Iterator[Callable[..., None] | None]:
+def _progress(
+    words: Callable[..., tuple[float, str]], quiet: bool, what: str
+) -> Iterator[Callable[..., None] | None]:
     """A bar on stderr, whose ``words`` make share and text of what it is told; none when quiet or stderr is no terminal."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
-    columns = (TextColumn(what), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn(what),
+        BarColumn(),
+        TextColumn("{task.description}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
 
@@ -428,7 +497,10 @@ def steps_of(
 ) -> Callable[[str], Callable[..., None] | None]:
     """Return what begins a step and returns what tells how far it is: ``update`` gets the share of all steps done, each as long
     as its weight, the step, and what of it is done of how much (0: not known)."""
-    before, total = dict(zip(weights, accumulate(weights.values(), initial=0.0), strict=False)), sum(weights.values())
+    before, total = (
+        dict(zip(weights, accumulate(weights.values(), initial=0.0), strict=False)),
+        sum(weights.values()),
+    )
 
     def begin(step: str) -> Callable[..., None] | None:
         if update is None:
@@ -444,7 +516,13 @@ def steps_of(
 
 
 @contextmanager
-def step_progress(quiet: bool, **weights: float) -> Iterator[Callable[[str], Callable[..., None] | None]]:
+def step_progress(
+    quiet: bool, **weights: float
+) -> Iterator[Callable[[str], Callable[..., None] | None]]:
     """One bar over named steps, as of `steps_of`."""
-    with _progress(lambda share, step, done, of: (share, f"{step} {done}/{of}" if of else step), quiet, "report") as update:
+    with _progress(
+        lambda share, step, done, of: (share, f"{step} {done}/{of}" if of else step),
+        quiet,
+        "report",
+    ) as update:
         yield steps_of(update, **weights)

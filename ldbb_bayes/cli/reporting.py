@@ -57,21 +57,30 @@ def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
     """The answer as ``read`` understands it; asked again where it does not."""
     while True:
         try:
-            return read(str(typer.prompt(question, default=default, err=True, show_default=bool(default))).strip())
+            return read(
+                str(
+                    typer.prompt(question, default=default, err=True, show_default=bool(default))
+                ).strip()
+            )
         except InputError as error:
             typer.echo(str(error), err=True)
 
 
 def _topology(answer: str) -> str:
     if answer.isdecimal():
-        require(1 <= int(answer) <= len(MACHINES), f"a number must be 1 to {len(MACHINES)}, got {answer}. Or type the joints.")
+        require(
+            1 <= int(answer) <= len(MACHINES),
+            f"a number must be 1 to {len(MACHINES)}, got {answer}. Or type the joints.",
+        )
         return MACHINES[int(answer) - 1].topology
     return lb.Machine(answer).topology
 
 
 def _is_yes(answer: str) -> bool:
     known = {"y": True, "yes": True, "j": True, "ja": True, "n": False, "no": False, "nein": False}
-    require(answer.casefold() in known, f"the answer must be y or n, got {answer!r}. Type one of them.")
+    require(
+        answer.casefold() in known, f"the answer must be y or n, got {answer!r}. Type one of them."
+    )
     return known[answer.casefold()]
 
 
@@ -87,15 +96,25 @@ def _answered(campaign: lb.Campaign, unsaid: set[str]) -> lb.Campaign:
         for k, own in enumerate(MACHINES, start=1):
             typer.echo(f"  {k}  {own.name} ({own.topology}): {own.looks}", err=True)
         plane = campaign.machine().plane
-        chosen = _ask(f"Its number, or its joints from workpiece to tool (plane {plane})", "1", _topology)
+        chosen = _ask(
+            f"Its number, or its joints from workpiece to tool (plane {plane})", "1", _topology
+        )
         changed |= {"topology": chosen, "frames_mm": {}} if chosen != campaign.topology else {}
-    if "mount" in unsaid and not _ask("Are the readings compensated for the mount of the work ball? (y/n)", "y", _is_yes):
+    if "mount" in unsaid and not _ask(
+        "Are the readings compensated for the mount of the work ball? (y/n)", "y", _is_yes
+    ):
         changed["mount"] = replace(campaign.mount, compensated=False)
     if "balls" in unsaid:
         ball = _ask(
-            "Grade of the balls, G3 to G200, or deviation from sphericity, for example 0.5um (Enter: not known)", "", _grade
+            "Grade of the balls, G3 to G200, or deviation from sphericity, for example 0.5um (Enter: not known)",
+            "",
+            _grade,
         )
-        changed |= {} if ball is None else {"instrument": replace(campaign.instrument, work=ball, tool=ball)}
+        changed |= (
+            {}
+            if ball is None
+            else {"instrument": replace(campaign.instrument, work=ball, tool=ball)}
+        )
     return replace(campaign, **changed) if changed else campaign
 
 
@@ -128,7 +147,10 @@ class Given:
         """Refuse what goes with an import beside a fit."""
         plain = self.layout == lb.Layout() and not self.table and not self.certificates
         cure = "Fit again with them."
-        require(plain, f"options of tables, machine and instrument must go with files, got a fit, {self.paths[0]}. {cure}")
+        require(
+            plain,
+            f"options of tables, machine and instrument must go with files, got a fit, {self.paths[0]}. {cure}",
+        )
 
     def folder(self) -> Path:
         """Where the report goes by default: beside the first file."""
@@ -145,25 +167,38 @@ class Given:
             got = f"got {len(self.paths)}. Report each by itself; several fits go side by side"
             require(len(self.paths) == 1, f"report must have one campaign, {got}.")
             require(
-                self.layout == lb.Layout(), f"options of an import must go with tables, got a campaign, {first}. Leave them out."
+                self.layout == lb.Layout(),
+                f"options of an import must go with tables, got a campaign, {first}. Leave them out.",
             )
             labels = {key: self.table[key] for key in ("name", *LABELS) if key in self.table}
             others = {key: own for key, own in self.table.items() if key not in labels}
-            campaign = replace(lb.read_campaign(first, certificates=self.certificates, **others), **labels)
+            campaign = replace(
+                lb.read_campaign(first, certificates=self.certificates, **others), **labels
+            )
         else:
             neither = f"{first} must hold {TOML_NAME} or posterior.nc, got neither. Name the tables in it: {first}/*"
             require(not first.is_dir(), neither)
             instrument = lb.Instrument(**self.certificates)
-            imported = lb.import_campaign(self.files, layout=self.layout, **self.table, instrument=instrument)
+            imported = lb.import_campaign(
+                self.files, layout=self.layout, **self.table, instrument=instrument
+            )
             campaign = imported.campaign
         got = "got a plan. Ask ldbb-bayes identify or design, or run it"
         require(not campaign.is_plan, f"{first} must have readings to be reported, {got}.")
         unsaid = {*(imported.unsaid if imported else ())}
-        unsaid |= {"balls"} if campaign.instrument.work == campaign.instrument.tool == lb.Ball() else set()
+        unsaid |= (
+            {"balls"}
+            if campaign.instrument.work == campaign.instrument.tool == lb.Ball()
+            else set()
+        )
         if ask:
             campaign = _answered(campaign, unsaid)
             if imported is not None:
-                left = tuple(own for own in imported.assumptions if own.what not in {"topology", "mount"} & unsaid)
+                left = tuple(
+                    own
+                    for own in imported.assumptions
+                    if own.what not in {"topology", "mount"} & unsaid
+                )
                 imported = replace(imported, campaign=campaign, assumptions=left)
         return campaign, imported
 
@@ -197,8 +232,14 @@ def report_files(
     from ldbb_bayes.report.text import full_result
 
     for name in ("comparison", "design"):
-        require(name not in asked, f"--{name} must go with a fit, got {source.paths[0]}. Leave it out: it is worked out.")
-    require(not asked["same_instrument"], "--same-instrument must go with several fits, got files. Leave it out.")
+        require(
+            name not in asked,
+            f"--{name} must go with a fit, got {source.paths[0]}. Leave it out: it is worked out.",
+        )
+    require(
+        not asked["same_instrument"],
+        "--same-instrument must go with several fits, got files. Leave it out.",
+    )
     from ldbb_bayes.report.page import REPORT_FILES
 
     output.out = output.out or source.folder()
@@ -212,9 +253,13 @@ def report_files(
         result, stated = (full_result(own, asked["ci_prob"]) for own in (fit, numbers))
         if campaign.tolerances:  # decided once: what the sheets state, at their force
             decided = lb.conformity(numbers, force_N=asked.get("force_N"))
-            result["conformity"] = stated["conformity"] = {name: own.as_dict() for name, own in decided.items()}
+            result["conformity"] = stated["conformity"] = {
+                name: own.as_dict() for name, own in decided.items()
+            }
         with staged_folder(output.out, force=output.force, ours=output.files) as staging:
-            document = lb.write_report(fit, staging, **worked, **_of_page(asked), progress=begin("page"))
+            document = lb.write_report(
+                fit, staging, **worked, **_of_page(asked), progress=begin("page")
+            )
             worked["recommended"] = worked["recommended"]()
             _write_beside(staging, fit, result, imported, worked)
     parts = _said(imported, fit, stated, worked)
@@ -227,7 +272,11 @@ def _of_page(asked: dict[str, Any]) -> dict[str, Any]:
 
 
 def _worked(
-    campaign: lb.Campaign, model: lb.HybridModel, begin: Begin, asked: dict[str, Any], executor: Executor | None
+    campaign: lb.Campaign,
+    model: lb.HybridModel,
+    begin: Begin,
+    asked: dict[str, Any],
+    executor: Executor | None,
 ) -> tuple[xr.DataTree, dict[str, Any]]:
     """The fit of linear compliance; how constant and linear compare, their average, and, when asked, the tests to run
     next; or why not."""
@@ -235,16 +284,39 @@ def _worked(
     from ldbb_bayes.jobs import ahead
 
     seed, models = asked["seed"], {"constant": model.with_degree(0), "linear": model}
-    ahead(partial(callable, lb.compare), executor)  # The other process starts and imports meanwhile.
+    ahead(
+        partial(callable, lb.compare), executor
+    )  # The other process starts and imports meanwhile.
     begin("fit")
     fit = lb.sample(model, campaign, sampler="independent", seed=seed)
-    both, told = {"evidences": Evidences(campaign, tolerance=_TOLERANCE), "seed": seed}, begin("compare")
-    of_pair = partial(lb.compare, models, campaign, ci_prob=asked["ci_prob"], progress=told, executor=executor, **both)
+    both, told = (
+        {"evidences": Evidences(campaign, tolerance=_TOLERANCE), "seed": seed},
+        begin("compare"),
+    )
+    of_pair = partial(
+        lb.compare,
+        models,
+        campaign,
+        ci_prob=asked["ci_prob"],
+        progress=told,
+        executor=executor,
+        **both,
+    )
     comparison = _or_reason(of_pair)
-    design = ahead(partial(_or_reason, partial(lb.design, model, pilot=campaign, tests=asked.get("tests"), seed=seed)), executor)
+    design = ahead(
+        partial(
+            _or_reason,
+            partial(lb.design, model, pilot=campaign, tests=asked.get("tests"), seed=seed),
+        ),
+        executor,
+    )
     begin("average")
     mean = _or_reason(partial(lb.average, models, campaign, **both))
-    return fit, {"comparison": comparison, "recommended": cache(design), "averaged": None if isinstance(mean, str) else mean}
+    return fit, {
+        "comparison": comparison,
+        "recommended": cache(design),
+        "averaged": None if isinstance(mean, str) else mean,
+    }
 
 
 def _or_reason(work: Callable[[], Any]) -> Any:
@@ -256,7 +328,11 @@ def _or_reason(work: Callable[[], Any]) -> Any:
 
 
 def _write_beside(
-    folder: Path, fit: xr.DataTree, result: dict[str, Any], imported: Imported | None, worked: dict[str, Any]
+    folder: Path,
+    fit: xr.DataTree,
+    result: dict[str, Any],
+    imported: Imported | None,
+    worked: dict[str, Any],
 ) -> None:
     """What stands beside the page: the fit, the campaign as it was understood, comparison and design."""
     from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
@@ -271,11 +347,17 @@ def _write_beside(
     if imported is not None:
         options.write_files(folder / "campaign", {IMPORT_NAME: layout_to_toml(imported.layout)})
     kept = {"comparison.json": worked["comparison"], "design.json": worked["recommended"]}
-    found = {name: {"schema": 1, **lb.with_words(own)} for name, own in kept.items() if not isinstance(own, str)}
+    found = {
+        name: {"schema": 1, **lb.with_words(own)}
+        for name, own in kept.items()
+        if not isinstance(own, str)
+    }
     options.write_files(folder, found)
 
 
-def _said(imported: Imported | None, fit: xr.DataTree, result: dict[str, Any], worked: dict[str, Any]) -> tuple[Any, ...]:
+def _said(
+    imported: Imported | None, fit: xr.DataTree, result: dict[str, Any], worked: dict[str, Any]
+) -> tuple[Any, ...]:
     """What is printed: what was assumed, what looks odd, the results but for slopes, constant or linear, what to run next."""
     from ldbb_bayes.campaign.headers import Assumption
     from ldbb_bayes.inference.posterior import campaign_of, model_of
@@ -285,15 +367,43 @@ def _said(imported: Imported | None, fit: xr.DataTree, result: dict[str, Any], w
     constant = model_of(fit).with_degree(0).bind(campaign).names
     shown = {name: own for name, own in result["parameters"].items() if name in constant}
     table = text.results_table(result | {"parameters": shown}, lb.verdicts(fit))
-    head = "Linear compliance:" if worked["averaged"] is None else "Averaged over constant and linear compliance:"
-    weighed = comparison if isinstance(comparison, str) else wording.comparison_sentences(comparison)[0]
-    planned = design if isinstance(design, str) else f"Run next: {', '.join(test.name for test in design.plan().tests)}"
-    balls = Assumption("", "balls", "as the model assumes", "nothing says otherwise", "--balls, --work-ball, --tool-ball")
+    head = (
+        "Linear compliance:"
+        if worked["averaged"] is None
+        else "Averaged over constant and linear compliance:"
+    )
+    weighed = (
+        comparison if isinstance(comparison, str) else wording.comparison_sentences(comparison)[0]
+    )
+    planned = (
+        design
+        if isinstance(design, str)
+        else f"Run next: {', '.join(test.name for test in design.plan().tests)}"
+    )
+    balls = Assumption(
+        "",
+        "balls",
+        "as the model assumes",
+        "nothing says otherwise",
+        "--balls, --work-ball, --tool-ball",
+    )
     made = imported.assumptions if imported else ()
     made += (balls,) if campaign.instrument.work == campaign.instrument.tool == lb.Ball() else ()
-    assumed = text.parts_of(replace(imported, assumptions=made)) if imported else tuple(map(wording.assumption_words, made))
+    assumed = (
+        text.parts_of(replace(imported, assumptions=made))
+        if imported
+        else tuple(map(wording.assumption_words, made))
+    )
     limits = [text.conformity_table(result["conformity"])] if "conformity" in result else []
-    return (*assumed, *wording.preview_sentences(lb.preview(campaign)), head, table, *limits, weighed, planned)
+    return (
+        *assumed,
+        *wording.preview_sentences(lb.preview(campaign)),
+        head,
+        table,
+        *limits,
+        weighed,
+        planned,
+    )
 
 
 # ---- the report of fits
@@ -310,26 +420,38 @@ def _of_fits(source: Given, output: Output, asked: dict[str, Any]) -> Reported:
     folder = output.out = out or (paths[0] if paths[0].is_dir() else paths[0].parent)
     there = next((name for name in REPORT_FILES if (folder / name).exists()), None)
     if there is not None and not output.force:
-        raise InputError(f"{folder / there} must not exist, got an earlier report. Choose another --out or pass --force.")
+        raise InputError(
+            f"{folder / there} must not exist, got an earlier report. Choose another --out or pass --force."
+        )
     check_folder(folder)
     own = paths[0] if paths[0].is_dir() else paths[0].parent
     kept = [own if (own / f"{name}.json").exists() else None for name in ("comparison", "design")]
-    comparison, design = asked.get("comparison", kept[0]), asked.get("design", None if "tests" in asked else kept[1])
+    comparison, design = (
+        asked.get("comparison", kept[0]),
+        asked.get("design", None if "tests" in asked else kept[1]),
+    )
     if design is not None and "tests" in asked:
         raise InputError("--tests must not go with --design, got both. The design says how many.")
     if asked["same_instrument"] and len(paths) == 1:
-        raise InputError("--same-instrument must go with a second fit, got one alone. Name the fit to set beside it.")
+        raise InputError(
+            "--same-instrument must go with a second fit, got one alone. Name the fit to set beside it."
+        )
     first, *others = (lb.load(path) for path in paths)
     tolerances = dict(campaign_of(first).tolerances) | asked.get("tolerances", {})
     tolerances_in(quantities_of(bound_of(first)), tolerances)
     with options.counting_progress(output.quiet, "sections") as progress:
         document = lb.write_report(
-            first, folder, beside_it=_named(first, others, paths[1:]),
-            **{key: asked[key] for key in ("tests", "same_instrument") if key in asked}, **_of_page(asked), tolerances=tolerances,
+            first,
+            folder,
+            beside_it=_named(first, others, paths[1:]),
+            **{key: asked[key] for key in ("tests", "same_instrument") if key in asked},
+            **_of_page(asked),
+            tolerances=tolerances,
             comparison=None if comparison is None else lb.read_comparison(comparison),
             recommended=None if design is None else lb.read_design(design),
-            averaged=lb.load(own / AVERAGED_NAME) if (own / AVERAGED_NAME).exists() else None, progress=progress,
-        )  # fmt: skip
+            averaged=lb.load(own / AVERAGED_NAME) if (own / AVERAGED_NAME).exists() else None,
+            progress=progress,
+        )
     return document, (), record_of(first)["sampler"]["converged"]
 
 
@@ -340,7 +462,9 @@ def figure_names() -> tuple[str, ...]:
     return options.figure_files(PICTURES, _FORMATS)
 
 
-def _named(first: xr.DataTree, posteriors: list[xr.DataTree], paths: Sequence[Path]) -> dict[str, xr.DataTree]:
+def _named(
+    first: xr.DataTree, posteriors: list[xr.DataTree], paths: Sequence[Path]
+) -> dict[str, xr.DataTree]:
     """Keyed by the campaign's name; by the folder's where two have the same."""
     from ldbb_bayes.inference.posterior import record_of
 
@@ -365,8 +489,16 @@ def report(
     files: Annotated[list[Path], _FILES],
     output: options.OutputOptions,
     asked: Annotated[dict[str, Any], REPORT_OPTIONS],
-    figures: Annotated[Path | None, option(Path, "Folder for the figures of the page, as SVG, PNG and PDF.", metavar="DIR")],
-    yes: Annotated[bool, option(bool, "Ask nothing: what neither files nor options say is assumed, and said.", False)],
+    figures: Annotated[
+        Path | None,
+        option(Path, "Folder for the figures of the page, as SVG, PNG and PDF.", metavar="DIR"),
+    ],
+    yes: Annotated[
+        bool,
+        option(
+            bool, "Ask nothing: what neither files nor options say is assumed, and said.", False
+        ),
+    ],
     model: options.ChosenModel,
     layout: Annotated[Any, LAYOUT_OPTIONS],
     table: options.TableFields,
@@ -385,14 +517,18 @@ def report(
     check_probability(asked["ci_prob"])
     source, ours = Given(files, matching(files), layout, table, certificates), figure_names()
     got = f"got {model.degree}. Leave --degree out; or fit it, and report the fit"
-    require(model.degree == 1, f"report must weigh constant and linear compliance, --degree 1, {got}.")
+    require(
+        model.degree == 1, f"report must weigh constant and linear compliance, --degree 1, {got}."
+    )
     if figures is not None:
         check_target(figures, force=output.force, ours=ours)
     if source.is_result:
         document, parts, converged = _of_fits(source, output, asked)
     else:
         steps = options.step_progress(output.quiet, **STEPS)
-        document, parts, converged = report_files(source, output, asked, model, steps, ask=not yes and _can_ask())
+        document, parts, converged = report_files(
+            source, output, asked, model, steps, ask=not yes and _can_ask()
+        )
     if figures is not None:
         with staged_folder(figures, force=output.force, ours=ours) as staging:
             for picture in document.pictures:

@@ -59,15 +59,25 @@ _OF_PAGE = f"{_POLICY}; base-uri 'none'; form-action 'none'; frame-ancestors 'no
 _OF_REPORT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 _OF_REPORT += "; frame-ancestors 'self'"
 _ALWAYS = {
-    "x-content-type-options": "nosniff", "referrer-policy": "same-origin", "cache-control": "no-store",
-    "cross-origin-opener-policy": "same-origin", "cross-origin-resource-policy": "same-origin",
-}  # fmt: skip
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "same-origin",
+    "cache-control": "no-store",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+}
 _BACKLOG = 512
 _PREFIX = "ldbb-bayes-"
 _FIT = "from ldbb_bayes.cli.worker import main; main()"
 _SHOWN = {"report.html": "text/html", "report.pdf": "application/pdf"}
-_LOADED = {"report.json": "", "dcc.xml": "", "posterior.nc": "", "parameters.csv": "tables/averaged.csv"}
-_UNAVERAGED = "tables/results.csv"  # where nothing could be averaged over, the sheets state the fit itself
+_LOADED = {
+    "report.json": "",
+    "dcc.xml": "",
+    "posterior.nc": "",
+    "parameters.csv": "tables/averaged.csv",
+}
+_UNAVERAGED = (
+    "tables/results.csv"  # where nothing could be averaged over, the sheets state the fit itself
+)
 _FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
 
 
@@ -88,7 +98,9 @@ class Pages:
 
     def __init__(self) -> None:
         loader = jinja2.PackageLoader("ldbb_bayes.cli", "pages")
-        self._templates = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
+        self._templates = jinja2.Environment(
+            loader=loader, autoescape=True, undefined=jinja2.StrictUndefined
+        )
         self._templates.filters |= {"number": self._number, "phrase": self._phrase}
 
     @staticmethod
@@ -108,7 +120,13 @@ class Pages:
     def show(self, template: str, language: str, **values: Any) -> str:
         """Return a page, or a part of one."""
         limits = {"files": MOST_FILES, "bytes": LARGEST_FILE}
-        filled = {"w": words_of_page(language), "language": language, "fields": worker.FIELDS, "most": limits, **values}
+        filled = {
+            "w": words_of_page(language),
+            "language": language,
+            "fields": worker.FIELDS,
+            "most": limits,
+            **values,
+        }
         return self._templates.get_template(template).render(filled)
 
 
@@ -133,8 +151,12 @@ class Session:
     seen: float = field(default_factory=time.monotonic)
     tabs: set[str] | None = None  #: that show it; none has asked yet
     closed: set[str] = field(default_factory=set)  #: tabs, whose last questions may come late
-    names: dict[str, str] = field(default_factory=dict)  #: by which files were sent, by those by which they are kept
-    adding: asyncio.Lock = field(default_factory=asyncio.Lock)  #: files come one after another, so that they fit together
+    names: dict[str, str] = field(
+        default_factory=dict
+    )  #: by which files were sent, by those by which they are kept
+    adding: asyncio.Lock = field(
+        default_factory=asyncio.Lock
+    )  #: files come one after another, so that they fit together
 
     @property
     def is_over(self) -> bool:
@@ -145,7 +167,10 @@ class Session:
     @property
     def held(self) -> dict[str, int]:
         """Sizes of its files [bytes], in the order in which an import takes them: by suffix, 2 N before 10 N."""
-        return {own.name: own.stat().st_size for own in sorted((self.folder / worker.FILES).iterdir(), key=_in_order)}
+        return {
+            own.name: own.stat().st_size
+            for own in sorted((self.folder / worker.FILES).iterdir(), key=_in_order)
+        }
 
     def drop(self, name: str = "*") -> None:
         """Delete a file, or all."""
@@ -157,9 +182,15 @@ class Session:
     def changed(self) -> None:
         """Forget what no longer applies to the files: what a campaign says itself, and certificates that are gone."""
         held, fields = self.held, worker.FIELDS
-        gone = {name for name, own in self.choices.items() if fields[name].kind == "file" and own not in held}
+        gone = {
+            name
+            for name, own in self.choices.items()
+            if fields[name].kind == "file" and own not in held
+        }
         if worker.TOML in held:
-            gone |= {name for name in self.choices if fields[name].group in ("name", "table", "layout")}
+            gone |= {
+                name for name in self.choices if fields[name].group in ("name", "table", "layout")
+            }
         self.choices = {name: own for name, own in self.choices.items() if name not in gone}
         self.edition += 1
 
@@ -175,14 +206,24 @@ class Session:
 
     def state(self) -> dict[str, Any]:
         """Return what the page asks for again and again."""
-        progress: dict[str, Any] = {"share": 0.0, "step": "start" if self.process else "waiting", "of": 0}
+        progress: dict[str, Any] = {
+            "share": 0.0,
+            "step": "start" if self.process else "waiting",
+            "of": 0,
+        }
         if self.running and self.process is not None:
             with suppress(OSError, ValueError):
-                progress = json.loads((self.folder / "job" / "progress.json").read_text(encoding="utf-8"))
+                progress = json.loads(
+                    (self.folder / "job" / "progress.json").read_text(encoding="utf-8")
+                )
         return {
-            "files": len(self.held), "edition": self.edition, "fitted": self.fitted, "running": self.running,
-            "progress": progress, "outcome": self.outcome,
-        }  # fmt: skip
+            "files": len(self.held),
+            "edition": self.edition,
+            "fitted": self.fitted,
+            "running": self.running,
+            "progress": progress,
+            "outcome": self.outcome,
+        }
 
     def word(self, key: str, **values: object) -> str:
         """Return what a refusal says."""
@@ -226,7 +267,9 @@ class Desk:
         self._pool = self._stack.enter_context(process_executor(1))
         self._ready = self._pool.submit(worker.warm)
 
-    async def ask(self, work: Callable[..., dict[str, Any]], session: Session, *more: Any) -> dict[str, Any]:
+    async def ask(
+        self, work: Callable[..., dict[str, Any]], session: Session, *more: Any
+    ) -> dict[str, Any]:
         """Return the answer of a function of the worker, or why there is none. The process has one question at a time: its time
         counts from where it begins."""
         if self._waiting >= MOST_WAITING:
@@ -234,9 +277,15 @@ class Desk:
         self._waiting += 1
         try:
             async with self._turn:
-                return await self._answer(partial(worker.answer, work, str(session.folder), *more), session)
+                return await self._answer(
+                    partial(worker.answer, work, str(session.folder), *more), session
+                )
         except Exception as error:  # noqa: BLE001  # whatever it is, the page says so and goes on
-            return {"refused": session.word("unexpected", error=f"{type(error).__name__}: {error}"[:300])}
+            return {
+                "refused": session.word(
+                    "unexpected", error=f"{type(error).__name__}: {error}"[:300]
+                )
+            }
         finally:
             self._waiting -= 1
 
@@ -245,7 +294,9 @@ class Desk:
             with suppress(WorkerDied):
                 await asyncio.wait([asyncio.wrap_future(self._ready)])
                 try:
-                    return await asyncio.wait_for(asyncio.wrap_future(self._pool.submit(call)), ANSWER_S)
+                    return await asyncio.wait_for(
+                        asyncio.wrap_future(self._pool.submit(call)), ANSWER_S
+                    )
                 except TimeoutError:
                     await asyncio.to_thread(self.stop)
                     self._begin()
@@ -266,7 +317,9 @@ class House:
     desk: Desk
     pages: Pages = field(default_factory=Pages)
     sessions: dict[str, Session] = field(default_factory=dict)
-    turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))  #: one fit at a time has all cores
+    turn: asyncio.Semaphore = field(
+        default_factory=lambda: asyncio.Semaphore(1)
+    )  #: one fit at a time has all cores
 
     def begin(self, language: str) -> Session | None:
         """Return a new session; None where there are too many."""
@@ -292,10 +345,16 @@ class House:
                 self.end(session)
             waiting = any(own.running and own.process is None for own in self.sessions.values())
             for session in self.sessions.values():
-                if waiting and session.process is not None and time.monotonic() - session.seen > ABANDONED_S:
+                if (
+                    waiting
+                    and session.process is not None
+                    and time.monotonic() - session.seen > ABANDONED_S
+                ):
                     session.stop()
                     session.outcome = {"refused": session.word("gave_way")}
-            for left in self.folder.iterdir():  # what work that was under way has written after the end of its session
+            for left in (
+                self.folder.iterdir()
+            ):  # what work that was under way has written after the end of its session
                 if left.name not in self.sessions:
                     shutil.rmtree(left, ignore_errors=True)
 
@@ -306,22 +365,39 @@ class House:
             async with self.turn:
                 edition = session.edition
                 shutil.rmtree(job, ignore_errors=True)
-                await asyncio.to_thread(shutil.copytree, session.folder / worker.FILES, job / worker.FILES)
+                await asyncio.to_thread(
+                    shutil.copytree, session.folder / worker.FILES, job / worker.FILES
+                )
                 (job / "said.json").write_text(json.dumps(session.said()), encoding="utf-8")
                 session.process = await asyncio.create_subprocess_exec(
-                    sys.executable, "-P", "-c", _FIT, str(job), str(os.getpid()), stdin=nowhere, stdout=nowhere, stderr=nowhere,
-                    env={**os.environ, **ONE_THREAD}, start_new_session=True,
-                )  # fmt: skip
+                    sys.executable,
+                    "-P",
+                    "-c",
+                    _FIT,
+                    str(job),
+                    str(os.getpid()),
+                    stdin=nowhere,
+                    stdout=nowhere,
+                    stderr=nowhere,
+                    env={**os.environ, **ONE_THREAD},
+                    start_new_session=True,
+                )
                 await session.process.wait()
             session.outcome = {"refused": session.word("fit_died")}
             with suppress(OSError, ValueError):
                 session.outcome = json.loads((job / "outcome.json").read_text(encoding="utf-8"))
-            if "refused" not in session.outcome:  # only a whole report takes the place of the one before
+            if (
+                "refused" not in session.outcome
+            ):  # only a whole report takes the place of the one before
                 shutil.rmtree(session.folder / worker.RESULT, ignore_errors=True)
                 (job / worker.RESULT).rename(session.folder / worker.RESULT)
                 session.fitted, session.asked = edition, {}
         except OSError as error:
-            session.outcome = {"refused": session.word("unexpected", error=error.strerror or "a file could not be copied")}
+            session.outcome = {
+                "refused": session.word(
+                    "unexpected", error=error.strerror or "a file could not be copied"
+                )
+            }
         finally:
             _kill(session.process)
             session.process = None
@@ -338,7 +414,9 @@ def _refused(message: str, status: int) -> Response:
 
 
 async def _page(house: House, session: Session, request: Request) -> Response:
-    return HTMLResponse(house.pages.show("page.html.j2", session.language, session=session, languages=LANGUAGES))
+    return HTMLResponse(
+        house.pages.show("page.html.j2", session.language, session=session, languages=LANGUAGES)
+    )
 
 
 async def _part(house: House, session: Session, request: Request) -> Response:
@@ -353,7 +431,9 @@ async def _part(house: House, session: Session, request: Request) -> Response:
         values = {"found": await house.desk.ask(worker.forecast, session, session.asked)}
     elif name not in ("files", "fit", "sheets"):
         return _refused(session.word("nothing"), 404)
-    return HTMLResponse(house.pages.show(f"{name}.html.j2", session.language, session=session, **values))
+    return HTMLResponse(
+        house.pages.show(f"{name}.html.j2", session.language, session=session, **values)
+    )
 
 
 async def _body(request: Request, most: int) -> bytes | None:
@@ -378,8 +458,16 @@ async def _json(request: Request) -> dict[str, Any] | None:
 def file_name(sent: str) -> str:
     """Return the name by which a file is kept: the last part of a path, of plain signs."""
     last = PureWindowsPath(PurePosixPath(sent).name).name
-    plain = re.sub(r"[^\w+\-.,()\[\] ]", "_", last).strip(" .").encode()[-120:].decode(errors="ignore").lstrip(" .")
-    return re.sub(r"(?i)^(?=(con|prn|aux|nul|com\d|lpt\d)(\.|$))", "_", plain)  # names of devices on Windows
+    plain = (
+        re.sub(r"[^\w+\-.,()\[\] ]", "_", last)
+        .strip(" .")
+        .encode()[-120:]
+        .decode(errors="ignore")
+        .lstrip(" .")
+    )
+    return re.sub(
+        r"(?i)^(?=(con|prn|aux|nul|com\d|lpt\d)(\.|$))", "_", plain
+    )  # names of devices on Windows
 
 
 async def _add(house: House, session: Session, request: Request) -> Response:
@@ -391,7 +479,9 @@ async def _add(house: House, session: Session, request: Request) -> Response:
         held = session.held
         if name in held and session.names.get(name, sent) != sent:
             return _refused(session.word("same_name", name=sent, other=session.names[name]), 409)
-        room = min(LARGEST_FILE, LARGEST_SESSION - sum(size for own, size in held.items() if own != name))
+        room = min(
+            LARGEST_FILE, LARGEST_SESSION - sum(size for own, size in held.items() if own != name)
+        )
         too_large = _refused(session.word("too_large", name=name, most=max(room, 0) // 2**20), 413)
         if name not in held and len(held) >= MOST_FILES:
             return _refused(session.word("too_many", most=MOST_FILES), 413)
@@ -442,7 +532,9 @@ async def _say(house: House, session: Session, request: Request) -> Response:
             session.language = sent["language"]
             session.edition += 1  # the sheets are of the other
         return JSONResponse({})
-    choices = {name: own.strip() for name, own in sent.items() if name in worker.FIELDS and own.strip()}
+    choices = {
+        name: own.strip() for name, own in sent.items() if name in worker.FIELDS and own.strip()
+    }
     session.edition += choices != session.choices
     session.choices = choices
     return JSONResponse({})
@@ -503,7 +595,13 @@ async def _result(house: House, session: Session, request: Request) -> Response:
         return _refused(session.word("nothing"), 404)
     policy = {"content-security-policy": _OF_REPORT} if name == "report.html" else {}
     how = "inline" if name in _SHOWN else "attachment"
-    return FileResponse(path, filename=name, headers=policy, media_type=_SHOWN.get(name), content_disposition_type=how)
+    return FileResponse(
+        path,
+        filename=name,
+        headers=policy,
+        media_type=_SHOWN.get(name),
+        content_disposition_type=how,
+    )
 
 
 async def _zipped(folder: Path, name: str) -> Response:
@@ -519,10 +617,19 @@ async def _zipped(folder: Path, name: str) -> Response:
 
 
 _ROUTES: tuple[tuple[str, str, Answer], ...] = (
-    ("GET", "/", _page), ("GET", "/part/{name}", _part), ("GET", "/state", _state), ("PUT", "/files/{name:path}", _add),
-    ("DELETE", "/files/{name}", _remove), ("POST", "/example", _example), ("POST", "/say", _say), ("POST", "/fit", _fit),
-    ("POST", "/cancel", _cancel), ("POST", "/leave", _leave), ("POST", "/plan", _plan), ("GET", "/result/{name}", _result),
-)  # fmt: skip
+    ("GET", "/", _page),
+    ("GET", "/part/{name}", _part),
+    ("GET", "/state", _state),
+    ("PUT", "/files/{name:path}", _add),
+    ("DELETE", "/files/{name}", _remove),
+    ("POST", "/example", _example),
+    ("POST", "/say", _say),
+    ("POST", "/fit", _fit),
+    ("POST", "/cancel", _cancel),
+    ("POST", "/leave", _leave),
+    ("POST", "/plan", _plan),
+    ("GET", "/result/{name}", _result),
+)
 
 
 # ---- who may ask
@@ -540,17 +647,25 @@ class _Guard:
             return await self._app(scope, receive, send)
         if scope["type"] != "http":
             return None
-        request, own = Request(scope), {name.encode(): value.encode() for name, value in _ALWAYS.items()}
+        request, own = (
+            Request(scope),
+            {name.encode(): value.encode() for name, value in _ALWAYS.items()},
+        )
         own[b"content-security-policy"] = _OF_PAGE.encode()
 
         async def sent(message: Message) -> None:
             if message["type"] == "http.response.start":
                 there = {name.lower() for name, _ in message["headers"]}
-                message["headers"] = [*message["headers"], *((name, value) for name, value in own.items() if name not in there)]
+                message["headers"] = [
+                    *message["headers"],
+                    *((name, value) for name, value in own.items() if name not in there),
+                ]
             await send(message)
 
         why = self._wrong(request)
-        answer = self._app if why is None else Response(f"{why[1]}\n", why[0], media_type="text/plain")
+        answer = (
+            self._app if why is None else Response(f"{why[1]}\n", why[0], media_type="text/plain")
+        )
         await answer(scope, receive, sent)
         return None
 
@@ -558,15 +673,28 @@ class _Guard:
         """Status and reason of a refusal."""
         host, origin = request.headers.get("host", ""), request.headers.get("origin")
         if host not in self._hosts:
-            return 421, "This page answers at its own address alone. Open the one that ldbb-bayes app printed."
+            return (
+                421,
+                "This page answers at its own address alone. Open the one that ldbb-bayes app printed.",
+            )
         foreign = origin is not None and origin.partition("://")[2] not in self._hosts
         unsafe = request.method not in ("GET", "HEAD")
-        if foreign or (unsafe and origin is None) or request.headers.get("sec-fetch-site") in ("cross-site", "same-site"):
+        if (
+            foreign
+            or (unsafe and origin is None)
+            or request.headers.get("sec-fetch-site") in ("cross-site", "same-site")
+        ):
             return 403, "Only the page itself may ask for this."
         token = str(request.scope["path"]).lstrip("/").partition("/")[0]
         if not secrets.compare_digest(token.encode(), self._token.encode()):
-            return 403, "The address must hold its token. Open the one that ldbb-bayes app printed, whole."
-        if int(length if (length := request.headers.get("content-length", "0")).isdecimal() else 0) > LARGEST_FILE:
+            return (
+                403,
+                "The address must hold its token. Open the one that ldbb-bayes app printed, whole.",
+            )
+        if (
+            int(length if (length := request.headers.get("content-length", "0")).isdecimal() else 0)
+            > LARGEST_FILE
+        ):
             return 413, f"A file must have at most {LARGEST_FILE // 2**20} MB."
         return None
 
@@ -614,7 +742,11 @@ def application(token: str, port: int) -> ASGIApp:
         language = next((own for own in LANGUAGES if wanted.startswith(own)), LANGUAGES[0])
         session = request.app.state.house.begin(language)
         if session is None:
-            return Response(f"{words_of_page(language)['errors']['full']}\n", 503, media_type="text/plain; charset=utf-8")
+            return Response(
+                f"{words_of_page(language)['errors']['full']}\n",
+                503,
+                media_type="text/plain; charset=utf-8",
+            )
         return RedirectResponse(f"/{token}/s/{session.key}/", 303)
 
     def answering(answer: Answer) -> Callable[[Request], Awaitable[Response]]:
@@ -637,11 +769,20 @@ def application(token: str, port: int) -> ASGIApp:
         return Response((_PAGES / name).read_bytes(), media_type=kinds[name])
 
     async def unexpected(request: Request, error: Exception) -> Response:
-        return _refused(str(words_of_page(LANGUAGES[0])["errors"]["unexpected"]).format(error=type(error).__name__), 500)
+        return _refused(
+            str(words_of_page(LANGUAGES[0])["errors"]["unexpected"]).format(
+                error=type(error).__name__
+            ),
+            500,
+        )
 
     inside = [Route(path, answering(answer), methods=[method]) for method, path, answer in _ROUTES]
     routes = [Route("/", begin), Route("/static/{name}", static), Mount("/s/{key}", routes=inside)]
-    inner = Starlette(routes=[Mount(f"/{token}", routes=routes)], lifespan=lifespan, exception_handlers={Exception: unexpected})
+    inner = Starlette(
+        routes=[Mount(f"/{token}", routes=routes)],
+        lifespan=lifespan,
+        exception_handlers={Exception: unexpected},
+    )
     return _Guard(inner, token, port)
 
 
@@ -655,7 +796,9 @@ def _listening(port: int) -> Iterator[socket.socket]:
             listener.listen(_BACKLOG)
         except OSError as error:
             got = f"got {port} ({error.strerror})"
-            raise InputError(f"--port must be one that is free, {got}. Choose another, or leave it out.") from None
+            raise InputError(
+                f"--port must be one that is free, {got}. Choose another, or leave it out."
+            ) from None
         yield listener
 
 
@@ -665,9 +808,15 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
         token, port = secrets.token_urlsafe(18), listener.getsockname()[1]
         address = f"http://{LOOPBACK}:{port}/{token}/"
         settings = uvicorn.Config(
-            application(token, port), http="h11", ws="none", log_level="critical", access_log=False, server_header=False,
-            timeout_graceful_shutdown=2, backlog=_BACKLOG,
-        )  # fmt: skip
+            application(token, port),
+            http="h11",
+            ws="none",
+            log_level="critical",
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=2,
+            backlog=_BACKLOG,
+        )
         server = uvicorn.Server(settings)
         if hasattr(signal, "SIGHUP"):  # the terminal was closed
             signal.signal(signal.SIGHUP, lambda *_: setattr(server, "should_exit", True))

@@ -33,7 +33,20 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.candidates import Space
     from ldbb_bayes.campaign.importing import Imported
 
-__all__ = ["FIELDS", "FILES", "RESULT", "TOML", "Field", "answer", "forecast", "main", "plan", "understand", "warm", "worth"]
+__all__ = [
+    "FIELDS",
+    "FILES",
+    "RESULT",
+    "TOML",
+    "Field",
+    "answer",
+    "forecast",
+    "main",
+    "plan",
+    "understand",
+    "warm",
+    "worth",
+]
 
 FILES, RESULT, PLAN = "campaign", "result", "plan"
 TOML, _DCC = "campaign.toml", ".xml"
@@ -59,14 +72,22 @@ class Field(NamedTuple):
 
 _GROUPS: Mapping[str, Mapping[str, Option]] = {
     "name": {"name": option(str, "Name of the campaign. Default: of the file or its folder.")},
-    "table": options_of("table"), "certificates": options_of("certificates"), "labels": options_of("labels"),
+    "table": options_of("table"),
+    "certificates": options_of("certificates"),
+    "labels": options_of("labels"),
     "layout": {name: own for name, own in LAYOUT_OPTIONS.options.items() if name != "layout"},
     "report": REPORT_OPTIONS.options,
-}  # fmt: skip
+}
 _CHOICES: Mapping[str, tuple[str, ...]] = {
-    "plane": ("XY", "YZ", "ZX"), "direction": ("CW", "CCW"), "zero": ("deviation", "distance"), "laps": ("keep", "average"),
-    "sign": ("1", "-1"), "angle_sign": ("1", "-1"), "decimal": (".", ","), "raw": ("yes",),
-}  # fmt: skip
+    "plane": ("XY", "YZ", "ZX"),
+    "direction": ("CW", "CCW"),
+    "zero": ("deviation", "distance"),
+    "laps": ("keep", "average"),
+    "sign": ("1", "-1"),
+    "angle_sign": ("1", "-1"),
+    "decimal": (".", ","),
+    "raw": ("yes",),
+}
 
 
 def _typed(own: Option) -> Any:
@@ -76,13 +97,17 @@ def _typed(own: Option) -> Any:
 def _kind(name: str, own: Option) -> str:
     if name in _CHOICES or name == "topology":
         return "choice"
-    return {int: "number", float: "number", Path: "file", list[str]: "lines"}.get(_typed(own), "text")
+    return {int: "number", float: "number", Path: "file", list[str]: "lines"}.get(
+        _typed(own), "text"
+    )
 
 
 def _field(name: str, of: str, own: Option) -> Field:
     choices = tuple((one, one) for one in _CHOICES.get(name, ()))
     if name == "topology":
-        choices = tuple((one.topology, f"{one.name} ({one.topology}): {one.looks}") for one in MACHINES)
+        choices = tuple(
+            (one.topology, f"{one.name} ({one.topology}): {one.looks}") for one in MACHINES
+        )
     return Field(name, of, own.flag(name), own.help, _kind(name, own), choices)
 
 
@@ -101,11 +126,18 @@ def _value(own: Option, name: str, text: str, folder: Path) -> Any:
         return text == "yes"
     if typed is Path:
         held = [path.name for path in (folder / FILES).iterdir()]
-        require(text in held, f"{flag} must be a file that was added, got {text!r}. Add it, or choose none.")
+        require(
+            text in held,
+            f"{flag} must be a file that was added, got {text!r}. Add it, or choose none.",
+        )
         return folder / FILES / text
     if typed == list[str]:
         lines = [line.strip() for line in text.splitlines() if line.strip()]
-        return [re.sub(r"(?<=\d),(?=\d)", ".", line) for line in lines] if name == "tolerance" else lines
+        return (
+            [re.sub(r"(?<=\d),(?=\d)", ".", line) for line in lines]
+            if name == "tolerance"
+            else lines
+        )
     if typed not in (int, float):
         lists = own.kind is options.KINDS["numbers"] and ";" in text
         return text.replace(",", ".").replace(";", ",") if lists else text
@@ -117,7 +149,9 @@ def _value(own: Option, name: str, text: str, folder: Path) -> Any:
     try:
         number = typed(text.replace(",", ".").replace("−", "-"))
     except ValueError:
-        raise InputError(f"{flag} must be a {'whole ' * (typed is int)}number, got {text!r}. Correct it.") from None
+        raise InputError(
+            f"{flag} must be a {'whole ' * (typed is int)}number, got {text!r}. Correct it."
+        ) from None
     low, high = own.more.get("min", -math.inf), own.more.get("max", math.inf)
     bounds = [f"at least {low:g}"] * (low > -math.inf) + [f"at most {high:g}"] * (high < math.inf)
     fits = math.isfinite(number) and low <= number <= high
@@ -129,7 +163,10 @@ def _made(of: str, make: Callable[..., Any], choices: Mapping[str, str], folder:
     """What a command would make of the options of a group."""
     every = _GROUPS[of]
     said = {name: choices.get(name, "").strip() if name in FIELDS else "" for name in every}
-    typed = {name: _value(own, name, said[name], folder) if said[name] else own.default for name, own in every.items()}
+    typed = {
+        name: _value(own, name, said[name], folder) if said[name] else own.default
+        for name, own in every.items()
+    }
     return group(make, **every).made(typed)
 
 
@@ -138,16 +175,30 @@ def _given(folder: Path, choices: Mapping[str, str]) -> Given:
     from ldbb_bayes.campaign.importing import matching
 
     held = sorted(own for own in (folder / FILES).iterdir() if own.suffix.lower() != _DCC)
-    require(held, "files with readings must be given, got none. Drop a workbook, CSV or text files, or take the example.")
+    require(
+        held,
+        "files with readings must be given, got none. Drop a workbook, CSV or text files, or take the example.",
+    )
     # One file is named; of several, as where * is typed, some may hold no readings. A folder is a campaign.
-    ends, bare = sorted({own.suffix for own in held} - {""}), [own for own in held if not own.suffix]
+    ends, bare = (
+        sorted({own.suffix for own in held} - {""}),
+        [own for own in held if not own.suffix],
+    )
     named = held if len(held) == 1 else [*(folder / FILES / f"*{end}" for end in ends), *bare]
     if any(own.name == TOML for own in held):
         named = [folder / FILES]
-    said = {key: own for of in ("name", "table", "labels") for key, own in _made(of, dict, choices, folder).items()}
+    said = {
+        key: own
+        for of in ("name", "table", "labels")
+        for key, own in _made(of, dict, choices, folder).items()
+    }
     layout = LAYOUT_OPTIONS.make(**_made("layout", dict, choices, folder))
     return Given(
-        named, matching(named), layout, options.campaign_fields(**said), _made("certificates", certified, choices, folder)
+        named,
+        matching(named),
+        layout,
+        options.campaign_fields(**said),
+        _made("certificates", certified, choices, folder),
     )
 
 
@@ -211,29 +262,44 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     seen = lb.preview(campaign)
     tests = [
         {
-            "name": own.name, "force": f"{own.force_N:.4g}", "pressure": f"{own.pressure_bar:.3g}", "readings": own.readings,
-            "arc": f"{own.arc_deg:.0f}", "direction": own.direction or own.travel or "–", "plane": own.plane,
-            "radius": f"{own.radius_mm:g}", "balls": f"{own.work_ball_deg:g} / {own.tool_ball_deg:g}",
-            "noise": "–" if own.noise_um is None else f"{own.noise_um:.2g}", "peak": f"{own.peak_to_peak_um or 0.0:.3g}",
+            "name": own.name,
+            "force": f"{own.force_N:.4g}",
+            "pressure": f"{own.pressure_bar:.3g}",
+            "readings": own.readings,
+            "arc": f"{own.arc_deg:.0f}",
+            "direction": own.direction or own.travel or "–",
+            "plane": own.plane,
+            "radius": f"{own.radius_mm:g}",
+            "balls": f"{own.work_ball_deg:g} / {own.tool_ball_deg:g}",
+            "noise": "–" if own.noise_um is None else f"{own.noise_um:.2g}",
+            "peak": f"{own.peak_to_peak_um or 0.0:.3g}",
             "remarks": [wording.remark_words(remark) for remark in own.remarks],
         }
         for own in seen.tests
-    ]  # fmt: skip
+    ]
     traces = [*_traces(campaign)]
     hues = {path["name"]: path["hue"] for trace in traces for path in trace["paths"]}
     tests = [own | {"hue": hues[own["name"]]} for own in tests]
     assumed = [_assumed(own, folder) for own in (imported.assumptions if imported else ())]
     return {
-        "name": campaign.name, "topology": campaign.topology, "planes": campaign.machine().plane, "tests": tests,
-        "readings": campaign.readings, "assumptions": assumed, "remarks": [wording.remark_words(own) for own in seen.remarks],
-        "fit": [wording.remark_words(own) for own in seen.assumptions], "traces": traces,
+        "name": campaign.name,
+        "topology": campaign.topology,
+        "planes": campaign.machine().plane,
+        "tests": tests,
+        "readings": campaign.readings,
+        "assumptions": assumed,
+        "remarks": [wording.remark_words(own) for own in seen.remarks],
+        "fit": [wording.remark_words(own) for own in seen.assumptions],
+        "traces": traces,
         "instrument": _instrument(campaign),
-    }  # fmt: skip
+    }
 
 
 def _assumed(own: Any, folder: Path) -> dict[str, Any]:
     fields = [field.name for field in FIELDS.values() if field.flag in own.option.split(", ")]
-    shown = {key: _plain(str(getattr(own, key)), folder) for key in ("place", "what", "value", "because")}
+    shown = {
+        key: _plain(str(getattr(own, key)), folder) for key in ("place", "what", "value", "because")
+    }
     return shown | {"fields": fields, "option": own.option}
 
 
@@ -252,7 +318,9 @@ def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
             size = ball.grade or f"{math.sqrt(24.0) * own.sd * 1e3:.3g} µm"
             words = {"words": stem, "size": size, "is_sphericity": not ball.grade}
         else:
-            factor, label = {"1": (100.0, "%"), "rad": (180.0 / math.pi, "°"), "N": (1.0, "N")}.get(own.unit, (1e3, "µm"))
+            factor, label = {"1": (100.0, "%"), "rad": (180.0 / math.pi, "°"), "N": (1.0, "N")}.get(
+                own.unit, (1e3, "µm")
+            )
             label = "µm/bar" if own.unit.endswith("/bar") else label
             error = campaign.instrument.bar_length_error_um if part == "bar" else 0.0
             size = f"{f'{error:g} '.replace('-', '−') if error else ''}± {two_digits(2.0 * own.sd, factor)} {label}"
@@ -280,15 +348,31 @@ def _traces(campaign: lb.Campaign) -> Iterator[dict[str, Any]]:
         paths = []
         for k, reading in zip(here, readings, strict=True):
             every = slice(None, None, max(1, len(reading) // _ALL_DRAWN))
-            angle, radius = campaign.tests[k].angles_rad()[every], 22.0 + scale * (reading[every] - low)
+            angle, radius = (
+                campaign.tests[k].angles_rad()[every],
+                22.0 + scale * (reading[every] - low),
+            )
             if campaign.tests[k].arc_deg == 360.0:
                 angle, radius = np.append(angle, angle[0]), np.append(radius, radius[0])
-            points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(radius * np.cos(angle), -radius * np.sin(angle), strict=True))
-            paths.append({"points": points, "hue": round(215 - 205 * float(share[k])), "name": campaign.tests[k].name})
+            points = " ".join(
+                f"{x:.1f},{y:.1f}"
+                for x, y in zip(radius * np.cos(angle), -radius * np.sin(angle), strict=True)
+            )
+            paths.append(
+                {
+                    "points": points,
+                    "hue": round(215 - 205 * float(share[k])),
+                    "name": campaign.tests[k].name,
+                }
+            )
         yield {
-            "plane": plane, "paths": paths,
-            "rings": [{"r": f"{22.0 + scale * (ring - low):.1f}", "um": f"{ring:g}".replace("-", "−")} for ring in rings],
-        }  # fmt: skip
+            "plane": plane,
+            "paths": paths,
+            "rings": [
+                {"r": f"{22.0 + scale * (ring - low):.1f}", "um": f"{ring:g}".replace("-", "−")}
+                for ring in rings
+            ],
+        }
 
 
 # ---- what each assumption costs
@@ -301,13 +385,26 @@ def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
     bound = options.model_from().bind(_read(folder, choices)[0])
     found = worth_of_certificates(bound, *hyper_nodes(bound))
-    today, units = found.pop("none of these"), {own.name: own.unit for own in bound.parameters if own.group != "slope"}
-    parts = {"work": "balls", "bar_U_um": "bar", "mount_U_percent": "mount", "force_U_percent": "force", "angle_U_deg": "angle"}
+    today, units = (
+        found.pop("none of these"),
+        {own.name: own.unit for own in bound.parameters if own.group != "slope"},
+    )
+    parts = {
+        "work": "balls",
+        "bar_U_um": "bar",
+        "mount_U_percent": "mount",
+        "force_U_percent": "force",
+        "angle_U_deg": "angle",
+    }
     effects = {}
     for name, left in found.items():
         part = parts[next(iter(CERTIFICATES[name]))] if name in CERTIFICATES else "all"
         gains = sorted(((1.0 - left[own] / today[own], own) for own in units), reverse=True)
-        rows = [_change(own, today[own], left[own], units[own]) for gain, own in gains[:_MOST_EFFECTS] if gain > _LEAST_EFFECT]
+        rows = [
+            _change(own, today[own], left[own], units[own])
+            for gain, own in gains[:_MOST_EFFECTS]
+            if gain > _LEAST_EFFECT
+        ]
         effects[part] = {"name": name, "rows": rows}
     shown = [_change(own, today[own], today[own], unit) for own, unit in units.items()]
     return {"effects": effects, "today": shown}
@@ -350,7 +447,9 @@ def main() -> None:
 def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     asked = _made("report", dict, choices, folder)
     output = options.Output(folder / RESULT, force=True)
-    document, _, converged = report_files(_given(folder, choices), output, asked, options.model_from(), _told(folder))
+    document, _, converged = report_files(
+        _given(folder, choices), output, asked, options.model_from(), _told(folder)
+    )
     return {"converged": converged, "alerts": list(document.alerts), "state": document.state}
 
 
@@ -359,7 +458,10 @@ def _told(folder: Path) -> Iterator[Callable[[str], Callable[..., None] | None]]
     """Progress, in a file."""
 
     def update(share: float, step: str, done: int, of: int) -> None:
-        write_whole(folder / "progress.json", json.dumps({"share": share, "step": step, "done": done, "of": of}).encode())
+        write_whole(
+            folder / "progress.json",
+            json.dumps({"share": share, "step": step, "done": done, "of": of}).encode(),
+        )
 
     yield options.steps_of(update, **STEPS)
 
@@ -377,7 +479,12 @@ def _pilot(folder: Path, stamp: int) -> tuple[lb.Campaign, dict[str, float]]:
 
 @lru_cache(maxsize=6)
 def _space(
-    folder: Path, stamp: int, clockings: tuple[Any, ...], radii: tuple[float, ...], ways: tuple[Direction, ...], augment: bool
+    folder: Path,
+    stamp: int,
+    clockings: tuple[Any, ...],
+    radii: tuple[float, ...],
+    ways: tuple[Direction, ...],
+    augment: bool,
 ) -> Space:
     """Everything that the tests have in common, whatever their forces and their number."""
     from ldbb_bayes.analysis.candidates import Space
@@ -387,16 +494,25 @@ def _space(
     return Space(options.model_from(), pilot, forces, clockings, radii, ways, augment=augment)
 
 
-_COSTS = {"minutes": (6, 0, 600), "turn_minutes": (5, 0, 600), "radius_minutes": (20, 0, 600), "hourly": (0, 0, 1e5)}
+_COSTS = {
+    "minutes": (6, 0, 600),
+    "turn_minutes": (5, 0, 600),
+    "radius_minutes": (20, 0, 600),
+    "hourly": (0, 0, 1e5),
+}
 
 
-def _numbers(asked: Mapping[str, Any], usual: Mapping[str, tuple[float, float, float]]) -> dict[str, float]:
+def _numbers(
+    asked: Mapping[str, Any], usual: Mapping[str, tuple[float, float, float]]
+) -> dict[str, float]:
     """What sliders say, by name: each its usual value, or one between its least and its most."""
     found = {}
     for name, (default, least, most) in usual.items():
         value = asked.get(name, default)
         fits = isinstance(value, int | float) and math.isfinite(value) and least <= value <= most
-        require(fits, f"{name} must be between {least:g} and {most:g}, got {value!r}. Move its slider.")
+        require(
+            fits, f"{name} must be between {least:g} and {most:g}, got {value!r}. Move its slider."
+        )
         found[name] = float(value)
     return found
 
@@ -404,11 +520,23 @@ def _numbers(asked: Mapping[str, Any], usual: Mapping[str, tuple[float, float, f
 def _sliders(asked: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
     low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
     count, least = min(len(pilot.tests), _MOST_CIRCLES), min(1.0, low)
-    found = _numbers(asked, {
-        "circles": (count, 1, _MOST_CIRCLES), "levels": (min(count, 6), 1, _MOST_CIRCLES), "low": (low, least, 5 * high),
-        "high": (high, least, 5 * high), "work": (1, 1, 6), "tool": (1, 1, 6), "turn": (45, 1, 180), "radius": (0, 0, 2000),
-    })  # fmt: skip
-    require(found["low"] <= found["high"], f"the lowest force must not exceed the highest, got {found['low']:g} N. Lower it.")
+    found = _numbers(
+        asked,
+        {
+            "circles": (count, 1, _MOST_CIRCLES),
+            "levels": (min(count, 6), 1, _MOST_CIRCLES),
+            "low": (low, least, 5 * high),
+            "high": (high, least, 5 * high),
+            "work": (1, 1, 6),
+            "tool": (1, 1, 6),
+            "turn": (45, 1, 180),
+            "radius": (0, 0, 2000),
+        },
+    )
+    require(
+        found["low"] <= found["high"],
+        f"the lowest force must not exceed the highest, got {found['low']:g} N. Lower it.",
+    )
     return found
 
 
@@ -443,12 +571,16 @@ def _planned(folder: Path, stamp: int, text: str) -> _Planned:
     count, low, high = int(own["circles"]), own["low"], own["high"]
     places = grid_of_tests(space.templates, [low], [(0.0, 0.0)], radii)
     every = _in_turn(places, space.clockings_deg, len(places) * len(space.clockings_deg))
-    kinds = [replace(place, work_ball_deg=work, tool_ball_deg=tool) for place, (work, tool) in every]
+    kinds = [
+        replace(place, work_ball_deg=work, tool_ball_deg=tool) for place, (work, tool) in every
+    ]
     if asked.get("best"):
         # Of one kind in whole newtons, as a report has them.
         most = _CANDIDATES if len(kinds) == 1 else _CANDIDATES // 3 // len(kinds)
         grid = _levels(low, high, max(2, min(round(high - low) + 1, most)))
-        among = Space(space.model, pilot, grid, space.clockings_deg, radii, ways, augment=space.augment)
+        among = Space(
+            space.model, pilot, grid, space.clockings_deg, radii, ways, augment=space.augment
+        )
         if count <= _SEARCHED and len(kinds) <= _FEW_KINDS:
             tests = among.tests_of(among.search.of_number(count))
         else:
@@ -456,7 +588,9 @@ def _planned(folder: Path, stamp: int, text: str) -> _Planned:
             tests = tuple(among.tests[k] for k in np.repeat(np.arange(len(counts)), counts))
     else:
         levels = _levels(low, high, int(min(own["levels"], count)))
-        tests = tuple(replace(kind, force_N=force) for force, kind in _in_turn(levels, kinds, count))
+        tests = tuple(
+            replace(kind, force_N=force) for force, kind in _in_turn(levels, kinds, count)
+        )
     return _Planned(space, running_order(tests, np.random.default_rng(1)), own)
 
 
@@ -464,14 +598,20 @@ def _levels(low: float, high: float, count: int) -> list[float]:
     """Forces in equal steps, in whole newtons where these differ; of one level the highest, which shows most."""
     steps = [low + (high - low) * k / (count - 1) for k in range(count)] if count > 1 else [high]
     whole = sorted({float(round(force)) for force in steps})
-    return whole if len(whole) == count and whole[0] > 0.0 else sorted({round(force, 1) for force in steps})
+    return (
+        whole
+        if len(whole) == count and whole[0] > 0.0
+        else sorted({round(force, 1) for force in steps})
+    )
 
 
 def _asked(folder: Path, asked: Mapping[str, Any]) -> tuple[Path, int, str]:
     """What the sliders say of the tests, after which report: as a key, so that nothing is worked out twice."""
     path = folder / RESULT / "summary.json"
     require(path.is_file(), "a plan must follow a fit, got none yet. Fit first.")
-    text = json.dumps({key: own for key, own in sorted(asked.items()) if key not in ("fine", *_COSTS)})
+    text = json.dumps(
+        {key: own for key, own in sorted(asked.items()) if key not in ("fine", *_COSTS)}
+    )
     return folder, path.stat().st_mtime_ns, text
 
 
@@ -481,15 +621,30 @@ def forecast(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     costs, key = _numbers(asked, _COSTS), _asked(folder, asked)
     planned, found = _planned(*key), _forecast(*key, fine=bool(asked.get("fine", True)))
     pairs = [*pairwise(planned.tests)]
-    turns = sum((a.work_ball_deg != b.work_ball_deg) + (a.tool_ball_deg != b.tool_ball_deg) for a, b in pairs)
+    turns = sum(
+        (a.work_ball_deg != b.work_ball_deg) + (a.tool_ball_deg != b.tool_ball_deg)
+        for a, b in pairs
+    )
     changes = sum(a.radius_mm != b.radius_mm for a, b in pairs)
-    minutes = costs["minutes"] * len(planned.tests) + costs["turn_minutes"] * turns + costs["radius_minutes"] * changes
-    ways, pilot = {"directions": str(asked.get("directions") or ""), "augment": planned.space.augment}, planned.space.pilot
+    minutes = (
+        costs["minutes"] * len(planned.tests)
+        + costs["turn_minutes"] * turns
+        + costs["radius_minutes"] * changes
+    )
+    ways, pilot = (
+        {"directions": str(asked.get("directions") or ""), "augment": planned.space.augment},
+        planned.space.pilot,
+    )
     return found | {
-        "asked": planned.sliders | costs | ways, "best": bool(asked.get("best")), "turns": turns, "changes": changes,
-        "minutes": round(minutes), "cost": round(minutes / 60.0 * costs["hourly"]), "pilot": _about(pilot),
+        "asked": planned.sliders | costs | ways,
+        "best": bool(asked.get("best")),
+        "turns": turns,
+        "changes": changes,
+        "minutes": round(minutes),
+        "cost": round(minutes / 60.0 * costs["hourly"]),
+        "pilot": _about(pilot),
         "tests": [_row(test, pilot) for test in planned.tests],
-    }  # fmt: skip
+    }
 
 
 @lru_cache(maxsize=128)
@@ -498,37 +653,67 @@ def _forecast(folder: Path, stamp: int, text: str, *, fine: bool) -> dict[str, A
 
     (space, tests, _), (_, today) = _planned(folder, stamp, text), _pilot(folder, stamp)
     # While a slider moves, fewer states of the machine will do.
-    few = None if fine else states_before(space.model, space.pilot, _FEW, space.seed, augment=space.augment)
+    few = (
+        None
+        if fine
+        else states_before(space.model, space.pilot, _FEW, space.seed, augment=space.augment)
+    )
     found = space.forecast(tests, states=few)
-    shown = {own.name: found.expected[own.name] for own in space.bound.parameters if own.group != "slope"}
+    shown = {
+        own.name: found.expected[own.name] for own in space.bound.parameters if own.group != "slope"
+    }
     settle = found.discrimination
     return {
-        "rows": [_change(name, today.get(name, math.inf), own.sd, own.unit) for name, own in shown.items()],
-        "settle": None if settle is None else {"linear": settle.decisive_with, "constant": settle.decisive_without},
+        "rows": [
+            _change(name, today.get(name, math.inf), own.sd, own.unit)
+            for name, own in shown.items()
+        ],
+        "settle": None
+        if settle is None
+        else {"linear": settle.decisive_with, "constant": settle.decisive_without},
     }
 
 
 def _row(test: lb.CircularTest, pilot: lb.Campaign) -> dict[str, Any]:
     force = float(test.force_N or 0.0)
     return {
-        "force": f"{force:.4g}", "pressure": f"{pilot.force_law.pressure_bar(force):.3g}", "plane": test.plane,
-        "direction": test.direction or "", "radius": f"{test.radius_mm:g}", "work": f"{test.work_ball_deg or 0:g}",
+        "force": f"{force:.4g}",
+        "pressure": f"{pilot.force_law.pressure_bar(force):.3g}",
+        "plane": test.plane,
+        "direction": test.direction or "",
+        "radius": f"{test.radius_mm:g}",
+        "work": f"{test.work_ball_deg or 0:g}",
         "tool": f"{test.tool_ball_deg or 0:g}",
-    }  # fmt: skip
+    }
 
 
 def _about(pilot: lb.Campaign) -> dict[str, Any]:
-    shown = ("name", "machine_type", "serial_number", "place", "ball_bar", "force_device", "topology")
+    shown = (
+        "name",
+        "machine_type",
+        "serial_number",
+        "place",
+        "ball_bar",
+        "force_device",
+        "topology",
+    )
     low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
     feed = "" if pilot.feed_mm_per_min is None else f"{pilot.feed_mm_per_min:g}"
-    return {key: getattr(pilot, key) or "" for key in shown} | {"feed": feed, "low": low, "high": high, "tests": len(pilot.tests)}
+    return {key: getattr(pilot, key) or "" for key in shown} | {
+        "feed": feed,
+        "low": low,
+        "high": high,
+        "tests": len(pilot.tests),
+    }
 
 
 def plan(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Write the tests as a plan, a campaign folder without readings, and return what `forecast` does."""
     found, (space, tests, _) = forecast(folder, asked), _planned(*_asked(folder, asked))
     name = f"{space.pilot.name}, next campaign"
-    coming = replace(space.pilot, tests=tests, foreseen=(), name=name, tolerances={}, date=None, operator=None)
+    coming = replace(
+        space.pilot, tests=tests, foreseen=(), name=name, tolerances={}, date=None, operator=None
+    )
     lb.write_campaign(coming, folder / PLAN, force=True)
     return found
 

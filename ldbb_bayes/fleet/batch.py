@@ -27,7 +27,14 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import TOML_NAME, labels_of, read_campaign
 from ldbb_bayes.errors import InputError, plain_reason, require
 from ldbb_bayes.files import bytes_of, write_whole
-from ldbb_bayes.fleet.dataset import DATASET, JOURNAL, PART, check_pyarrow, read_batch, write_dataset
+from ldbb_bayes.fleet.dataset import (
+    DATASET,
+    JOURNAL,
+    PART,
+    check_pyarrow,
+    read_batch,
+    write_dataset,
+)
 from ldbb_bayes.fleet.statistics import stands_for, sufficient_statistics
 from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
 from ldbb_bayes.inference.mcmc import StoppingRule
@@ -60,13 +67,20 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
     seen: dict[str, str] = {}
     for path in _opened([given] if isinstance(given, str | os.PathLike) else given):
         line = path.isprintable() and path == path.strip() and path and path[0] != "#"
-        require(line, f"paths of campaigns must be printable and stand on one line, got {path!r}. Rename it.")
+        require(
+            line,
+            f"paths of campaigns must be printable and stand on one line, got {path!r}. Rename it.",
+        )
         whole = os.path.abspath(path)
-        seen.setdefault(os.path.dirname(whole) if os.path.basename(whole) == TOML_NAME else whole, path)
+        seen.setdefault(
+            os.path.dirname(whole) if os.path.basename(whole) == TOML_NAME else whole, path
+        )
     paths = tuple(seen.values())
     got = f"got none among {len(paths)}{f' ({paths[0]})' if paths else ''}"
     cure = f"Name folders with {TOML_NAME}, tidy CSVs, folders of campaigns, or a list (@FILE)."
-    there = any(os.path.isfile(os.path.join(path, TOML_NAME)) or os.path.isfile(path) for path in paths)
+    there = any(
+        os.path.isfile(os.path.join(path, TOML_NAME)) or os.path.isfile(path) for path in paths
+    )
     require(there, f"a batch must have campaigns that exist, {got}. {cure}")
     return paths
 
@@ -74,14 +88,20 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
 def _opened(given: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
     """Every path by itself: lists read, folders of campaigns opened."""
     for entry in (os.fspath(each) for each in given):
-        if not (entry.startswith("@") or (entry.lower().endswith(".txt") and os.path.isfile(entry))):
+        if not (
+            entry.startswith("@") or (entry.lower().endswith(".txt") and os.path.isfile(entry))
+        ):
             yield from _inside(entry)
             continue
         file = Path(entry.removeprefix("@"))
         try:
-            text = bytes_of(file, _LARGEST_LIST, what="a list of campaigns, one path a line").decode("utf-8-sig")
+            text = bytes_of(
+                file, _LARGEST_LIST, what="a list of campaigns, one path a line"
+            ).decode("utf-8-sig")
         except UnicodeDecodeError:
-            raise InputError(f"{file} must be UTF-8 text, got another encoding. Save it as UTF-8.") from None
+            raise InputError(
+                f"{file} must be UTF-8 text, got another encoding. Save it as UTF-8."
+            ) from None
         for line in map(str.strip, text.splitlines()):
             if line and not line.startswith("#"):
                 yield from _inside(line)
@@ -93,9 +113,15 @@ def _inside(path: str) -> list[str]:
         return [path]
     try:
         with os.scandir(path) as entries:
-            names = sorted(entry.name for entry in entries if os.path.isfile(os.path.join(entry.path, TOML_NAME)))
+            names = sorted(
+                entry.name
+                for entry in entries
+                if os.path.isfile(os.path.join(entry.path, TOML_NAME))
+            )
     except OSError as error:
-        raise InputError(f"{path} must be a readable folder, got: {error.strerror}. Check its permissions.") from None
+        raise InputError(
+            f"{path} must be a readable folder, got: {error.strerror}. Check its permissions."
+        ) from None
     return [os.path.join(path, name) for name in names] or [path]
 
 
@@ -118,7 +144,9 @@ class Settings:
     compare: bool = True
     table: Mapping[str, Any] = field(default_factory=dict)
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    tolerances: Mapping[str, str] = field(default_factory=dict)  #: of quantities, before what campaigns say
+    tolerances: Mapping[str, str] = field(
+        default_factory=dict
+    )  #: of quantities, before what campaigns say
 
     @property
     def model(self) -> HybridModel:
@@ -144,7 +172,11 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
     try:
         with warnings.catch_warnings(action="ignore"):
             is_table = not os.path.isdir(job.place) and not job.place.lower().endswith(".toml")
-            campaign = read_campaign(job.place, certificates=settings.certificates, **(settings.table if is_table else {}))
+            campaign = read_campaign(
+                job.place,
+                certificates=settings.certificates,
+                **(settings.table if is_table else {}),
+            )
             campaign = replace(campaign, tolerances={**campaign.tolerances, **settings.tolerances})
             row |= _origin(campaign)
             return row | _fitted(settings, campaign)
@@ -160,18 +192,28 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
 
 def _given(settings: Settings, job: Job) -> dict[str, Any]:
     return {
-        "campaign": job.path, "degree": settings.model.degree, "model_sha256": model_sha256(settings.model),
-        "sampler": settings.sampler, "seed": settings.seed, "versions": json.dumps(versions()),
-    }  # fmt: skip
+        "campaign": job.path,
+        "degree": settings.model.degree,
+        "model_sha256": model_sha256(settings.model),
+        "sampler": settings.sampler,
+        "seed": settings.seed,
+        "versions": json.dumps(versions()),
+    }
 
 
 def _origin(campaign: Campaign) -> dict[str, Any]:
     return {
-        **{name: getattr(campaign, name) for name in ("name", "sha256", "machine_id", "date", "topology", "readings")},
-        "planes": ",".join(campaign.machine().planes), "compliances": json.dumps(stands_for(campaign)),
-        "tolerances": json.dumps(dict(campaign.tolerances), ensure_ascii=False), "tests": len(campaign.tests),
-        "force_min_N": float(campaign.forces_N.min()), "force_max_N": float(campaign.forces_N.max()),
-    }  # fmt: skip
+        **{
+            name: getattr(campaign, name)
+            for name in ("name", "sha256", "machine_id", "date", "topology", "readings")
+        },
+        "planes": ",".join(campaign.machine().planes),
+        "compliances": json.dumps(stands_for(campaign)),
+        "tolerances": json.dumps(dict(campaign.tolerances), ensure_ascii=False),
+        "tests": len(campaign.tests),
+        "force_min_N": float(campaign.forces_N.min()),
+        "force_max_N": float(campaign.forces_N.max()),
+    }
 
 
 def _fitted(settings: Settings, campaign: Campaign) -> dict[str, Any]:
@@ -184,11 +226,15 @@ def _fitted(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     beside: dict[str, Any] = {}
     parts: dict[str, Callable[[], dict[str, Any]]] = {}
     if settings.compare and model.degree and campaign.force_levels > 1:
-        parts["Bayes factor"] = lambda: _bayes_factor(model, campaign, inside if model.prior.truncated else inside.plain)
+        parts["Bayes factor"] = lambda: _bayes_factor(
+            model, campaign, inside if model.prior.truncated else inside.plain
+        )
     parts["sufficient statistics"] = lambda: sufficient_statistics(inside.plain).columns()
     parts = {} if model.prior.flat else parts
     if campaign.tolerances:
-        parts["conformity"] = lambda: {"conformity": {name: own.as_dict() for name, own in conformity(posterior).items()}}
+        parts["conformity"] = lambda: {
+            "conformity": {name: own.as_dict() for name, own in conformity(posterior).items()}
+        }
     for name, part in parts.items():
         try:
             beside |= part()
@@ -205,13 +251,18 @@ def _fitted(settings: Settings, campaign: Campaign) -> dict[str, Any]:
         "log_prob_truncation": record["fit"]["log_prob_truncation"],
         "rmse_um": record["fit"]["rmse_um"],
         "parameters": {
-            str(name): {"unit": variable.attrs.get("unit", ""), **numbers_of(variable.to_numpy(), settings.ci_prob)}
+            str(name): {
+                "unit": variable.attrs.get("unit", ""),
+                **numbers_of(variable.to_numpy(), settings.ci_prob),
+            }
             for name, variable in posterior["posterior"].data_vars.items()
         },
     }
 
 
-def _bayes_factor(model: HybridModel, campaign: Campaign, density: HyperPosterior) -> dict[str, float]:
+def _bayes_factor(
+    model: HybridModel, campaign: Campaign, density: HyperPosterior
+) -> dict[str, float]:
     if model.degree == 1 and density.truncated == density.bound.truncation.active:
         linear = density.nodes(_EVIDENCE_TOLERANCE).evidence
     else:
@@ -235,8 +286,15 @@ def _journal(out: Path) -> Iterator[sqlite3.Connection]:
     """The database of a folder, made if need be; SQLite's lock keeps other runs out while the block lasts."""
     made = not out.exists()
     require(made or out.is_dir(), f"{out} must be a folder, got a file. Choose another name.")
-    first = min((path.name for path in out.iterdir() if path.name not in _OURS), default=None) if out.is_dir() else None
-    require(first is None, f"{out} must hold nothing but a batch, got {first!r}. Move it away or choose another name.")
+    first = (
+        min((path.name for path in out.iterdir() if path.name not in _OURS), default=None)
+        if out.is_dir()
+        else None
+    )
+    require(
+        first is None,
+        f"{out} must hold nothing but a batch, got {first!r}. Move it away or choose another name.",
+    )
     try:
         out.mkdir(parents=True, exist_ok=True)
         connection = sqlite3.connect(out / JOURNAL, timeout=0.0, isolation_level=None)
@@ -247,7 +305,9 @@ def _journal(out: Path) -> Iterator[sqlite3.Connection]:
         try:
             connection.execute("PRAGMA locking_mode = EXCLUSIVE")
             connection.execute("PRAGMA journal_mode = WAL")
-            connection.executescript(f"PRAGMA synchronous = NORMAL; BEGIN EXCLUSIVE; {_TABLES} COMMIT;")
+            connection.executescript(
+                f"PRAGMA synchronous = NORMAL; BEGIN EXCLUSIVE; {_TABLES} COMMIT;"
+            )
             yield connection
             begun = True
         except sqlite3.Error as error:
@@ -264,22 +324,40 @@ def _journal(out: Path) -> Iterator[sqlite3.Connection]:
 
 def _record(settings: Settings) -> dict[str, Any]:
     """What makes a batch what it is."""
-    given = {"table option": settings.table, "certificate": settings.certificates, "tolerance": settings.tolerances}
+    given = {
+        "table option": settings.table,
+        "certificate": settings.certificates,
+        "tolerance": settings.tolerances,
+    }
     return {
         "model": model_sha256(settings.model)[:12],
-        **{name: getattr(settings, name) for name in ("sampler", "seed", "ess", "ci_prob", "compare")},
-        **{f"{kind} {name}": to_jsonable_python(value) for kind, own in given.items() for name, value in own.items()},
+        **{
+            name: getattr(settings, name)
+            for name in ("sampler", "seed", "ess", "ci_prob", "compare")
+        },
+        **{
+            f"{kind} {name}": to_jsonable_python(value)
+            for kind, own in given.items()
+            for name, value in own.items()
+        },
         **{f"version of {name}": value for name, value in versions().items()},
     }
 
 
 def _begin(
-    journal: sqlite3.Connection, out: Path, jobs: Sequence[Job], record: Mapping[str, Any], resume: bool, force: bool
+    journal: sqlite3.Connection,
+    out: Path,
+    jobs: Sequence[Job],
+    record: Mapping[str, Any],
+    resume: bool,
+    force: bool,
 ) -> bool:
     """Write down what the batch is, or compare it with what is there; whether there was one."""
     before = journal.execute("SELECT record FROM batch").fetchone()
     if before is None and not force and (out / DATASET).exists():
-        raise InputError(f"{out} must hold the journal of its batch, got none. Begin anew (--force), or choose another name.")
+        raise InputError(
+            f"{out} must hold the journal of its batch, got none. Begin anew (--force), or choose another name."
+        )
     if before is not None and not resume and not force:
         state = "a finished" if (out / DATASET).exists() else "an unfinished"
         cure = "Go on with it (--resume; failed campaigns again: --resume --retry), begin anew (--force), or choose another name."
@@ -299,7 +377,11 @@ def _begin(
 
 
 def _check_same(
-    journal: sqlite3.Connection, out: Path, jobs: Sequence[Job], before: Mapping[str, Any], now: Mapping[str, Any]
+    journal: sqlite3.Connection,
+    out: Path,
+    jobs: Sequence[Job],
+    before: Mapping[str, Any],
+    now: Mapping[str, Any],
 ) -> None:
     for name in sorted({*before, *now}):
         got, has = ("nothing" if own.get(name) is None else own[name] for own in (before, now))
@@ -307,7 +389,9 @@ def _check_same(
         said = f"{out} must be of this batch, got {name} {got} where this run has {has}. {cure}"
         require(before.get(name) == now.get(name), said)
     there = [place for (place,) in journal.execute("SELECT place FROM campaigns ORDER BY number")]
-    cure = f"Go on with its own list: @{out / LIST} --resume. New campaigns make a batch of their own."
+    cure = (
+        f"Go on with its own list: @{out / LIST} --resume. New campaigns make a batch of their own."
+    )
     got = f"got other campaigns ({len(there)} where this run has {len(jobs)}, or in another order). {cure}"
     require(there == [job.place for job in jobs], f"{out} must be of this batch, {got}")
 
@@ -321,16 +405,28 @@ def _fit(
 ) -> int:
     """Fit what has no row, and with ``retry`` what failed, each row a transaction; the number of campaigns fitted."""
     wanted = "status IS NULL OR status = 'failed'" if retry else "status IS NULL"
-    jobs = [Job(*own) for own in journal.execute(f"SELECT number, path, place FROM campaigns WHERE {wanted} ORDER BY number")]
+    jobs = [
+        Job(*own)
+        for own in journal.execute(
+            f"SELECT number, path, place FROM campaigns WHERE {wanted} ORDER BY number"
+        )
+    ]
     (every,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()
-    failed = {number for (number,) in journal.execute("SELECT number FROM campaigns WHERE status = 'failed'")}
+    failed = {
+        number
+        for (number,) in journal.execute("SELECT number FROM campaigns WHERE status = 'failed'")
+    }
     if progress is not None and jobs:
         progress(every - len(jobs), every, len(failed))
     with closing(done(partial(fit_row, settings), jobs, executor)) as results:  # type: ignore[type-var]
         for count, (place, result) in enumerate(results, start=1):
             job = jobs[place]
             if isinstance(result, Lost):
-                result = labels_of(job.place) | _given(settings, job) | {"status": "failed", "reason": result.reason}
+                result = (
+                    labels_of(job.place)
+                    | _given(settings, job)
+                    | {"status": "failed", "reason": result.reason}
+                )
             journal.execute(
                 "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",
                 (result["status"], result.get("state"), json.dumps(_plain(result)), job.number),
@@ -365,8 +461,12 @@ class Batch(Result):
     done: int  #: fitted, now or before
     failed: Annotated[int, Field(alias="failures")]  #: that could not be fitted
     not_converged: int  #: of those done: that missed the sampling target
-    doubtful: int  #: of those done: whose readings the model does not expect, or that speak against it
-    failures: Annotated[tuple[dict[str, str], ...], Field(alias="failed")]  #: campaign and reason, of the first 10 000
+    doubtful: (
+        int  #: of those done: whose readings the model does not expect, or that speak against it
+    )
+    failures: Annotated[
+        tuple[dict[str, str], ...], Field(alias="failed")
+    ]  #: campaign and reason, of the first 10 000
     doubts: tuple[dict[str, str], ...]  #: campaign and verdict, likewise
     fitted: int  #: campaigns fitted by this run, the others were there
     seconds: float  #: that took
@@ -426,15 +526,23 @@ def batch(
     said = "retry must come with resume, and resume without force, got otherwise. Choose --resume [--retry] or --force."
     require(not (force if resume else retry), said)
     seed = operator.index(seed)
-    require(0 <= seed < 2**63, f"seed must be a whole number from 0 to 2^63 - 1, got {seed}. For example 1.")
-    require(0.0 < ess < np.inf, f"ess must be a finite number above zero, got {ess}. For example 1000.")
+    require(
+        0 <= seed < 2**63,
+        f"seed must be a whole number from 0 to 2^63 - 1, got {seed}. For example 1.",
+    )
+    require(
+        0.0 < ess < np.inf, f"ess must be a finite number above zero, got {ess}. For example 1000."
+    )
     folder, paths = Path(out), gather(campaigns)
     # The same text whatever order its terms were given in.
     written = model_to_toml(model_from_toml(model_to_toml(model or HybridModel.default())))
     given = dict(table or {}), dict(certificates or {}), dict(tolerances or {})
     settings = Settings(written, sampler, seed, float(ess), float(ci_prob), compare, *given)
     jobs = [Job(number, path, os.path.abspath(path)) for number, path in enumerate(paths)]
-    with _journal(folder) as journal, executor() if callable(executor) else nullcontext(executor) as pool:
+    with (
+        _journal(folder) as journal,
+        executor() if callable(executor) else nullcontext(executor) as pool,
+    ):
         record = _record(settings)
         resumed = _begin(journal, folder, jobs, record, resume=resume, force=force)
         started = time.perf_counter()
@@ -442,21 +550,50 @@ def batch(
         seconds = time.perf_counter() - started
         rows = "SELECT row FROM campaigns ORDER BY number"
         about = {"campaigns": len(jobs), "model": settings.model_toml}
-        write_dataset(lambda: (json.loads(row) for (row,) in journal.execute(rows)), folder / DATASET, about)
+        write_dataset(
+            lambda: (json.loads(row) for (row,) in journal.execute(rows)), folder / DATASET, about
+        )
         return _finished(journal, folder, len(jobs), fitted, seconds, resumed)
 
 
-def _finished(journal: sqlite3.Connection, out: Path, campaigns: int, fitted: int, seconds: float, resumed: bool) -> Batch:
-    counts = dict(journal.execute("SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1").fetchall())
-    failed, unusable, doubtful = (counts.get(kind, 0) for kind in ("failed", State.UNUSABLE, State.DOUBTFUL))
-    named = "SELECT row FROM campaigns WHERE coalesce(state, status) IN (?, ?) ORDER BY number LIMIT ?"
+def _finished(
+    journal: sqlite3.Connection,
+    out: Path,
+    campaigns: int,
+    fitted: int,
+    seconds: float,
+    resumed: bool,
+) -> Batch:
+    counts = dict(
+        journal.execute(
+            "SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1"
+        ).fetchall()
+    )
+    failed, unusable, doubtful = (
+        counts.get(kind, 0) for kind in ("failed", State.UNUSABLE, State.DOUBTFUL)
+    )
+    named = (
+        "SELECT row FROM campaigns WHERE coalesce(state, status) IN (?, ?) ORDER BY number LIMIT ?"
+    )
 
     def first(why: str, *states: str) -> tuple[dict[str, str], ...]:
-        rows = map(json.loads, (row for (row,) in journal.execute(named, (states[0], states[-1], _MOST_NAMED))))
+        rows = map(
+            json.loads,
+            (row for (row,) in journal.execute(named, (states[0], states[-1], _MOST_NAMED))),
+        )
         return tuple({key: row[key] for key in ("campaign", why)} for row in rows)
 
     return Batch(
-        out=out, dataset=out / DATASET, campaigns=campaigns, done=campaigns - failed, failed=failed, not_converged=unusable,
-        doubtful=doubtful, failures=first("reason", "failed"), doubts=first("verdict", State.UNUSABLE, State.DOUBTFUL),
-        fitted=fitted, seconds=seconds, resumed=resumed,
-    )  # fmt: skip
+        out=out,
+        dataset=out / DATASET,
+        campaigns=campaigns,
+        done=campaigns - failed,
+        failed=failed,
+        not_converged=unusable,
+        doubtful=doubtful,
+        failures=first("reason", "failed"),
+        doubts=first("verdict", State.UNUSABLE, State.DOUBTFUL),
+        fitted=fitted,
+        seconds=seconds,
+        resumed=resumed,
+    )

@@ -25,9 +25,20 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
-    "DATASET", "FLEET_COLUMNS", "JOURNAL", "PART", "Caveat", "CaveatKind", "check_pyarrow", "check_rows", "choose", "labels",
-    "moment", "read_batch", "write_dataset",
-]  # fmt: skip
+    "DATASET",
+    "FLEET_COLUMNS",
+    "JOURNAL",
+    "PART",
+    "Caveat",
+    "CaveatKind",
+    "check_pyarrow",
+    "check_rows",
+    "choose",
+    "labels",
+    "moment",
+    "read_batch",
+    "write_dataset",
+]
 
 JOURNAL, DATASET = "batch.sqlite", "campaigns.parquet"
 PART = f".{DATASET}.part"
@@ -38,7 +49,9 @@ _ROWS_AT_ONCE = 1024
 _DECIDED = {"probability": "double", "decision": "string"}  # of conformity with each tolerance
 _TEXTS, _NUMBERS_LIST = "list<string>", "list<double>"
 # Every column and its kind: of the campaign and its fit, then, behind those of the parameters, its statistics.
-_TABLE: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("columns.toml").read_text(encoding="utf-8"))
+_TABLE: Mapping[str, Any] = tomllib.loads(
+    Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
+)
 _COLUMNS, _GAUSSIAN = (dict[str, str](_TABLE[part]) for part in ("columns", "gaussian"))
 
 
@@ -47,33 +60,64 @@ def check_pyarrow() -> None:
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:
-        raise InputError("pyarrow must be installed for batches, got none. Run pip install 'ldbb-bayes[fleet]'.") from None
+        raise InputError(
+            "pyarrow must be installed for batches, got none. Run pip install 'ldbb-bayes[fleet]'."
+        ) from None
 
 
-def write_dataset(rows: Callable[[], Iterator[dict[str, Any]]], target: Path, about: Mapping[str, Any]) -> None:
+def write_dataset(
+    rows: Callable[[], Iterator[dict[str, Any]]], target: Path, about: Mapping[str, Any]
+) -> None:
     """Write rows of `fit_row`, given from the first each time they are asked for, as a table: whole or not at all."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     lists = {_TEXTS: pa.list_(pa.string()), _NUMBERS_LIST: pa.list_(pa.float64())}
-    types = {name: lists.get(kind) or pa.type_for_alias(kind) for name, kind in (_COLUMNS | _GAUSSIAN).items()}
+    types = {
+        name: lists.get(kind) or pa.type_for_alias(kind)
+        for name, kind in (_COLUMNS | _GAUSSIAN).items()
+    }
     units, limited = dict[str, str](), dict[str, None]()
     for row in rows():
         limited |= dict.fromkeys(row.get("conformity", {}))
         for name, entry in row.get("parameters", {}).items():
             units.setdefault(name, entry["unit"])
-    columns = [(name, types[name], name.rpartition("_")[2] if name.endswith(("_N", "_um")) else "") for name in _COLUMNS]
-    columns += [(f"{name}.{key}", pa.float64(), unit) for name, unit in units.items() for key in _NUMBERS]
-    columns += [(f"{name}.{key}", pa.type_for_alias(kind), "") for name in limited for key, kind in _DECIDED.items()]
+    columns = [
+        (name, types[name], name.rpartition("_")[2] if name.endswith(("_N", "_um")) else "")
+        for name in _COLUMNS
+    ]
+    columns += [
+        (f"{name}.{key}", pa.float64(), unit) for name, unit in units.items() for key in _NUMBERS
+    ]
+    columns += [
+        (f"{name}.{key}", pa.type_for_alias(kind), "")
+        for name in limited
+        for key, kind in _DECIDED.items()
+    ]
     columns += [(name, types[name], "") for name in _GAUSSIAN]
     schema = pa.schema(
-        [pa.field(name, kind, metadata={"unit": unit} if unit else None) for name, kind, unit in columns],
-        metadata={_META: json.dumps({"schema": _SCHEMA, **about}, ensure_ascii=False, sort_keys=True).encode()},
+        [
+            pa.field(name, kind, metadata={"unit": unit} if unit else None)
+            for name, kind, unit in columns
+        ],
+        metadata={
+            _META: json.dumps(
+                {"schema": _SCHEMA, **about}, ensure_ascii=False, sort_keys=True
+            ).encode()
+        },
     )
     flat = (
         row
-        | {f"{name}.{key}": entry[key] for name, entry in row.get("parameters", {}).items() for key in _NUMBERS}
-        | {f"{name}.{key}": entry[key] for name, entry in row.get("conformity", {}).items() for key in _DECIDED}
+        | {
+            f"{name}.{key}": entry[key]
+            for name, entry in row.get("parameters", {}).items()
+            for key in _NUMBERS
+        }
+        | {
+            f"{name}.{key}": entry[key]
+            for name, entry in row.get("conformity", {}).items()
+            for key in _DECIDED
+        }
         for row in rows()
     )
     part = target.with_name(PART)
@@ -91,7 +135,8 @@ def write_dataset(rows: Callable[[], Iterator[dict[str, Any]]], target: Path, ab
 
 
 def read_batch(
-    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], columns: Sequence[str] | None = None
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    columns: Sequence[str] | None = None,
 ) -> pd.DataFrame:
     """Return the rows of one batch, or of several below one another.
 
@@ -120,7 +165,9 @@ def read_batch(
     read = [_read(_dataset(Path(entry)), columns) for entry in given]
     whole = pa.concat_tables([table for table, _ in read], promote_options="default")
     if columns is not None:
-        check_known("column", columns, dict.fromkeys(name for _, schema in read for name in schema.names))
+        check_known(
+            "column", columns, dict.fromkeys(name for _, schema in read for name in schema.names)
+        )
         whole = whole.select(list(dict.fromkeys(columns)))
     frame: pd.DataFrame = whole.to_pandas()
     frame.attrs["units"] = {
@@ -135,11 +182,15 @@ def _dataset(path: Path) -> Path:
     if (path / DATASET).is_file():
         return path / DATASET
     if (path / JOURNAL).is_file():
-        raise InputError(f"{path} must be a finished batch, got one that stopped before. Go on with it (--resume), then read it.")
+        raise InputError(
+            f"{path} must be a finished batch, got one that stopped before. Go on with it (--resume), then read it."
+        )
     if path.is_file():
         return path
     got = "a folder without one" if path.is_dir() else "nothing"
-    raise InputError(f"{path} must be the --out folder of a batch, or its {DATASET}, got {got}. Check the path.")
+    raise InputError(
+        f"{path} must be the --out folder of a batch, or its {DATASET}, got {got}. Check the path."
+    )
 
 
 def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schema]:
@@ -154,13 +205,21 @@ def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schem
     except (pa.ArrowException, OSError, ValueError) as error:
         ours = (path.parent / JOURNAL).is_file()
         got = "a damaged" if ours else "another, or a damaged"
-        cure = "Remove it and run the batch with --resume, which writes it anew." if ours else "Give a batch's --out folder."
+        cure = (
+            "Remove it and run the batch with --resume, which writes it anew."
+            if ours
+            else "Give a batch's --out folder."
+        )
         reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path} must be the table of a batch, got {got} file ({reason}). {cure}") from None
+        raise InputError(
+            f"{path} must be the table of a batch, got {got} file ({reason}). {cure}"
+        ) from None
     about = json.loads((schema.metadata or {}).get(_META, "{}"))
     if about.get("schema") != _SCHEMA:
         got = f"schema {about['schema']}" if about else "a Parquet file of something else"
-        raise InputError(f"{path} must be a batch's table of schema {_SCHEMA}, got {got}. Give the --out folder of a batch.")
+        raise InputError(
+            f"{path} must be a batch's table of schema {_SCHEMA}, got {got}. Give the --out folder of a batch."
+        )
     return table, schema
 
 
@@ -206,7 +265,10 @@ class Caveat(Result):
 def check_rows(rows: pd.DataFrame) -> None:
     """Refuse what is not the table of a batch."""
     for name in FLEET_COLUMNS:
-        require(name in rows, f"rows must be the table of a batch, got one without {name}. Give what read_batch returns.")
+        require(
+            name in rows,
+            f"rows must be the table of a batch, got one without {name}. Give what read_batch returns.",
+        )
 
 
 def choose(
@@ -225,26 +287,46 @@ def choose(
     Readings a thousand times too large would move the mean of a population, widen its spread, and hide a change of their machine.
     """
     check_rows(rows)
-    found, digests = rows["kinds"].map(lambda own: set(own) if own is not None else set()), rows["sha256"]
-    unexpected = found.map(lambda own: not own.isdisjoint((CheckKind.ORDER, ConcernKind.TRUNCATION))).astype(bool)
-    not_white = found.map(lambda own: not own.isdisjoint((CheckKind.NOISE, CheckKind.AUTOCORRELATION))).astype(bool)
+    found, digests = (
+        rows["kinds"].map(lambda own: set(own) if own is not None else set()),
+        rows["sha256"],
+    )
+    unexpected = found.map(
+        lambda own: not own.isdisjoint((CheckKind.ORDER, ConcernKind.TRUNCATION))
+    ).astype(bool)
+    not_white = found.map(
+        lambda own: not own.isdisjoint((CheckKind.NOISE, CheckKind.AUTOCORRELATION))
+    ).astype(bool)
     left_out: dict[CaveatKind, Callable[[pd.DataFrame], pd.Series[bool]]] = {
         CaveatKind.EXCLUDED: lambda own: _named(own, exclude, rows if among is None else among),
         CaveatKind.BEFORE: lambda own: _before(own, since),
         CaveatKind.FAILED: lambda own: own["status"] != "done",
         CaveatKind.NO_STATISTICS: lambda own: own["gaussian_names"].isna(),
-        CaveatKind.GIVEN_AGAIN: lambda own: digests[own.index].notna() & digests[own.index].duplicated(),
+        CaveatKind.GIVEN_AGAIN: lambda own: (
+            digests[own.index].notna() & digests[own.index].duplicated()
+        ),
         CaveatKind.UNEXPECTED: lambda own: unexpected[own.index] & (not include_misfits),
     }
     relied, caveats = rows, []
     for kind, rule in left_out.items():
         if (which := rule(relied)).any():
-            caveats.append(Caveat(kind, tuple(labels(relied[which])), text=(since or "") * (kind is CaveatKind.BEFORE)))
+            caveats.append(
+                Caveat(
+                    kind,
+                    tuple(labels(relied[which])),
+                    text=(since or "") * (kind is CaveatKind.BEFORE),
+                )
+            )
             relied = relied[~which]
     if relied.empty:
         said = " ".join(map(caveat_words, caveats))
-        raise InputError(f"campaigns must be left to rely on, got none of {len(rows)}. {said} Mend these, or exclude fewer.")
-    minded = {CaveatKind.NOT_CONVERGED: rows["converged"].eq(False), CaveatKind.NOT_WHITE: not_white & ~unexpected}
+        raise InputError(
+            f"campaigns must be left to rely on, got none of {len(rows)}. {said} Mend these, or exclude fewer."
+        )
+    minded = {
+        CaveatKind.NOT_CONVERGED: rows["converged"].eq(False),
+        CaveatKind.NOT_WHITE: not_white & ~unexpected,
+    }
     for kind, which in minded.items():
         if (here := which[relied.index]).any():
             caveats.append(Caveat(kind, tuple(labels(relied[here]))))
@@ -255,21 +337,34 @@ def labels(rows: pd.DataFrame) -> list[str]:
     """Return what campaigns are called: by name, those whose name others have too by path."""
     paths = rows["campaign"].astype(str)
     names = rows["name"].where(rows["name"].map(lambda own: isinstance(own, str)), paths)
-    return [str(path if same else name) for name, path, same in zip(names, paths, names.duplicated(keep=False), strict=True)]
+    return [
+        str(path if same else name)
+        for name, path, same in zip(names, paths, names.duplicated(keep=False), strict=True)
+    ]
 
 
 def _named(rows: pd.DataFrame, exclude: Sequence[str], among: pd.DataFrame) -> pd.Series[bool]:
     """Whether campaigns, or their machines, are among the names."""
     names, known = (
-        own[["name", "machine_id"]].assign(path=paths, last=paths.map(lambda path: os.path.basename(path.rstrip("/"))))
+        own[["name", "machine_id"]].assign(
+            path=paths, last=paths.map(lambda path: os.path.basename(path.rstrip("/")))
+        )
         for own, paths in ((each, each["campaign"].astype(str)) for each in (rows, among))
     )
     wanted = [exclude] if isinstance(exclude, str) else list(exclude)
     for name in wanted:
         if not known.isin([name]).any(axis=None):
-            every = sorted({own for own in known.drop(columns="path").to_numpy().ravel() if isinstance(own, str)})
+            every = sorted(
+                {
+                    own
+                    for own in known.drop(columns="path").to_numpy().ravel()
+                    if isinstance(own, str)
+                }
+            )
             cure = f"Did you mean {nearest(str(name), every)!r}?"
-            raise InputError(f"what is left out must be a campaign or machine of the batch, got {name!r}. {cure}")
+            raise InputError(
+                f"what is left out must be a campaign or machine of the batch, got {name!r}. {cure}"
+            )
     return names.isin(wanted).any(axis=1)
 
 
@@ -277,7 +372,9 @@ def _before(rows: pd.DataFrame, since: str | None) -> pd.Series[bool]:
     try:
         least = moment(since or "0001-01-01")
     except ValueError:
-        raise InputError(f"since must be a date or time in ISO 8601, got {since!r}. For example 2026-03-01.") from None
+        raise InputError(
+            f"since must be a date or time in ISO 8601, got {since!r}. For example 2026-03-01."
+        ) from None
 
     def earlier(date: Any) -> bool:
         if since is None:

@@ -27,18 +27,55 @@ from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.fleet import statistics as stats
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, choose, labels
-from ldbb_bayes.fleet.statistics import FleetStatistics, Meaning, Summary, alone, fleet_statistics, whitened
+from ldbb_bayes.fleet.statistics import (
+    FleetStatistics,
+    Meaning,
+    Summary,
+    alone,
+    fleet_statistics,
+    whitened,
+)
 from ldbb_bayes.inference.posterior import check_probability, pareto_smooth
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model import gaussian
-from ldbb_bayes.model.gaussian import Gaussian, eliminate, holm, mixture_moments, mixture_quantiles, weighted_quantiles
+from ldbb_bayes.model.gaussian import (
+    Gaussian,
+    eliminate,
+    holm,
+    mixture_moments,
+    mixture_quantiles,
+    weighted_quantiles,
+)
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.text import parts_of
-from ldbb_bayes.report.wording import PAGE, caveat_words, nuisance_words, population_doubts, population_sentences, with_words
+from ldbb_bayes.report.wording import (
+    PAGE,
+    caveat_words,
+    nuisance_words,
+    population_doubts,
+    population_sentences,
+    with_words,
+)
 from ldbb_bayes.result import Array, Result, Shown, Table, json_text, read_result, readable
-from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, state
+from ldbb_bayes.units import (
+    display_name,
+    display_unit,
+    plus_minus,
+    ranked,
+    round_uncertainty,
+    state,
+)
 
-__all__ = ["PooledMachine", "PooledParameter", "Population", "PopulationPrior", "digest_of", "pool", "population", "prior_from"]
+__all__ = [
+    "PooledMachine",
+    "PooledParameter",
+    "Population",
+    "PopulationPrior",
+    "digest_of",
+    "pool",
+    "population",
+    "prior_from",
+]
 
 FEWEST, FALSE_ALARMS = 6, 0.05
 
@@ -75,7 +112,9 @@ def common_of(likelihood: Gaussian, spread: Array) -> Gaussian:
         square[rows] = flat @ np.swapaxes(flat, 1, 2)
         constant[rows] = -np.log(whole[range(c), range(c)]).sum(axis=(0, 2))
     precision = np.eye(q) + likelihood.precision.sum(axis=0) - square[:, :q, :q]
-    return Gaussian(precision, likelihood.shift.sum(axis=0) - square[:, :q, q], constant + 0.5 * square[:, q, q])
+    return Gaussian(
+        precision, likelihood.shift.sum(axis=0) - square[:, :q, q], constant + 0.5 * square[:, q, q]
+    )
 
 
 def estimates_of(likelihood: Gaussian, spread: Array, common: Gaussian) -> Array:
@@ -88,9 +127,17 @@ def estimates_of(likelihood: Gaussian, spread: Array, common: Gaussian) -> Array
         gain = np.einsum("ijkn,irkn->jrkn", inverse, whole[:, c : c + q + 1])
         z = gain[:, q] - np.einsum("jrkn,kr->jkn", gain[:, :q], common.mean[rows])
         own = np.eye(c, q)[..., None, None] - s[:, None] * gain[:, :q]
-        of_z, of_c = (((root[rows] @ part.transpose(0, 2, 1, 3)) ** 2).sum(axis=2) for part in (gain[:, :q], own))
+        of_z, of_c = (
+            ((root[rows] @ part.transpose(0, 2, 1, 3)) ** 2).sum(axis=2)
+            for part in (gain[:, :q], own)
+        )
         share = (inverse**2).sum(axis=0)
-        parts = (common.mean[rows, :c].T[..., None] + s * z, np.sqrt(s**2 * share + of_c), z, share + of_z)
+        parts = (
+            common.mean[rows, :c].T[..., None] + s * z,
+            np.sqrt(s**2 * share + of_c),
+            z,
+            share + of_z,
+        )
         found[:, rows] = np.moveaxis(np.stack(parts), 1, -1)
     return found
 
@@ -160,22 +207,41 @@ class Spreads:
         return Spreads(self.spread[:size], log_weight, *pareto_smooth(log_weight), self.mode)
 
 
-def draw_spreads(density: SpreadDensity, parameters: int, *, seed: int, size: int = 2048, start: Array | None = None) -> Spreads:
+def draw_spreads(
+    density: SpreadDensity,
+    parameters: int,
+    *,
+    seed: int,
+    size: int = 2048,
+    start: Array | None = None,
+) -> Spreads:
     """Draws from a Student t about the mode, weighted; once more about their own moments where these fit better. Points are
     scrambled Sobol ones, ``size`` a power of two; the search for the mode starts at ln τ, or ``start``."""
-    mode, curvature = density.mode(np.full(parameters, np.log(density.scale)) if start is None else start)
+    mode, curvature = density.mode(
+        np.full(parameters, np.log(density.scale)) if start is None else start
+    )
     inverse = np.linalg.inv(curvature)
     found = _weighed(density, mode, mode, inverse, seed=seed, size=size)
     if found.trusted and found.effective > _GOOD_SHARE * size:
         return found
     middle, covariance = stats.mixture_covariance(found.weight, np.log(found.spread))
-    other = _weighed(density, mode, middle, covariance + _LEAST_VARIANCE * inverse, seed=seed + 1, size=size)
-    return min(found, other, key=lambda own: (not own.trusted, own.pareto_k if not own.trusted else -own.effective))
+    other = _weighed(
+        density, mode, middle, covariance + _LEAST_VARIANCE * inverse, seed=seed + 1, size=size
+    )
+    return min(
+        found,
+        other,
+        key=lambda own: (not own.trusted, own.pareto_k if not own.trusted else -own.effective),
+    )
 
 
-def _weighed(density: SpreadDensity, mode: Array, middle: Array, covariance: Array, *, seed: int, size: int) -> Spreads:
+def _weighed(
+    density: SpreadDensity, mode: Array, middle: Array, covariance: Array, *, seed: int, size: int
+) -> Spreads:
     c = len(middle)
-    points = np.clip(gaussian.Sobol(c + 1, np.random.default_rng(seed)).random(size), 1e-12, 1.0 - 1e-12)
+    points = np.clip(
+        gaussian.Sobol(c + 1, np.random.default_rng(seed)).random(size), 1e-12, 1.0 - 1e-12
+    )
     chi = 2.0 * gammaincinv(0.5 * _FREEDOM, points[:, 0])
     white = ndtri(points[:, 1:]) * np.sqrt(_FREEDOM / chi)[:, None]
     limits = np.log(density.scale) - _DOWN, max(np.log(density.scale), float(mode.max())) + _UP
@@ -205,11 +271,19 @@ class Belonging:
 
 
 def belonging_of(
-    density: SpreadDensity, spreads: Spreads, common: Gaussian, *, seed: int, progress: Callable[[int, int], None] | None = None
+    density: SpreadDensity,
+    spreads: Spreads,
+    common: Gaussian,
+    *,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Belonging:
     """Every machine left out in turn: by weights of these draws, or where they cannot be trusted by drawing s anew without it.
     ``common`` is that of the draws."""
-    likelihood, (n, c) = density.likelihood, (len(density.likelihood.shift), spreads.spread.shape[1])
+    likelihood, (n, c) = (
+        density.likelihood,
+        (len(density.likelihood.shift), spreads.spread.shape[1]),
+    )
     by_itself = alone(likelihood, c)
     log_density, z = _left_out(likelihood, by_itself, spreads.spread, common)
     smoothed = [pareto_smooth(spreads.log_weight - log_density[:, m]) for m in range(n)]
@@ -220,11 +294,15 @@ def belonging_of(
     again = again[np.argsort(single.min(axis=1)[again], kind="stable")][:_MOST_ANEW]
     for done, m in enumerate(again):
         kept = np.arange(n) != m
-        others = SpreadDensity(Gaussian(likelihood.precision[kept], likelihood.shift[kept]), density.scale)
+        others = SpreadDensity(
+            Gaussian(likelihood.precision[kept], likelihood.shift[kept]), density.scale
+        )
         own = draw_spreads(others, c, seed=seed, size=_ANEW, start=spreads.mode)
         x = common_of(others.likelihood, own.spread)
         one = [part[m : m + 1] for part in by_itself]
-        _, left = _against(one, np.moveaxis(x.precision, 0, -1)[..., None], x.shift.T[..., None], own.spread)
+        _, left = _against(
+            one, np.moveaxis(x.precision, 0, -1)[..., None], x.shift.T[..., None], own.spread
+        )
         doubtful[m] = not own.trusted
         single[m], side[m] = (part[0] for part in _averaged(own.weight[None], left))
         if progress is not None:
@@ -233,14 +311,23 @@ def belonging_of(
     return Belonging(overall, single, -side * ndtri(0.5 * single), doubtful)
 
 
-def _left_out(likelihood: Gaussian, by_itself: Sequence[Array], spread: Array, common: Gaussian) -> tuple[Array, Array]:
+def _left_out(
+    likelihood: Gaussian, by_itself: Sequence[Array], spread: Array, common: Gaussian
+) -> tuple[Array, Array]:
     """ln p(y_m | y_−m, s) of every machine, up to a constant, (k, n), and z, (c, k, n)."""
     c, q = spread.shape[1], likelihood.shift.shape[1]
-    log_density, z = np.empty((len(spread), len(likelihood.shift))), np.empty((c, len(spread), len(likelihood.shift)))
+    log_density, z = (
+        np.empty((len(spread), len(likelihood.shift))),
+        np.empty((c, len(spread), len(likelihood.shift))),
+    )
     for rows in chunks(spread, likelihood):
         whole = whitened(likelihood, spread[rows])
         square = np.einsum("iakn,ibkn->abkn", whole[:, c:], whole[:, c:])
-        precision = np.moveaxis(common.precision[rows], 0, -1)[..., None] - likelihood.precision.T[:, :, None] + square[:q, :q]
+        precision = (
+            np.moveaxis(common.precision[rows], 0, -1)[..., None]
+            - likelihood.precision.T[:, :, None]
+            + square[:q, :q]
+        )
         shift = common.shift[rows].T[..., None] - likelihood.shift.T[:, None] + square[:q, q]
         others, z[:, rows] = _against(by_itself, precision, shift, spread[rows])
         own = 0.5 * square[q, q] - np.log(whole[range(c), range(c)]).sum(axis=0)
@@ -248,7 +335,9 @@ def _left_out(likelihood: Gaussian, by_itself: Sequence[Array], spread: Array, c
     return log_density, z
 
 
-def _against(by_itself: Sequence[Array], precision: Array, shift: Array, spread: Array) -> tuple[Array, Array]:
+def _against(
+    by_itself: Sequence[Array], precision: Array, shift: Array, spread: Array
+) -> tuple[Array, Array]:
     """ln ∫ of x as the other machines know it, up to a constant (k, n), and z of what machines by themselves estimate (`alone`),
     (c, k, n); x has precision (q, q, k, n) and shift (q, k, n)."""
     q, c, (own, seen, estimate) = len(shift), spread.shape[1], by_itself
@@ -257,7 +346,9 @@ def _against(by_itself: Sequence[Array], precision: Array, shift: Array, spread:
     eliminate(whole.reshape(1, *whole.shape[:2], -1))
     x, gain = whole[:, q], whole[:, q + 1 :]
     noise = (seen[..., :c] * own).sum(axis=-1).T[:, None]
-    variance = (gain**2).sum(axis=0) + np.einsum("ka,nja->jkn", spread**2, seen[..., :c] ** 2) + noise
+    variance = (
+        (gain**2).sum(axis=0) + np.einsum("ka,nja->jkn", spread**2, seen[..., :c] ** 2) + noise
+    )
     left = estimate.T[:, None] - (gain * x[:, None]).sum(axis=0)
     z = np.divide(left, np.sqrt(variance), out=np.zeros_like(left), where=variance > 0.0)
     return 0.5 * (x**2).sum(axis=0) - np.log(whole[range(q), range(q)]).sum(axis=0), z
@@ -292,10 +383,14 @@ class PooledMachine(Result):
     name: Annotated[str, Field(exclude=True)]
     campaigns: int
     estimate: dict[str, Summary]  #: with what the population tells of it
-    alone: dict[str, Summary]  #: from its campaigns and the prior of a fit, the instrument's errors as all campaigns know them
+    alone: dict[
+        str, Summary
+    ]  #: from its campaigns and the prior of a fit, the instrument's errors as all campaigns know them
     p_value: float | None = None
     flag: bool = False  #: the p-value is below 5 %
-    z: dict[str, float] = field(default_factory=dict)  #: of each parameter, against what the other machines predict
+    z: dict[str, float] = field(
+        default_factory=dict
+    )  #: of each parameter, against what the other machines predict
 
 
 _CONSTANT = re.compile(r"C_...")
@@ -320,7 +415,9 @@ class Population(Result):
     caveats: tuple[Caveat, ...]  #: what to mind
     ci_prob: Annotated[float, Field(exclude=True)]  #: of the intervals
     judged: Annotated[bool, Field(exclude=True)]
-    readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()  #: so that no campaign takes its prior from itself
+    readings: Annotated[
+        tuple[str, ...], Field(alias="readings_sha256")
+    ] = ()  #: so that no campaign takes its prior from itself
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
@@ -335,7 +432,12 @@ class Population(Result):
             for name, own in self.parameters.items()
             if _CONSTANT.fullmatch(name)
         }
-        found = {"schema": 1, "kind": "population", "machines": len(self.machine), **stats.keyed(super().as_dict(), self.ci_prob)}
+        found = {
+            "schema": 1,
+            "kind": "population",
+            "machines": len(self.machine),
+            **stats.keyed(super().as_dict(), self.ci_prob),
+        }
         return found | {"next": following, "not_belonging": list(self.not_belonging)}
 
     def machines_table(self) -> pd.DataFrame:
@@ -345,9 +447,18 @@ class Population(Result):
             rows[name] = {what: getattr(own, what) for what in ("campaigns", "p_value", "flag")}
             for parameter, one in own.estimate.items():
                 by_itself = own.alone[parameter]
-                numbers = (one.mean, one.sd, *one.interval, by_itself.mean, by_itself.sd, own.z.get(parameter))
+                numbers = (
+                    one.mean,
+                    one.sd,
+                    *one.interval,
+                    by_itself.mean,
+                    by_itself.sd,
+                    own.z.get(parameter),
+                )
                 heads = ("mean", "sd", "ci_low", "ci_high", "alone_mean", "alone_sd", "z")
-                rows[name] |= {f"{parameter}.{head}": value for head, value in zip(heads, numbers, strict=True)}
+                rows[name] |= {
+                    f"{parameter}.{head}": value for head, value in zip(heads, numbers, strict=True)
+                }
         return readable(pd.DataFrame.from_dict(rows, orient="index").rename_axis("machine"))
 
 
@@ -363,12 +474,28 @@ def _parts(found: Population) -> tuple[Table | str, ...]:
     rows = []
     for name, own in found.parameters.items():
         factor, unit = display_unit(own.unit)
-        whole = (plus_minus(one.mean, one.sd, one.interval, own.unit) for one in (own.mean, own.next))
+        whole = (
+            plus_minus(one.mean, one.sd, one.interval, own.unit) for one in (own.mean, own.next)
+        )
         mean, following = (text.removesuffix(f" {unit}") for text in whole)
-        common = round_uncertainty(2.0 * own.instrument_sd * factor)[0] if own.instrument_sd > 0.0 else "–"
+        common = (
+            round_uncertainty(2.0 * own.instrument_sd * factor)[0]
+            if own.instrument_sd > 0.0
+            else "–"
+        )
         spread = state(own.spread.mean, own.spread.sd, own.spread.interval, own.unit)
-        rows.append((display_name(name), unit, mean, common, spread.value, spread.interval, following))
-    heads = ("parameter", "unit", "mean", "U of the bar", "spread", f"spread, {100 * found.ci_prob:g} %", "next machine")
+        rows.append(
+            (display_name(name), unit, mean, common, spread.value, spread.interval, following)
+        )
+    heads = (
+        "parameter",
+        "unit",
+        "mean",
+        "U of the bar",
+        "spread",
+        f"spread, {100 * found.ci_prob:g} %",
+        "next machine",
+    )
     table = Table.of("Population", heads, rows, text=("unit",))
     return (table, PAGE["population"], "", *population_sentences(found), *population_doubts(found))
 
@@ -379,12 +506,18 @@ def _summaries(scale: Array, mean: Array, sd: Array, ends: Array) -> list[Summar
     return [Summary(m, u, (a, b)) for m, u, a, b in zip(*parts, strict=True)]
 
 
-def _mixture(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> tuple[Array, Array, Array]:
+def _mixture(
+    weight: Array, mean: Array, sd: Array, tails: tuple[float, float]
+) -> tuple[Array, Array, Array]:
     return (*mixture_moments(weight, mean, sd), mixture_quantiles(weight, mean, sd, tails))
 
 
 def _pooled_parameters(
-    statistics: FleetStatistics, spreads: Spreads, few: Spreads, common: Gaussian, tails: tuple[float, float]
+    statistics: FleetStatistics,
+    spreads: Spreads,
+    few: Spreads,
+    common: Gaussian,
+    tails: tuple[float, float],
 ) -> dict[str, PooledParameter]:
     """μ and the next machine from conditional Gaussians, s from its draws; ``few`` are the first, ``common`` is theirs."""
     c, weight = len(statistics.parameters), few.weight
@@ -394,9 +527,21 @@ def _pooled_parameters(
     known = np.diagonal(np.linalg.inv(common.precision[:, :c, :c]), axis1=1, axis2=2)
     shared = np.sqrt(weight @ (sd**2 - known).clip(min=0.0)) * bool(statistics.instrument)
     parts = [
-        _summaries(scale, *own) for own in (mu, (*moments, weighted_quantiles(spreads.weight, spreads.spread, tails)), following)
+        _summaries(scale, *own)
+        for own in (
+            mu,
+            (*moments, weighted_quantiles(spreads.weight, spreads.spread, tails)),
+            following,
+        )
     ]
-    rows = zip(statistics.parameters, statistics.units, scale.tolist(), *parts, (scale * shared).tolist(), strict=True)
+    rows = zip(
+        statistics.parameters,
+        statistics.units,
+        scale.tolist(),
+        *parts,
+        (scale * shared).tolist(),
+        strict=True,
+    )
     return {name: PooledParameter(*own) for name, *own in rows}
 
 
@@ -412,21 +557,37 @@ def _pooled_machines(
     """Every machine with the population, alone, and against the others."""
     names, c, weight = statistics.parameters, len(statistics.parameters), spreads.weight
     mean, sd, _, _ = estimates_of(likelihood, spreads.spread, common)
-    b, covariance = stats.mixture_covariance(weight, common.mean[:, c:], common.covariance[:, c:, c:])
+    b, covariance = stats.mixture_covariance(
+        weight, common.mean[:, c:], common.covariance[:, c:, c:]
+    )
     inverse, seen, estimate = alone(likelihood, c)
     gain = seen[..., c:]
     middle = estimate - gain @ b
-    width = np.sqrt(np.diagonal(inverse + gain @ covariance @ np.swapaxes(gain, 1, 2), axis1=1, axis2=2))
-    pooled, by_itself = _mixture(weight, mean, sd, tails), (middle, width, middle + ndtri(tails)[:, None, None] * width)
+    width = np.sqrt(
+        np.diagonal(inverse + gain @ covariance @ np.swapaxes(gain, 1, 2), axis1=1, axis2=2)
+    )
+    pooled, by_itself = (
+        _mixture(weight, mean, sd, tails),
+        (middle, width, middle + ndtri(tails)[:, None, None] * width),
+    )
     campaigns, found = Counter(statistics.machines), {}
     for m, name in enumerate(machines):
         together, apart = (
-            dict(zip(names, _summaries(statistics.prior_sd[:c], own[0][m], own[1][m], own[2][:, m]), strict=True))
+            dict(
+                zip(
+                    names,
+                    _summaries(statistics.prior_sd[:c], own[0][m], own[1][m], own[2][:, m]),
+                    strict=True,
+                )
+            )
             for own in (pooled, by_itself)
         )
         judged: dict[str, Any] = {}
         if belonging is not None:
-            value, z = float(belonging.p_value[m]), dict(zip(names, belonging.z[m].tolist(), strict=True))
+            value, z = (
+                float(belonging.p_value[m]),
+                dict(zip(names, belonging.z[m].tolist(), strict=True)),
+            )
             judged = {"p_value": value, "flag": value < FALSE_ALARMS, "z": z}
         found[name] = PooledMachine(name, campaigns[name], together, apart, **judged)
     return found
@@ -443,7 +604,9 @@ def _caveats(
     if not spreads.trusted:
         yield Caveat(CaveatKind.SPREADS_NOT_TRUSTED, values=(spreads.pareto_k, spreads.good_k))
     if statistics.instrument:
-        shares = {name: 100.0 * (own.instrument_sd / own.mean.sd) ** 2 for name, own in parameters.items()}
+        shares = {
+            name: 100.0 * (own.instrument_sd / own.mean.sd) ** 2 for name, own in parameters.items()
+        }
         most = ranked(shares, lambda name: shares[name])[0]
         errors = ", ".join(map(nuisance_words, statistics.instrument))
         yield Caveat(CaveatKind.ONE_INSTRUMENT, (most,), (min(100.0, shares[most]),), errors)
@@ -485,16 +648,26 @@ def population(
     progress : told of machines that are left out by drawing anew: done and total.
     """
     check_probability(ci_prob)
-    said = f"spread_scale must be a finite number above zero, got {spread_scale}. The default is 0.3."
+    said = (
+        f"spread_scale must be a finite number above zero, got {spread_scale}. The default is 0.3."
+    )
     require(0.0 < spread_scale < np.inf, said)
     relied, caveats = choose(rows, exclude, since, include_misfits)
     statistics = fleet_statistics(
-        relied, parameters=parameters, reference_force_N=reference_force_N, one_instrument=one_instrument
+        relied,
+        parameters=parameters,
+        reference_force_N=reference_force_N,
+        one_instrument=one_instrument,
     )
     why = " ".join(("Add campaigns of others.", *map(caveat_words, caveats)))
     several = len(set(statistics.machines)) > 1
-    require(several, f"a population must have at least two machines, got only {statistics.machines[0]}. {why}")
-    found = pool(statistics, spread_scale=spread_scale, ci_prob=ci_prob, seed=seed, progress=progress)
+    require(
+        several,
+        f"a population must have at least two machines, got only {statistics.machines[0]}. {why}",
+    )
+    found = pool(
+        statistics, spread_scale=spread_scale, ci_prob=ci_prob, seed=seed, progress=progress
+    )
     nameless = ~relied["machine_id"].map(lambda own: isinstance(own, str)).astype(bool)
     if nameless.any():
         caveats.append(Caveat(CaveatKind.MACHINES_OF_THEIR_OWN, tuple(labels(relied[nameless]))))
@@ -517,18 +690,31 @@ def pool(
 ) -> Population:
     """The same from statistics of at least two machines; options as for `population`."""
     machines, likelihood = machines_of(statistics)
-    sizes = [2 ** int(np.log2(min(max(pairs / len(machines), fewest), most))) for pairs, fewest, most in (_SPREADS, _MACHINES)]
-    density, tails = SpreadDensity(likelihood, spread_scale), (0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob)
+    sizes = [
+        2 ** int(np.log2(min(max(pairs / len(machines), fewest), most)))
+        for pairs, fewest, most in (_SPREADS, _MACHINES)
+    ]
+    density, tails = (
+        SpreadDensity(likelihood, spread_scale),
+        (0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob),
+    )
     spreads = draw_spreads(density, len(statistics.parameters), seed=seed, size=sizes[0])
     few = spreads.first(sizes[1])
     common = common_of(likelihood, few.spread)
     parameters = _pooled_parameters(statistics, spreads, few, common, tails)
-    belonging = belonging_of(density, few, common, seed=seed, progress=progress) if len(machines) >= FEWEST else None
+    belonging = (
+        belonging_of(density, few, common, seed=seed, progress=progress)
+        if len(machines) >= FEWEST
+        else None
+    )
     return Population(
         parameters=parameters,
         machine=_pooled_machines(statistics, machines, likelihood, few, common, belonging, tails),
         campaigns=len(statistics),
-        **{key: getattr(statistics, key) for key in ("reference_force_N", "forces_N", "topology", "compliances", "instrument")},
+        **{
+            key: getattr(statistics, key)
+            for key in ("reference_force_N", "forces_N", "topology", "compliances", "instrument")
+        },
         spread_scale=spread_scale,
         seed=seed,
         pareto_k=spreads.pareto_k,
@@ -558,7 +744,9 @@ class PopulationPrior(Shown):
     sds: Mapping[str, float]  #: by compliance
     sha256: str  #: of the population
     topology: str  #: of the machines
-    compliances: Mapping[str, Meaning] = field(default_factory=dict)  #: one that is missing is the campaign's
+    compliances: Mapping[str, Meaning] = field(
+        default_factory=dict
+    )  #: one that is missing is the campaign's
     machine_ids: frozenset[str] = frozenset()  #: of the machines
     readings: frozenset[str] = frozenset()  #: SHA-256 of the campaigns
     own_doubts: tuple[str, ...] = ()  #: what the population says is to be minded
@@ -570,16 +758,22 @@ class PopulationPrior(Shown):
         require(not prior.flat, f"the model must have proper priors to take a population's, {cure}")
         for name in self.means:
             free = name not in model.fixed
-            require(free, f"{name} must be free to have the population's prior, got one fixed at zero. Free it.")
+            require(
+                free,
+                f"{name} must be free to have the population's prior, got one fixed at zero. Free it.",
+            )
             two = name in prior.overrides or name in prior.means
-            require(not two, f"{name} must have one prior, got the population's and the model's own. Remove one of them.")
+            require(
+                not two,
+                f"{name} must have one prior, got the population's and the model's own. Remove one of them.",
+            )
         own = self.reference_force_N if model.reference_force_N is None else model.reference_force_N
         got = f"got {own:g} N. Leave reference_force_N out of the model."
-        said = (
-            f"reference_force_N must be the population's {self.reference_force_N:g} N, at which its compliances are meant, {got}"
-        )
+        said = f"reference_force_N must be the population's {self.reference_force_N:g} N, at which its compliances are meant, {got}"
         require(np.isclose(own, self.reference_force_N, rtol=_SAME_FORCE), said)
-        prior = replace(prior, overrides={**prior.overrides, **self.sds}, means={**prior.means, **self.means})
+        prior = replace(
+            prior, overrides={**prior.overrides, **self.sds}, means={**prior.means, **self.means}
+        )
         return replace(model, reference_force_N=self.reference_force_N, prior=prior)
 
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
@@ -591,26 +785,36 @@ class PopulationPrior(Shown):
             doubts.append(PAGE["own_machine"].format(machine=campaign.machine_id))
         low, high = float(campaign.forces_N.min()), float(campaign.forces_N.max())
         if not low <= self.reference_force_N <= high:
-            doubts.append(PAGE["other_forces"].format(force=self.reference_force_N, low=low, high=high))
+            doubts.append(
+                PAGE["other_forces"].format(force=self.reference_force_N, low=low, high=high)
+            )
         return (*doubts, *(f"The population says: {doubt}" for doubt in self.own_doubts))
 
     def _check_machine(self, campaign: Campaign) -> None:
         got = f"got {campaign.topology!r}. Use a population of such machines, or no --prior-from."
         same = campaign.topology == self.topology
-        require(same, f"topology must be the population's {self.topology!r} to use its prior, {got}")
+        require(
+            same, f"topology must be the population's {self.topology!r} to use its prior, {got}"
+        )
         sums = stats.stands_for(campaign)
         missing = [name for name in self.means if name not in sums]
         got = f"got {', '.join(sums)} without {', '.join(missing)}. Use a population whose circles lie in the same planes."
         require(not missing, f"the campaign must have the population's compliances, {got}")
         for name in self.means:
             got = "got circles or joints' frames that stand elsewhere, so that it is the sum of other compliances"
-            same = name not in self.compliances or stats.same_meaning(name, self.compliances[name], sums[name])
+            same = name not in self.compliances or stats.same_meaning(
+                name, self.compliances[name], sums[name]
+            )
             cure = "Use a population measured in the same place."
-            require(same, f"the campaign must mean by {name} what the population does, {got}. {cure}")
+            require(
+                same, f"the campaign must mean by {name} what the population does, {got}. {cure}"
+            )
         got = "got readings that it was made from: they would count twice"
         cure = "Make the population without it (--exclude), or fit without --prior-from."
         apart = campaign.sha256 not in self.readings
-        require(apart, f"the campaign must not be in the population that gives its prior, {got}. {cure}")
+        require(
+            apart, f"the campaign must not be in the population that gives its prior, {got}. {cure}"
+        )
 
 
 def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:
@@ -620,16 +824,32 @@ def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:
 
 def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:
     if (record["kind"], record["schema"], record["sha256"]) != ("population", 1, digest_of(record)):
-        raise ValueError("its sha256 is not that of its contents: it was edited, or is of another edition")
+        raise ValueError(
+            "its sha256 is not that of its contents: it was edited, or is of another edition"
+        )
     return PopulationPrior(
-        **{name: record[name] for name in ("reference_force_N", "machines", "campaigns", "topology", "sha256", "compliances")},
+        **{
+            name: record[name]
+            for name in (
+                "reference_force_N",
+                "machines",
+                "campaigns",
+                "topology",
+                "sha256",
+                "compliances",
+            )
+        },
         means={name: entry["mean"] for name, entry in record["next"].items()},
-        sds={name: entry["sd"] for name, entry in record["next"].items()}, machine_ids=frozenset(record["machine"]),
-        readings=frozenset(record["readings_sha256"]), own_doubts=tuple(record["doubts"]),
-    )  # fmt: skip
+        sds={name: entry["sd"] for name, entry in record["next"].items()},
+        machine_ids=frozenset(record["machine"]),
+        readings=frozenset(record["readings_sha256"]),
+        own_doubts=tuple(record["doubts"]),
+    )
 
 
 def digest_of(record: Mapping[str, Any]) -> str:
     """SHA-256 of a population.json, as read, but for its ``sha256``: of its JSON with sorted keys."""
     plain = {name: value for name, value in record.items() if name != "sha256"}
-    return hashlib.sha256(json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()

@@ -32,9 +32,21 @@ from ldbb_bayes.result import Array, Result
 from ldbb_bayes.units import inside_name
 
 __all__ = [
-    "FleetStatistics", "Meaning", "SufficientStatistics", "Summary", "alone", "deviating", "fleet_statistics", "keyed",
-    "mixture_covariance", "reference_sd", "same_meaning", "stands_for", "sufficient_statistics", "whitened",
-]  # fmt: skip
+    "FleetStatistics",
+    "Meaning",
+    "SufficientStatistics",
+    "Summary",
+    "alone",
+    "deviating",
+    "fleet_statistics",
+    "keyed",
+    "mixture_covariance",
+    "reference_sd",
+    "same_meaning",
+    "stands_for",
+    "sufficient_statistics",
+    "whitened",
+]
 
 _CHUNK = 256
 _SPARE = 1e-4
@@ -56,8 +68,12 @@ class SufficientStatistics:
 
     def columns(self) -> dict[str, list[Any]]:
         """As a batch keeps them: lists, of the covariance the lower triangle row by row."""
-        plain = {f"gaussian_{name}": np.asarray(value).tolist() for name, value in vars(self).items()}
-        return plain | {"gaussian_covariance": self.covariance[np.tril_indices(len(self.names))].tolist()}
+        plain = {
+            f"gaussian_{name}": np.asarray(value).tolist() for name, value in vars(self).items()
+        }
+        return plain | {
+            "gaussian_covariance": self.covariance[np.tril_indices(len(self.names))].tolist()
+        }
 
 
 @one_blas_thread
@@ -73,32 +89,52 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
         spread = shared.spread(np.eye(shared.mean.shape[1])[pick])
         means.append(shared.mean[:, pick])
         covariances.append(spread @ np.swapaxes(spread, 1, 2))
-    mean, covariance = mixture_covariance(weight, np.concatenate(means), np.concatenate(covariances))
+    mean, covariance = mixture_covariance(
+        weight, np.concatenate(means), np.concatenate(covariances)
+    )
     mean[: len(bound.names)] += bound.centre
     return SufficientStatistics(names, units, mean, covariance, prior_mean, prior_sd)
 
 
 def _columns(bound: BoundModel) -> tuple[list[int], tuple[str, ...], tuple[str, ...], Array, Array]:
     """Places among the shared coefficients, names, units and priors of parameters and instrument errors."""
-    terms = [term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
-    nuisances = [(name, float(sd)) for term in terms for name, sd in zip(term.names, term.sd, strict=True)]
-    own = [(place, name, sd) for place, (name, sd) in enumerate(nuisances) if Term.owner(name).common]
-    pick = [*range(len(nuisances), len(nuisances) + len(bound.names)), *(place for place, _, _ in own)]
+    terms = [
+        term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private
+    ]
+    nuisances = [
+        (name, float(sd)) for term in terms for name, sd in zip(term.names, term.sd, strict=True)
+    ]
+    own = [
+        (place, name, sd) for place, (name, sd) in enumerate(nuisances) if Term.owner(name).common
+    ]
+    pick = [
+        *range(len(nuisances), len(nuisances) + len(bound.names)),
+        *(place for place, _, _ in own),
+    ]
     names = (*bound.names, *(name for _, name, _ in own))
-    units = (*(parameter.unit for parameter in bound.parameters), *(Term.owner(name).unit_of(name).inside for _, name, _ in own))
+    units = (
+        *(parameter.unit for parameter in bound.parameters),
+        *(Term.owner(name).unit_of(name).inside for _, name, _ in own),
+    )
     prior_sd = np.concatenate([bound.prior_sd, [sd for _, _, sd in own]])
     return pick, names, units, np.concatenate([bound.prior_mean, np.zeros(len(own))]), prior_sd
 
 
-def mixture_covariance(weight: Array, mean: Array, covariance: Array | float = 0.0) -> tuple[Array, Array]:
+def mixture_covariance(
+    weight: Array, mean: Array, covariance: Array | float = 0.0
+) -> tuple[Array, Array]:
     """Mean (q,) and covariance (q, q) of a mixture: weights (k,), means (k, q), covariances (k, q, q) or none."""
     middle = weight @ mean
     apart = mean - middle
-    inside = np.tensordot(weight, covariance, 1) if isinstance(covariance, np.ndarray) else covariance
+    inside = (
+        np.tensordot(weight, covariance, 1) if isinstance(covariance, np.ndarray) else covariance
+    )
     return middle, inside + (apart.T * weight) @ apart
 
 
-def reference_sd(names: Sequence[str], units: Sequence[str], prior_mean: Array, prior_sd: Array) -> Array:
+def reference_sd(
+    names: Sequence[str], units: Sequence[str], prior_mean: Array, prior_sd: Array
+) -> Array:
     """Reference sd of every parameter, shape (c,), in inside units.
 
     The default prior's; where fits had a wider one about zero, its median over them: a compliance that stands for those of
@@ -127,11 +163,19 @@ _NEGLIGIBLE = 0.05
 
 def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
     """Of every kept compliance of a campaign (or plan) the joints' compliances it is the sum of, with their weights."""
-    kept = kept_compliances(campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope))
+    kept = kept_compliances(
+        campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope)
+    )
     sums = {}
-    for name, members, weights, absorbed in zip(kept.names, kept.sets, kept.weights, kept.absorbed, strict=True):
-        parts = dict(zip(members, weights, strict=True)) | {other.label: weight for other, weight in absorbed.items()}
-        sums[name.label] = {other: float(f"{weight:.{_DIGITS}g}") for other, weight in parts.items()}
+    for name, members, weights, absorbed in zip(
+        kept.names, kept.sets, kept.weights, kept.absorbed, strict=True
+    ):
+        parts = dict(zip(members, weights, strict=True)) | {
+            other.label: weight for other, weight in absorbed.items()
+        }
+        sums[name.label] = {
+            other: float(f"{weight:.{_DIGITS}g}") for other, weight in parts.items()
+        }
     return sums
 
 
@@ -139,7 +183,9 @@ def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
     """Whether two sums of compliances differ by less than 5 % of the default prior sd of the kept compliance ``name``, the
     joints' being as large as their priors: a work ball that stands a millimetre higher makes no other machine."""
     labels = sorted(set(one) | set(other))
-    size, *sizes = Prior.first().compliance_sd([ComplianceName(*label[2:]) for label in (name, *labels)])
+    size, *sizes = Prior.first().compliance_sd(
+        [ComplianceName(*label[2:]) for label in (name, *labels)]
+    )
     apart = [one.get(label, 0.0) - other.get(label, 0.0) for label in labels]
     return bool(np.linalg.norm(np.array(apart) * sizes) <= _NEGLIGIBLE * size)
 
@@ -160,13 +206,17 @@ class FleetStatistics:
     dates: tuple[datetime | None, ...]
     parameters: tuple[str, ...]  #: c of them
     units: tuple[str, ...]
-    instrument: tuple[str, ...]  #: errors shared by all campaigns, s of them; none where each has an instrument of its own
+    instrument: tuple[
+        str, ...
+    ]  #: errors shared by all campaigns, s of them; none where each has an instrument of its own
     prior_sd: Array  #: (c + s,): of the parameters, then of the instrument's errors
     likelihood: Gaussian  #: (n, c + s): Λ and η of (c, b), in units of prior_sd
     reference_force_N: float  #: at which compliances are meant
     forces_N: tuple[float, float]  #: lowest and highest that was tested in all campaigns
     topology: str
-    compliances: Mapping[str, Meaning] = field(default_factory=dict)  #: what the chosen ones stand for, where rows say it
+    compliances: Mapping[str, Meaning] = field(
+        default_factory=dict
+    )  #: what the chosen ones stand for, where rows say it
 
     def __len__(self) -> int:
         return len(self.campaigns)
@@ -175,7 +225,11 @@ class FleetStatistics:
     def caveats(self) -> list[Caveat]:
         """Whether compliances are meant at a force that was not tested in every campaign."""
         low, high = self.forces_N
-        return [] if low <= (force := self.reference_force_N) <= high else [Caveat(CaveatKind.EXTRAPOLATED, values=(force,))]
+        return (
+            []
+            if low <= (force := self.reference_force_N) <= high
+            else [Caveat(CaveatKind.EXTRAPOLATED, values=(force,))]
+        )
 
 
 def fleet_statistics(
@@ -195,36 +249,66 @@ def fleet_statistics(
     free = [name for name in names[0] if Term.owner(name) is Term and not _SLOPE.fullmatch(name)]
     free = [name for name in free if all(name in own for own in names)]
     parameters = (parameters,) if isinstance(parameters, str) else parameters
-    chosen = tuple(name for name in free if name.startswith("C_")) if parameters is None else tuple(map(inside_name, parameters))
+    chosen = (
+        tuple(name for name in free if name.startswith("C_"))
+        if parameters is None
+        else tuple(map(inside_name, parameters))
+    )
     check_known("parameter", chosen, free)
     said = f"parameters must be given once each, got {', '.join(chosen) or 'none'}. Name some of {', '.join(free)}."
     require(0 < len(chosen) == len(set(chosen)), said)
-    errors = {name for own in names for name in own if Term.owner(name) is not Term and one_instrument}
-    shared = tuple(sorted(errors, key=lambda name: list(Term.kinds.values()).index(Term.owner(name))))
-    force = float(np.median(rows["reference_force_N"])) if reference_force_N is None else float(reference_force_N)
+    errors = {
+        name for own in names for name in own if Term.owner(name) is not Term and one_instrument
+    }
+    shared = tuple(
+        sorted(errors, key=lambda name: list(Term.kinds.values()).index(Term.owner(name)))
+    )
+    force = (
+        float(np.median(rows["reference_force_N"]))
+        if reference_force_N is None
+        else float(reference_force_N)
+    )
     said = f"reference_force_N must be a finite number, zero or more, got {force:g}. Give a force in N."
     require(0.0 <= force < np.inf, said)
     parts = [_likelihood(row, (*chosen, *shared), force) for row in rows.to_dict("records")]
-    information, weighted, prior_mean, prior_sd = (np.array(part) for part in zip(*parts, strict=True))
+    information, weighted, prior_mean, prior_sd = (
+        np.array(part) for part in zip(*parts, strict=True)
+    )
     units, c = dict(zip(names[0], rows.iloc[0]["gaussian_units"], strict=True)), len(chosen)
     own_units = tuple(units[name] for name in chosen)
-    scale = np.concatenate([reference_sd(chosen, own_units, prior_mean[:, :c], prior_sd[:, :c]), prior_sd[:, c:].max(axis=0)])
+    scale = np.concatenate(
+        [
+            reference_sd(chosen, own_units, prior_mean[:, :c], prior_sd[:, :c]),
+            prior_sd[:, c:].max(axis=0),
+        ]
+    )
     ids = zip(rows["machine_id"], rows["campaign"], strict=True)
     return FleetStatistics(
         campaigns=tuple(map(str, rows["campaign"])),
         machines=tuple(str(own if isinstance(own, str) else name) for own, name in ids),
-        dates=tuple(moment(own) if isinstance(own, str) else None for own in rows["date"]), parameters=chosen, units=own_units,
-        instrument=shared, prior_sd=scale, likelihood=Gaussian(information * (scale[:, None] * scale), weighted * scale),
-        reference_force_N=force, forces_N=(float(rows["force_min_N"].max()), float(rows["force_max_N"].min())),
-        topology=topology, compliances=_meanings(rows, chosen),
-    )  # fmt: skip
+        dates=tuple(moment(own) if isinstance(own, str) else None for own in rows["date"]),
+        parameters=chosen,
+        units=own_units,
+        instrument=shared,
+        prior_sd=scale,
+        likelihood=Gaussian(information * (scale[:, None] * scale), weighted * scale),
+        reference_force_N=force,
+        forces_N=(float(rows["force_min_N"].max()), float(rows["force_max_N"].min())),
+        topology=topology,
+        compliances=_meanings(rows, chosen),
+    )
 
 
-def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> tuple[Array, Array, Array, Array]:
+def _likelihood(
+    row: Mapping[Any, Any], wanted: Sequence[str], force_N: float
+) -> tuple[Array, Array, Array, Array]:
     """Λ and η of what is wanted, the prior divided out, and the prior: of what the row does not have zeros. Compliances are
     carried along their slopes to the common force; what the readings cannot add counts as nothing."""
     names, q = list(row["gaussian_names"]), len(row["gaussian_names"])
-    mean, prior_mean, prior_sd = (np.array(row[f"gaussian_{what}"], dtype=float) for what in ("mean", "prior_mean", "prior_sd"))
+    mean, prior_mean, prior_sd = (
+        np.array(row[f"gaussian_{what}"], dtype=float)
+        for what in ("mean", "prior_mean", "prior_sd")
+    )
     covariance = np.zeros((q, q))
     covariance[np.tril_indices(q)] = row["gaussian_covariance"]
     covariance += np.tril(covariance, -1).T
@@ -246,21 +330,25 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
     kept = vectors * (values > 0.0)
     information, weighted, means, sds = (np.zeros((len(wanted),) * axes) for axes in (2, 1, 1, 1))
     information[np.ix_(here, here)] = (kept * values) @ kept.T / inside
-    weighted[here], means[here], sds[here] = kept @ (kept.T @ pull) / scale, prior_mean[places], prior_sd[places]
+    weighted[here], means[here], sds[here] = (
+        kept @ (kept.T @ pull) / scale,
+        prior_mean[places],
+        prior_sd[places],
+    )
     return information, weighted, means, sds
 
 
 def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
     """What every chosen compliance stands for; rows that do not say it are taken to mean what the others do."""
     found: dict[str, tuple[Meaning, str]] = {}
-    texts = {text: str(own) for own, text in zip(rows["campaign"], rows["compliances"], strict=True)}
+    texts = {
+        text: str(own) for own, text in zip(rows["campaign"], rows["compliances"], strict=True)
+    }
     for text, campaign in texts.items():
         said = json.loads(text) if isinstance(text, str) else {}
         for name in (name for name in chosen if name in said):
             meaning, first = found.setdefault(name, (said[name], campaign))
-            other = (
-                "circles or joints' frames stand elsewhere, so that it is the sum of other compliances. Take those of one place."
-            )
+            other = "circles or joints' frames stand elsewhere, so that it is the sum of other compliances. Take those of one place."
             refused = f"campaigns must mean the same by {name}, got {first} and {campaign}: {other}"
             require(same_meaning(name, meaning, said[name]), refused)
     return {name: meaning for name, (meaning, _) in found.items()}
@@ -292,7 +380,9 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
     whole = whitened(likelihood, spread)
     square = np.einsum("iakn,ibkn->knab", whole[:, c:], whole[:, c:])
     constant = 0.5 * square[..., q, q] - np.log(whole[range(c), range(c)]).sum(axis=0)
-    return Gaussian(likelihood.precision - square[..., :q, :q], likelihood.shift - square[..., :q, q], constant)
+    return Gaussian(
+        likelihood.precision - square[..., :q, :q], likelihood.shift - square[..., :q, q], constant
+    )
 
 
 def alone(likelihood: Gaussian, parameters: int) -> tuple[Array, Array, Array]:
@@ -316,5 +406,7 @@ def keyed(record: Any, ci_prob: float) -> Any:
     """The same with intervals under their probability: interval → ci95."""
     if isinstance(record, dict):
         key = f"ci{100 * ci_prob:g}"
-        return {name.replace("interval", key): keyed(value, ci_prob) for name, value in record.items()}
+        return {
+            name.replace("interval", key): keyed(value, ci_prob) for name, value in record.items()
+        }
     return [keyed(value, ci_prob) for value in record] if isinstance(record, list) else record

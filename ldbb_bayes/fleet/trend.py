@@ -30,10 +30,24 @@ from matplotlib.ticker import MaxNLocator
 from pydantic import Field, PlainSerializer
 from scipy.special import erf, logsumexp, ndtri
 
-from ldbb_bayes.analysis.conformity import Conformity, Tolerance, normal_conformity, quantities, tolerances_in
+from ldbb_bayes.analysis.conformity import (
+    Conformity,
+    Tolerance,
+    normal_conformity,
+    quantities,
+    tolerances_in,
+)
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, check_rows, choose, labels
-from ldbb_bayes.fleet.statistics import FleetStatistics, Summary, alone, deviating, fleet_statistics, keyed, mixture_covariance
+from ldbb_bayes.fleet.statistics import (
+    FleetStatistics,
+    Summary,
+    alone,
+    deviating,
+    fleet_statistics,
+    keyed,
+    mixture_covariance,
+)
 from ldbb_bayes.inference.posterior import check_probability
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import Gaussian, mixture_moments, mixture_quantiles
@@ -41,7 +55,14 @@ from ldbb_bayes.report.figures.style import ACCENT, LIGHT, PALETTE, axis_label, 
 from ldbb_bayes.report.text import conformity_table, parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
 from ldbb_bayes.result import Array, Result, Table
-from ldbb_bayes.units import display_name, display_unit, is_direct, plus_minus, ranked, round_uncertainty
+from ldbb_bayes.units import (
+    display_name,
+    display_unit,
+    is_direct,
+    plus_minus,
+    ranked,
+    round_uncertainty,
+)
 
 __all__ = ["LIMITS", "ParameterChange", "Trend", "Visit", "control_chart", "trend"]
 
@@ -67,7 +88,9 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
     """(c, b, Δ) under every hypothesis, shape (r, n, p, q + 1); ``log_integral`` is their log evidence, up to what all share.
     Place k, counted from 0, is a step just before campaign k + 2; the last, of whatever parameter, is no step at all. ``carried``
     are the campaigns in order of time, (r, n, q), their w_t integrated: `deviating`."""
-    precision, shift = (np.cumsum(own[:, ::-1], axis=1)[:, ::-1] for own in (carried.precision, carried.shift))
+    precision, shift = (
+        np.cumsum(own[:, ::-1], axis=1)[:, ::-1] for own in (carried.precision, carried.shift)
+    )
     (r, n, q), p = shift.shape, parameters
     late = np.swapaxes(precision[:, 1:, :, :p], -1, -2)
     whole, pull = np.zeros((r, n, p, q + 1, q + 1)), np.zeros((r, n, p, q + 1))
@@ -93,7 +116,9 @@ def instrument_moments(found: Gaussian, weights: Array) -> tuple[Array, Array]:
     p, q = weights.shape[2], found.mean.shape[-1] - 1
     spread = found.spread(np.eye(q + 1)[p:q])
     covariance = (spread @ np.swapaxes(spread, -1, -2)).reshape(weights.size, q - p, q - p)
-    return mixture_covariance(weights.ravel(), found.mean[..., p:q].reshape(weights.size, q - p), covariance)
+    return mixture_covariance(
+        weights.ravel(), found.mean[..., p:q].reshape(weights.size, q - p), covariance
+    )
 
 
 class Chart(NamedTuple):
@@ -128,7 +153,10 @@ def chart_of(
     pulled = np.linalg.solve(np.eye(p) + whole[:, :p], whole[:, p:])
     common = np.sqrt(np.einsum("as,su,au->a", pulled, spread, pulled))
 
-    sums = [np.cumsum(part[:, :-1], axis=1) for part in (carried.precision, carried.shift, carried.log_constant)]
+    sums = [
+        np.cumsum(part[:, :-1], axis=1)
+        for part in (carried.precision, carried.shift, carried.log_constant)
+    ]
     before = Gaussian(np.eye(q) + sums[0], *sums[1:])
     log_weight = np.log(scatter_weight)[:, None] + before.log_integral
     weight = np.exp(log_weight - logsumexp(log_weight, axis=0))
@@ -138,12 +166,18 @@ def chart_of(
     noise = np.einsum("tab,tab->ta", take[..., :p], shrink[1:])
     sd = np.sqrt((before.spread(take) ** 2).sum(axis=-1) + deviation + noise)
     tail = 0.5 - 0.5 * limits
-    ends = mixture_quantiles(weight[:, :, None], expected, np.maximum(sd, 1e-300), (tail, 1.0 - tail))
+    ends = mixture_quantiles(
+        weight[:, :, None], expected, np.maximum(sd, 1e-300), (tail, 1.0 - tail)
+    )
     nothing = np.full((2, 1, p), np.nan)
-    return Chart(own, np.sqrt(np.einsum("taa->ta", shrink)), np.concatenate([nothing, ends], axis=1), common)
+    return Chart(
+        own, np.sqrt(np.einsum("taa->ta", shrink)), np.concatenate([nothing, ends], axis=1), common
+    )
 
 
-def levels_of(found: Gaussian, weights: Array, *, ci_prob: float = 0.95) -> tuple[Array, Array, Array]:
+def levels_of(
+    found: Gaussian, weights: Array, *, ci_prob: float = 0.95
+) -> tuple[Array, Array, Array]:
     """Mean and sd (p,) and interval (2, p) of c, with the step where there was one, averaged over hypotheses."""
     _, n, p = weights.shape
     level = np.eye(p, found.mean.shape[-1]) + np.zeros((n, p, p, 1))
@@ -170,7 +204,9 @@ class ParameterChange(Result):
     percent: float | None  #: of the level before; None where that is not known to a fifth
     level_before: float
     level_now: Summary  #: at the last campaign, averaged over hypotheses; the errors of the instrument are in it
-    common_sd: float  #: what these add to the level of all campaigns together; in no point and no limit
+    common_sd: (
+        float  #: what these add to the level of all campaigns together; in no point and no limit
+    )
 
 
 @dataclass(frozen=True)
@@ -193,8 +229,12 @@ class Trend(Result):
 
     machine: str | None  #: machine_id
     reference_force_N: float  #: at which compliances are meant
-    assumptions: Mapping[str, Any]  #: change_scale, repeatability (in the prior's sd), probability, threshold, ci, one_instrument
-    probability: Annotated[float, Field(alias="probability_of_change")]  #: that one parameter has changed once
+    assumptions: Mapping[
+        str, Any
+    ]  #: change_scale, repeatability (in the prior's sd), probability, threshold, ci, one_instrument
+    probability: Annotated[
+        float, Field(alias="probability_of_change")
+    ]  #: that one parameter has changed once
     changed: bool  #: whether that is above the threshold
     false_alarm: float  #: at most the probability of calling a change where there was none
     campaigns: tuple[Visit, ...]  #: in order of time
@@ -202,7 +242,9 @@ class Trend(Result):
     most_probable: str  #: the parameter that most probably changed
     caveats: tuple[Caveat, ...]  #: what to mind
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
-    conformity: Mapping[str, Mapping[str, Conformity]]  #: by quantity with a tolerance and campaign, each alone, normal
+    conformity: Mapping[
+        str, Mapping[str, Conformity]
+    ]  #: by quantity with a tolerance and campaign, each alone, normal
     limits_probability: float = LIMITS  #: of the control limits
 
     def as_dict(self) -> dict[str, Any]:
@@ -223,20 +265,34 @@ def _parts(trend: Trend) -> tuple[Table | str, ...]:
         likely, now, step = own.probability >= _UNLIKELY, own.level_now, own.change
         rows.append(
             (
-                display_name(name), plus_minus(now.mean, now.sd, now.interval, own.unit),
-                f"{round_uncertainty(2.0 * own.common_sd * factor)[0]} {label}" if own.common_sd > 0.0 else "–",
-                probability_words(own.probability), plus_minus(step.mean, step.sd, step.interval, own.unit) if likely else "–",
-                f"{own.percent:+.0f} %".replace("-", "−") if likely and own.percent is not None else "–",
+                display_name(name),
+                plus_minus(now.mean, now.sd, now.interval, own.unit),
+                f"{round_uncertainty(2.0 * own.common_sd * factor)[0]} {label}"
+                if own.common_sd > 0.0
+                else "–",
+                probability_words(own.probability),
+                plus_minus(step.mean, step.sd, step.interval, own.unit) if likely else "–",
+                f"{own.percent:+.0f} %".replace("-", "−")
+                if likely and own.percent is not None
+                else "–",
             )
-        )  # fmt: skip
+        )
     heads = ("parameter", "level now", "U, common", "P(changed)", "change, if it did", "of level")
     meant = "± U = 2u. U, common: what the bar adds to all campaigns alike."
     whose = f"{trend.machine}, " if trend.machine else ""
     table = Table.of(f"{whose}{len(trend.campaigns)} campaigns", heads, rows)
-    newest = {name: own.as_dict() for name, every in trend.conformity.items() for own in list(every.values())[-1:]}
+    newest = {
+        name: own.as_dict()
+        for name, every in trend.conformity.items()
+        for own in list(every.values())[-1:]
+    }
     limits: tuple[Table | str, ...] = ()
     if newest:
-        limits = conformity_table(newest), f"Of the newest campaign alone, {trend.campaigns[-1].campaign}.", ""
+        limits = (
+            conformity_table(newest),
+            f"Of the newest campaign alone, {trend.campaigns[-1].campaign}.",
+            "",
+        )
     return (table, meant, "", *limits, *trend_sentences(trend), *map(caveat_words, trend.caveats))
 
 
@@ -252,57 +308,101 @@ _KNOWN = 5.0
 
 
 def _parameter(
-    statistics: FleetStatistics, j: int, found: Gaussian, share: Array, numbers: Sequence[float], ci_prob: float
+    statistics: FleetStatistics,
+    j: int,
+    found: Gaussian,
+    share: Array,
+    numbers: Sequence[float],
+    ci_prob: float,
 ) -> ParameterChange:
     """Of parameter j: `hypotheses` under probabilities (r, n − 1) of r and when; ``numbers`` are its level now (mean, sd, ends)
     and what the instrument adds, in units of the prior's sd."""
     total, scale = float(share.sum()), float(statistics.prior_sd[j])
     weight = (share / total if total > 0.0 else np.full_like(share, 1.0 / share.size)).ravel()
-    (size, size_sd), (base, base_sd) = ([part[:, :-1, j, place].ravel() for part in (found.mean, found.sd)] for place in (-1, j))
+    (size, size_sd), (base, base_sd) = (
+        [part[:, :-1, j, place].ravel() for part in (found.mean, found.sd)] for place in (-1, j)
+    )
     mean, sd = (scale * float(one) for one in mixture_moments(weight, size, size_sd))
     before, doubt = (scale * float(one) for one in mixture_moments(weight, base, base_sd))
     seen, tail = weight > 0.0, 0.5 - 0.5 * ci_prob
-    low, high = (scale * mixture_quantiles(weight[seen], size[seen], size_sd[seen], (tail, 1.0 - tail))).tolist()
+    low, high = (
+        scale * mixture_quantiles(weight[seen], size[seen], size_sd[seen], (tail, 1.0 - tail))
+    ).tolist()
     now, now_sd, now_low, now_high, common = (scale * float(own) for own in numbers)
     when = share.sum(axis=0)
     return ParameterChange(
-        unit=statistics.units[j], probability=total, place=1 + ranked(range(len(when)), lambda k: float(when[k]))[0],
-        change=Summary(mean, sd, (low, high)), percent=100.0 * mean / before if abs(before) > _KNOWN * doubt else None,
-        level_before=before, level_now=Summary(now, now_sd, (now_low, now_high)), common_sd=common,
-    )  # fmt: skip
+        unit=statistics.units[j],
+        probability=total,
+        place=1 + ranked(range(len(when)), lambda k: float(when[k]))[0],
+        change=Summary(mean, sd, (low, high)),
+        percent=100.0 * mean / before if abs(before) > _KNOWN * doubt else None,
+        level_before=before,
+        level_now=Summary(now, now_sd, (now_low, now_high)),
+        common_sd=common,
+    )
 
 
 _SIZED = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
 
 
-def _estimates(statistics: FleetStatistics, visits: Sequence[Visit], chart: Chart, change: Array, ci_prob: float) -> pd.DataFrame:
+def _estimates(
+    statistics: FleetStatistics,
+    visits: Sequence[Visit],
+    chart: Chart,
+    change: Array,
+    ci_prob: float,
+) -> pd.DataFrame:
     """One row per campaign and parameter, as `Trend.estimates` has them."""
     reach = float(ndtri(0.5 + 0.5 * ci_prob)) * chart.own_sd
     n, p = chart.own.shape
-    sized = np.stack((chart.own, chart.own_sd, chart.own - reach, chart.own + reach, *chart.limits), axis=-1)
+    sized = np.stack(
+        (chart.own, chart.own_sd, chart.own - reach, chart.own + reach, *chart.limits), axis=-1
+    )
     here = np.concatenate([np.zeros((1, p)), change.sum(axis=0)])
     return pd.DataFrame(
         {
             "campaign": np.repeat([own.campaign for own in visits], p),
-            "date": np.repeat(np.array([own.date and own.date.isoformat() for own in visits], dtype=object), p),
-            "parameter": np.tile(statistics.parameters, n), "unit": np.tile(statistics.units, n),
-            **dict(zip(_SIZED, (sized * statistics.prior_sd[:p, None]).reshape(n * p, -1).T, strict=True)),
-            "outside": ((chart.own < chart.limits[0]) | (chart.own > chart.limits[1])).ravel(), "change_here": here.ravel(),
+            "date": np.repeat(
+                np.array([own.date and own.date.isoformat() for own in visits], dtype=object), p
+            ),
+            "parameter": np.tile(statistics.parameters, n),
+            "unit": np.tile(statistics.units, n),
+            **dict(
+                zip(
+                    _SIZED,
+                    (sized * statistics.prior_sd[:p, None]).reshape(n * p, -1).T,
+                    strict=True,
+                )
+            ),
+            "outside": ((chart.own < chart.limits[0]) | (chart.own > chart.limits[1])).ravel(),
+            "change_here": here.ravel(),
             "change_by_here": np.cumsum(here, axis=0).ravel(),
         }
-    )  # fmt: skip
+    )
 
 
 def _conformities(
-    statistics: FleetStatistics, visits: Sequence[Visit], chart: Chart, given: Mapping[str, str | Tolerance] | None, stated: Any
+    statistics: FleetStatistics,
+    visits: Sequence[Visit],
+    chart: Chart,
+    given: Mapping[str, str | Tolerance] | None,
+    stated: Any,
 ) -> dict[str, dict[str, Conformity]]:
     """Conformity in every campaign alone, what the instrument adds to all of them included, with the tolerances given, or those
     that the newest has ``stated`` (JSON) of what is followed."""
-    known, found = quantities(dict(zip(statistics.parameters, statistics.units, strict=True))), dict[str, dict[str, Conformity]]()
-    own = given or {name: text for name, text in json.loads(stated or "{}").items() if name in known}
+    known, found = (
+        quantities(dict(zip(statistics.parameters, statistics.units, strict=True))),
+        dict[str, dict[str, Conformity]](),
+    )
+    own = given or {
+        name: text for name, text in json.loads(stated or "{}").items() if name in known
+    }
     for name, tolerance in tolerances_in(known, own).items():
         stiff = name.startswith("stiffness_")
-        j = [f"stiffness_{one[2]}" if stiff and is_direct(one) else one for one in statistics.parameters].index(name)
+        j = [
+            f"stiffness_{one[2]}" if stiff and is_direct(one) else one
+            for one in statistics.parameters
+        ].index(name)
         mean = chart.own[:, j] * statistics.prior_sd[j]
         sd = np.hypot(chart.own_sd[:, j], chart.common_sd[j]) * statistics.prior_sd[j]
         numbers = np.stack([1.0 / mean, sd / mean**2] if stiff else [mean, sd], axis=1).tolist()
@@ -313,7 +413,9 @@ def _conformities(
     return found
 
 
-def _of_one_machine(rows: pd.DataFrame, machine: str | None) -> tuple[pd.DataFrame, str | None, list[Caveat]]:
+def _of_one_machine(
+    rows: pd.DataFrame, machine: str | None
+) -> tuple[pd.DataFrame, str | None, list[Caveat]]:
     """A batch's rows of one machine, its name, and what is to be minded of the choice."""
     check_rows(rows)
     ids = rows["machine_id"]
@@ -323,19 +425,29 @@ def _of_one_machine(rows: pd.DataFrame, machine: str | None) -> tuple[pd.DataFra
         check_known("machine", [machine], known)
     elif len(known) > 1:
         cure = f"Choose one: --machine {shlex.quote(known[0])} (machine={known[0]!r})."
-        raise InputError(f"the campaigns must be of one machine, got those of {', '.join(known)}. {cure}")
+        raise InputError(
+            f"the campaigns must be of one machine, got those of {', '.join(known)}. {cure}"
+        )
     if not known:
         return rows, None, [Caveat(CaveatKind.NO_MACHINES)]
-    nameless = [] if named.all() else [Caveat(CaveatKind.WITHOUT_MACHINE, tuple(labels(rows[~named])))]
+    nameless = (
+        [] if named.all() else [Caveat(CaveatKind.WITHOUT_MACHINE, tuple(labels(rows[~named])))]
+    )
     return rows[ids == (machine or known[0])], machine or known[0], nameless
 
 
 def _in_time(statistics: FleetStatistics) -> list[int]:
     """Campaigns in order of date, equal dates as given; as given where there are none."""
-    missing = [name for name, date in zip(statistics.campaigns, statistics.dates, strict=True) if date is None]
+    missing = [
+        name
+        for name, date in zip(statistics.campaigns, statistics.dates, strict=True)
+        if date is None
+    ]
     if missing and len(missing) < len(statistics):
         cure = "Write date = … into campaign.toml, or take all dates out and give the campaigns in order."
-        raise InputError(f"campaigns must have a date all or none, got none for {', '.join(missing[:5])}. {cure}")
+        raise InputError(
+            f"campaigns must have a date all or none, got none for {', '.join(missing[:5])}. {cure}"
+        )
     return sorted(range(len(statistics)), key=lambda place: statistics.dates[place] or datetime.min)
 
 
@@ -384,19 +496,32 @@ def trend(
     ci_prob : float
     """
     check_probability(ci_prob)
-    believed = {"change_scale": change_scale, "repeatability": repeatability, "probability": probability, "threshold": threshold}
+    believed = {
+        "change_scale": change_scale,
+        "repeatability": repeatability,
+        "probability": probability,
+        "threshold": threshold,
+    }
     for (name, value), most in zip(believed.items(), (np.inf, np.inf, 1.0, 1.0), strict=True):
         if not 0.0 < value < most:
-            raise InputError(f"{name} must be above 0{' and below 1' * (most == 1.0)}, got {value:g}. Correct it.")
+            raise InputError(
+                f"{name} must be above 0{' and below 1' * (most == 1.0)}, got {value:g}. Correct it."
+            )
     chosen, machine, caveats = _of_one_machine(rows, machine)
     relied, more = choose(chosen, exclude, since, include_misfits, among=rows)
     caveats += more
     statistics = fleet_statistics(
-        relied, parameters=parameters, reference_force_N=reference_force_N, one_instrument=one_instrument
+        relied,
+        parameters=parameters,
+        reference_force_N=reference_force_N,
+        one_instrument=one_instrument,
     )
     why = " ".join(("Measure again.", *map(caveat_words, caveats)))
     got = f"got {len(statistics)}. {why}"
-    require(len(statistics) > 1, f"a trend must have at least 2 campaigns of one machine to rely on, {got}")
+    require(
+        len(statistics) > 1,
+        f"a trend must have at least 2 campaigns of one machine to rely on, {got}",
+    )
     order, p = _in_time(statistics), len(statistics.parameters)
     series = Gaussian(statistics.likelihood.precision[order], statistics.likelihood.shift[order])
     scatter, prior = scatter_rule(repeatability)
@@ -406,22 +531,32 @@ def trend(
     instrument = instrument_moments(found, weights)
     chart = chart_of(series, carried, scatter, prior, instrument)
     change = weights[:, :-1]
-    when = zip(labels(relied.iloc[order]), order, [0.0, *change.sum(axis=(0, 2)).tolist()], strict=True)
+    when = zip(
+        labels(relied.iloc[order]), order, [0.0, *change.sum(axis=(0, 2)).tolist()], strict=True
+    )
     visits = tuple(Visit(name, statistics.dates[i], share) for name, i, share in when)
     level, level_sd, ends = levels_of(found, weights, ci_prob=ci_prob)
     numbers = np.stack([level, level_sd, *ends, chart.common_sd], axis=1)
-    steps = [_parameter(statistics, j, found, change[:, :, j], numbers[j], ci_prob) for j in range(p)]
+    steps = [
+        _parameter(statistics, j, found, change[:, :, j], numbers[j], ci_prob) for j in range(p)
+    ]
     total = 1.0 - float(weights[:, -1].sum())
     return Trend(
-        machine=machine, reference_force_N=statistics.reference_force_N,
+        machine=machine,
+        reference_force_N=statistics.reference_force_N,
         assumptions=believed | {"ci": ci_prob, "one_instrument": bool(statistics.instrument)},
-        probability=total, changed=total > threshold,
-        false_alarm=min(1.0, (1.0 - threshold) / threshold * probability / (1.0 - probability)), campaigns=visits,
+        probability=total,
+        changed=total > threshold,
+        false_alarm=min(1.0, (1.0 - threshold) / threshold * probability / (1.0 - probability)),
+        campaigns=visits,
         parameters=dict(zip(statistics.parameters, steps, strict=True)),
         most_probable=statistics.parameters[ranked(range(p), lambda j: steps[j].probability)[0]],
-        caveats=(*caveats, *_caveats(statistics)), estimates=_estimates(statistics, visits, chart, change, ci_prob),
-        conformity=_conformities(statistics, visits, chart, tolerances, relied["tolerances"].iloc[order[-1]]),
-    )  # fmt: skip
+        caveats=(*caveats, *_caveats(statistics)),
+        estimates=_estimates(statistics, visits, chart, change, ci_prob),
+        conformity=_conformities(
+            statistics, visits, chart, tolerances, relied["tolerances"].iloc[order[-1]]
+        ),
+    )
 
 
 # ---- its chart
@@ -439,7 +574,11 @@ def control_chart(trend: Trend) -> Figure:
         _panel(axes, trend, name, trend.estimates[trend.estimates["parameter"] == name])
         if k + columns >= len(every):
             _name_campaigns(axes, trend)
-    found = {label: handle for axes in every for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    found = {
+        label: handle
+        for axes in every
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
     figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=2)
     whose = trend.machine or "One machine"
     figure.suptitle(
@@ -451,8 +590,16 @@ def control_chart(trend: Trend) -> Figure:
 
 def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame) -> None:
     factor, label = axis_label(name, str(own["unit"].iloc[0]))
-    value = {column: own[column].to_numpy() * factor for column in own.columns if own[column].dtype == float}
-    limits, low, high = (value["limit_low"], value["limit_high"]), float(value["ci_low"].min()), float(value["ci_high"].max())
+    value = {
+        column: own[column].to_numpy() * factor
+        for column in own.columns
+        if own[column].dtype == float
+    }
+    limits, low, high = (
+        (value["limit_low"], value["limit_high"]),
+        float(value["ci_low"].min()),
+        float(value["ci_high"].max()),
+    )
     places = np.arange(1.0, len(own) + 1.0)
     # Each campaign's limits as wide as its place; the first has none.
     edges = np.append(places - 0.5, places[-1] + 0.5)
@@ -461,23 +608,46 @@ def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame) -> None:
     band(axes, edges, steps, LIGHT, 0.6, step="post", label=said)
     out = own["outside"].to_numpy()
     alone = f"campaign by itself, {100 * trend.assumptions['ci']:g} %"
-    for chosen, colour, mark, meant in ((~out, ACCENT, "o", alone), (out, PALETTE[1], "D", "outside its limits")):
+    for chosen, colour, mark, meant in (
+        (~out, ACCENT, "o", alone),
+        (out, PALETTE[1], "D", "outside its limits"),
+    ):
         if chosen.any():
-            ends = np.abs(np.array([value["ci_low"], value["ci_high"]]) - value["estimate"])[:, chosen]
-            axes.errorbar(places[chosen], value["estimate"][chosen], ends, fmt=mark, color=colour, markersize=3.0, label=meant)
+            ends = np.abs(np.array([value["ci_low"], value["ci_high"]]) - value["estimate"])[
+                :, chosen
+            ]
+            axes.errorbar(
+                places[chosen],
+                value["estimate"][chosen],
+                ends,
+                fmt=mark,
+                color=colour,
+                markersize=3.0,
+                label=meant,
+            )
     # Limits as far as they are of the points' size.
     room, margin = 0.5 * (high - low), 0.05 * (high - low)
     least, most = float(np.nanmin(limits[0])), float(np.nanmax(limits[1]))
-    axes.set_ylim(max(min(least, low), low - room) - margin, min(max(most, high), high + room) + margin)
+    axes.set_ylim(
+        max(min(least, low), low - room) - margin, min(max(most, high), high + room) + margin
+    )
     axes.set(ylabel=label, xlim=(0.5, len(own) + 0.5))
     common = trend.parameters[name].common_sd * factor
-    shared = f"\nu common to all {round_uncertainty(common)[0]} {display_unit(trend.parameters[name].unit)[1]}" if common else ""
+    shared = (
+        f"\nu common to all {round_uncertainty(common)[0]} {display_unit(trend.parameters[name].unit)[1]}"
+        if common
+        else ""
+    )
     changed = probability_words(trend.parameters[name].probability)
     axes.set_title(f"{display_name(name)}: probability of a change {changed}{shared}", fontsize=8)
     for when, here in zip(edges[1:-1], own["change_here"].to_numpy()[1:], strict=True):
         if here > _VISIBLE:
             axes.axvline(
-                when, color="black", linestyle="--", alpha=min(float(here), 1.0), label="a change here, as dark as probable"
+                when,
+                color="black",
+                linestyle="--",
+                alpha=min(float(here), 1.0),
+                label="a change here, as dark as probable",
             )
 
 
@@ -490,6 +660,10 @@ def _name_campaigns(axes: Axes, trend: Trend) -> None:
         return
     shown = np.unique(np.linspace(0, count - 1, min(count, _MOST_NAMED)).round().astype(int))
     axes.set_xticks(
-        shown + 1, [f"{trend.campaigns[k].date:%Y-%m-%d}" for k in shown], rotation=30, ha="right", rotation_mode="anchor"
+        shown + 1,
+        [f"{trend.campaigns[k].date:%Y-%m-%d}" for k in shown],
+        rotation=30,
+        ha="right",
+        rotation_mode="anchor",
     )
     axes.set_xlabel("campaign (by date, evenly spaced)")

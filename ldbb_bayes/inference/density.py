@@ -35,7 +35,10 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
     >>> sampler = emcee.EnsembleSampler(4 * len(density.names), len(density.names), density.log_prob, vectorize=True)
     >>> sampler.run_mcmc(density.initial(4 * len(density.names), seed=1), 5000)
     """
-    require(not campaign.is_plan, "campaign must have readings to have a posterior, got a plan. Run the tests, or simulate it.")
+    require(
+        not campaign.is_plan,
+        "campaign must have readings to have a posterior, got a plan. Run the tests, or simulate it.",
+    )
     return LogDensity(model.bind(campaign))
 
 
@@ -57,7 +60,10 @@ class LogDensity(Shown):
     @property
     def units(self) -> tuple[str, ...]:
         """Their units, those of a posterior: mm, N, rad; none of a number."""
-        return (*(parameter.unit for parameter in self.bound.parameters), *self.bound.hyper_prior.units)
+        return (
+            *(parameter.unit for parameter in self.bound.parameters),
+            *self.bound.hyper_prior.units,
+        )
 
     @cached_property
     def bounds(self) -> Array:
@@ -85,7 +91,10 @@ class LogDensity(Shown):
 
     def log_prior(self, x: Array) -> Any:
         """ln p(x), the truncation included; of flat priors that of the hyper-parameters alone."""
-        return self._at(x, lambda beta, phi: self.bound.log_prior(beta) + self.bound.hyper_prior.log_density(phi))
+        return self._at(
+            x,
+            lambda beta, phi: self.bound.log_prior(beta) + self.bound.hyper_prior.log_density(phi),
+        )
 
     def log_likelihood(self, x: Array) -> Any:
         """ln p(y | x) of the readings in mm; −inf where a hyper-parameter is out of its bounds."""
@@ -97,19 +106,32 @@ class LogDensity(Shown):
         InputError for flat priors, which have no such point, and for u outside the cube.
         """
         bound, p = self.bound, len(self.bound.names)
-        require(not bound.model.prior.flat, "a prior to transform to must be proper, got a flat one. Use the default preset.")
+        require(
+            not bound.model.prior.flat,
+            "a prior to transform to must be proper, got a flat one. Use the default preset.",
+        )
         levels = np.atleast_2d(self._checked(u, "u"))
         beyond = levels[~((levels >= 0.0) & (levels <= 1.0))]
-        require(not len(beyond), f"u must lie between 0 and 1, got {beyond[:1].sum()}. Give prior probabilities, one each.")
+        require(
+            not len(beyond),
+            f"u must lie between 0 and 1, got {beyond[:1].sum()}. Give prior probabilities, one each.",
+        )
         levels = np.clip(levels, _EDGE, 1.0 - _EDGE)
         beta = bound.truncation.quantile(levels[:, :p], bound.prior_mean, bound.prior_sd)
-        return np.concatenate([beta, bound.hyper_prior.quantile(levels[:, p:])], axis=1).reshape(np.shape(u))
+        return np.concatenate([beta, bound.hyper_prior.quantile(levels[:, p:])], axis=1).reshape(
+            np.shape(u)
+        )
 
     def split(self, x: Array) -> dict[str, dict[str, Any]]:
         """Return ``{"parameters": {name: value}, "hyper": {name: value}}``; of a stack, values of shape (n,)."""
         values, p = np.moveaxis(self._checked(x), -1, 0), len(self.bound.names)
-        by_name = dict(zip(self.names, values.tolist() if values.ndim == 1 else values, strict=True))
-        return {"parameters": {n: by_name[n] for n in self.names[:p]}, "hyper": {n: by_name[n] for n in self.names[p:]}}
+        by_name = dict(
+            zip(self.names, values.tolist() if values.ndim == 1 else values, strict=True)
+        )
+        return {
+            "parameters": {n: by_name[n] for n in self.names[:p]},
+            "hyper": {n: by_name[n] for n in self.names[p:]},
+        }
 
     def initial(self, n: int, seed: int = 1) -> Array:
         """Return starting points, shape (n, d): spread a little wider than the posterior, all of them inside."""
@@ -124,7 +146,10 @@ class LogDensity(Shown):
     def _checked(self, x: Array, what: str = "x") -> Array:
         values, d = np.asarray(x, dtype=float), len(self.names)
         fits = values.ndim in (1, 2) and values.shape[-1] == d
-        require(fits, f"{what} must have shape ({d},) or (n, {d}), got {values.shape}. Order it as in names.")
+        require(
+            fits,
+            f"{what} must have shape ({d},) or (n, {d}), got {values.shape}. Order it as in names.",
+        )
         return values
 
     def _at(self, x: Array, density: Callable[[Array, Array], Array]) -> Any:
@@ -132,7 +157,9 @@ class LogDensity(Shown):
         values, p = self._checked(x), len(self.bound.names)
         points = values.reshape(-1, len(self.names))
         low, high = self.bound.hyper_prior.bounds.T
-        inside = np.isfinite(points).all(axis=1) & ((points[:, p:] >= low) & (points[:, p:] <= high)).all(axis=1)
+        inside = np.isfinite(points).all(axis=1) & (
+            (points[:, p:] >= low) & (points[:, p:] <= high)
+        ).all(axis=1)
         total = np.full(len(points), -np.inf)
         if inside.any():
             total[inside] = density(points[inside, :p], points[inside, p:])
@@ -157,7 +184,12 @@ class JointDensity:
     def __call__(self, x: Array) -> Array:
         """Log density of (n, p + h) points, shape (n,)."""
         beta, free = self.split(x)
-        return _log_joint(self.bound, beta, self.bound.hyper_prior.phi(free), self.bound.hyper_prior.log_density_of_free(free))
+        return _log_joint(
+            self.bound,
+            beta,
+            self.bound.hyper_prior.phi(free),
+            self.bound.hyper_prior.log_density_of_free(free),
+        )
 
     def split(self, x: Array) -> tuple[Array, Array]:
         """x (..., p + h) → β (..., p), the free coordinates of φ (..., h)."""
@@ -177,7 +209,9 @@ class LinearRedraw:
     density: JointDensity
     start: HyperPosterior
 
-    def draw(self, size: int, random: np.random.RandomState, *, temperature: float = 1.0) -> tuple[Array, Array, Array]:
+    def draw(
+        self, size: int, random: np.random.RandomState, *, temperature: float = 1.0
+    ) -> tuple[Array, Array, Array]:
         """Points (size, p + h), log weights, target over proposal, and log densities of the target, (size,) each."""
         bound = self.density.bound
         free = self.start.proposal.draw(size, random, temperature=temperature)
@@ -188,15 +222,29 @@ class LinearRedraw:
             white, log_tilt = given.orthant.propose_spread(uniform, white)
         beta = given.at(white)
         log_marginal = bound.hyper_prior.log_density_of_free(free) + log_evidence
-        log_target = np.where(bound.truncation.holds(beta), log_marginal + given.log_density(beta), -np.inf)
-        log_weight = np.where(np.isfinite(log_target), log_marginal - self.start.proposal.log_proposal(free) + log_tilt, -np.inf)
-        return self.density.join(beta, free), log_weight, log_target - bound.log_prob_truncation_prior
+        log_target = np.where(
+            bound.truncation.holds(beta), log_marginal + given.log_density(beta), -np.inf
+        )
+        log_weight = np.where(
+            np.isfinite(log_target),
+            log_marginal - self.start.proposal.log_proposal(free) + log_tilt,
+            -np.inf,
+        )
+        return (
+            self.density.join(beta, free),
+            log_weight,
+            log_target - bound.log_prob_truncation_prior,
+        )
 
     def log_weight(self, points: Array) -> Array:
         """Log weights of points inside the truncation, shape (n,)."""
         beta, free = self.density.split(points)
         log_evidence, given = self.start.given(free)
-        log_tilt = given.orthant.log_weight_of(given.white(beta)) if self.density.bound.truncation.active else 0.0
+        log_tilt = (
+            given.orthant.log_weight_of(given.white(beta))
+            if self.density.bound.truncation.active
+            else 0.0
+        )
         log_marginal = self.density.bound.hyper_prior.log_density_of_free(free) + log_evidence
         return np.asarray(log_marginal - self.start.proposal.log_proposal(free) + log_tilt)
 

@@ -27,9 +27,15 @@ from ldbb_bayes.model.truncation import Orthant
 from ldbb_bayes.result import Array, Shown, readable
 
 __all__ = [
-    "Evidences", "check_comparable", "leave_one_out", "log_bayes_factor", "log_evidence", "log_prob_truncation", "marginals",
+    "Evidences",
+    "check_comparable",
+    "leave_one_out",
+    "log_bayes_factor",
+    "log_evidence",
+    "log_prob_truncation",
+    "marginals",
     "probabilities",
-]  # fmt: skip
+]
 
 _NEARLY_ONE, _ROUGH = 0.1, 0.1
 _DRAWS, _SAME = 16_384, 1e-12
@@ -46,7 +52,10 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
     tolerance : error asked for [nat]; ``error`` of the result says what was reached.
     """
     check_comparable(model, campaign)
-    require(tolerance > 0, f"tolerance must be a positive number of nats, got {tolerance}. For example 1e-3.")
+    require(
+        tolerance > 0,
+        f"tolerance must be a positive number of nats, got {tolerance}. For example 1e-3.",
+    )
     return _posterior(model, campaign).nodes(tolerance).evidence
 
 
@@ -57,8 +66,14 @@ def _posterior(model: HybridModel, campaign: Campaign, **options: Any) -> HyperP
 
 def check_comparable(model: HybridModel, campaign: Campaign) -> None:
     """Refuse what has no evidence: improper priors, and plans."""
-    require(not model.prior.flat, "a model must have a proper prior to have an evidence, got a flat one. Use the default preset.")
-    require(not campaign.is_plan, "a campaign must have readings to give an evidence, got a plan. Run the tests, or simulate it.")
+    require(
+        not model.prior.flat,
+        "a model must have a proper prior to have an evidence, got a flat one. Use the default preset.",
+    )
+    require(
+        not campaign.is_plan,
+        "a campaign must have readings to give an evidence, got a plan. Run the tests, or simulate it.",
+    )
 
 
 def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]:
@@ -67,7 +82,10 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
     InputError when the two are of different readings.
     """
     got = f"got two campaigns ({evidence.sha256[:12]}… and {other.sha256[:12]}…). Compute both evidences with the same campaign."
-    require(evidence.sha256 == other.sha256, f"a Bayes factor must be between models of the same readings, {got}")
+    require(
+        evidence.sha256 == other.sha256,
+        f"a Bayes factor must be between models of the same readings, {got}",
+    )
     return evidence.log_value - other.log_value, evidence.error + other.error
 
 
@@ -87,7 +105,12 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
 
 @one_blas_thread
 def marginals(
-    model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95, tolerance: float = 1e-3, seed: int = 1
+    model: HybridModel,
+    campaign: Campaign,
+    *,
+    ci_prob: float = 0.95,
+    tolerance: float = 1e-3,
+    seed: int = 1,
 ) -> pd.DataFrame:
     """The posterior's marginals by quadrature.
 
@@ -103,9 +126,17 @@ def marginals(
     -------
     Columns unit, mean, sd, median, ci_low, ci_high; one row per parameter and hyper-parameter, in mm, N, rad.
     """
-    require(not campaign.is_plan, "marginals must be asked of a campaign with readings, got a plan. Run the tests or simulate.")
-    require(0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")
-    require(0.0 < tolerance < 1.0, f"tolerance must lie between 0 and 1, got {tolerance}. For example 1e-3.")
+    require(
+        not campaign.is_plan,
+        "marginals must be asked of a campaign with readings, got a plan. Run the tests or simulate.",
+    )
+    require(
+        0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95."
+    )
+    require(
+        0.0 < tolerance < 1.0,
+        f"tolerance must lie between 0 and 1, got {tolerance}. For example 1e-3.",
+    )
     nodes = _posterior(model, campaign, seed=seed).nodes(tolerance)
     bound = nodes.bound
     levels = np.array([0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
@@ -114,11 +145,18 @@ def marginals(
     except TooRoughError:
         draws = nodes.posterior.emcee_nodes.pick(_DRAWS, np.random.default_rng(seed))
     phi = bound.hyper_prior.phi(nodes.integral.free)
-    of_phi = [*mixture_moments(nodes.integral.weight, phi, 0.0 * phi), *np.quantile(bound.hyper_prior.phi(draws), levels, axis=0)]
+    of_phi = [
+        *mixture_moments(nodes.integral.weight, phi, 0.0 * phi),
+        *np.quantile(bound.hyper_prior.phi(draws), levels, axis=0),
+    ]
     of_beta = [*nodes.moments(), *nodes.quantiles(levels, seed=seed)]
     names = [*bound.names, *bound.hyper_prior.names]
-    table = pd.DataFrame(np.hstack([of_beta, of_phi]).T, names, ["mean", "sd", "median", "ci_low", "ci_high"])
-    table.insert(0, "unit", [*(parameter.unit for parameter in bound.parameters), *bound.hyper_prior.units])
+    table = pd.DataFrame(
+        np.hstack([of_beta, of_phi]).T, names, ["mean", "sd", "median", "ci_low", "ci_high"]
+    )
+    table.insert(
+        0, "unit", [*(parameter.unit for parameter in bound.parameters), *bound.hyper_prior.units]
+    )
     return readable(table, f"Marginals by quadrature, {100 * ci_prob:g} % intervals")
 
 
@@ -140,21 +178,33 @@ class Evidences(Shown):
         progress: Callable[[], object] = _silent,
         keep: Sequence[str] | None = None,
     ) -> None:
-        self.campaign, self.tolerance, self.progress, self._keep = campaign, tolerance, progress, keep
+        self.campaign, self.tolerance, self.progress, self._keep = (
+            campaign,
+            tolerance,
+            progress,
+            keep,
+        )
         self._weighed: dict[str, Nodes] = {}
         self._relatives: dict[str, _Relatives] = {}
         self._modes: dict[tuple[Hyper, ...], Array] = {}
 
     def of_campaign(self, campaign: Campaign) -> Evidences:
         """Themselves; nodes of other readings are refused."""
-        cure = f"got those of {self.campaign.name or 'another'}. Make them anew: Evidences(campaign)."
-        require(campaign.sha256 == self.campaign.sha256, f"evidences must be of the campaign {campaign.name or ''}, {cure}")
+        cure = (
+            f"got those of {self.campaign.name or 'another'}. Make them anew: Evidences(campaign)."
+        )
+        require(
+            campaign.sha256 == self.campaign.sha256,
+            f"evidences must be of the campaign {campaign.name or ''}, {cure}",
+        )
         return self
 
     def of(self, *models: HybridModel) -> list[Nodes]:
         """Of each model, those that are one Gaussian given φ from the nodes of the largest."""
         keys = {model_to_toml(model): model for model in models}
-        for key, model in sorted(keys.items(), key=lambda own: (-own[1].degree, len(own[1].fixed), -len(own[1].rivals))):
+        for key, model in sorted(
+            keys.items(), key=lambda own: (-own[1].degree, len(own[1].fixed), -len(own[1].rivals))
+        ):
             if key not in self._weighed:
                 self._weighed[key] = self._weigh(model)
             self.progress()
@@ -183,9 +233,13 @@ class Evidences(Shown):
         check_comparable(model, self.campaign)
         bound = BoundModel(model, self.campaign, keep=self._keep)
         names = bound.hyper_prior.names
-        posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=self._modes.get(names))
+        posterior = HyperPosterior(
+            bound, truncated=bound.truncation.active, near=self._modes.get(names)
+        )
         # What models that are one Gaussian given φ have in common: all but slopes, their rivals and truncation.
-        key = model_to_toml(model.without("truncation").with_slope_scale(1.0).with_degree(0).with_rivals())
+        key = model_to_toml(
+            model.without("truncation").with_slope_scale(1.0).with_degree(0).with_rivals()
+        )
         if key not in self._relatives:
             self._relatives[key] = _Relatives(posterior.plain.nodes(self.tolerance), self.tolerance)
             self._modes.setdefault(names, posterior.plain.mode)
@@ -239,28 +293,43 @@ class _Relatives:
         for start in range(0, len(free), CHUNK):
             part = slice(start, start + CHUNK)
             _, given = bound.collapsed.conditional(bound.hyper_prior.phi(free[part]), last=p)
-            mean[:, part], covariance[..., part] = given.mean.T, np.moveaxis(given.covariance, 0, -1)
+            mean[:, part], covariance[..., part] = (
+                given.mean.T,
+                np.moveaxis(given.covariance, 0, -1),
+            )
         return mean + np.pad(bound.centre, (p - len(bound.names), 0))[:, None], covariance
 
-    def _changed(self, bound: BoundModel, own: list[int], nodes: Array) -> tuple[Array, Array, Array]:
+    def _changed(
+        self, bound: BoundModel, own: list[int], nodes: Array
+    ) -> tuple[Array, Array, Array]:
         """ln of the ratio of p(y | φ) (n,), and ``own`` coefficients' mean and covariance under the other prior, at nodes."""
         log_ratio, other = np.zeros(len(nodes)), bound.coefficients
-        priors = [(*before, other.get(name, (0.0, 0.0))[1]) for name, before in self._bound.coefficients.items()]
+        priors = [
+            (*before, other.get(name, (0.0, 0.0))[1])
+            for name, before in self._bound.coefficients.items()
+        ]
         changed = {j: own for j, own in enumerate(priors) if abs(own[2] - own[1]) > _SAME * own[1]}
         places = np.array([*own, *(j for j in changed if j not in own)], dtype=np.intp)
-        mean, covariance = (part[np.ix_(*[places] * (part.ndim - 1), nodes)] for part in self._given)
+        mean, covariance = (
+            part[np.ix_(*[places] * (part.ndim - 1), nodes)] for part in self._given
+        )
         for j, (middle, sd_before, sd) in changed.items():
             k, variance = int(np.argmax(places == j)), sd_before**2
             at, noise = (middle, 1.0 / (1.0 / sd**2 - 1.0 / variance)) if sd else (0.0, 0.0)
             here, before, apart = covariance[k, k] + noise, variance + noise, mean[k] - at
-            log_ratio = log_ratio + 0.5 * (np.log(before / here) + (middle - at) ** 2 / before - apart**2 / here)
+            log_ratio = log_ratio + 0.5 * (
+                np.log(before / here) + (middle - at) ** 2 / before - apart**2 / here
+            )
             gain = covariance[k] / here
             mean, covariance = mean - gain * apart, covariance - gain[:, None] * covariance[k]
         return log_ratio, mean[: len(own)], covariance[: len(own), : len(own)]
 
 
 def leave_one_out(
-    weighed: Mapping[str, Nodes], *, tolerance: float = 1e-2, progress: Callable[[], object] = lambda: None
+    weighed: Mapping[str, Nodes],
+    *,
+    tolerance: float = 1e-2,
+    progress: Callable[[], object] = lambda: None,
 ) -> dict[str, dict[str, Nodes]]:
     """Of every model, by name, every test's name to the nodes of the other tests, from those of all; for at least two tests."""
     bounds = [nodes.bound for nodes in weighed.values()]
@@ -269,8 +338,12 @@ def leave_one_out(
     for test in tests:
         rest = [other for other in tests if other != test]
         evidences = Evidences(bounds[0].campaign, tolerance=tolerance, progress=progress, keep=rest)
-        evidences._modes = {nodes.bound.hyper_prior.names: nodes.posterior.plain.mode for nodes in weighed.values()}
-        for name, nodes in zip(weighed, evidences.of(*(bound.model for bound in bounds)), strict=True):
+        evidences._modes = {
+            nodes.bound.hyper_prior.names: nodes.posterior.plain.mode for nodes in weighed.values()
+        }
+        for name, nodes in zip(
+            weighed, evidences.of(*(bound.model for bound in bounds)), strict=True
+        ):
             left[name][test] = nodes
     return left
 

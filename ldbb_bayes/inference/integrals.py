@@ -28,9 +28,17 @@ from ldbb_bayes.model.gaussian import Sobol
 from ldbb_bayes.result import Array
 
 __all__ = [
-    "CHUNK", "LARGEST_PARETO_K", "Integral", "Mixture", "SplitT", "bridge_sample", "grow_lattice", "importance_sample",
-    "in_chunks", "integrate",
-]  # fmt: skip
+    "CHUNK",
+    "LARGEST_PARETO_K",
+    "Integral",
+    "Mixture",
+    "SplitT",
+    "bridge_sample",
+    "grow_lattice",
+    "importance_sample",
+    "in_chunks",
+    "integrate",
+]
 
 LogDensity = Callable[[Array], Array]
 Random = np.random.Generator | np.random.RandomState
@@ -46,12 +54,20 @@ class Integral:
     free: Array  # the nodes (n, h)
     log_density: Array  # ln f there
     log_volume: Array  # ln of the volume that each stands for
-    part: NDArray[np.intp]  # which of several estimates of the integral a node belongs to: two grids, or independent scrambles
+    part: NDArray[
+        np.intp
+    ]  # which of several estimates of the integral a node belongs to: two grids, or independent scrambles
     edge: NDArray[np.bool_]  # nodes of a lattice beyond which nothing was looked for
-    proposal: Mixture | None  # what a sample was drawn from, a density much like f; none of a lattice
-    left_out: float = 0.0  # at most this share of the integral is in nodes whose density was not evaluated
+    proposal: (
+        Mixture | None
+    )  # what a sample was drawn from, a density much like f; none of a lattice
+    left_out: float = (
+        0.0  # at most this share of the integral is in nodes whose density was not evaluated
+    )
     coarser: float = 0.0  # how far apart a lattice's two grids were with the step before this [nat]; zero of the first
-    bridge_error: float = 0.0  # of ln ∫ f by bridge sampling, where the nodes are emcee's draws; zero of others
+    bridge_error: float = (
+        0.0  # of ln ∫ f by bridge sampling, where the nodes are emcee's draws; zero of others
+    )
 
     @cached_property
     def _log_weight(self) -> Array:
@@ -76,7 +92,9 @@ class Integral:
     @cached_property
     def apart(self) -> float:
         """Difference of the two grids of a lattice [nat]."""
-        return abs(float(np.diff(np.log(np.maximum(np.bincount(self.part, self.weight), 1e-300)))[0]))
+        return abs(
+            float(np.diff(np.log(np.maximum(np.bincount(self.part, self.weight), 1e-300)))[0])
+        )
 
     @cached_property
     def error(self) -> float:
@@ -122,7 +140,9 @@ class Integral:
     def pick(self, size: int, rng: np.random.Generator) -> Array:
         """Nodes picked by their weights, systematically and in random order, shape (size, h)."""
         order = np.lexsort(self.free.T)
-        reached = np.searchsorted(np.cumsum(self.weight[order]), (rng.random() + np.arange(size)) / size)
+        reached = np.searchsorted(
+            np.cumsum(self.weight[order]), (rng.random() + np.arange(size)) / size
+        )
         return rng.permutation(self.free[order][np.minimum(reached, len(order) - 1)])
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
@@ -139,8 +159,14 @@ class Integral:
         heavy, values = self._heavy(spare), np.full(len(self.free), -np.inf)
         factor = log_factor(heavy)
         values[heavy] = self.log_density[heavy] + factor
-        found, share = replace(self, log_density=values), max(1.0 - float(self.weight[heavy].sum()), 0.0)
-        return replace(found, left_out=share * float(np.exp(factor.max() + self.log_integral - found.log_integral)))
+        found, share = (
+            replace(self, log_density=values),
+            max(1.0 - float(self.weight[heavy].sum()), 0.0),
+        )
+        return replace(
+            found,
+            left_out=share * float(np.exp(factor.max() + self.log_integral - found.log_integral)),
+        )
 
 
 def integrate(
@@ -162,7 +188,9 @@ def integrate(
 
 def in_chunks(log_density: LogDensity, points: Array, most: int = CHUNK) -> Array:
     """Return a log density at any number of points, evaluated a few hundred at a time."""
-    return np.concatenate([log_density(part) for part in np.array_split(points, max(1, -(-len(points) // most)))])
+    return np.concatenate(
+        [log_density(part) for part in np.array_split(points, max(1, -(-len(points) // most)))]
+    )
 
 
 _BEYOND, _MEAN_OF_TWO, _CANCELS, _DECLINE, _LOOSE = 3.0, 0.25, 0.02, 0.35, 1e-2
@@ -186,11 +214,22 @@ def grow_lattice(
     step = step or (2.0 if loose else 0.93 * np.pi * np.sqrt(2.0 / np.log(3.0 * h / tolerance)))
     while True:
         starts = [np.linalg.solve(root, mode - centre) / step for mode, _ in modes]
-        grids = [_grow(log_density, partial(_places, centre, step * root), starts, offset, depth, most) for offset in (0.0, 0.5)]
+        grids = [
+            _grow(log_density, partial(_places, centre, step * root), starts, offset, depth, most)
+            for offset in (0.0, 0.5)
+        ]
         place, values, edge = (np.concatenate(parts) for parts in zip(*grids, strict=True))
         half_a_cell = np.full(len(values), np.linalg.slogdet(step * root)[1] - np.log(2.0))
         part = np.repeat([0, 1], [len(grid[0]) for grid in grids])
-        found = Integral(_places(centre, step * root, place), values, half_a_cell, part, edge, None, coarser=coarser)
+        found = Integral(
+            _places(centre, step * root, place),
+            values,
+            half_a_cell,
+            part,
+            edge,
+            None,
+            coarser=coarser,
+        )
         if found.error <= tolerance or len(values) * finer**-h > most:
             return found
         if _BEYOND * found.weight[edge].sum() > tolerance / 2.0:
@@ -204,7 +243,12 @@ def _places(centre: Array, cell: Array, place: Array) -> Array:
 
 
 def _grow(
-    log_density: LogDensity, points: Callable[[Array], Array], starts: Sequence[Array], offset: float, depth: float, most: int
+    log_density: LogDensity,
+    points: Callable[[Array], Array],
+    starts: Sequence[Array],
+    offset: float,
+    depth: float,
+    most: int,
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Places of one grid, their log densities, and which of them are its edge: from the starts on, neighbours of what counts."""
     h = len(starts[0])
@@ -215,7 +259,11 @@ def _grow(
     index, values, top = np.zeros((0, h)), np.zeros(0), -np.inf
     while len(front) and len(index) <= most:
         value = in_chunks(log_density, points(front + offset))
-        index, values, keys = np.concatenate([index, front]), np.concatenate([values, value]), np.union1d(keys, _key(front))
+        index, values, keys = (
+            np.concatenate([index, front]),
+            np.concatenate([values, value]),
+            np.union1d(keys, _key(front)),
+        )
         top, last = max(top, float(value.max())), len(front)
         candidates = (front[value > top - depth][:, None] + neighbours).reshape(-1, h)
         key, fresh = np.unique(_key(candidates), return_index=True)
@@ -230,7 +278,9 @@ def _key(index: Array) -> NDArray[np.int64]:
     """One integer for each grid point."""
     reach = 1 << 62 // index.shape[1] - 1
     limited = np.clip(index, -reach, reach - 1).astype(np.int64)
-    key: NDArray[np.int64] = (limited + reach) @ ((2 * reach) ** np.arange(index.shape[1], dtype=np.int64))
+    key: NDArray[np.int64] = (limited + reach) @ (
+        (2 * reach) ** np.arange(index.shape[1], dtype=np.int64)
+    )
     return key
 
 
@@ -260,16 +310,24 @@ class SplitT:
         above = z > 0.0
         scale, freedom = (np.where(above, own[1], own[0]) for own in (self.scale, self.freedom))
         tails = (0.5 * (freedom + 1.0) * np.log1p(z**2 / (freedom * scale**2))).sum(axis=1)
-        return np.asarray(-np.log(_masses(self.scale, self.freedom).sum(axis=0)).sum() - np.linalg.slogdet(self.root)[1] - tails)
+        return np.asarray(
+            -np.log(_masses(self.scale, self.freedom).sum(axis=0)).sum()
+            - np.linalg.slogdet(self.root)[1]
+            - tails
+        )
 
     def at(self, uniform: Array) -> Array:
         """Points from uniform numbers (n, h)."""
         masses = _masses(self.scale, self.freedom)
         share = masses / masses.sum(axis=0)
         below = uniform < share[0]
-        level = np.clip(np.where(below, uniform / share[0], (1.0 - uniform) / share[1]) / 2.0, 1e-15, 0.5)
+        level = np.clip(
+            np.where(below, uniform / share[0], (1.0 - uniform) / share[1]) / 2.0, 1e-15, 0.5
+        )
         scale, freedom = (np.where(below, own[0], own[1]) for own in (self.scale, self.freedom))
-        return np.asarray(self.centre + np.where(below, scale, -scale) * stdtrit(freedom, level) @ self.root.T)
+        return np.asarray(
+            self.centre + np.where(below, scale, -scale) * stdtrit(freedom, level) @ self.root.T
+        )
 
 
 def _masses(scale: Array, freedom: Array) -> Array:
@@ -291,7 +349,12 @@ class Mixture:
 
     def by_component(self, points: Array) -> Array:
         """ln of share times density, shape (k, n)."""
-        return np.stack([np.log(a) + own.log_density(points) for a, own in zip(self.share, self.components, strict=True)])
+        return np.stack(
+            [
+                np.log(a) + own.log_density(points)
+                for a, own in zip(self.share, self.components, strict=True)
+            ]
+        )
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Independent draws, shape (size, h), from scales √temperature as wide."""
@@ -299,7 +362,9 @@ class Mixture:
         uniform = rng.uniform(size=(size, len(self.components[0].centre)))
         points = np.empty_like(uniform)
         for k, own in enumerate(self.components):
-            points[picked == k] = replace(own, scale=own.scale * np.sqrt(temperature)).at(uniform[picked == k])
+            points[picked == k] = replace(own, scale=own.scale * np.sqrt(temperature)).at(
+                uniform[picked == k]
+            )
         return points
 
 
@@ -317,7 +382,10 @@ def importance_sample(
     along the axes of every mode. Where the weights are even enough it draws on, twice as many, instead of fitting again. Where
     none can be trusted another seed is tried: a round may miss a tail by luck."""
     rng, h = np.random.default_rng(seed), len(modes[0][0])
-    proposal = Mixture(tuple(_along_axes(log_density, *mode) for mode in modes), np.full(len(modes), 1.0 / len(modes)))
+    proposal = Mixture(
+        tuple(_along_axes(log_density, *mode) for mode in modes),
+        np.full(len(modes), 1.0 / len(modes)),
+    )
     each, rounds = 1 << int(np.ceil(np.log2(max(_LEAST, 1.5 * h)))), list[Integral]()
     while len(rounds) < _ROUNDS:
         count = np.maximum(np.rint(each * proposal.share), 1.0).astype(int)
@@ -337,7 +405,9 @@ def importance_sample(
     best = min(rounds[1:], key=lambda own: (not own.trusted, own.error))
     if best.trusted or tries < 2:
         return best
-    again = importance_sample(log_density, modes, tolerance=tolerance, seed=seed + 1, most=most, tries=tries - 1)
+    again = importance_sample(
+        log_density, modes, tolerance=tolerance, seed=seed + 1, most=most, tries=tries - 1
+    )
     return again if again.trusted else best
 
 
@@ -354,7 +424,10 @@ def _drawn(
         for own, scrambles, n in zip(proposal.components, engines, count, strict=True)
         for engine in scrambles
     ]
-    free, part = np.concatenate(points), np.concatenate([np.repeat(np.arange(_SCRAMBLES), n) for n in count])
+    free, part = (
+        np.concatenate(points),
+        np.concatenate([np.repeat(np.arange(_SCRAMBLES), n) for n in count]),
+    )
     values = in_chunks(log_density, free)
     if before is not None:
         free, part = np.concatenate([before.free, free]), np.concatenate([before.part, part])
@@ -366,23 +439,35 @@ def _drawn(
 def _along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
     """A split t fitted to the density along every axis through a mode."""
     variance, vectors = np.linalg.eigh(root @ root.T)
-    root = vectors * np.sqrt(variance) @ vectors.T  # the root that turns the coordinates least: what is independent stays so
+    root = (
+        vectors * np.sqrt(variance) @ vectors.T
+    )  # the root that turns the coordinates least: what is independent stays so
     z, h = np.concatenate([-_ALONG[::-1], [0.0], _ALONG]), len(mode)
     points = (mode + z[:, None, None] * root.T).reshape(-1, h)
     values = in_chunks(log_density, points).reshape(-1, h)
     weight = np.exp(values - values.max(axis=0)) * np.gradient(z)[:, None]
-    return _fit_axes(mode, root, np.broadcast_to(z[:, None], values.shape), weight / weight.sum(axis=0))
+    return _fit_axes(
+        mode, root, np.broadcast_to(z[:, None], values.shape), weight / weight.sum(axis=0)
+    )
 
 
 def _fitted(rounds: Sequence[Integral]) -> Mixture:
     """The mixture that fits the points of all rounds, weighted by the mixture of all their proposals; weights are evened out
     while few points would carry all."""
     proposals = [own.proposal for own in rounds if own.proposal is not None]
-    points, values = (np.concatenate(own) for own in zip(*((own.free, own.log_density) for own in rounds), strict=True))
-    of_rounds = [np.log(len(own.free)) + q.log_density(points) for own, q in zip(rounds, proposals, strict=True)]
+    points, values = (
+        np.concatenate(own)
+        for own in zip(*((own.free, own.log_density) for own in rounds), strict=True)
+    )
+    of_rounds = [
+        np.log(len(own.free)) + q.log_density(points)
+        for own, q in zip(rounds, proposals, strict=True)
+    ]
     log_weight, h = values - np.logaddexp.reduce(of_rounds, axis=0), points.shape[1]
     power, weight = 1.0, np.zeros(0)
-    while not weight.size or (1.0 / (weight**2).sum() < min(len(weight) / 3.0, 40.0 * (h + 1.0)) and power > 0.02):
+    while not weight.size or (
+        1.0 / (weight**2).sum() < min(len(weight) / 3.0, 40.0 * (h + 1.0)) and power > 0.02
+    ):
         weight = np.exp(power * (log_weight - log_weight.max()))
         weight, power = weight / weight.sum(), 0.8 * power
     return _moved(proposals[-1], points, weight)
@@ -439,15 +524,22 @@ def _fit_axes(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
                 moment, masses = (sides * pull * apart).sum(axis=1), _masses(scale, freedom)
                 scale = np.clip(np.cbrt(masses.sum(axis=0) * scale / masses * moment), 0.05, 20.0)
             for side in (0, 1):
-                tails = np.array([(sides[side] * _tail(apart, scale[side], own)).sum(axis=0) for own in freedoms])
+                tails = np.array(
+                    [(sides[side] * _tail(apart, scale[side], own)).sum(axis=0) for own in freedoms]
+                )
                 masses = np.array([_masses(scale[side], own) for own in freedoms])
-                freedom[side] = freedoms[np.argmin(np.log(masses + _masses(scale, freedom)[1 - side]) + tails, axis=0)]
+                freedom[side] = freedoms[
+                    np.argmin(np.log(masses + _masses(scale, freedom)[1 - side]) + tails, axis=0)
+                ]
         log_likelihood = -np.log(_masses(scale, freedom).sum(axis=0)) - sum(
             (sides[side] * _tail(apart, scale[side], freedom[side])).sum(axis=0) for side in (0, 1)
         )
         better = log_likelihood > likely
         likely = np.where(better, log_likelihood, likely)
-        best = tuple(np.where(better, new, old) for new, old in zip((np.full(h, offset), scale, freedom), best, strict=True))
+        best = tuple(
+            np.where(better, new, old)
+            for new, old in zip((np.full(h, offset), scale, freedom), best, strict=True)
+        )
     return SplitT(centre + root @ best[0], root, _WIDER * best[1], best[2])
 
 
@@ -471,26 +563,42 @@ def bridge_sample(log_density: LogDensity, sample: Integral, *, seed: int = 0) -
     if chain is None:
         return sample
     (one, its_error, _), (other, other_error, proposal) = (
-        _bridge(log_density, sample, *halves, random) for halves in ((chain[:2], chain[2:]), (chain[2:], chain[:2]))
+        _bridge(log_density, sample, *halves, random)
+        for halves in ((chain[:2], chain[2:]), (chain[2:], chain[:2]))
     )
     picked = chain.reshape(_ENSEMBLES, -1, chain.shape[3])[:, :: -(-chain[..., 0].size // _NODES)]
     free, part = np.concatenate(picked), np.repeat(np.arange(_ENSEMBLES), picked.shape[1])
     values = in_chunks(log_density, free)
     log_volume = 0.5 * (one + other) - np.log(len(free)) - values
     error = 0.5 * _STUDENT * max(float(np.hypot(its_error, other_error)), abs(one - other))
-    return Integral(free, values, log_volume, part, np.zeros(len(free), dtype=bool), proposal, bridge_error=error)
+    return Integral(
+        free,
+        values,
+        log_volume,
+        part,
+        np.zeros(len(free), dtype=bool),
+        proposal,
+        bridge_error=error,
+    )
 
 
-def _chain(log_density: LogDensity, sample: Integral, random: np.random.RandomState) -> Array | None:
+def _chain(
+    log_density: LogDensity, sample: Integral, random: np.random.RandomState
+) -> Array | None:
     """Draws of f, shape (ensembles, walkers, draws, h), of ensembles that have each been everywhere; none where they have not.
     The walkers of an ensemble wander together, unseen by diagnostics that take them for chains: it is their mean ln f, in the
     order of time, that must mix. Until it does a run three times as long begins where the last one ended."""
     h = sample.free.shape[1]
     half = _ENSEMBLES // 2 * (walkers := max(_WALKERS, 4 * h))
     heavy = np.argsort(-sample._log_weight - random.gumbel(size=len(sample.free)))[:half]
-    starts = np.concatenate([sample.free[heavy], sample.draw(half, random, temperature=_WIDE)]).reshape(_ENSEMBLES, walkers, h)
+    starts = np.concatenate(
+        [sample.free[heavy], sample.draw(half, random, temperature=_WIDE)]
+    ).reshape(_ENSEMBLES, walkers, h)
     for k in range(_RUNS):
-        rule, sequence = StoppingRule(ess=_DRAWS * _LONGER**k), np.random.SeedSequence(random.randint(1 << 31))
+        rule, sequence = (
+            StoppingRule(ess=_DRAWS * _LONGER**k),
+            np.random.SeedSequence(random.randint(1 << 31)),
+        )
         run = run_ensembles(log_density, starts, rule=rule, seed=sequence)
         chain = run.chain.reshape(_ENSEMBLES, walkers, -1, h)
         height = in_chunks(log_density, chain.reshape(-1, h)).reshape(chain.shape[:3]).mean(axis=1)
@@ -501,7 +609,9 @@ def _chain(log_density: LogDensity, sample: Integral, random: np.random.RandomSt
     return None
 
 
-def _bridge(log_density: LogDensity, sample: Integral, fitted: Array, chain: Array, rng: Random) -> tuple[float, float, Mixture]:
+def _bridge(
+    log_density: LogDensity, sample: Integral, fitted: Array, chain: Array, rng: Random
+) -> tuple[float, float, Mixture]:
     """ln ∫ f from one chain (ensembles, walkers, draws, h) and draws of a proposal fitted to another; its standard error
     (Frühwirth-Schnatter, Econometrics Journal 7, 143-167, 2004), the chain's from means over walkers in the order of time; and
     the proposal."""
@@ -510,16 +620,29 @@ def _bridge(log_density: LogDensity, sample: Integral, fitted: Array, chain: Arr
     for _ in range(2):
         proposal = _moved(proposal, own, np.full(len(own), 1.0 / len(own)))
     drawn = proposal.draw(len(points), rng)
-    here, there = (in_chunks(log_density, own) - proposal.log_density(own) for own in (points, drawn))
-    share = 1.0 / (1.0 + len(points) / diagnose(chain.reshape(len(chain), -1, chain.shape[3]))[0].min())
+    here, there = (
+        in_chunks(log_density, own) - proposal.log_density(own) for own in (points, drawn)
+    )
+    share = 1.0 / (
+        1.0 + len(points) / diagnose(chain.reshape(len(chain), -1, chain.shape[3]))[0].min()
+    )
     value, before = float(np.median(here)), np.inf
     while abs(value - before) > _SETTLED:
-        of_chain, of_drawn = (-np.logaddexp(np.log(share) + own, np.log1p(-share) + value) for own in (here, there))
-        before, value = value, float(np.logaddexp.reduce(there + of_drawn) - np.logaddexp.reduce(of_chain))
+        of_chain, of_drawn = (
+            -np.logaddexp(np.log(share) + own, np.log1p(-share) + value) for own in (here, there)
+        )
+        before, value = (
+            value,
+            float(np.logaddexp.reduce(there + of_drawn) - np.logaddexp.reduce(of_chain)),
+        )
     over_time = np.exp(of_chain + value).reshape(chain.shape[:3]).mean(axis=1)
     inside = np.exp(there + of_drawn)
     variance = over_time.var() / over_time.mean() ** 2 / diagnose(over_time[..., None])[0, 0]
-    return value, float(np.sqrt(variance + inside.var() / inside.mean() ** 2 / len(inside))), proposal
+    return (
+        value,
+        float(np.sqrt(variance + inside.var() / inside.mean() ** 2 / len(inside))),
+        proposal,
+    )
 
 
 def _pareto_k(log_weight: Array) -> float:
@@ -532,7 +655,9 @@ def _pareto_k(log_weight: Array) -> float:
         return -np.inf if size >= 5 else np.inf
     tail = np.maximum(tail, 1e-300)
     count = 30 + int(np.sqrt(size))
-    theta = 1.0 / tail[-1] + (1.0 - np.sqrt(count / (np.arange(count) + 0.5))) / (3.0 * tail[int(size / 4.0 + 0.5) - 1])
+    theta = 1.0 / tail[-1] + (1.0 - np.sqrt(count / (np.arange(count) + 0.5))) / (
+        3.0 * tail[int(size / 4.0 + 0.5) - 1]
+    )
     shape = np.log1p(-theta[:, None] * tail).mean(axis=1)
     profile = size * (np.log(-theta / shape) - shape - 1.0)
     weight = np.exp(profile - profile.max())

@@ -16,7 +16,16 @@ from scipy.special import ndtri
 
 from ldbb_bayes.result import Array, Shown
 
-__all__ = ["Assessment", "EnsembleRun", "Progress", "Redraw", "StoppingRule", "assess", "diagnose", "run_ensembles"]
+__all__ = [
+    "Assessment",
+    "EnsembleRun",
+    "Progress",
+    "Redraw",
+    "StoppingRule",
+    "assess",
+    "diagnose",
+    "run_ensembles",
+]
 
 _BLOCKS_A_LEVEL, _MOST_DOUBLINGS, _DOUBLINGS_STORED = 4, 5, 2
 _JUMP, _REDRAWN, _MOST_DRAWS, _STOCK = 0.1, 0.9, 25_000, 512
@@ -59,7 +68,11 @@ class Assessment:
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
         """How much of the sample sizes asked for there is."""
         shares = (self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess)
-        return min(shares) if walkers == 0 else min(*shares, self.ess_bulk_min / (rule.lengths * walkers))
+        return (
+            min(shares)
+            if walkers == 0
+            else min(*shares, self.ess_bulk_min / (rule.lengths * walkers))
+        )
 
 
 @dataclass(frozen=True)
@@ -93,8 +106,13 @@ def diagnose(chain: Array) -> Array:
     folded = np.abs(split - np.median(split, axis=(1, 2), keepdims=True))
     white, white_folded = _rank_normalised(split), _rank_normalised(folded)
     below = [draws <= np.quantile(flat, level, axis=1)[:, None, None] for level in _TAILS]
-    tails = [_ess(np.concatenate([own[..., :half], own[..., -half:]], axis=1).astype(float)) for own in below]
-    return np.stack([_ess(white), np.minimum(*tails), np.maximum(_rhat(white), _rhat(white_folded))])
+    tails = [
+        _ess(np.concatenate([own[..., :half], own[..., -half:]], axis=1).astype(float))
+        for own in below
+    ]
+    return np.stack(
+        [_ess(white), np.minimum(*tails), np.maximum(_rhat(white), _rhat(white_folded))]
+    )
 
 
 def _rank_normalised(draws: Array) -> Array:
@@ -105,8 +123,15 @@ def _rank_normalised(draws: Array) -> Array:
     new = np.diff(ordered, axis=1) > 0.0
     ends = np.ones((len(flat), 1), dtype=bool)
     first = np.maximum.accumulate(np.where(np.hstack([ends, new]), place, 0), axis=1)
-    last = np.minimum.accumulate(np.where(np.hstack([new, ends]), place, n)[:, ::-1], axis=1)[:, ::-1]
-    np.put_along_axis(flat := np.empty_like(flat), order, ndtri(((first + last) / 2.0 + 0.625) / (n + 0.25)), axis=1)
+    last = np.minimum.accumulate(np.where(np.hstack([new, ends]), place, n)[:, ::-1], axis=1)[
+        :, ::-1
+    ]
+    np.put_along_axis(
+        flat := np.empty_like(flat),
+        order,
+        ndtri(((first + last) / 2.0 + 0.625) / (n + 0.25)),
+        axis=1,
+    )
     return flat.reshape(draws.shape)
 
 
@@ -124,15 +149,21 @@ def _ess(draws: Array) -> Array:
     transform = np.fft.rfft(centred, 1 << (2 * n - 1).bit_length(), axis=2)
     covariance = np.fft.irfft((np.abs(transform) ** 2).mean(axis=1), axis=1)[:, :n] / n
     within = covariance[:, :1] * n / (n - 1.0)
-    total = covariance[:, :1] + (draws.mean(axis=2).var(axis=1, ddof=1)[:, None] if chains > 1 else 0.0)
+    total = covariance[:, :1] + (
+        draws.mean(axis=2).var(axis=1, ddof=1)[:, None] if chains > 1 else 0.0
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         rho = 1.0 - (within - covariance) / total
     rho[:, 0] = 1.0
     pairs = rho[:, : 2 * ((n - 1) // 2)].reshape(len(rho), -1, 2).sum(axis=2)
     last = np.argmax(np.hstack([pairs[:, :-1] <= 0.0, np.ones((len(rho), 1), dtype=bool)]), axis=1)
     every = np.arange(len(rho))
-    even = np.where((pairs[every, last] >= 0.0) | (rho[every, 2 * last] > 0.0), rho[every, 2 * last], 0.0)
-    falling = np.where(np.arange(pairs.shape[1]) < last[:, None], np.minimum.accumulate(pairs, axis=1), 0.0)
+    even = np.where(
+        (pairs[every, last] >= 0.0) | (rho[every, 2 * last] > 0.0), rho[every, 2 * last], 0.0
+    )
+    falling = np.where(
+        np.arange(pairs.shape[1]) < last[:, None], np.minimum.accumulate(pairs, axis=1), 0.0
+    )
     length = np.maximum(2.0 * falling.sum(axis=1) + even - 1.0, 1.0 / np.log10(chains * n))
     still = np.ptp(draws, axis=(1, 2)) < _ROUNDING
     return np.asarray(np.where(still, chains * n, chains * n / length))
@@ -156,7 +187,9 @@ def _emcee() -> Any:
         if hidden:
             del sys.modules["scipy.stats"]
     if hidden:
-        emcee.moves.kde.gaussian_kde = lambda *args, **options: import_module("scipy.stats").gaussian_kde(*args, **options)
+        emcee.moves.kde.gaussian_kde = lambda *args, **options: import_module(
+            "scipy.stats"
+        ).gaussian_kde(*args, **options)
     return emcee
 
 
@@ -172,8 +205,14 @@ def run_ensembles(
     """Run one ensemble per start until the rule is met: differential evolution, mixed with independent draws from ``redraw``.
     ``log_density`` maps (n, d) to (n,), where −inf is allowed, NaN is not; ``starts`` are (ensembles, walkers, d). Most looks
     assess only the coordinate that was worst at the last."""
-    twisters: Any = [np.random.RandomState(child.generate_state(8)).get_state() for child in seed.spawn(len(starts))]
-    states = [_emcee().State(own, random_state=twister) for own, twister in zip(starts, twisters, strict=True)]
+    twisters: Any = [
+        np.random.RandomState(child.generate_state(8)).get_state()
+        for child in seed.spawn(len(starts))
+    ]
+    states = [
+        _emcee().State(own, random_state=twister)
+        for own, twister in zip(starts, twisters, strict=True)
+    ]
     samplers = [_sampler(log_density, starts.shape[1:], redraw) for _ in starts]
     walkers = starts.shape[1]
     count, clock, steps = len(starts) * walkers, time.perf_counter(), 0
@@ -196,21 +235,32 @@ def run_ensembles(
         if progress is not None:
             share = assessment.share(rule, walkers=count)
             needed = min(steps / share, rule.max_steps) - steps if share > 0.0 else None
-            left = None if needed is None else max(needed, 0.0) * (time.perf_counter() - clock) / steps
+            left = (
+                None if needed is None else max(needed, 0.0) * (time.perf_counter() - clock) / steps
+            )
             progress(Progress(steps, rule.max_steps, rule.ess, assessment, left))
         converged = assessment.meets(rule, walkers=count)
         if converged or last:
-            return EnsembleRun(chain, assessment, converged, steps, walkers, float(np.mean(accepted)))
+            return EnsembleRun(
+                chain, assessment, converged, steps, walkers, float(np.mean(accepted))
+            )
 
 
-def _sampler(log_density: Callable[[Array], Array], shape: tuple[int, int], redraw: Redraw | None) -> Any:
+def _sampler(
+    log_density: Callable[[Array], Array], shape: tuple[int, int], redraw: Redraw | None
+) -> Any:
     """One ensemble of so many walkers and dimensions."""
     de = _emcee().moves.DEMove
     moves = [(de(), 1.0 - _JUMP), (de(gamma0=1.0), _JUMP)]
     if redraw is not None:
-        moves = [(RedrawMove(redraw), _REDRAWN), *((move, (1.0 - _REDRAWN) * share) for move, share in moves)]
+        moves = [
+            (RedrawMove(redraw), _REDRAWN),
+            *((move, (1.0 - _REDRAWN) * share) for move, share in moves),
+        ]
     sampler = _emcee().EnsembleSampler(*shape, log_density, vectorize=True, moves=moves)
-    sampler.log_prob_fn = log_density  # emcee's wrapper prints the walkers of a run that is interrupted
+    sampler.log_prob_fn = (
+        log_density  # emcee's wrapper prints the walkers of a run that is interrupted
+    )
     return sampler
 
 
@@ -224,11 +274,16 @@ def _run_block(sampler: Any, state: Any, draws: int, thin: int) -> tuple[Array, 
 def _kept_draws(parts: list[tuple[int, Array]], rule: StoppingRule) -> Array:
     """Draws after burn-in, walker-major, at the spacing of the last block, wider where there are very many."""
     strides = [parts[-1][0] // thin for thin, _ in parts]
-    every = np.concatenate([own[:, stride - 1 :: stride] for stride, (_, own) in zip(strides, parts, strict=True)], axis=1)
+    every = np.concatenate(
+        [own[:, stride - 1 :: stride] for stride, (_, own) in zip(strides, parts, strict=True)],
+        axis=1,
+    )
     kept = every[:, int(rule.discard * every.shape[1]) :]
     most = max(_MOST_DRAWS, int(2.0 * rule.ess / len(kept)))
     stride = -(-kept.shape[1] * kept.shape[2] // most)
-    return np.swapaxes(kept[:, (kept.shape[1] - 1) % stride :: stride], 1, 2).reshape(len(kept), -1, kept.shape[3])
+    return np.swapaxes(kept[:, (kept.shape[1] - 1) % stride :: stride], 1, 2).reshape(
+        len(kept), -1, kept.shape[3]
+    )
 
 
 class Redraw(Protocol):
@@ -254,7 +309,10 @@ class RedrawMove:
         here[moved] = self._redraw.log_weight(state.coords[moved]) if moved.any() else 0.0
         while not self._stock or len(self._stock[0]) < size:
             drawn = self._redraw.draw(_STOCK, model.random)
-            self._stock = [np.concatenate(own) for own in zip(self._stock or [own[:0] for own in drawn], drawn, strict=True)]
+            self._stock = [
+                np.concatenate(own)
+                for own in zip(self._stock or [own[:0] for own in drawn], drawn, strict=True)
+            ]
         points, log_weight, log_target = (own[:size] for own in self._stock)
         self._stock = [own[size:] for own in self._stock]
         accepted = np.log(model.random.random_sample(size)) < log_weight - here

@@ -11,21 +11,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.integrals import CHUNK, Integral, bridge_sample, importance_sample, in_chunks, integrate
-from ldbb_bayes.model.gaussian import Sobol, central_differences, mixture_quantiles, newton, solve_upper
+from ldbb_bayes.inference.integrals import (
+    CHUNK,
+    Integral,
+    bridge_sample,
+    importance_sample,
+    in_chunks,
+    integrate,
+)
+from ldbb_bayes.model.gaussian import (
+    Sobol,
+    central_differences,
+    mixture_quantiles,
+    newton,
+    solve_upper,
+)
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.likelihood import ParameterConditional
 from ldbb_bayes.model.truncation import Orthant
 from ldbb_bayes.result import Array
 from ldbb_bayes.units import value_and_uncertainty
 
-__all__ = ["Evidence", "HyperPosterior", "Nodes", "TooRoughError", "conditional_draws", "draw_jointly", "draw_parameters_given"]
+__all__ = [
+    "Evidence",
+    "HyperPosterior",
+    "Nodes",
+    "TooRoughError",
+    "conditional_draws",
+    "draw_jointly",
+    "draw_parameters_given",
+]
 
 Index = NDArray[np.intp]
 _STEP, _FLATTEST = 0.05, 0.3
 _STARTS, _BASINS, _APART = 256, 3, 1.5
 _MOST_WITH_CORNERS, _BELOW_MODE = 5, 3.0
-_COARSE, _COARSE_STEP, _LOW, _OF_TOLERANCE, _SPARED, _FINEST, _SHARE = 0.2, 1.25, 12.0, 20.0, 5e-4, 1e-3, 0.7
+_COARSE, _COARSE_STEP, _LOW, _OF_TOLERANCE, _SPARED, _FINEST, _SHARE = (
+    0.2,
+    1.25,
+    12.0,
+    20.0,
+    5e-4,
+    1e-3,
+    0.7,
+)
 
 
 class HyperPosterior:
@@ -40,18 +69,25 @@ class HyperPosterior:
         Free coordinates of the mode of a density much like this one; saves the search for it.
     """
 
-    def __init__(self, bound: BoundModel, *, truncated: bool, seed: int = 0, near: Array | None = None) -> None:
+    def __init__(
+        self, bound: BoundModel, *, truncated: bool, seed: int = 0, near: Array | None = None
+    ) -> None:
         self.bound, self.truncated, self._seed, self._near = bound, truncated, seed, near
         self._kept: dict[float, Integral] = {}
 
     @cached_property
     def modes(self) -> list[tuple[Array, Array]]:
         """Every mode (h,) that was found and counts, the highest first, and a root (h, h) of the inverse curvature there."""
-        climbed = [newton(self._smooth, self._derivatives, start, least_curvature=_FLATTEST) for start in self._starts()]
+        climbed = [
+            newton(self._smooth, self._derivatives, start, least_curvature=_FLATTEST)
+            for start in self._starts()
+        ]
         height = self._smooth(np.array(climbed))
         found: list[tuple[Array, Array]] = []
         for k in np.argsort(-height):
-            if height[k] > height.max() - _LOW and all(np.linalg.norm(climbed[k] - mode) > _APART for mode, _ in found):
+            if height[k] > height.max() - _LOW and all(
+                np.linalg.norm(climbed[k] - mode) > _APART for mode, _ in found
+            ):
                 found.append((climbed[k], _root(self._derivatives(climbed[k])[1])))
         return found
 
@@ -71,7 +107,9 @@ class HyperPosterior:
         if inside.any() and self.truncated:
             log_evidence, given = self.given(free[inside])
             orthant = given.orthant
-            total[inside] += log_evidence + (orthant.log_bound if smooth else orthant.log_probability(seed=self._seed)[0])
+            total[inside] += log_evidence + (
+                orthant.log_bound if smooth else orthant.log_probability(seed=self._seed)[0]
+            )
         elif inside.any():
             total[inside] += self.bound.log_evidence(self.bound.hyper_prior.phi(free[inside]))
         return np.asarray(total)
@@ -80,7 +118,9 @@ class HyperPosterior:
         """Weighted nodes of p(y, free coordinates) to this tolerance [nat]; of their own where truncation moves it far."""
         if not self.truncated:
             if tolerance not in self._kept:
-                self._kept[tolerance] = integrate(self._smooth, self.modes, tolerance=tolerance, seed=self._seed)
+                self._kept[tolerance] = integrate(
+                    self._smooth, self.modes, tolerance=tolerance, seed=self._seed
+                )
             return Nodes(self, self._kept[tolerance])
         found = self.inside(self.plain.nodes(tolerance).integral, tolerance)
         if found.integral.error <= tolerance and not found.suit(tolerance):
@@ -91,7 +131,12 @@ class HyperPosterior:
         return min(found, self.inside(smooth, tolerance, bounded=True), key=lambda own: own.error)
 
     def inside(
-        self, integral: Integral, tolerance: float, orthant: Callable[[Index], Orthant] | None = None, *, bounded: bool = False
+        self,
+        integral: Integral,
+        tolerance: float,
+        orthant: Callable[[Index], Orthant] | None = None,
+        *,
+        bounded: bool = False,
     ) -> Nodes:
         """Nodes of a density without truncation times P(T | y, φ), or of one ``bounded`` times what the bound is too large by;
         ``orthant`` of an index of them, where known. Nodes share points: their errors add up."""
@@ -101,31 +146,47 @@ class HyperPosterior:
 
         def factor(index: Index) -> Array:
             own = orthant(index)
-            value, error[index] = own.log_probability(max(tolerance / 4.0, _FINEST), seed=self._seed)
+            value, error[index] = own.log_probability(
+                max(tolerance / 4.0, _FINEST), seed=self._seed
+            )
             return value - own.log_bound if bounded else value
 
-        found = integral.times(partial(in_chunks, factor, most=most), min(tolerance / _OF_TOLERANCE, _SPARED))
+        found = integral.times(
+            partial(in_chunks, factor, most=most), min(tolerance / _OF_TOLERANCE, _SPARED)
+        )
         return Nodes(self, found, float(found.weight @ np.where(found.weight > 0.0, error, 0.0)))
 
     @cached_property
     def plain(self) -> HyperPosterior:
         """The same without truncation."""
-        return HyperPosterior(self.bound, truncated=False, seed=self._seed, near=self._near) if self.truncated else self
+        return (
+            HyperPosterior(self.bound, truncated=False, seed=self._seed, near=self._near)
+            if self.truncated
+            else self
+        )
 
     @cached_property
     def proposal(self) -> Integral:
         """A sample, whose proposal can be drawn from; P(T | y, φ) by its bound."""
-        return importance_sample(self._smooth, [*self.modes, *self._corners()], tolerance=_COARSE / 4.0, seed=self._seed)
+        return importance_sample(
+            self._smooth, [*self.modes, *self._corners()], tolerance=_COARSE / 4.0, seed=self._seed
+        )
 
     @cached_property
     def coarse(self) -> Integral:
         """Coarse nodes; P(T | y, φ) by its bound."""
-        return integrate(self._smooth, self.modes, tolerance=_COARSE, step=_COARSE_STEP, seed=self._seed)
+        return integrate(
+            self._smooth, self.modes, tolerance=_COARSE, step=_COARSE_STEP, seed=self._seed
+        )
 
     @cached_property
     def brief(self) -> Integral:
         """The coarse nodes with P(T | y, φ) itself."""
-        return self.inside(self.coarse, _COARSE, bounded=True).integral if self.truncated else self.coarse
+        return (
+            self.inside(self.coarse, _COARSE, bounded=True).integral
+            if self.truncated
+            else self.coarse
+        )
 
     @cached_property
     def emcee_nodes(self) -> Integral:
@@ -143,7 +204,9 @@ class HyperPosterior:
         starts = starts[np.argsort(-self._smooth(starts))]
         basins: list[Array] = []
         for start in starts[: _STARTS // 4]:
-            if len(basins) < _BASINS and all(np.linalg.norm(start - other) > _APART for other in basins):
+            if len(basins) < _BASINS and all(
+                np.linalg.norm(start - other) > _APART for other in basins
+            ):
                 basins.append(start)
         return basins
 
@@ -182,7 +245,9 @@ class Evidence:
     error: float  #: [nat]
     nodes: int  #: of the quadrature
     sha256: str  #: digest of the readings it is of
-    by_emcee: bool = False  #: emcee and bridge sampling took over, the weights of the nodes not to be trusted
+    by_emcee: bool = (
+        False  #: emcee and bridge sampling took over, the weights of the nodes not to be trusted
+    )
 
     def __repr__(self) -> str:
         value = " ± ".join(value_and_uncertainty(self.log_value, self.error))
@@ -208,21 +273,35 @@ class Nodes:
     @property
     def error(self) -> float:
         """Of the log evidence [nat]: the nodes' and, truncated, those of P(T | y, φ) and P(T | prior)."""
-        return self.integral.error + self.doubt + self.posterior.truncated * self.bound.truncation_prior[1]
+        return (
+            self.integral.error
+            + self.doubt
+            + self.posterior.truncated * self.bound.truncation_prior[1]
+        )
 
     def suit(self, tolerance: float) -> bool:
         """Whether more nodes are not needed: P(T | y, φ) may leave them less than the tolerance, though not below its half."""
-        return self.integral.error <= tolerance - (self.doubt if self.doubt < tolerance / 2.0 else 0.0)
+        return self.integral.error <= tolerance - (
+            self.doubt if self.doubt < tolerance / 2.0 else 0.0
+        )
 
     @cached_property
     def evidence(self) -> Evidence:
         """ln Z = ln ∫ p(y | φ) p(φ) dφ; truncated: ln Z + ln P(T | y) − ln P(T | prior)."""
         campaign, names = self.bound.campaign, self.bound.test_names
         sha256, left_out = campaign.sha256, len(names) < len(campaign.tests)
-        sha256 = hashlib.sha256("\n".join([sha256, *names]).encode()).hexdigest() if left_out else sha256
+        sha256 = (
+            hashlib.sha256("\n".join([sha256, *names]).encode()).hexdigest() if left_out else sha256
+        )
         prior = self.bound.log_prob_truncation_prior if self.posterior.truncated else 0.0
         by_emcee = self.integral.bridge_error > 0.0
-        return Evidence(self.integral.log_integral - prior, self.error, len(self.integral.weight), sha256, by_emcee)
+        return Evidence(
+            self.integral.log_integral - prior,
+            self.error,
+            len(self.integral.weight),
+            sha256,
+            by_emcee,
+        )
 
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """β given nodes picked by their weights, shape (size, p), and their φ, shape (size, h) [mm]."""
@@ -248,7 +327,9 @@ class Nodes:
         sd = np.maximum(np.sqrt(np.maximum(variance, 0.0)), 1e-6 * mean.std(axis=0))
         return mixture_quantiles(np.full(len(mean), 1.0 / len(mean)), mean, sd, levels)
 
-    def _given(self, free: Array, inside: Callable[[Orthant], tuple[Array, Array]]) -> Iterator[Array]:
+    def _given(
+        self, free: Array, inside: Callable[[Orthant], tuple[Array, Array]]
+    ) -> Iterator[Array]:
         """Means and variances of β given φ, (w, p) each; ``inside``: mean and covariance along the axes truncation acts on."""
         parts = []
         for start in range(0, len(free), CHUNK):
@@ -259,7 +340,9 @@ class Nodes:
                 shift, covariance = inside(given.orthant)
                 along = spread @ np.swapaxes(given.orthant.axes, 1, 2)
                 mean = mean + np.einsum("wpd,wd->wp", along, shift)
-                variance = variance + np.einsum("wpd,wde,wpe->wp", along, covariance - np.eye(shift.shape[1]), along)
+                variance = variance + np.einsum(
+                    "wpd,wde,wpe->wp", along, covariance - np.eye(shift.shape[1]), along
+                )
             parts.append((mean, variance))
         return (np.concatenate(own) for own in zip(*parts, strict=True))
 
@@ -268,7 +351,9 @@ _ROUNDS_INSIDE, _MOST_ROUNDS, _MOST_TRIES = 20, 50, 64
 _FEW_INSIDE, _INSIDE, _ENVELOPE = 0.02, 4.0, 2.0
 
 
-def conditional_draws(bound: BoundModel, free: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+def conditional_draws(
+    bound: BoundModel, free: Array, rng: np.random.Generator
+) -> tuple[Array, NDArray[np.bool_]]:
     """One draw of β (w, p) for each free coordinates from its exact conditional Gaussian inside the truncation; and whether it is
     exact: not where the rejection sampler gave up, or rounding left β outside."""
     beta, exact = np.zeros((len(free), len(bound.names))), np.ones(len(free), dtype=bool)
@@ -276,8 +361,14 @@ def conditional_draws(bound: BoundModel, free: Array, rng: np.random.Generator) 
     once = bound.given(bound.hyper_prior.phi(nodes))[1] if 2 * len(nodes) <= len(free) else None
     for start in range(0, len(free), CHUNK):
         part = slice(start, start + CHUNK)
-        given = once.picked(node.ravel()[part]) if once else bound.given(bound.hyper_prior.phi(free[part]))[1]
-        beta[part], exact[part] = given.draw_inside(rng) if bound.truncation.active else (given.draw(rng), True)
+        given = (
+            once.picked(node.ravel()[part])
+            if once
+            else bound.given(bound.hyper_prior.phi(free[part]))[1]
+        )
+        beta[part], exact[part] = (
+            given.draw_inside(rng) if bound.truncation.active else (given.draw(rng), True)
+        )
     return beta, exact
 
 
@@ -305,7 +396,9 @@ class TooRoughError(Exception):
     """The density of the hyper-parameters is too rough to be drawn from independently: emcee must take over."""
 
 
-def draw_jointly(start: HyperPosterior, size: int, rng: np.random.Generator) -> tuple[Array, Array, float]:
+def draw_jointly(
+    start: HyperPosterior, size: int, rng: np.random.Generator
+) -> tuple[Array, Array, float]:
     """Independent draws of free coordinates (size, h) and β (size, p), and the share of proposals used.
 
     Rejection from the proposal of a sample. Truncated, several β are drawn for each φ without truncation, and φ counts by how
@@ -342,11 +435,17 @@ def draw_jointly(start: HyperPosterior, size: int, rng: np.random.Generator) -> 
             white = white[index, np.minimum(again, count[index] - 1)]
             if not start.truncated:
                 white = rng.standard_normal(white.shape)
-            picked, beta = free[index], given.mean[index] + solve_upper(given.root[index], white) * given.scale[index]
+            picked, beta = (
+                free[index],
+                given.mean[index] + solve_upper(given.root[index], white) * given.scale[index],
+            )
         kept.append((picked, beta))
         used, tried = used + len(picked), tried + CHUNK
         if used >= size:
-            order, every = rng.permutation(size), [np.concatenate(part) for part in zip(*kept, strict=True)]
+            order, every = (
+                rng.permutation(size),
+                [np.concatenate(part) for part in zip(*kept, strict=True)],
+            )
             return every[0][order], every[1][order], used / tried
     raise TooRoughError(f"{used} of {size} draws from {tried} proposals")
 
@@ -354,10 +453,14 @@ def draw_jointly(start: HyperPosterior, size: int, rng: np.random.Generator) -> 
 def _owed(log_weight: Array, rng: np.random.Generator) -> Index:
     """Which proposals are used, each as often as its weight says on average."""
     owed = np.exp(log_weight)
-    return np.repeat(np.arange(len(owed)), (np.floor(owed) + (rng.random(len(owed)) < owed % 1.0)).astype(int))
+    return np.repeat(
+        np.arange(len(owed)), (np.floor(owed) + (rng.random(len(owed)) < owed % 1.0)).astype(int)
+    )
 
 
-def _inside(given: ParameterConditional, tries: int, rng: np.random.Generator, *, truncated: bool = True) -> tuple[Array, Array]:
+def _inside(
+    given: ParameterConditional, tries: int, rng: np.random.Generator, *, truncated: bool = True
+) -> tuple[Array, Array]:
     """Standard coordinates (w, tries, p) of draws without truncation, those inside it first, and how many are, (w,)."""
     white = rng.standard_normal((len(given.mean), tries, given.mean.shape[1]))
     rows = given.physical.rows[: None if truncated else 0]

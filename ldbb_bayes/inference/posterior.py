@@ -37,10 +37,32 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "Concern", "ConcernKind", "Fit", "State", "bound_of", "build_tree", "campaign_of", "campaign_record", "check_probability",
-    "curves_of", "draws_of", "fit_of", "load", "model_of", "nuisances", "numbers_of", "pareto_smooth", "parts_of",
-    "power_sensitivity", "priors_of", "record_of", "result_json", "save", "summarize", "to_units",
-]  # fmt: skip
+    "Concern",
+    "ConcernKind",
+    "Fit",
+    "State",
+    "bound_of",
+    "build_tree",
+    "campaign_of",
+    "campaign_record",
+    "check_probability",
+    "curves_of",
+    "draws_of",
+    "fit_of",
+    "load",
+    "model_of",
+    "nuisances",
+    "numbers_of",
+    "pareto_smooth",
+    "parts_of",
+    "power_sensitivity",
+    "priors_of",
+    "record_of",
+    "result_json",
+    "save",
+    "summarize",
+    "to_units",
+]
 
 _POWERS, _SENSITIVE = (0.99, 1.01), 0.05
 _COUNT = 10.0
@@ -49,8 +71,18 @@ _MOST_PER_BYTE, _REASON = 20, 120
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 _OF_TESTS = ("force_N", "pressure_bar", "work_ball_deg", "tool_ball_deg", "radius_mm")
 _OF_READINGS = ("angle_rad", "angle_as_read_deg", "reading_as_read_um", "test_index", "reading_mm")
-_DIMS = {name: ["test"] for name in _OF_TESTS} | {name: ["reading"] for name in _OF_READINGS} | {"reference_force_N": []}
-_UNITS = {"force_N": "N", "pressure_bar": "bar", "reading_mm": "mm", "angle_rad": "rad", "radius_mm": "mm"}
+_DIMS = (
+    {name: ["test"] for name in _OF_TESTS}
+    | {name: ["reading"] for name in _OF_READINGS}
+    | {"reference_force_N": []}
+)
+_UNITS = {
+    "force_N": "N",
+    "pressure_bar": "bar",
+    "reading_mm": "mm",
+    "angle_rad": "rad",
+    "radius_mm": "mm",
+}
 _ARRAYS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
 # What the record keeps so that the campaign and the model can be made again.
@@ -101,14 +133,18 @@ class Fit(Result):
     """How well a model fits, and what to mind."""
 
     rmse_um: float  #: Eq. 34 over all readings
-    fitness_percent: dict[str, float]  #: Eq. 35, by test; not a number where its readings are all the same
+    fitness_percent: dict[
+        str, float
+    ]  #: Eq. 35, by test; not a number where its readings are all the same
     log_prob_truncation: float  #: ln P(T | y) of the untruncated posterior
     log_prob_truncation_error: Finite  #: [nat]
     log_prob_truncation_prior: float  #: ln P(T) of the prior
     linearisation_error_um: float  #: largest difference of the linear model from the exact geometry
     concerns: tuple[Concern, ...]
     predictive_checks: dict[str, predictive.TestChecks]
-    sensitivity: dict[str, dict[str, float]]  #: by power-scaling of prior, hyper_prior and likelihood, of each parameter
+    sensitivity: dict[
+        str, dict[str, float]
+    ]  #: by power-scaling of prior, hyper_prior and likelihood, of each parameter
     #: Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is left
     #: out; not of flat priors.
     shift: dict[str, float]
@@ -131,14 +167,23 @@ class Fit(Result):
         """Those for which intervals would move: by half a u without the test, or by a tenth of their width."""
 
         def moves(own: predictive.Check) -> bool:
-            return self.shift.get(own.test, np.inf) > _MOVED if own.kind == predictive.CheckKind.ORDER else self.widening > _WIDER
+            return (
+                self.shift.get(own.test, np.inf) > _MOVED
+                if own.kind == predictive.CheckKind.ORDER
+                else self.widening > _WIDER
+            )
 
         return tuple(filter(moves, self.unexpected))
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of concerns and of checks that fail, each once."""
-        return tuple(dict.fromkeys([str(found.kind) for found in self.concerns] + [str(check.kind) for check in self.misfits]))
+        return tuple(
+            dict.fromkeys(
+                [str(found.kind) for found in self.concerns]
+                + [str(check.kind) for check in self.misfits]
+            )
+        )
 
     @property
     def state(self) -> State:
@@ -160,7 +205,9 @@ class Fit(Result):
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 
 
-def power_sensitivity(draws: Mapping[str, Array], scaled: Mapping[str, Array]) -> dict[str, dict[str, float]]:
+def power_sensitivity(
+    draws: Mapping[str, Array], scaled: Mapping[str, Array]
+) -> dict[str, dict[str, float]]:
     """How much each parameter's posterior changes when a part of the joint density is raised to a power near one.
 
     Of draws and of the log densities of parts, each (chains, draws). Above 0.05 counts as sensitive; 0 where a part is constant.
@@ -176,9 +223,14 @@ def power_sensitivity(draws: Mapping[str, Array], scaled: Mapping[str, Array]) -
         for power in _POWERS if np.ptp(log_density) > 0.0 else ():
             weight = np.exp((power - 1.0) * (log_density - log_density.mean())).ravel()
             moved = np.cumsum(weight[order], axis=1)[:, :-1] / weight.sum()
-            apart = np.maximum(_apart(plain, moved, widths), _apart(1.0 - plain, 1.0 - moved, widths))
+            apart = np.maximum(
+                _apart(plain, moved, widths), _apart(1.0 - plain, 1.0 - moved, widths)
+            )
             changes[part] += apart / abs(np.log2(power)) / len(_POWERS)
-    return {name: {part: float(values[k]) for part, values in changes.items()} for k, name in enumerate(draws)}
+    return {
+        name: {part: float(values[k]) for part, values in changes.items()}
+        for k, name in enumerate(draws)
+    }
 
 
 def _apart(one: Array, other: Array, widths: Array) -> Array:
@@ -209,7 +261,9 @@ def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
     return weight, k if counted and np.isfinite(k) else np.inf, good_k
 
 
-def build_tree(groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, record: Mapping[str, Any]) -> xr.DataTree:
+def build_tree(
+    groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, record: Mapping[str, Any]
+) -> xr.DataTree:
     """A DataTree of groups of arrays, those sampled (chain, draw, …), and ``record`` as JSON in the group ``provenance``."""
     import xarray as xr
     from xarray.indexes import PandasIndex
@@ -222,14 +276,29 @@ def build_tree(groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, rec
         # Made so, and read by .values, arrays do not have xarray import Dask to see whether they are its own.
         variables = {
             name: xr.Variable(
-                (*sampled, *_DIMS.get(name, ())), values, {"unit": units[name]} if name in units else {}, fastpath=True
+                (*sampled, *_DIMS.get(name, ())),
+                values,
+                {"unit": units[name]} if name in units else {},
+                fastpath=True,
             )
             for name, values in arrays.items()
         }
-        sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
-        values = {dim: np.array(bound.test_names) if dim == "test" else np.arange(size) for dim, size in sizes.items()}
-        indexes = {dim: PandasIndex(pd.Index(own), dim, coord_dtype=own.dtype) for dim, own in values.items()}
-        coords = {name: own for index in indexes.values() for name, own in index.create_variables().items()}
+        sizes = {
+            dim: size for variable in variables.values() for dim, size in variable.sizes.items()
+        }
+        values = {
+            dim: np.array(bound.test_names) if dim == "test" else np.arange(size)
+            for dim, size in sizes.items()
+        }
+        indexes = {
+            dim: PandasIndex(pd.Index(own), dim, coord_dtype=own.dtype)
+            for dim, own in values.items()
+        }
+        coords = {
+            name: own
+            for index in indexes.values()
+            for name, own in index.create_variables().items()
+        }
         sets[group] = xr.Dataset(variables, xr.Coordinates(coords, indexes))
     sets["provenance"] = xr.Dataset(attrs={"json": json.dumps(record, ensure_ascii=False)})
     return xr.DataTree.from_dict(sets)
@@ -252,7 +321,9 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     source = Path(path)
     source = source / "posterior.nc" if source.is_dir() else source
     if not source.is_file():
-        raise InputError(f"result must be a folder with posterior.nc or such a file, got {path}. Give the --out folder of a fit.")
+        raise InputError(
+            f"result must be a folder with posterior.nc or such a file, got {path}. Give the --out folder of a fit."
+        )
     opened = _opened(source)
     missing = [group for group in _GROUPS if group not in opened.children]
     if missing or "json" not in opened["provenance"].attrs:
@@ -260,7 +331,9 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
             f"{source} must be a posterior written by ldbb-bayes, got a file without {missing or 'provenance'}. Fit again."
         )
     if opened["provenance"].attrs.pop("sha256", "") != _digest(opened):
-        raise InputError(f"{source} must be as ldbb-bayes wrote it, got numbers that are not those of its digest. Fit again.")
+        raise InputError(
+            f"{source} must be as ldbb-bayes wrote it, got numbers that are not those of its digest. Fit again."
+        )
     fit_of(opened)
     return opened
 
@@ -272,7 +345,10 @@ def _opened(source: Path) -> xr.DataTree:
     loud = sys.unraisablehook
     sys.unraisablehook = lambda _: None  # a file half opened complains once more when it is dropped
     try:
-        with warnings.catch_warnings(action="ignore"), xr.open_datatree(source, engine="h5netcdf") as opened:
+        with (
+            warnings.catch_warnings(action="ignore"),
+            xr.open_datatree(source, engine="h5netcdf") as opened,
+        ):
             size, promised = source.stat().st_size, sum(node.nbytes for node in opened.subtree)
             if promised > _MOST_PER_BYTE * size + 2**20:
                 raise ValueError(f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB")
@@ -280,7 +356,9 @@ def _opened(source: Path) -> xr.DataTree:
     except Exception as error:  # noqa: BLE001  # whatever a damaged file makes of the libraries
         gc.collect()
         why = " ".join(str(error).split())[:_REASON]
-        raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({why}). Fit again.") from None
+        raise InputError(
+            f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({why}). Fit again."
+        ) from None
     finally:
         sys.unraisablehook = loud
 
@@ -291,22 +369,32 @@ def _digest(tree: xr.DataTree) -> str:
     for node in sorted(tree.subtree, key=lambda own: own.path):
         for name in sorted(map(str, node.variables)):
             values = np.asarray(node[name].values)
-            digest.update(f"{node.path}/{name} {values.shape} {node[name].attrs.get('unit', '')}".encode())
             digest.update(
-                np.ascontiguousarray(values).tobytes() if values.dtype.kind in "fiub" else str(values.tolist()).encode()
+                f"{node.path}/{name} {values.shape} {node[name].attrs.get('unit', '')}".encode()
+            )
+            digest.update(
+                np.ascontiguousarray(values).tobytes()
+                if values.dtype.kind in "fiub"
+                else str(values.tolist()).encode()
             )
     return digest.hexdigest()
 
 
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
     """What the record keeps of a campaign; readings and angles stand in the group constant_data, as read."""
-    nested = {name: asdict(getattr(campaign, name)) for name in ("mount", "force_law", "instrument")}
+    nested = {
+        name: asdict(getattr(campaign, name)) for name in ("mount", "force_law", "instrument")
+    }
     return {
-        "name": campaign.name, "sha256": campaign.sha256, "tests": len(campaign.tests), "readings": campaign.readings,
-        "forces_N": campaign.forces_N.tolist(), "fields": _fields(campaign, "name", "tests", "foreseen") | nested,
+        "name": campaign.name,
+        "sha256": campaign.sha256,
+        "tests": len(campaign.tests),
+        "readings": campaign.readings,
+        "forces_N": campaign.forces_N.tolist(),
+        "fields": _fields(campaign, "name", "tests", "foreseen") | nested,
         "test_fields": [_fields(test, *_ARRAYS) for test in campaign.tests],
         "foreseen": [_fields(test, *_ARRAYS) for test in campaign.foreseen],
-    }  # fmt: skip
+    }
 
 
 def _fields(thing: Campaign | CircularTest, *without: str) -> dict[str, Any]:
@@ -316,7 +404,9 @@ def _fields(thing: Campaign | CircularTest, *without: str) -> dict[str, Any]:
 def record_of(posterior: xr.DataTree) -> dict[str, Any]:
     """What was fitted, how, and how well: the JSON kept in the group ``provenance``."""
     if "provenance" not in posterior.children:
-        raise InputError("the posterior must be one of sample or load, got one in units for reading (to_units). Pass the first.")
+        raise InputError(
+            "the posterior must be one of sample or load, got one in units for reading (to_units). Pass the first."
+        )
     record: dict[str, Any] = json.loads(posterior["provenance"].attrs["json"])
     return record
 
@@ -335,7 +425,9 @@ def fit_of(posterior: xr.DataTree) -> Fit:
 def campaign_of(posterior: xr.DataTree) -> Campaign:
     """The campaign, readings included."""
     record, kept = record_of(posterior)["campaign"], posterior["constant_data"].dataset
-    owner, angle, reading = (kept[name].values for name in ("test_index", "angle_as_read_deg", "reading_as_read_um"))
+    owner, angle, reading = (
+        kept[name].values for name in ("test_index", "angle_as_read_deg", "reading_as_read_um")
+    )
     tests = tuple(
         CircularTest(angle_deg=angle[owner == i], reading_um=reading[owner == i], **own)
         for i, own in enumerate(record["test_fields"])
@@ -354,11 +446,14 @@ def bound_of(posterior: xr.DataTree) -> BoundModel:
     return model_of(posterior).bind(campaign_of(posterior))
 
 
-def draws_of(posterior: xr.DataTree, bound: BoundModel, size: int | None = None) -> tuple[Array, Array]:
+def draws_of(
+    posterior: xr.DataTree, bound: BoundModel, size: int | None = None
+) -> tuple[Array, Array]:
     """Posterior draws of β (size, p) and φ (size, h) [mm], evenly picked; default: all."""
     group = posterior["posterior"].dataset
     beta, phi = (
-        np.stack([group[str(name)].values.ravel() for name in names], axis=1) for names in (bound.names, bound.hyper_prior.names)
+        np.stack([group[str(name)].values.ravel() for name in names], axis=1)
+        for names in (bound.names, bound.hyper_prior.names)
     )
     _, phi, beta = predictive.Part(bound, phi, beta).few(size or len(beta))
     return beta, phi
@@ -378,15 +473,23 @@ def parts_of(posterior: xr.DataTree, size: int | None = None) -> list[predictive
     parts = []
     for names in dict.fromkeys(rivals[k] for k in model):
         there = np.array([rivals[k] == names for k in model])
-        parts.append(predictive.Part(bound.model.with_rivals(*names).bind(bound.campaign), phi[there], beta[there]))
+        parts.append(
+            predictive.Part(
+                bound.model.with_rivals(*names).bind(bound.campaign), phi[there], beta[there]
+            )
+        )
     return parts
 
 
-def curves_of(posterior: xr.DataTree, force_N: Array, size: int | None = None, *, seed: int = 0) -> Array:
+def curves_of(
+    posterior: xr.DataTree, force_N: Array, size: int | None = None, *, seed: int = 0
+) -> Array:
     """C(F) of every kept compliance at forces (n,), see `compliance_curves`, shape (draws, n, compliances); the draws of an
     average in the order of `parts_of`."""
     rng = np.random.default_rng(seed)
-    return np.concatenate([predictive.compliance_curves(*part, force_N, rng) for part in parts_of(posterior, size)])
+    return np.concatenate(
+        [predictive.compliance_curves(*part, force_N, rng) for part in parts_of(posterior, size)]
+    )
 
 
 def to_units(posterior: xr.DataTree) -> xr.DataTree:
@@ -394,11 +497,15 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
 
     For plots and summaries of other libraries; analyses take the posterior itself. Readings, forces and angles stay as they are.
     """
-    made = posterior.filter(lambda node: node.name != "provenance").map_over_datasets(lambda own: own.copy())
+    made = posterior.filter(lambda node: node.name != "provenance").map_over_datasets(
+        lambda own: own.copy()
+    )
     for node in made.subtree:
         for key, variable in node.data_vars.items():
             if (unit := variable.attrs.get("unit")) is not None:
-                factor, label = display_unit(unit) if node.name in ("posterior", "prior") else (1.0, unit)
+                factor, label = (
+                    display_unit(unit) if node.name in ("posterior", "prior") else (1.0, unit)
+                )
                 node[str(key)] = variable.copy(data=variable.values * factor)
                 node[str(key)].attrs = {"units": label}
     return made
@@ -422,10 +529,17 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
     variables = posterior["posterior"].data_vars
     draws = [variable.transpose("chain", "draw").values for variable in variables.values()]
     rows = {}
-    for (key, variable), own, quality in zip(variables.items(), draws, diagnose(np.stack(draws, axis=2)).T, strict=True):
+    for (key, variable), own, quality in zip(
+        variables.items(), draws, diagnose(np.stack(draws, axis=2)).T, strict=True
+    ):
         prior = {"prior_mean": prior_mean.get(str(key), np.nan), "prior_sd": prior_sd[str(key)]}
         diagnostics = dict(zip(("ess_bulk", "ess_tail", "rhat"), quality, strict=True))
-        rows[str(key)] = {"unit": variable.attrs.get("unit", "")} | numbers_of(own, ci_prob) | prior | diagnostics
+        rows[str(key)] = (
+            {"unit": variable.attrs.get("unit", "")}
+            | numbers_of(own, ci_prob)
+            | prior
+            | diagnostics
+        )
     table = pd.DataFrame.from_dict(rows, orient="index")
     table.attrs["fit"] = fit_of(posterior)
     return readable(table, f"Posterior, {100 * ci_prob:g} % intervals")
@@ -449,12 +563,21 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
         numbers = numbers_of(variable.values * factor, ci_prob)
         interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
         sd = prior_sd[name]
-        entry = {"unit": unit, **numbers, f"ci{100 * ci_prob:g}": interval, "prior_sd": None if sd is None else sd * factor}
+        entry = {
+            "unit": unit,
+            **numbers,
+            f"ci{100 * ci_prob:g}": interval,
+            "prior_sd": None if sd is None else sd * factor,
+        }
         if is_hyper:
             shown["hyper"][name_shown] = entry
         else:
             shown["parameters"][name] = entry | {"prior_mean": prior_mean.get(name)}
-    return shown | {part: record[part] for part in ("averaged", "sampler", "fit", "provenance") if part in record}
+    return shown | {
+        part: record[part]
+        for part in ("averaged", "sampler", "fit", "provenance")
+        if part in record
+    }
 
 
 def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
@@ -467,12 +590,20 @@ def numbers_of(draws: Array, ci_prob: float) -> dict[str, float]:
     """Mean, sd, median, and ci_low and ci_high of the equal-tailed interval, of draws."""
     tail = 50.0 * (1.0 - ci_prob)
     low, median, high = map(float, np.percentile(draws, [tail, 50.0, 100.0 - tail]))
-    return {"mean": float(draws.mean()), "sd": float(draws.std(ddof=1)), "median": median, "ci_low": low, "ci_high": high}
+    return {
+        "mean": float(draws.mean()),
+        "sd": float(draws.std(ddof=1)),
+        "median": median,
+        "ci_low": low,
+        "ci_high": high,
+    }
 
 
 def check_probability(ci_prob: float) -> None:
     """Refuse a probability that is not between 0 and 1."""
-    require(0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")
+    require(
+        0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95."
+    )
 
 
 @one_blas_thread
@@ -485,7 +616,13 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     its deviation from the nominal deflection.
     """
     bound, parts = bound_of(posterior), parts_of(posterior, _DRAWS)
-    value = dict(zip(bound.hyper_prior.names, np.concatenate([part.phi for part in parts]).mean(axis=0), strict=True))
+    value = dict(
+        zip(
+            bound.hyper_prior.names,
+            np.concatenate([part.phi for part in parts]).mean(axis=0),
+            strict=True,
+        )
+    )
     rows = {
         name: {"term": kind.__name__, "unit": kind.unit_of(name).inside, "prior_sd": sd}
         for kind, columns in bound.columns_of.items()
@@ -493,12 +630,19 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
         for name, sd in zip(part.names, part.sd_at(value), strict=True)
     }
     table = pd.DataFrame.from_dict(rows, orient="index", columns=["term", "unit", "prior_sd"])
-    means, variances = (np.zeros((sum(len(part.phi) for part in parts), len(table))) for _ in range(2))
+    means, variances = (
+        np.zeros((sum(len(part.phi) for part in parts), len(table))) for _ in range(2)
+    )
     end = 0
     for own, phi, beta in parts:
         given = own.given_interest.conditional(phi, beta - own.centre)[1]
-        names = [name for part in predictive.shared_terms(own.nuisance_columns) for name in part.names]
-        at = np.ix_(np.arange(end, end := end + len(phi)), np.array(list(map(list(table.index).index, names)), dtype=int))
+        names = [
+            name for part in predictive.shared_terms(own.nuisance_columns) for name in part.names
+        ]
+        at = np.ix_(
+            np.arange(end, end := end + len(phi)),
+            np.array(list(map(list(table.index).index, names)), dtype=int),
+        )
         means[at], variances[at] = given.mean, given.sd**2
     table.insert(2, "mean", means.mean(axis=0))
     table.insert(3, "sd", np.sqrt(variances.mean(axis=0) + means.var(axis=0)))
@@ -506,7 +650,9 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
 
 
 @one_blas_thread
-def predict(posterior: xr.DataTree, plan: Campaign, *, ci_prob: float = 0.95, seed: int = 1) -> pd.DataFrame:
+def predict(
+    posterior: xr.DataTree, plan: Campaign, *, ci_prob: float = 0.95, seed: int = 1
+) -> pd.DataFrame:
     """Predict the readings of new circles on the machine of a posterior, with its bar, balls, mount and force device.
 
     Machine and what circles share come from the posterior; set-up shift, discrepancy, scatter, random force error and white noise
@@ -537,8 +683,14 @@ def predict(posterior: xr.DataTree, plan: Campaign, *, ci_prob: float = 0.95, se
     for test, *drawn in zip(plan.tests, *parts, strict=True):
         readings = np.concatenate(drawn) * 1e3
         columns = np.vstack([readings.mean(axis=0), np.quantile(readings, levels, axis=0)])
-        numbers = dict(zip(("mean_um", "median_um", "ci_low_um", "ci_high_um"), columns, strict=True))
-        tables.append(pd.DataFrame({"test": test.name, "force_N": test.force_N, "angle_deg": test.angle_deg, **numbers}))
+        numbers = dict(
+            zip(("mean_um", "median_um", "ci_low_um", "ci_high_um"), columns, strict=True)
+        )
+        tables.append(
+            pd.DataFrame(
+                {"test": test.name, "force_N": test.force_N, "angle_deg": test.angle_deg, **numbers}
+            )
+        )
     return pd.concat(tables, ignore_index=True)
 
 
@@ -564,16 +716,30 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     """
     import xarray as xr
 
-    require("averaged" not in record_of(posterior), "the posterior must be of one model, got an average. Fit each model.")
+    require(
+        "averaged" not in record_of(posterior),
+        "the posterior must be of one model, got an average. Fit each model.",
+    )
     chains, most = (int(posterior["posterior"].sizes[dim]) for dim in ("chain", "draw"))
-    require(draws >= chains, f"draws must be at least {chains}, one of each chain, got {draws}. The default is 1000.")
+    require(
+        draws >= chains,
+        f"draws must be at least {chains}, one of each chain, got {draws}. The default is 1000.",
+    )
     pick = np.linspace(0, most - 1, min(most, draws // chains)).astype(int)
     made = posterior.copy()
     for group in ("posterior", "sample_stats", "log_prior"):
-        made[group] = xr.DataTree(posterior[group].to_dataset().isel(draw=pick).assign_coords(draw=np.arange(len(pick))))
+        made[group] = xr.DataTree(
+            posterior[group].to_dataset().isel(draw=pick).assign_coords(draw=np.arange(len(pick)))
+        )
     (bound, *_), *_ = parts_of(posterior, 1)
-    require(not bound.model.prior.flat, "the prior must be proper, got a flat one. Fit with the default preset.")
-    require(len(bound.test_names) > 1, "a campaign must have at least two tests to leave one out, got one. Add tests.")
+    require(
+        not bound.model.prior.flat,
+        "the prior must be proper, got a flat one. Fit with the default preset.",
+    )
+    require(
+        len(bound.test_names) > 1,
+        "a campaign must have at least two tests to leave one out, got one. Add tests.",
+    )
     beta, phi = draws_of(made, bound)
     rng, shape = np.random.default_rng(seed), (chains, len(pick), -1)
     circles = np.moveaxis(predictive.new_circle_coefficients(bound, phi, beta, rng), 1, 0)
@@ -582,27 +748,45 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     drawn = [predictive.readings_drawn(own, sigma, test.angles_rad(), rng) for own, test in pairs]
     arrays = {
         "posterior_predictive": ("reading_mm", "reading", np.concatenate(drawn, axis=1)),
-        "log_likelihood": ("per_test", "test", _steadied(bound, log_likelihood_of_tests(bound, phi))),
+        "log_likelihood": (
+            "per_test",
+            "test",
+            _steadied(bound, log_likelihood_of_tests(bound, phi)),
+        ),
     }
     for group, (name, dim, values) in arrays.items():
-        at = made["observed_data"]["reading"].values if dim == "reading" else np.array(bound.test_names)
+        at = (
+            made["observed_data"]["reading"].values
+            if dim == "reading"
+            else np.array(bound.test_names)
+        )
         coords = {"chain": np.arange(chains), "draw": np.arange(len(pick)), dim: at}
         attrs = {"unit": "mm"} if dim == "reading" else {}
-        made[group] = xr.DataTree(xr.Dataset({name: (("chain", "draw", dim), values.reshape(shape), attrs)}, coords))
+        made[group] = xr.DataTree(
+            xr.Dataset({name: (("chain", "draw", dim), values.reshape(shape), attrs)}, coords)
+        )
     return made
 
 
 def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
     """ln p(y_r | y_−r, φ), without the λ_r in φ (w, h), shape (w, tests); see `with_predictive`."""
-    together, found = in_chunks(partial(_log_evidence, bound), phi), np.empty((len(phi), len(bound.test_names)))
+    together, found = (
+        in_chunks(partial(_log_evidence, bound), phi),
+        np.empty((len(phi), len(bound.test_names))),
+    )
     for r, name in enumerate(bound.test_names):
-        rest, circle = bound.keeping([other for other in bound.test_names if other != name]), str(bound.setting.circle[r])
+        rest, circle = (
+            bound.keeping([other for other in bound.test_names if other != name]),
+            str(bound.setting.circle[r]),
+        )
         top = together
         if circle:
             each = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
             each[:, :, bound.hyper_prior.names.index(circle)] = np.exp(_LOG_LAMBDA)
             prior = bound.hyper_prior.log_density(each) + _LOG_LAMBDA
-            values = in_chunks(partial(_log_evidence, bound), each.reshape(-1, phi.shape[1])).reshape(prior.shape)
+            values = in_chunks(
+                partial(_log_evidence, bound), each.reshape(-1, phi.shape[1])
+            ).reshape(prior.shape)
             top = np.logaddexp.reduce(prior + values, axis=1) - np.logaddexp.reduce(prior, axis=1)
         found[:, r] = top - in_chunks(partial(_log_evidence, rest), phi)
     return found
@@ -615,9 +799,13 @@ def _steadied(bound: BoundModel, log_density: Array) -> Array:
         if k > _LARGE_K:
             rest = bound.keeping([other for other in bound.test_names if other != name])
             tempered = log_density[:, r] * _TAMED_K / min(k, _MOST_K)
-            posteriors = [HyperPosterior(own, truncated=own.truncation.active) for own in (bound, rest)]
+            posteriors = [
+                HyperPosterior(own, truncated=own.truncation.active) for own in (bound, rest)
+            ]
             whole, left = (own.nodes(_TOLERANCE).evidence.log_value for own in posteriors)
-            log_density[:, r] = tempered + whole - left + np.logaddexp.reduce(-tempered) - np.log(len(tempered))
+            log_density[:, r] = (
+                tempered + whole - left + np.logaddexp.reduce(-tempered) - np.log(len(tempered))
+            )
     return log_density
 
 

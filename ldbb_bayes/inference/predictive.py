@@ -30,12 +30,36 @@ from ldbb_bayes.result import Array, ByRow, Numbers, Result, readable
 from ldbb_bayes.units import ranked
 
 __all__ = [
-    "SHIFTED", "Check", "CheckKind", "FitQuality", "LeastSquares", "Part", "TestChecks", "autocorrelation", "averaged_checks",
-    "band_um", "centre_shift", "compliance_curves", "draw_shared", "effects", "every_check", "failing", "fit_quality",
-    "harmonics_of", "in_order_of_force", "least_squares", "machine_coefficients", "new_circle_coefficients",
-    "predictive_checks", "quality_of", "replicate_left_out", "residuals_mm", "shared_coefficients", "shared_columns",
+    "SHIFTED",
+    "Check",
+    "CheckKind",
+    "FitQuality",
+    "LeastSquares",
+    "Part",
+    "TestChecks",
+    "autocorrelation",
+    "averaged_checks",
+    "band_um",
+    "centre_shift",
+    "compliance_curves",
+    "draw_shared",
+    "effects",
+    "every_check",
+    "failing",
+    "fit_quality",
+    "harmonics_of",
+    "in_order_of_force",
+    "least_squares",
+    "machine_coefficients",
+    "new_circle_coefficients",
+    "predictive_checks",
+    "quality_of",
+    "replicate_left_out",
+    "residuals_mm",
+    "shared_coefficients",
+    "shared_columns",
     "shared_terms",
-]  # fmt: skip
+]
 
 _DRAWS = 500
 _RANK = 1e-6
@@ -62,7 +86,9 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
 
-def shared_terms(columns: Iterable[Columns | BasisNoise], *, private: bool = False) -> list[Columns]:
+def shared_terms(
+    columns: Iterable[Columns | BasisNoise], *, private: bool = False
+) -> list[Columns]:
     """Those of the nuisances' columns whose coefficients tests share; or that every test has for itself."""
     return [term for term in columns if isinstance(term, Columns) and term.private == private]
 
@@ -76,19 +102,32 @@ def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
 def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     """One draw of the shared nuisance coefficients given each β, φ and y, shape (draws, q)."""
     parts = [slice(start, start + CHUNK) for start in range(0, len(phi), CHUNK)]
-    return np.concatenate([bound.given_interest.conditional(phi[i], beta[i] - bound.centre)[1].draw(rng) for i in parts])
+    return np.concatenate(
+        [
+            bound.given_interest.conditional(phi[i], beta[i] - bound.centre)[1].draw(rng)
+            for i in parts
+        ]
+    )
 
 
-def compliance_curves(bound: BoundModel, phi: Array, beta: Array, force_N: Array, rng: np.random.Generator) -> Array:
+def compliance_curves(
+    bound: BoundModel, phi: Array, beta: Array, force_N: Array, rng: np.random.Generator
+) -> Array:
     """C(F) of every kept compliance at forces (n,), shape (draws, n, compliances): C and its slopes; of an axis, its deflection
     over a bar force along it, also what `JointLoad` adds, drawn given each β, φ and y."""
-    curves = np.einsum("fcp,wp->wfc", np.stack([bound.compliance_at(force) for force in force_N]), beta)
+    curves = np.einsum(
+        "fcp,wp->wfc", np.stack([bound.compliance_at(force) for force in force_N]), beta
+    )
     term = next((term for term in bound.model.nuisances if isinstance(term, JointLoad)), None)
     if term is not None:
         names = [name for part in shared_terms(bound.nuisance_columns) for name in part.names]
         drawn, secants = draw_shared(bound, phi, beta, rng), term.secants(bound.setting, force_N)
         for j, own in enumerate(bound.compliances):
-            along = [k for k, name in enumerate(names) if own.kind == "direct" and name.startswith(f"joint_load_{own.twist}_")]
+            along = [
+                k
+                for k, name in enumerate(names)
+                if own.kind == "direct" and name.startswith(f"joint_load_{own.twist}_")
+            ]
             curves[:, :, j] += drawn[:, along] @ secants[:, : len(along)].T
     return np.asarray(curves)
 
@@ -97,7 +136,9 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
     """Machine plus the expected ball form, bar length, mount and force error given β, φ and y; (draws, tests, 25) [mm]."""
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean
-    total = machine_coefficients(bound, beta) + np.einsum("tkq,wq->wtk", shared_columns(bound), mean)
+    total = machine_coefficients(bound, beta) + np.einsum(
+        "tkq,wq->wtk", shared_columns(bound), mean
+    )
     private = shared_columns(bound, private=True)
     if not private.size:
         return np.asarray(total)
@@ -105,16 +146,22 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
     return np.asarray(total + np.einsum("tkv,wtv->wtk", private, own))
 
 
-def new_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
+def new_circle_coefficients(
+    bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
+) -> Array:
     """A new circle in the place of every test, white noise aside: shared nuisances drawn from their posterior, force error,
     set-up shift and discrepancy drawn anew; (draws, tests, 25) [mm]."""
     shared = _shared_drawn(bound, phi, beta, rng)
-    return shared + np.stack([draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1)
+    return shared + np.stack(
+        [draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1
+    )
 
 
 def _shared_drawn(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     drawn = draw_shared(bound, phi, beta, rng)
-    return np.asarray(machine_coefficients(bound, beta) + np.einsum("tkq,wq->wtk", shared_columns(bound), drawn))
+    return np.asarray(
+        machine_coefficients(bound, beta) + np.einsum("tkq,wq->wtk", shared_columns(bound), drawn)
+    )
 
 
 def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
@@ -147,7 +194,9 @@ def new_circles(part: Part, plan: Campaign, rng: np.random.Generator) -> Iterato
     learnt = [name for term in shared_terms(measured.nuisance_columns) for name in term.names]
     drawn, total = draw_shared(measured, phi, beta, rng), machine_coefficients(planned, beta)
     for term in shared_terms(planned.nuisance_columns):
-        own = term.sd_at(value) * rng.standard_normal((len(beta), len(term.names))) + (0.0 if term.mean is None else term.mean)
+        own = term.sd_at(value) * rng.standard_normal((len(beta), len(term.names))) + (
+            0.0 if term.mean is None else term.mean
+        )
         for j, name in enumerate(term.names):
             if name in learnt:
                 own[:, j] = drawn[:, learnt.index(name)]
@@ -157,7 +206,9 @@ def new_circles(part: Part, plan: Campaign, rng: np.random.Generator) -> Iterato
         yield readings_drawn(own, value["sigma"], test.angles_rad(), rng)
 
 
-def readings_drawn(coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.random.Generator) -> Array:
+def readings_drawn(
+    coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.random.Generator
+) -> Array:
     """Readings (draws, n) [mm] of circles (draws, 25) with white noise (draws,)."""
     smooth = coefficients @ basis(angle_rad).T
     return np.asarray(smooth + sigma_mm[:, None] * rng.standard_normal(smooth.shape))
@@ -168,14 +219,20 @@ def _beside(bound: BoundModel, plan: Campaign) -> tuple[BoundModel, BoundModel]:
     campaign, model = bound.campaign, bound.model
     machines = [(one.topology, dict(one.frames_mm)) for one in (campaign, plan)]
     got = f"got {machines[1][0]}. Make the plan with the campaign's topology and frames."
-    require(machines[0] == machines[1], f"the plan must be of the posterior's machine {machines[0][0]}, its frames too, {got}")
+    require(
+        machines[0] == machines[1],
+        f"the plan must be of the posterior's machine {machines[0][0]}, its frames too, {got}",
+    )
     new = tuple(replace(test.with_reading_um(None), name="") for test in plan.tests)
     union = replace(campaign, tests=(*campaign.plan().tests, *new))
     model = model if bound.setting.circle[0] else model.without("circle-scale")
     whole = BoundModel(model, union, pilot=campaign)
     other = sorted(set(whole.names) ^ set(bound.names))
     cure = "Fit with replace(campaign, foreseen=plan.tests), so that the model knows of them."
-    require(not other, f"the plan must show only what the fit has, got planes or set-ups with {', '.join(other)} too. {cure}")
+    require(
+        not other,
+        f"the plan must show only what the fit has, got planes or set-ups with {', '.join(other)} too. {cure}",
+    )
     names, run = [test.name for test in union.tests], len(campaign.tests)
     measured = whole.keeping(names[:run])
     measured.reduced = bound.reduced
@@ -183,7 +240,13 @@ def _beside(bound: BoundModel, plan: Campaign) -> tuple[BoundModel, BoundModel]:
 
 
 def replicate_left_out(
-    bound: BoundModel, others: Nodes, name: str, size: int, rng: np.random.Generator, *, each: int = 1
+    bound: BoundModel,
+    others: Nodes,
+    name: str,
+    size: int,
+    rng: np.random.Generator,
+    *,
+    each: int = 1,
 ) -> Array:
     """Least-squares harmonics of circles that the others expect in the place of a test of ``bound``, shape (size, 25) [mm]; so
     many of each posterior draw."""
@@ -193,12 +256,21 @@ def replicate_left_out(
     machine = machine + draw_shared(others.bound, phi, beta, rng) @ shared_columns(bound)[r].T
     machine, phi = np.repeat(machine, each, axis=0)[:size], np.repeat(phi, each, axis=0)[:size]
     factor = bound.reduced[r].factor
-    noise = phi[:, [bound.hyper_prior.names.index("sigma")]] * rng.standard_normal((size, len(factor)))
+    noise = phi[:, [bound.hyper_prior.names.index("sigma")]] * rng.standard_normal(
+        (size, len(factor))
+    )
     circle = (machine + draw_of_circle(bound, phi, r, rng)) @ factor.T + noise
     return np.asarray(circle @ harmonics_of(bound, r).T)
 
 
-def band_um(coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.random.Generator, *, prob: float = 0.95) -> Array:
+def band_um(
+    coefficients: Array,
+    sigma_mm: Array,
+    angle_rad: Array,
+    rng: np.random.Generator,
+    *,
+    prob: float = 0.95,
+) -> Array:
     """Equal-tailed pointwise band of readings, white noise included: (2, angles) [µm] from (draws, 25) and (draws,)."""
     readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
     return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3
@@ -206,12 +278,18 @@ def band_um(coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.rand
 
 def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
     """Reading minus prediction of every test, each of shape (n,) [mm]; predicted (tests, 25)."""
-    return [test.readings_mm() - basis(test.angles_rad()) @ own for test, own in zip(_tests(bound), predicted, strict=True)]
+    return [
+        test.readings_mm() - basis(test.angles_rad()) @ own
+        for test, own in zip(_tests(bound), predicted, strict=True)
+    ]
 
 
 def _misfits(bound: BoundModel, predicted: Array) -> list[Array]:
     """Reduced readings minus prediction, each of shape (m,) [mm]."""
-    return [np.asarray(test.projection) - test.factor @ own for test, own in zip(bound.reduced, predicted, strict=True)]
+    return [
+        np.asarray(test.projection) - test.factor @ own
+        for test, own in zip(bound.reduced, predicted, strict=True)
+    ]
 
 
 def harmonics_of(bound: BoundModel, r: int) -> Array:
@@ -242,12 +320,19 @@ def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
 def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
     """The same of a prediction, basis coefficients (tests, 25) [mm]."""
     misfits = _misfits(bound, predicted)
-    squares = np.array([m @ m + test.residual_ss for m, test in zip(misfits, bound.reduced, strict=True)])
+    squares = np.array(
+        [m @ m + test.residual_ss for m, test in zip(misfits, bound.reduced, strict=True)]
+    )
     n = np.array([test.readings for test in bound.reduced])
     rmse = np.sqrt(squares / n) * 1e3
     spans = [float(np.ptp(test.readings_mm())) for test in _tests(bound)]
-    fitness = [100.0 * (1.0 - e * 1e-3 / span) if span > 0 else np.nan for e, span in zip(rmse, spans, strict=True)]
-    by_test, fit = (dict(zip(bound.test_names, map(float, values), strict=True)) for values in (rmse, fitness))
+    fitness = [
+        100.0 * (1.0 - e * 1e-3 / span) if span > 0 else np.nan
+        for e, span in zip(rmse, spans, strict=True)
+    ]
+    by_test, fit = (
+        dict(zip(bound.test_names, map(float, values), strict=True)) for values in (rmse, fitness)
+    )
     return FitQuality(float(np.sqrt(squares.sum() / n.sum()) * 1e3), by_test, fit)
 
 
@@ -286,7 +371,10 @@ class TestChecks(Result):
 
     def of(self, test: str) -> list[Check]:
         """Every p-value there is as a check of this test."""
-        others = ((CheckKind.NOISE, self.noise_p), (CheckKind.AUTOCORRELATION, self.autocorrelation_p))
+        others = (
+            (CheckKind.NOISE, self.noise_p),
+            (CheckKind.AUTOCORRELATION, self.autocorrelation_p),
+        )
         orders = [Check(CheckKind.ORDER, test, p, n) for n, p in self.orders_p.items()]
         return orders + [Check(kind, test, p) for kind, p in others if p is not None]
 
@@ -302,7 +390,9 @@ def failing(checks: Sequence[Check]) -> tuple[Check, ...]:
     return tuple(check for check in checks if check.p * len(checks) < _FAILS)
 
 
-def effects(bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]) -> tuple[dict[str, float], float]:
+def effects(
+    bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]
+) -> tuple[dict[str, float], float]:
     """What failing checks would do to the intervals at φ (h,): of tests with a failing order the largest change of a parameter,
     in its sd, when the test is left out; and the share by which an interval grows with the noise next to the basis elsewhere."""
     found = failing(every_check(checks))
@@ -312,8 +402,14 @@ def effects(bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]) -> 
         rest = bound.keeping([other for other in bound.test_names if other != name])
         shift[name] = float((np.abs(rest.given(phi[None])[1].mean - given.mean) / given.sd).max())
     sigma, noisy = bound.hyper_prior.names.index("sigma"), phi.copy()
-    fails = np.isin(bound.test_names, [check.test for check in found if check.kind != CheckKind.ORDER])
-    power = np.where(fails, np.maximum(_power_beyond(bound) / phi[sigma] ** 2, 1.0), 1.0) if fails.any() else np.ones(1)
+    fails = np.isin(
+        bound.test_names, [check.test for check in found if check.kind != CheckKind.ORDER]
+    )
+    power = (
+        np.where(fails, np.maximum(_power_beyond(bound) / phi[sigma] ** 2, 1.0), 1.0)
+        if fails.any()
+        else np.ones(1)
+    )
     noisy[sigma] *= np.sqrt(power.mean())
     before, after = (information_of(bound, own).variances() for own in (phi, noisy))
     return shift, float(np.sqrt((after / before).max()) - 1.0)
@@ -328,11 +424,16 @@ def _power_beyond(bound: BoundModel) -> Array:
         turned = np.exp(1j * np.outer(angle, orders))
         columns = np.column_stack([basis(angle), turned.real, turned.imag])
         waves.append(np.linalg.lstsq(columns, test.readings_mm(), rcond=_RANK)[0][SIZE:])
-    power, kinds = np.zeros(len(waves)), list(zip(setting.plane, setting.radius_mm, setting.travel, strict=True))
+    power, kinds = (
+        np.zeros(len(waves)),
+        list(zip(setting.plane, setting.radius_mm, setting.travel, strict=True)),
+    )
     for kind in set(kinds):
         alike = [r for r, other in enumerate(kinds) if other == kind]
         each, many = np.array(waves)[alike], len(alike) > 1
-        power[alike] = np.mean((each - many * each.mean(axis=0)) ** 2, axis=1) * (len(alike) / (len(alike) - many))
+        power[alike] = np.mean((each - many * each.mean(axis=0)) ** 2, axis=1) * (
+            len(alike) / (len(alike) - many)
+        )
     return power * np.array([test.readings for test in bound.reduced]) / 2.0
 
 
@@ -348,17 +449,29 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
         if len(force) < _FEWEST_SHIFTED or len(np.unique(force)) < _FEWEST_SHIFTED - 1:
             continue
         for axis, k in zip(PLANES[plane], harmonic_index(1), strict=False):
-            found[axis] = _p_value_of_no_slope(force, np.array([rest[r][k] for r in np.flatnonzero(own)]))
+            found[axis] = _p_value_of_no_slope(
+                force, np.array([rest[r][k] for r in np.flatnonzero(own)])
+            )
     return {axis: p for axis, p in found.items() if p * len(found) < SHIFTED}
 
 
 def in_order_of_force(bound: BoundModel) -> bool:
     """Whether the tests of a plane ran in an order of force, so that a steady drift passes for a change with force: Student's t
     of the ranks at 5 %. Where not every test has a time, they ran as listed."""
-    time = bound.setting.time_h if np.isfinite(bound.setting.time_h).all() else np.arange(bound.setting.tests)
-    ranks = [np.unique(values, return_inverse=True)[1].astype(float) for values in (bound.setting.force_N, time)]
+    time = (
+        bound.setting.time_h
+        if np.isfinite(bound.setting.time_h).all()
+        else np.arange(bound.setting.tests)
+    )
+    ranks = [
+        np.unique(values, return_inverse=True)[1].astype(float)
+        for values in (bound.setting.force_N, time)
+    ]
     pairs = [[rank[own] for rank in ranks] for _, _, own in bound.setting.each("plane")]
-    return any(np.ptp(force) > 0.0 and _p_value_of_no_slope(force, order) < _IN_ORDER for force, order in pairs)
+    return any(
+        np.ptp(force) > 0.0 and _p_value_of_no_slope(force, order) < _IN_ORDER
+        for force, order in pairs
+    )
 
 
 def _p_value_of_no_slope(force: Array, values: Array) -> float:
@@ -370,7 +483,9 @@ def _p_value_of_no_slope(force: Array, values: Array) -> float:
     return float(2.0 * stdtr(freedom, -abs(slope) / max(spread, 1e-300)))
 
 
-def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> dict[str, TestChecks]:
+def predictive_checks(
+    bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
+) -> dict[str, TestChecks]:
     """Compare every test with new circles under the posterior, φ (draws, h) [mm] and β (draws, p)."""
     _, phi, beta = Part(bound, phi, beta).few(_DRAWS)
     shared = _shared_drawn(bound, phi, beta, rng)
@@ -383,7 +498,10 @@ def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random
         noise = (inverse, np.tile(sigma[:, None], inverse.shape[1]))
         parts = [noise, *((seen @ columns, sd) for columns, sd in _own(bound, phi, r))]
         columns, sd = (np.concatenate(own, axis=1) for own in zip(*parts, strict=True))
-        orders = {n: _tail(residual[:, n == ORDERS], columns[n == ORDERS], sd) for n in range(MAX_ORDER + 1)}
+        orders = {
+            n: _tail(residual[:, n == ORDERS], columns[n == ORDERS], sd)
+            for n in range(MAX_ORDER + 1)
+        }
         outside = reduced.readings - SIZE
         noise_p = correlation = correlation_p = None
         if outside > 0:
@@ -394,13 +512,21 @@ def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random
     return checks
 
 
-def averaged_checks(share: Array, checks: Sequence[Mapping[str, TestChecks]]) -> dict[str, TestChecks]:
+def averaged_checks(
+    share: Array, checks: Sequence[Mapping[str, TestChecks]]
+) -> dict[str, TestChecks]:
     """The checks of several models, averaged with these shares."""
     averaged = {}
     for name, first in checks[0].items():
         every = [own[name] for own in checks]
-        orders = {n: float(np.dot(share, [own.orders_p[n] for own in every])) for n in first.orders_p}
-        noise_p = None if first.noise_p is None else float(np.dot(share, [own.noise_p or 0.0 for own in every]))
+        orders = {
+            n: float(np.dot(share, [own.orders_p[n] for own in every])) for n in first.orders_p
+        }
+        noise_p = (
+            None
+            if first.noise_p is None
+            else float(np.dot(share, [own.noise_p or 0.0 for own in every]))
+        )
         averaged[name] = TestChecks(orders, noise_p, first.autocorrelation, first.autocorrelation_p)
     return averaged
 
@@ -427,7 +553,9 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
 def _tail(residual: Array, columns: Array, sd: Array) -> float:
     """Mean over the draws of P(χ² ≥ rᵀ V⁻¹ r), r (draws, k), V = C S² Cᵀ, C (k, v), S (draws, v)."""
     covariance = np.einsum("iv,jv,wv->wij", columns, columns, sd**2)
-    square = np.einsum("wi,wi->w", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
+    square = np.einsum(
+        "wi,wi->w", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]
+    )
     return float(chdtrc(residual.shape[1], square).mean())
 
 
@@ -452,7 +580,11 @@ class LeastSquares(Result):
 
 @one_blas_thread
 def least_squares(
-    campaign: Campaign, degree: int = 0, *, reference_force_N: float | None = None, fixed: tuple[str, ...] = ()
+    campaign: Campaign,
+    degree: int = 0,
+    *,
+    reference_force_N: float | None = None,
+    fixed: tuple[str, ...] = (),
 ) -> LeastSquares:
     """Estimate compliances, slopes and geometric errors by the pseudoinverse (Eq. 31).
 
@@ -468,13 +600,23 @@ def least_squares(
     """
     check_campaign(campaign)
     if campaign.is_plan:
-        raise InputError("least squares must have readings, got a plan. Run the tests, or simulate it.")
-    bound = HybridModel(degree, (), HybridModel.paper().prior, reference_force_N, "paper", fixed).bind(campaign)
+        raise InputError(
+            "least squares must have readings, got a plan. Run the tests, or simulate it."
+        )
+    bound = HybridModel(
+        degree, (), HybridModel.paper().prior, reference_force_N, "paper", fixed
+    ).bind(campaign)
     predicted = machine_coefficients(bound, bound.centre[None])[0]
-    readings = {test.name: basis(test.angles_rad()) @ own * 1e3 for test, own in zip(campaign.tests, predicted, strict=True)}
+    readings = {
+        test.name: basis(test.angles_rad()) @ own * 1e3
+        for test, own in zip(campaign.tests, predicted, strict=True)
+    }
     quality = fit_quality(bound, np.ones((1, 1)), bound.centre[None])
     units = [parameter.unit for parameter in bound.parameters]
-    table = pd.DataFrame({"unit": units, "estimate": bound.centre, "u": _uncertainty(bound, quality)}, index=list(bound.names))
+    table = pd.DataFrame(
+        {"unit": units, "estimate": bound.centre, "u": _uncertainty(bound, quality)},
+        index=list(bound.names),
+    )
     if table["u"].isna().any():
         table["estimate"] = np.nan
     return LeastSquares(readable(table, "Least squares"), quality, readings)
@@ -484,8 +626,13 @@ def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
     """Square roots of the diagonal of s² (JᵀJ)⁻¹, shape (p,); not a number where J is singular or as many as the readings."""
     readings = sum(test.readings for test in bound.reduced)
     square, freedom = readings * (quality.rmse_um * 1e-3) ** 2, readings - len(bound.names)
-    rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)]) * bound.scale
+    rows = (
+        np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)])
+        * bound.scale
+    )
     singular, right = np.linalg.svd(rows, full_matrices=False)[1:]
     if freedom <= 0 or len(rows) < rows.shape[1] or singular[-1] < _SINGULAR * singular[0]:
         return np.full(len(bound.names), np.nan)
-    return np.asarray(np.sqrt(square / freedom * ((right.T / singular) ** 2).sum(axis=1)) * bound.scale)
+    return np.asarray(
+        np.sqrt(square / freedom * ((right.T / singular) ** 2).sum(axis=1)) * bound.scale
+    )

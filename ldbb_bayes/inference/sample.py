@@ -21,7 +21,14 @@ from ldbb_bayes.inference.evidence import log_prob_truncation
 from ldbb_bayes.inference.integrals import in_chunks
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior, TooRoughError, draw_jointly
-from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, build_tree, campaign_record, power_sensitivity
+from ldbb_bayes.inference.posterior import (
+    Concern,
+    ConcernKind,
+    Fit,
+    build_tree,
+    campaign_record,
+    power_sensitivity,
+)
 from ldbb_bayes.jobs import one_blas_thread, versions
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
@@ -32,9 +39,17 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "densities_of", "draw", "fit_of_parts", "groups_of", "prior_draws_of", "record_from", "run_sampler", "sample", "sample_from",
+    "densities_of",
+    "draw",
+    "fit_of_parts",
+    "groups_of",
+    "prior_draws_of",
+    "record_from",
+    "run_sampler",
+    "sample",
+    "sample_from",
     "sampler_named",
-]  # fmt: skip
+]
 
 _CHAINS, _SPACING = 4, 4.0
 _WALKERS = 128
@@ -59,9 +74,15 @@ def _joint(
     density = JointDensity(start.bound)
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)
     count = walkers or max(_WALKERS, 4 * d)
-    require(ensembles >= 4, f"ensembles must be at least 4, got {ensembles}. R-hat needs independent chains.")
+    require(
+        ensembles >= 4,
+        f"ensembles must be at least 4, got {ensembles}. R-hat needs independent chains.",
+    )
     even = count >= 2 * d and count % 2 == 0
-    require(even, f"walkers must be even and at least {2 * d} for {d} parameters, got {count}. Use more walkers.")
+    require(
+        even,
+        f"walkers must be even and at least {2 * d} for {d} parameters, got {count}. Use more walkers.",
+    )
     starting, sampling = seed.spawn(2)
     redraw, random = LinearRedraw(density, start), np.random.RandomState(starting.generate_state(8))
     starts = starting_points(redraw, ensembles * count, random).reshape(ensembles, count, d)
@@ -72,7 +93,9 @@ def _joint(
 
 def sampler_named(name: str) -> str:
     """Return the name of a sampler; what is no sampler is refused."""
-    sampler = renamed("sampler", name, {"quadrature": "independent"}, refused_from="0.3.0", stacklevel=5)
+    sampler = renamed(
+        "sampler", name, {"quadrature": "independent"}, refused_from="0.3.0", stacklevel=5
+    )
     check_known("sampler", [sampler], ("joint", "independent"))
     return sampler
 
@@ -114,7 +137,9 @@ def run_sampler(
     return run, beta, start.bound.hyper_prior.phi(chain)
 
 
-def draw(sampler: str, start: HyperPosterior, size: int, *, seed: np.random.SeedSequence) -> tuple[Array, Array, bool]:
+def draw(
+    sampler: str, start: HyperPosterior, size: int, *, seed: np.random.SeedSequence
+) -> tuple[Array, Array, bool]:
     """As good as independent draws: β, shape (size, p), and φ, shape (size, h) [mm]; and whether they are emcee's: thinned from a
     run worth four times as many, also in place of ``independent`` where its weights cannot be trusted."""
     with suppress(TooRoughError):
@@ -123,14 +148,19 @@ def draw(sampler: str, start: HyperPosterior, size: int, *, seed: np.random.Seed
             return beta, start.bound.hyper_prior.phi(free), False
     rule = StoppingRule(ess=_SPACING * size, rhat=1.05, lengths=2.0)
     run, beta, phi = _joint(start, rule=rule, seed=seed)
-    require(run.converged, f"emcee must converge, got R-hat {run.assessment.rhat_max:.3f} after {run.steps} steps. Use --seed.")
+    require(
+        run.converged,
+        f"emcee must converge, got R-hat {run.assessment.rhat_max:.3f} after {run.steps} steps. Use --seed.",
+    )
     return *_picked(beta, phi, size), True
 
 
 def _picked(beta: Array, phi: Array, most: int | None = None) -> tuple[Array, Array]:
     """Draws of all chains in one row, all or evenly picked."""
     flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
-    pick = np.linspace(0, len(flat_beta) - 1, min(most or len(flat_beta), len(flat_beta))).astype(int)
+    pick = np.linspace(0, len(flat_beta) - 1, min(most or len(flat_beta), len(flat_beta))).astype(
+        int
+    )
     return flat_beta[pick], flat_phi[pick]
 
 
@@ -168,15 +198,29 @@ def sample(
     observed_data, constant_data, provenance; `with_predictive` adds the groups for checks of models. In mm, N, rad.
     """
     sampler = sampler_named(sampler)
-    require(not campaign.is_plan, "campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")
+    require(
+        not campaign.is_plan,
+        "campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.",
+    )
     inside = HyperPosterior(model.bind(campaign), truncated=True, seed=seed)
-    options: dict[str, Any] = {"ensembles": ensembles, "walkers": walkers, "rule": rule or StoppingRule(), "progress": progress}
+    options: dict[str, Any] = {
+        "ensembles": ensembles,
+        "walkers": walkers,
+        "rule": rule or StoppingRule(),
+        "progress": progress,
+    }
     return sample_from(inside, sampler, seed=seed, **options)
 
 
 @one_blas_thread
 def sample_from(
-    inside: HyperPosterior, sampler: str, *, seed: int, rule: StoppingRule, prior_draws: int = 4000, **options: Any
+    inside: HyperPosterior,
+    sampler: str,
+    *,
+    seed: int,
+    rule: StoppingRule,
+    prior_draws: int = 4000,
+    **options: Any,
 ) -> xr.DataTree:
     """The same by the density of the hyper-parameters inside the truncation, and where the model has none without it."""
     started, clock, bound = datetime.now(UTC), time.perf_counter(), inside.bound
@@ -184,21 +228,40 @@ def sample_from(
     start = inside if bound.truncation.active else inside.plain
     run, beta, phi = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
     flat = predictive.Part(bound, *reversed(_picked(beta, phi)))
-    arrays = {name: own.reshape(*beta.shape[:2], *own.shape[1:]) for name, own in densities_of(flat).items()}
+    arrays = {
+        name: own.reshape(*beta.shape[:2], *own.shape[1:])
+        for name, own in densities_of(flat).items()
+    }
     prior = prior_draws_of(bound, prior_draws, np.random.default_rng(checking[0]))
     groups = groups_of(bound, beta, phi, prior, arrays)
     missed = [] if run.converged else [Concern(ConcernKind.NOT_CONVERGED, run.steps, rule.ess)]
     route = {
-        "kind": "joint" if run.walkers > 1 else sampler, "by_emcee": sampler == "independent" and run.walkers > 1,
-        **asdict(run.assessment), "converged": run.converged, "draws": int(beta.shape[0] * beta.shape[1]),
-        "seconds": time.perf_counter() - clock, "steps": run.steps, "walkers": run.walkers, "acceptance": run.acceptance,
-        "target_ess": rule.ess, "target_rhat": rule.rhat,
-    }  # fmt: skip
-    fit = fit_of_parts(bound, [flat], groups, log_prob_truncation(inside), missed, np.random.default_rng(checking[1]))
+        "kind": "joint" if run.walkers > 1 else sampler,
+        "by_emcee": sampler == "independent" and run.walkers > 1,
+        **asdict(run.assessment),
+        "converged": run.converged,
+        "draws": int(beta.shape[0] * beta.shape[1]),
+        "seconds": time.perf_counter() - clock,
+        "steps": run.steps,
+        "walkers": run.walkers,
+        "acceptance": run.acceptance,
+        "target_ess": rule.ess,
+        "target_rhat": rule.rhat,
+    }
+    fit = fit_of_parts(
+        bound,
+        [flat],
+        groups,
+        log_prob_truncation(inside),
+        missed,
+        np.random.default_rng(checking[1]),
+    )
     return build_tree(groups, bound, record_from(bound, route, fit, seed, started))
 
 
-def record_from(bound: BoundModel, sampler: Mapping[str, Any], fit: Fit, seed: int, started: datetime) -> dict[str, Any]:
+def record_from(
+    bound: BoundModel, sampler: Mapping[str, Any], fit: Fit, seed: int, started: datetime
+) -> dict[str, Any]:
     """What the group ``provenance`` keeps of a posterior."""
     return {
         "schema": 1,
@@ -207,10 +270,12 @@ def record_from(bound: BoundModel, sampler: Mapping[str, Any], fit: Fit, seed: i
         "sampler": dict(sampler),
         "fit": fit.as_dict(),
         "provenance": {
-            "versions": versions(), "seed": seed, "started": started.isoformat(timespec="seconds"),
+            "versions": versions(),
+            "seed": seed,
+            "started": started.isoformat(timespec="seconds"),
             "platform": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
         },
-    }  # fmt: skip
+    }
 
 
 def fit_of_parts(
@@ -232,35 +297,56 @@ def fit_of_parts(
     predicted = [predictive.shared_coefficients(*part).mean(axis=0) for part in few]
     quality = predictive.quality_of(bound, np.tensordot(share, predicted, axes=1))
     group = groups["posterior"]
-    beta, phi = (np.stack([group[str(name)] for name in names], axis=-1) for names in (bound.names, bound.hyper_prior.names))
+    beta, phi = (
+        np.stack([group[str(name)] for name in names], axis=-1)
+        for names in (bound.names, bound.hyper_prior.names)
+    )
     flat_beta, flat_phi = _picked(beta, phi)
     prior, hyper_prior = groups["log_prior"]["parameters"], groups["log_prior"]["hyper"]
     jacobian = bound.hyper_prior.log_density_of_free(bound.hyper_prior.free(phi)) - hyper_prior
     likelihood = groups["sample_stats"]["lp"] - prior - hyper_prior - jacobian
-    checks = predictive.averaged_checks(share, [predictive.predictive_checks(*own, rng) for own in thinned])
+    checks = predictive.averaged_checks(
+        share, [predictive.predictive_checks(*own, rng) for own in thinned]
+    )
     scaled = {"prior": prior - prior_level, "hyper_prior": hyper_prior, "likelihood": likelihood}
     return Fit(
-        quality.rmse_um, quality.fitness_percent, *truncation, bound.log_prob_truncation_prior,
+        quality.rmse_um,
+        quality.fitness_percent,
+        *truncation,
+        bound.log_prob_truncation_prior,
         bound.largest_linearisation_error_mm(flat_beta.mean(axis=0)) * 1e3,
-        (*missed, *_concerns(bound, flat_phi, flat_beta, truncation[0])), checks, power_sensitivity(group, scaled),
+        (*missed, *_concerns(bound, flat_phi, flat_beta, truncation[0])),
+        checks,
+        power_sensitivity(group, scaled),
         *predictive.effects(bound, flat_phi.mean(axis=0), checks),
-    )  # fmt: skip
+    )
 
 
-def _concerns(bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float) -> Iterator[Concern]:
+def _concerns(
+    bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float
+) -> Iterator[Concern]:
     if log_prob_truncation < _IMPROBABLE:
         yield Concern(ConcernKind.TRUNCATION, log_prob_truncation, _IMPROBABLE)
     levels, needed = bound.campaign.force_levels, bound.model.degree + 2
     if levels < needed:
         yield Concern(ConcernKind.FORCES, levels, needed)
     limit = bound.hyper_prior.quantile(np.full(phi.shape[1], _EXTREME))
-    sizes = zip(bound.hyper_prior.names, np.median(phi, axis=0), limit, bound.hyper_prior.in_mm, strict=True)
+    sizes = zip(
+        bound.hyper_prior.names, np.median(phi, axis=0), limit, bound.hyper_prior.in_mm, strict=True
+    )
     for name, median, top, is_length in sizes:
         if is_length and median > top:
             yield Concern(ConcernKind.HYPER, float(median), float(top), str(name))
     moved, variance = np.abs(beta.mean(axis=0) - bound.prior_mean), bound.prior_sd**2
-    stated = {*bound.model.prior.overrides, *bound.model.prior.means}  # the data move a mean by a draw of N(0, sd0² − u²)
-    for name, z in zip(bound.names, moved / np.sqrt(np.maximum(variance - beta.var(axis=0), _CLOSE * variance)), strict=True):
+    stated = {
+        *bound.model.prior.overrides,
+        *bound.model.prior.means,
+    }  # the data move a mean by a draw of N(0, sd0² − u²)
+    for name, z in zip(
+        bound.names,
+        moved / np.sqrt(np.maximum(variance - beta.var(axis=0), _CLOSE * variance)),
+        strict=True,
+    ):
         if z > _FAR and name in stated:
             yield Concern(ConcernKind.PRIOR, float(z), _FAR, name)
     for axis, p in predictive.centre_shift(bound, beta.mean(axis=0)).items():
@@ -272,7 +358,11 @@ def densities_of(part: predictive.Part) -> dict[str, Array]:
     bound, phi, beta = part
     density = JointDensity(bound)
     lp = in_chunks(density, density.join(beta, bound.hyper_prior.free(phi)))
-    return {"lp": lp, "parameters": bound.log_prior(beta), "hyper": bound.hyper_prior.log_density(phi)}
+    return {
+        "lp": lp,
+        "parameters": bound.log_prior(beta),
+        "hyper": bound.hyper_prior.log_density(phi),
+    }
 
 
 def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -282,7 +372,11 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
 
 
 def groups_of(
-    bound: BoundModel, beta: Array, phi: Array, prior: tuple[Array, Array], densities: Mapping[str, Array]
+    bound: BoundModel,
+    beta: Array,
+    phi: Array,
+    prior: tuple[Array, Array],
+    densities: Mapping[str, Array],
 ) -> dict[str, dict[str, Array]]:
     """The arrays of the posterior, by group, from draws (chains, draws, …), `prior_draws_of` and `densities_of`."""
     tests = [next(t for t in bound.campaign.tests if t.name == name) for name in bound.test_names]
@@ -297,12 +391,14 @@ def groups_of(
             "angle_as_read_deg": np.concatenate([test.angle_deg for test in tests]),
             "reading_as_read_um": np.concatenate([test.reading_um for test in tests]),
             "test_index": np.repeat(np.arange(len(tests)), [len(test.angle_deg) for test in tests]),
-            "force_N": bound.setting.force_N, "pressure_bar": bound.setting.pressure_bar,
+            "force_N": bound.setting.force_N,
+            "pressure_bar": bound.setting.pressure_bar,
             "work_ball_deg": np.array([test.work_ball_deg for test in tests]),
-            "tool_ball_deg": np.array([test.tool_ball_deg for test in tests]), "radius_mm": bound.setting.radius_mm,
+            "tool_ball_deg": np.array([test.tool_ball_deg for test in tests]),
+            "radius_mm": bound.setting.radius_mm,
             "reference_force_N": np.array(bound.setting.reference_force_N),
         },
-    }  # fmt: skip
+    }
 
 
 def _named(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
@@ -312,22 +408,34 @@ def _named(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
 
 def _model_record(bound: BoundModel) -> dict[str, Any]:
     prior_sd = {p.name: (p.prior_sd if np.isfinite(p.prior_sd) else None) for p in bound.parameters}
-    prior_sd |= {str(name): sd for name, sd in zip(bound.hyper_prior.names, bound.hyper_prior.sd.tolist(), strict=True)}
+    prior_sd |= {
+        str(name): sd
+        for name, sd in zip(bound.hyper_prior.names, bound.hyper_prior.sd.tolist(), strict=True)
+    }
     return {
-        "preset": bound.model.preset, "degree": bound.model.degree, "reference_force_N": bound.setting.reference_force_N,
-        "terms": list(bound.terms), "idle_terms": [name for name in bound.model.terms if name not in bound.terms],
-        "truncated": bound.model.prior.truncated, "priors": "preset" if _has_preset_priors(bound.model) else "edited",
-        "sha256": model_sha256(bound.model), "toml": model_to_toml(bound.model), "prior_sd": prior_sd,
+        "preset": bound.model.preset,
+        "degree": bound.model.degree,
+        "reference_force_N": bound.setting.reference_force_N,
+        "terms": list(bound.terms),
+        "idle_terms": [name for name in bound.model.terms if name not in bound.terms],
+        "truncated": bound.model.prior.truncated,
+        "priors": "preset" if _has_preset_priors(bound.model) else "edited",
+        "sha256": model_sha256(bound.model),
+        "toml": model_to_toml(bound.model),
+        "prior_sd": prior_sd,
         "prior_mean": {p.name: p.prior_mean for p in bound.parameters if np.isfinite(p.prior_sd)},
-        "fixed": list(bound.model.fixed), "groups": {p.name: p.group for p in bound.parameters},
-    }  # fmt: skip
+        "fixed": list(bound.model.fixed),
+        "groups": {p.name: p.group for p in bound.parameters},
+    }
 
 
 def _has_preset_priors(model: HybridModel) -> bool:
     preset = HybridModel.from_preset(model.preset, model.degree)
     usual = {type(term): term for term in preset.nuisances}
     same = all(
-        replace(term, over="time") == Drift() if isinstance(term, Drift) else usual.get(type(term)) == term
+        replace(term, over="time") == Drift()
+        if isinstance(term, Drift)
+        else usual.get(type(term)) == term
         for term in model.nuisances
     )
     return same and replace(model.prior, truncated=preset.prior.truncated) == preset.prior

@@ -29,11 +29,31 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "LARGEST_MM", "LINEAR", "PLANES", "ROTARY", "Axes", "Circle", "ComplianceKind", "ComplianceName", "GeometricKind",
-    "GeometricName", "Joint", "Kept", "Machine", "compliance_jacobian", "exact_reading_mm", "geometric_jacobian",
-    "geometric_names", "geometric_reading_mm", "hybrid_jacobian", "joint_names", "kept_compliances", "patterns",
-    "wrench_jacobian", "wrench_names",
-]  # fmt: skip
+    "LARGEST_MM",
+    "LINEAR",
+    "PLANES",
+    "ROTARY",
+    "Axes",
+    "Circle",
+    "ComplianceKind",
+    "ComplianceName",
+    "GeometricKind",
+    "GeometricName",
+    "Joint",
+    "Kept",
+    "Machine",
+    "compliance_jacobian",
+    "exact_reading_mm",
+    "geometric_jacobian",
+    "geometric_names",
+    "geometric_reading_mm",
+    "hybrid_jacobian",
+    "joint_names",
+    "kept_compliances",
+    "patterns",
+    "wrench_jacobian",
+    "wrench_names",
+]
 
 Branch = Literal["tool", "workpiece"]
 LINEAR, ROTARY = "XYZ", "ABC"
@@ -50,7 +70,11 @@ class Axes(NamedTuple):
     rotation: str
 
 
-PLANES: Mapping[str, Axes] = {"XY": Axes("X", "Y", "C"), "YZ": Axes("Y", "Z", "A"), "ZX": Axes("Z", "X", "B")}
+PLANES: Mapping[str, Axes] = {
+    "XY": Axes("X", "Y", "C"),
+    "YZ": Axes("Y", "Z", "A"),
+    "ZX": Axes("Z", "X", "B"),
+}
 
 
 @dataclass(frozen=True)
@@ -58,7 +82,11 @@ class Circle(Shown):
     """The nominal circle of a test: the tool ball runs at distance ``radius_mm`` around the work ball."""
 
     radius_mm: float = 150.0
-    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: of the work ball; across the plane it changes lever arms only
+    centre_mm: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  #: of the work ball; across the plane it changes lever arms only
     plane: str = "XY"  #: angles count from its first axis
 
     def direction(self, angle_rad: Array) -> Array:
@@ -108,9 +136,14 @@ class Machine(Shown):
         self._check_topology()
         for axis, frame in self.frames_mm.items():
             cure = f"got {axis!r}. Remove it: other joints count as rigid."
-            require(axis in LINEAR and axis in self.topology, f"frames_mm must name linear axes of {self.topology!r}, {cure}")
+            require(
+                axis in LINEAR and axis in self.topology,
+                f"frames_mm must name linear axes of {self.topology!r}, {cure}",
+            )
             numbers = f"three finite numbers (x, y, z) below {LARGEST_MM:g} mm"
-            usable = len(frame) == 3 and np.all(np.isfinite(frame)) and np.abs(frame).max() <= LARGEST_MM
+            usable = (
+                len(frame) == 3 and np.all(np.isfinite(frame)) and np.abs(frame).max() <= LARGEST_MM
+            )
             require(usable, f"frames_mm[{axis!r}] must be {numbers}, got {frame!r}. Correct it.")
         object.__setattr__(self, "frames_mm", {k: tuple(v) for k, v in self.frames_mm.items()})
 
@@ -123,7 +156,10 @@ class Machine(Shown):
         )
         for letter in inner.replace("F", ""):
             got = f"got {letter!r} in {topology!r}. Check the spelling of the chain."
-            require(letter in _AXIS_LETTERS, f"topology must use the axis letters {', '.join(_AXIS_LETTERS)}, {got}")
+            require(
+                letter in _AXIS_LETTERS,
+                f"topology must use the axis letters {', '.join(_AXIS_LETTERS)}, {got}",
+            )
             got = f"got {letter!r} twice in {topology!r}. Remove one of them."
             require(inner.count(letter) == 1, f"topology must name each axis once, {got}")
         for plane in self.planes:
@@ -143,7 +179,9 @@ class Machine(Shown):
 
     def joint(self, axis: str) -> Joint:
         """The joint of an axis."""
-        branch: Branch = "workpiece" if self.topology.index(axis) < self.topology.index("F") else "tool"
+        branch: Branch = (
+            "workpiece" if self.topology.index(axis) < self.topology.index("F") else "tool"
+        )
         return Joint(axis, branch, self.frames_mm.get(axis, (0.0, 0.0, 0.0)))
 
     def squared(self, plane: str) -> tuple[Joint, Joint]:
@@ -151,14 +189,20 @@ class Machine(Shown):
         differ; and the one whose direction it turns."""
         a, b = map(self.joint, plane)
         first = (
-            a.branch == "workpiece" if a.branch != b.branch else self.branch(a.branch).index(a) < self.branch(a.branch).index(b)
+            a.branch == "workpiece"
+            if a.branch != b.branch
+            else self.branch(a.branch).index(a) < self.branch(a.branch).index(b)
         )
         return (a, b) if first else (b, a)
 
     def branch(self, branch: Branch) -> tuple[Joint, ...]:
         """The linear joints of a branch, from the foundation outwards."""
         work, tool = self.topology.split("F")
-        return tuple(self.joint(axis) for axis in (work[::-1] if branch == "workpiece" else tool) if axis in LINEAR)
+        return tuple(
+            self.joint(axis)
+            for axis in (work[::-1] if branch == "workpiece" else tool)
+            if axis in LINEAR
+        )
 
     def lever_mm(self, joint: Joint, circle: Circle, angle_rad: Array) -> Array:
         """Lever arm from the joint's frame, which moves with it, to the ball its branch carries, shape (n, 3) [mm]."""
@@ -179,7 +223,9 @@ class Machine(Shown):
 
 
 GeometricKind = Literal["gain", "straightness", "squareness", "offset"]
-ComplianceKind = Literal["direct", "cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment"]
+ComplianceKind = Literal[
+    "direct", "cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment"
+]
 
 
 @dataclass(frozen=True)
@@ -204,7 +250,9 @@ class ComplianceName:
     def kind(self) -> ComplianceKind:
         """What the parameter is physically; priors and units follow from it."""
         if self.rotations == 2:
-            return "rotation_for_moment" if self.twist == self.wrench else "rotation_for_other_moment"
+            return (
+                "rotation_for_moment" if self.twist == self.wrench else "rotation_for_other_moment"
+            )
         if self.rotations == 1:
             return "rotation_for_force"
         return "direct" if self.twist == self.wrench else "cross"
@@ -213,8 +261,16 @@ class ComplianceName:
     def meaning(self) -> str:
         """In words."""
         about = dict(zip(ROTARY, LINEAR, strict=True))
-        moved = f"rotation about {about[self.twist]}" if self.twist in ROTARY else f"translation along {self.twist}"
-        load = f"moment about {about[self.wrench]}" if self.wrench in ROTARY else f"force along {self.wrench}"
+        moved = (
+            f"rotation about {about[self.twist]}"
+            if self.twist in ROTARY
+            else f"translation along {self.twist}"
+        )
+        load = (
+            f"moment about {about[self.wrench]}"
+            if self.wrench in ROTARY
+            else f"force along {self.wrench}"
+        )
         return f"{moved} for a {load}, joint {self.joint}"
 
     @property
@@ -242,7 +298,9 @@ class GeometricName:
         """The name in code: E_XX1, E_YX2, E_C0YX (ISO 230-1: E_C(0Y)X), E_Xt0, E_Xt0_2 in set-up 2."""
         if self.kind == "squareness":
             return f"E_{self.component}0{self.reference}{self.axis}"
-        return f"E_{self.component}{self.axis}{self.order}" + (f"_{self.setup}" if self.setup else "")
+        return f"E_{self.component}{self.axis}{self.order}" + (
+            f"_{self.setup}" if self.setup else ""
+        )
 
     @property
     def order(self) -> int:
@@ -256,20 +314,31 @@ class GeometricName:
             "gain": f"scale error of {self.axis}: positioning deviation in proportion to its coordinate",
             "straightness": f"straightness deviation of {self.axis} in the direction of {self.component}, quadratic",
             "squareness": f"squareness error of {self.axis} to {self.reference}",
-            "offset": f"offset of the tool ball along {self.component}" + (f", set-up {self.setup}" if self.setup else ""),
+            "offset": f"offset of the tool ball along {self.component}"
+            + (f", set-up {self.setup}" if self.setup else ""),
         }[self.kind]
 
 
 def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
     """Names of the columns of the planar wrench Jacobian, 18 for one plane: joint, then twist, then wrench component."""
     planes = [(plane, PLANES[plane]) for plane in machine.planes]
-    return tuple(dict.fromkeys(ComplianceName(i, j, axis) for plane, own in planes for axis in plane for i in own for j in own))
+    return tuple(
+        dict.fromkeys(
+            ComplianceName(i, j, axis)
+            for plane, own in planes
+            for axis in plane
+            for i in own
+            for j in own
+        )
+    )
 
 
 def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
     """Names of all compliances of all joints with six degrees of freedom each, 36 a joint."""
     six = LINEAR + ROTARY
-    return tuple(ComplianceName(i, j, joint.axis) for joint in machine.joints for i in six for j in six)
+    return tuple(
+        ComplianceName(i, j, joint.axis) for joint in machine.joints for i in six for j in six
+    )
 
 
 def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
@@ -279,9 +348,12 @@ def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
         primary, secondary = machine.squared(plane)
         a, b, rotation = PLANES[plane]
         names += [
-            GeometricName(a, a, "gain"), GeometricName(b, a, "straightness"), GeometricName(a, b, "straightness"),
-            GeometricName(b, b, "gain"), GeometricName(rotation, secondary.axis, "squareness", primary.axis),
-        ]  # fmt: skip
+            GeometricName(a, a, "gain"),
+            GeometricName(b, a, "straightness"),
+            GeometricName(a, b, "straightness"),
+            GeometricName(b, b, "gain"),
+            GeometricName(rotation, secondary.axis, "squareness", primary.axis),
+        ]
     offsets = [GeometricName(joint.axis, "t", "offset") for joint in machine.joints]
     return tuple(dict.fromkeys([*names, *offsets]))
 
@@ -292,22 +364,32 @@ def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
 
 
-def compliance_jacobian(machine: Machine, circle: Circle, angle_rad: Array, names: Sequence[ComplianceName]) -> Array:
+def compliance_jacobian(
+    machine: Machine, circle: Circle, angle_rad: Array, names: Sequence[ComplianceName]
+) -> Array:
     """Reading per unit force and unit compliance, Eq. 20-23, at angles (n,) [rad], of any of `joint_names`, shape
     (n, compliances) [1, mm or mm²]."""
     direction, joints = circle.direction(angle_rad), {name.joint for name in names}
-    wrench = {axis: _wrench(machine.lever_mm(machine.joint(axis), circle, angle_rad), direction) for axis in joints}
+    wrench = {
+        axis: _wrench(machine.lever_mm(machine.joint(axis), circle, angle_rad), direction)
+        for axis in joints
+    }
     columns = np.zeros((len(angle_rad), len(names)))
     for k, name in enumerate(names):
         own = wrench[name.joint]
-        columns[:, k] = own[:, _COMPONENTS.index(name.twist)] * own[:, _COMPONENTS.index(name.wrench)]
+        columns[:, k] = (
+            own[:, _COMPONENTS.index(name.twist)] * own[:, _COMPONENTS.index(name.wrench)]
+        )
     return columns
 
 
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
     """Reading per unit geometric error, Eq. 16-18, shape (n, geometric errors): columns in the order of `geometric_names` [mm per
     unit of the error]."""
-    return np.stack([_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)], axis=1)
+    return np.stack(
+        [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)],
+        axis=1,
+    )
 
 
 def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: GeometricName) -> Array:
@@ -365,7 +447,9 @@ def exact_reading_mm(
     return geometric_reading_mm(machine, circle, angle_rad, errors) + elastic
 
 
-def geometric_reading_mm(machine: Machine, circle: Circle, angle_rad: Array, geometric_errors: Mapping[str, Any]) -> Array:
+def geometric_reading_mm(
+    machine: Machine, circle: Circle, angle_rad: Array, geometric_errors: Mapping[str, Any]
+) -> Array:
     """Exact geometric part of the reading (Eq. 13-14), shape (n,) [mm]. Complex errors are allowed (complex step)."""
     check_known("parameter", geometric_errors, [name.label for name in geometric_names(machine)])
     tool = _branch(machine, "tool", circle, angle_rad, geometric_errors)
@@ -378,16 +462,22 @@ def geometric_reading_mm(machine: Machine, circle: Circle, angle_rad: Array, geo
     return distance - circle.radius_mm
 
 
-def _branch(machine: Machine, branch: Branch, circle: Circle, angle_rad: Array, errors: Mapping[str, Any]) -> Array:
+def _branch(
+    machine: Machine, branch: Branch, circle: Circle, angle_rad: Array, errors: Mapping[str, Any]
+) -> Array:
     """Transform from the foundation to the end of a branch, shape (n, 4, 4)."""
     transform = np.broadcast_to(np.eye(4), (len(angle_rad), 4, 4))
     position = circle.position_mm(angle_rad)
     for joint in machine.branch(branch):
-        transform = transform @ _joint_transform(machine, joint, joint.sign * position[:, joint.index], errors)
+        transform = transform @ _joint_transform(
+            machine, joint, joint.sign * position[:, joint.index], errors
+        )
     return transform
 
 
-def _joint_transform(machine: Machine, joint: Joint, coordinate: Array, errors: Mapping[str, Any]) -> Array:
+def _joint_transform(
+    machine: Machine, joint: Joint, coordinate: Array, errors: Mapping[str, Any]
+) -> Array:
     """One joint: its nominal motion followed by its error motion (Eq. 4-5, 8-9), about its own frame."""
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate
@@ -398,7 +488,9 @@ def _joint_transform(machine: Machine, joint: Joint, coordinate: Array, errors: 
         value = errors[name.label]
         if name.kind == "squareness":
             turn = _rotation(ROTARY.index(name.component), value)
-            before, after = (before @ turn, after) if _bearer(machine, name)[1] else (before, after @ turn)
+            before, after = (
+                (before @ turn, after) if _bearer(machine, name)[1] else (before, after @ turn)
+            )
         else:
             motion[:, LINEAR.index(name.component)] += value * coordinate**name.order
     frame = np.asarray(joint.frame_mm)[None]
@@ -431,11 +523,19 @@ class Kept:
     """What remains of the wrench Jacobian. The weights of a set are the pattern of each member in units of the representative's
     [mm or mm² per rotation more]."""
 
-    names: tuple[ComplianceName, ...]  #: one representative per proportional set, in the order of Table 1
-    sets: tuple[tuple[str, ...], ...]  #: proportional sets (Table 2), whose weighted sums the kept ones are, representative first
+    names: tuple[
+        ComplianceName, ...
+    ]  #: one representative per proportional set, in the order of Table 1
+    sets: tuple[
+        tuple[str, ...], ...
+    ]  #: proportional sets (Table 2), whose weighted sums the kept ones are, representative first
     weights: tuple[tuple[float, ...], ...]
-    absorbed: tuple[Mapping[ComplianceName, float], ...]  #: what each stands for beside its set: dropped sets, with weights
-    not_negative: tuple[bool, ...]  #: a deflection under the load itself, whatever the joints' (semi-definite) matrices are
+    absorbed: tuple[
+        Mapping[ComplianceName, float], ...
+    ]  #: what each stands for beside its set: dropped sets, with weights
+    not_negative: tuple[
+        bool, ...
+    ]  #: a deflection under the load itself, whatever the joints' (semi-definite) matrices are
     null: tuple[str, ...]  #: never change a reading
     dependent: tuple[str, ...]  #: heads of sets that are combinations of several others
     rank: int  #: of the full Jacobian: unit force, full uniform circle, unscaled (mm, N)
@@ -464,7 +564,9 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
 def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
     planar, names = set(wrench_names(machine)), joint_names(machine)
-    jacobian = np.concatenate([compliance_jacobian(machine, circle, angle, names) for circle in circles])
+    jacobian = np.concatenate(
+        [compliance_jacobian(machine, circle, angle, names) for circle in circles]
+    )
     unit = jacobian / [circles[0].radius_mm ** name.rotations for name in names]
     norms = np.linalg.norm(unit, axis=0)
     used = [i for i in range(len(names)) if norms[i] > _TINY * norms.max() or names[i] in planar]
@@ -479,15 +581,25 @@ def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     dropped = [i for i in heads if i not in chosen]
     singular = np.linalg.svd(jacobian[:, chosen], compute_uv=False)
     scale = np.abs(jacobian[:, chosen]).max(axis=0)
-    coefficients = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0] / scale[:, None]
+    coefficients = (
+        np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0] / scale[:, None]
+    )
     sizes = (jacobian**2).sum(axis=0)
     relative = scale[:, None] / np.maximum(np.abs(jacobian).max(axis=0), _TINY)
     return Kept(
         names=tuple(names[i] for i in chosen),
         sets=tuple(tuple(names[j].label for j in by_head[i]) for i in chosen),
-        weights=tuple(tuple(np.round(jacobian[:, i] @ jacobian[:, by_head[i]] / sizes[i], 9).tolist()) for i in chosen),
+        weights=tuple(
+            tuple(np.round(jacobian[:, i] @ jacobian[:, by_head[i]] / sizes[i], 9).tolist())
+            for i in chosen
+        ),
         absorbed=tuple(
-            {names[j]: float(np.round(row[j], 9)) for i in dropped for j in by_head[i] if abs(row[j] * size[j]) > _TINY_WEIGHT}
+            {
+                names[j]: float(np.round(row[j], 9))
+                for i in dropped
+                for j in by_head[i]
+                if abs(row[j] * size[j]) > _TINY_WEIGHT
+            }
             for row, size in zip(coefficients, relative, strict=True)
         ),
         not_negative=_not_negative(names, jacobian, coefficients),
@@ -498,7 +610,9 @@ def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     )
 
 
-def _not_negative(names: Sequence[ComplianceName], jacobian: Array, coefficients: Array) -> tuple[bool, ...]:
+def _not_negative(
+    names: Sequence[ComplianceName], jacobian: Array, coefficients: Array
+) -> tuple[bool, ...]:
     """A kept compliance is Σ_k ⟨A_k, C_k⟩ over the joints' matrices, all columns written in those kept: it cannot be negative
     for positive semi-definite C_k if and only if every A_k is positive semi-definite."""
     six, unit = LINEAR + ROTARY, dict.fromkeys(LINEAR + ROTARY, 1.0)
@@ -515,11 +629,18 @@ def _not_negative(names: Sequence[ComplianceName], jacobian: Array, coefficients
             matrix[i, j] += weight
             matrix[j, i] += weight
         largest = max(np.abs(matrix).max() for matrix in joints.values())
-        found.append(all(np.linalg.eigvalsh(matrix).min() > -_TINY_WEIGHT * largest for matrix in joints.values()))
+        found.append(
+            all(
+                np.linalg.eigvalsh(matrix).min() > -_TINY_WEIGHT * largest
+                for matrix in joints.values()
+            )
+        )
     return tuple(found)
 
 
-def _proportional_sets(unit: Array, live: Sequence[int], names: Sequence[ComplianceName]) -> list[list[int]]:
+def _proportional_sets(
+    unit: Array, live: Sequence[int], names: Sequence[ComplianceName]
+) -> list[list[int]]:
     """Group columns that are multiples of one another; the preferred name leads its set."""
     sets: list[list[int]] = []
     for i in live:
@@ -535,7 +656,12 @@ def _table_order(name: ComplianceName, machine: Machine) -> tuple[int, int, int,
     """Order of Table 1: translations for forces, rotations for forces, rotation for moment; joints in the planes' order."""
     joints = [joint.axis for joint in machine.joints]
     components = [*joints, *(axis for axis in LINEAR if axis not in joints), *ROTARY]
-    return (name.rotations, components.index(name.twist), components.index(name.wrench), joints.index(name.joint))
+    return (
+        name.rotations,
+        components.index(name.twist),
+        components.index(name.wrench),
+        joints.index(name.joint),
+    )
 
 
 def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
@@ -550,7 +676,13 @@ def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
 
 
 def hybrid_jacobian(
-    machine: Machine, circle: Circle, angle_rad: Array, force_N: float, *, degree: int = 0, reference_force_N: float = 0.0
+    machine: Machine,
+    circle: Circle,
+    angle_rad: Array,
+    force_N: float,
+    *,
+    degree: int = 0,
+    reference_force_N: float = 0.0,
 ) -> pd.DataFrame:
     """Return the reading per unit of every parameter of the linear hybrid model, J_H of Eq. 28 and, with F0 = 0, 33: DataFrame,
     shape (n, (degree + 1) compliances + geometric errors) [mm per inside unit of the parameter].
@@ -566,7 +698,10 @@ def hybrid_jacobian(
     """
     import pandas as pd
 
-    require(degree in (0, 1, 2), f"degree must be 0, 1 or 2, got {degree}. Choose constant, linear or quadratic compliance.")
+    require(
+        degree in (0, 1, 2),
+        f"degree must be 0, 1 or 2, got {degree}. Choose constant, linear or quadratic compliance.",
+    )
     angle = np.asarray(angle_rad, dtype=float)
     kept = kept_compliances(machine, circle).names
     elastic = force_N * compliance_jacobian(machine, circle, angle, kept)
@@ -576,7 +711,9 @@ def hybrid_jacobian(
         for j, name in enumerate(kept)
     }
     geometric = geometric_jacobian(machine, circle, angle).T
-    columns |= {name.label: own for name, own in zip(geometric_names(machine), geometric, strict=True)}
+    columns |= {
+        name.label: own for name, own in zip(geometric_names(machine), geometric, strict=True)
+    }
     return readable(pd.DataFrame(columns))
 
 
@@ -586,6 +723,11 @@ def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame
     import pandas as pd
 
     angle = np.asarray(angle_rad, dtype=float)
-    names = [*(name.label for name in wrench_names(machine)), *(name.label for name in geometric_names(machine))]
-    values = np.hstack([wrench_jacobian(machine, circle, angle), geometric_jacobian(machine, circle, angle)])
+    names = [
+        *(name.label for name in wrench_names(machine)),
+        *(name.label for name in geometric_names(machine)),
+    ]
+    values = np.hstack(
+        [wrench_jacobian(machine, circle, angle), geometric_jacobian(machine, circle, angle)]
+    )
     return readable(pd.DataFrame(values, columns=names))

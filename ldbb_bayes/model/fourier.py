@@ -16,13 +16,32 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, Instrument
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.chain import ComplianceName, GeometricName, compliance_jacobian, geometric_jacobian, geometric_names
+from ldbb_bayes.machine.chain import (
+    ComplianceName,
+    GeometricName,
+    compliance_jacobian,
+    geometric_jacobian,
+    geometric_names,
+)
 from ldbb_bayes.result import Array
 
 __all__ = [
-    "MAX_ORDER", "ORDERS", "SIZE", "TRAVEL", "WAYS", "Even", "Reduced", "Setting", "basis", "coefficients", "derivative",
-    "geometric_errors_of", "harmonic_index", "reduce_readings", "setting_of",
-]  # fmt: skip
+    "MAX_ORDER",
+    "ORDERS",
+    "SIZE",
+    "TRAVEL",
+    "WAYS",
+    "Even",
+    "Reduced",
+    "Setting",
+    "basis",
+    "coefficients",
+    "derivative",
+    "geometric_errors_of",
+    "harmonic_index",
+    "reduce_readings",
+    "setting_of",
+]
 
 MAX_ORDER = 12
 SIZE = 2 * MAX_ORDER + 1
@@ -102,7 +121,11 @@ class Reduced:
         value, along = np.linalg.eigh(self.factor.T @ self.factor / np.outer(root, root))
         departure = value / np.median(value) - 1.0
         order = np.argsort(-np.abs(departure), kind="stable")
-        found = Even(np.sqrt(np.median(value)) * root, departure[order], np.where(np.abs(along) > _ZERO, along, 0.0)[:, order])
+        found = Even(
+            np.sqrt(np.median(value)) * root,
+            departure[order],
+            np.where(np.abs(along) > _ZERO, along, 0.0)[:, order],
+        )
         return found if np.count_nonzero(found.counts) <= _UNEVEN and value[0] > 0.0 else None
 
 
@@ -162,7 +185,14 @@ class Setting:
     def select(self, rows: Sequence[int]) -> Setting:
         """Only these tests; what belongs to the whole campaign stays."""
         per_test = [name for name, value in vars(self).items() if isinstance(value, np.ndarray)]
-        return replace(self, **{name: getattr(self, name)[list(rows)] for name in per_test if not name.endswith("_estimate")})
+        return replace(
+            self,
+            **{
+                name: getattr(self, name)[list(rows)]
+                for name in per_test
+                if not name.endswith("_estimate")
+            },
+        )
 
     @property
     def travels(self) -> tuple[float, ...]:
@@ -178,7 +208,11 @@ class Setting:
     def driven_axes(self) -> list[tuple[int, float]]:
         """Axes X, Y, Z that the circles move and whose compliance they show, by number, and |Ĉ_aa| [mm/N]."""
         moved = np.abs(self.direction).max(axis=(0, 1)) > 0.0
-        return [(k, abs(float(size))) for k, size in enumerate(self.axial_estimate) if moved[k] and size != 0.0]
+        return [
+            (k, abs(float(size)))
+            for k, size in enumerate(self.axial_estimate)
+            if moved[k] and size != 0.0
+        ]
 
     def along(self, axis: int, power: float, *, signed: bool = False) -> Array:
         """|u|^a, u = A cos(θ − ϑ) the bar's direction along an axis, times the sign of u where ``signed``, to order 12, shape
@@ -190,14 +224,22 @@ class Setting:
             share[n + 2] = share[n] * (power - n) / (power + n + 2)
         share[0] /= 2.0
         cosine, sine = self.direction[:, 1, axis], self.direction[:, 2, axis]
-        found = np.hypot(cosine, sine)[:, None] ** power * share[ORDERS] * basis(np.arctan2(sine, cosine))
+        found = (
+            np.hypot(cosine, sine)[:, None] ** power
+            * share[ORDERS]
+            * basis(np.arctan2(sine, cosine))
+        )
         return np.where(np.abs(found) > 1e-12, found, 0.0)
 
-    def each(self, what: Literal["plane", "radius", "setup"]) -> Iterator[tuple[Any, str, NDArray[np.bool_]]]:
+    def each(
+        self, what: Literal["plane", "radius", "setup"]
+    ) -> Iterator[tuple[Any, str, NDArray[np.bool_]]]:
         """Every plane, radius or set-up of the campaign, what names carry of it (nothing of an only one), and its tests."""
         own, every = {
-            "plane": (self.plane, self.planes), "radius": (self.radius_mm, self.radii_mm), "setup": (self.setup, self.setups),
-        }[what]  # fmt: skip
+            "plane": (self.plane, self.planes),
+            "radius": (self.radius_mm, self.radii_mm),
+            "setup": (self.setup, self.setups),
+        }[what]
         for value in every:
             text = value if isinstance(value, str) else f"{value:g}"
             yield value, f"_{text}" if len(every) > 1 else "", own == value
@@ -233,7 +275,11 @@ def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
 
 
 def setting_of(
-    campaign: Campaign, compliances: Sequence[ComplianceName], reference_force_N: float | None, *, pilot: Campaign | None
+    campaign: Campaign,
+    compliances: Sequence[ComplianceName],
+    reference_force_N: float | None,
+    *,
+    pilot: Campaign | None,
 ) -> Setting:
     """The setting of a campaign or plan; of a plan F0, force range and the zero of time and temperature are the pilot's."""
     machine, tests = campaign.machine(), campaign.tests
@@ -245,26 +291,46 @@ def setting_of(
         )
         for circle in {test.circle for test in tests}
     }
-    direction, wrench, geometric = (np.stack([columns[test.circle][k] for test in tests]) for k in range(3))
+    direction, wrench, geometric = (
+        np.stack([columns[test.circle][k] for test in tests]) for k in range(3)
+    )
     clockings = np.deg2rad([[test.work_ball_deg, test.tool_ball_deg] for test in tests])
     turned = np.exp(1j * clockings)
     clocked = bool(np.abs(turned - turned[0]).max() > 1e-9)
     forces = (pilot or campaign).forces_N
     return Setting(
-        force_N=campaign.forces_N, pressure_bar=campaign.pressures_bar,
-        radius_mm=np.array([test.radius_mm for test in tests], dtype=float), work_ball_rad=clockings[:, 0],
-        tool_ball_rad=clockings[:, 1], plane=np.array([str(test.plane) for test in tests]),
-        setup=np.array([test.setup or 1 for test in tests]), travel=np.array([TRAVEL[test.direction or "CW"] for test in tests]),
-        time_h=_recorded("time_s", campaign, pilot) / _HOUR_S, temperature_K=_recorded("temperature_C", campaign, pilot),
-        direction=direction, wrench=wrench, geometric=_by_setup(campaign, geometric),
-        reference_force_N=float((forces.min() + forces.max()) / 2.0 if reference_force_N is None else reference_force_N),
-        force_range_N=float(forces.max() - forces.min()), two_balls=clocked, clocked=clocked,
+        force_N=campaign.forces_N,
+        pressure_bar=campaign.pressures_bar,
+        radius_mm=np.array([test.radius_mm for test in tests], dtype=float),
+        work_ball_rad=clockings[:, 0],
+        tool_ball_rad=clockings[:, 1],
+        plane=np.array([str(test.plane) for test in tests]),
+        setup=np.array([test.setup or 1 for test in tests]),
+        travel=np.array([TRAVEL[test.direction or "CW"] for test in tests]),
+        time_h=_recorded("time_s", campaign, pilot) / _HOUR_S,
+        temperature_K=_recorded("temperature_C", campaign, pilot),
+        direction=direction,
+        wrench=wrench,
+        geometric=_by_setup(campaign, geometric),
+        reference_force_N=float(
+            (forces.min() + forces.max()) / 2.0 if reference_force_N is None else reference_force_N
+        ),
+        force_range_N=float(forces.max() - forces.min()),
+        two_balls=clocked,
+        clocked=clocked,
         radii_mm=tuple(sorted({float(test.radius_mm or 0.0) for test in tests})),
-        setups=tuple(sorted({test.setup or 1 for test in tests})), planes=tuple(machine.planes), both_ways=_both_ways(campaign),
-        largest_force_N=float(forces.max()), circle=np.array([""] * len(tests)), compliance_estimate=np.zeros(len(compliances)),
-        axial_estimate=np.zeros(3), fitted=np.zeros((len(tests), SIZE)), compensated=campaign.mount.compensated,
-        deflection_um_per_bar=campaign.mount.deflection_um_per_bar, instrument=campaign.instrument,
-    )  # fmt: skip
+        setups=tuple(sorted({test.setup or 1 for test in tests})),
+        planes=tuple(machine.planes),
+        both_ways=_both_ways(campaign),
+        largest_force_N=float(forces.max()),
+        circle=np.array([""] * len(tests)),
+        compliance_estimate=np.zeros(len(compliances)),
+        axial_estimate=np.zeros(3),
+        fitted=np.zeros((len(tests), SIZE)),
+        compensated=campaign.mount.compensated,
+        deflection_um_per_bar=campaign.mount.deflection_um_per_bar,
+        instrument=campaign.instrument,
+    )
 
 
 def _by_setup(campaign: Campaign, columns: Array) -> Array:
@@ -282,7 +348,13 @@ def _recorded(field: str, campaign: Campaign, pilot: Campaign | None) -> Array:
     """From the campaign's mean. Tests of a plan beside a pilot that record nothing are taken at the pilot's mean: run in an
     order that has nothing to do with what differs between them."""
     own, before = (
-        np.array([np.nan if getattr(test, field) is None else getattr(test, field) for test in tests.tests], dtype=float)
+        np.array(
+            [
+                np.nan if getattr(test, field) is None else getattr(test, field)
+                for test in tests.tests
+            ],
+            dtype=float,
+        )
         for tests in (campaign, pilot or campaign)
     )
     if not np.isfinite(before).any():
@@ -297,7 +369,10 @@ def _both_ways(campaign: Campaign) -> tuple[str, ...]:
     for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
         if not {"CW", "CCW"} <= {test.direction for test in campaign.scope if test.plane == plane}:
             continue
-        silent = next((test for test in campaign.tests if test.plane == plane and test.direction is None), None)
+        silent = next(
+            (test for test in campaign.tests if test.plane == plane and test.direction is None),
+            None,
+        )
         if silent is not None:
             raise InputError(
                 f"{silent.label} must state its direction, CW or CCW, as circles of plane {plane} run, or are to run, both ways, "

@@ -31,10 +31,22 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.result import Array, Shown
 
 __all__ = [
-    "Gaussian", "Sobol", "central_differences", "components", "eliminate", "holm", "least_squares", "log_diagonal",
-    "mixture_moments", "mixture_quantiles", "newton", "singular_root", "solve_lower", "solve_upper",
+    "Gaussian",
+    "Sobol",
+    "central_differences",
+    "components",
+    "eliminate",
+    "holm",
+    "least_squares",
+    "log_diagonal",
+    "mixture_moments",
+    "mixture_quantiles",
+    "newton",
+    "singular_root",
+    "solve_lower",
+    "solve_upper",
     "weighted_quantiles",
-]  # fmt: skip
+]
 
 _LOG_2PI = float(np.log(2 * np.pi))
 # A pivot this much smaller than the largest has at most three digits above rounding.
@@ -49,13 +61,19 @@ class Gaussian(Shown):
     shown = ("precision", "shift")
 
     def __init__(self, precision: Array, shift: Array, log_constant: Array | float = 0.0) -> None:
-        self.__dict__.update(precision=precision, shift=shift, log_constant=np.asarray(log_constant, dtype=float))
+        self.__dict__.update(
+            precision=precision, shift=shift, log_constant=np.asarray(log_constant, dtype=float)
+        )
 
     @classmethod
-    def factored(cls, mean: Array, root: Array, scale: Array, log_integral: Array | float = 0.0) -> Self:
+    def factored(
+        cls, mean: Array, root: Array, scale: Array, log_integral: Array | float = 0.0
+    ) -> Self:
         """From its mean (..., q), the lower L (..., q, q) and the scales (..., q) of P = S⁻¹ L Lᵀ S⁻¹, and ln ∫ g."""
         found = object.__new__(cls)
-        found.__dict__.update(_factored=(mean, root, scale), log_integral=np.asarray(log_integral, dtype=float))
+        found.__dict__.update(
+            _factored=(mean, root, scale), log_integral=np.asarray(log_integral, dtype=float)
+        )
         return found
 
     @classmethod
@@ -64,13 +82,19 @@ class Gaussian(Shown):
         q = mean.shape[-1]
         if covariance.shape == mean.shape:
             if not np.all(covariance > 0):
-                raise InputError(f"variances must be positive, got {covariance.min()}. Remove that column or correct it.")
-            return cls.factored(mean, np.broadcast_to(np.eye(q), (*mean.shape, q)), np.sqrt(covariance))
+                raise InputError(
+                    f"variances must be positive, got {covariance.min()}. Remove that column or correct it."
+                )
+            return cls.factored(
+                mean, np.broadcast_to(np.eye(q), (*mean.shape, q)), np.sqrt(covariance)
+            )
         sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         try:
             root = np.linalg.cholesky(covariance / (sd[..., :, None] * sd[..., None, :]))
         except np.linalg.LinAlgError:
-            raise InputError("a covariance must be positive definite, got a singular or indefinite one. Correct it.") from None
+            raise InputError(
+                "a covariance must be positive definite, got a singular or indefinite one. Correct it."
+            ) from None
         inverse = solve_lower(root, np.broadcast_to(np.eye(q), covariance.shape))
         return cls.factored(mean, _positive(np.asarray(np.linalg.qr(inverse, mode="r"))), sd)
 
@@ -84,8 +108,12 @@ class Gaussian(Shown):
         triangle = np.asarray(np.linalg.qr(stack, mode="r")) if n else stack
         pivots = np.abs(np.diagonal(triangle, axis1=-2, axis2=-1))[..., :q]
         if n < q or np.any(pivots <= _DEPENDENT * pivots.max(axis=-1, keepdims=True)):
-            raise InputError("rows must determine every coefficient, got columns that follow from others. Give a proper prior.")
-        return cls._of_triangle(triangle, np.zeros(q), scale, -0.5 * n * _LOG_2PI + 0.5 * q * _LOG_2PI)
+            raise InputError(
+                "rows must determine every coefficient, got columns that follow from others. Give a proper prior."
+            )
+        return cls._of_triangle(
+            triangle, np.zeros(q), scale, -0.5 * n * _LOG_2PI + 0.5 * q * _LOG_2PI
+        )
 
     def observe(self, rows: Array, values: Array) -> Gaussian:
         """The product with Π N(values; rows · x, 1), rows (..., n, q) in units of the noise and values (..., n): prior to
@@ -93,7 +121,9 @@ class Gaussian(Shown):
         mean, root, scale = self._factored
         residual = values - (rows @ mean[..., None])[..., 0]
         stack = np.concatenate([rows * scale[..., None, :], residual[..., None]], axis=-1)
-        before = np.concatenate([np.swapaxes(root, -1, -2), np.zeros((*root.shape[:-1], 1))], axis=-1)
+        before = np.concatenate(
+            [np.swapaxes(root, -1, -2), np.zeros((*root.shape[:-1], 1))], axis=-1
+        )
         batch = np.broadcast_shapes(stack.shape[:-2], before.shape[:-2])
         both = [np.broadcast_to(part, (*batch, *part.shape[-2:])) for part in (stack, before)]
         triangle = np.asarray(np.linalg.qr(np.concatenate(both, axis=-2), mode="r"))
@@ -102,14 +132,22 @@ class Gaussian(Shown):
 
     @classmethod
     def _of_triangle(
-        cls, triangle: Array, about: Array, scale: Array, constant: Array | float, *, scaled: bool = False
+        cls,
+        triangle: Array,
+        about: Array,
+        scale: Array,
+        constant: Array | float,
+        *,
+        scaled: bool = False,
     ) -> Gaussian:
         """From the R factor of [rows · scale, values], or of the same with a prior's root below."""
         q = scale.shape[-1]
         root = _positive(triangle[..., :q, :q])
         sign = np.where(np.diagonal(triangle[..., :q, :q], axis1=-2, axis2=-1) < 0, -1.0, 1.0)
         mean = about + scale * solve_upper(root, triangle[..., :q, q] * sign)
-        log_integral = constant - log_diagonal(root) + (0.0 if scaled else np.log(scale).sum(axis=-1))
+        log_integral = (
+            constant - log_diagonal(root) + (0.0 if scaled else np.log(scale).sum(axis=-1))
+        )
         if triangle.shape[-2] > q:
             log_integral = log_integral - 0.5 * triangle[..., q, q] ** 2
         return cls.factored(mean, root, np.broadcast_to(scale, mean.shape), log_integral)
@@ -178,7 +216,11 @@ class Gaussian(Shown):
         return np.sqrt((self.spread() ** 2).sum(axis=-1))
 
     def __add__(self, other: Gaussian) -> Gaussian:
-        return Gaussian(self.precision + other.precision, self.shift + other.shift, self.log_constant + other.log_constant)
+        return Gaussian(
+            self.precision + other.precision,
+            self.shift + other.shift,
+            self.log_constant + other.log_constant,
+        )
 
     def marginal(self, keep: Sequence[int]) -> Gaussian:
         """∫ g over the other coefficients, in the order of ``keep``."""
@@ -186,8 +228,12 @@ class Gaussian(Shown):
         q, k = mean.shape[-1], len(keep)
         order = [*np.setdiff1d(np.arange(q), keep), *keep]
         if order != list(range(q)):
-            root = _positive(np.asarray(np.linalg.qr(np.swapaxes(root, -1, -2)[..., order], mode="r")))
-        return Gaussian.factored(mean[..., keep], root[..., q - k :, q - k :], scale[..., keep], self.log_integral)
+            root = _positive(
+                np.asarray(np.linalg.qr(np.swapaxes(root, -1, -2)[..., order], mode="r"))
+            )
+        return Gaussian.factored(
+            mean[..., keep], root[..., q - k :, q - k :], scale[..., keep], self.log_integral
+        )
 
     def at(self, white: Array) -> Array:
         """x from standard normal coordinates, shape (..., q)."""
@@ -208,7 +254,13 @@ class Gaussian(Shown):
         return self.at(rng.standard_normal((*size, *self.mean.shape)))
 
 
-def eliminate(front: Array, links: Array | None = None, *, sign: Array | None = None, linked: Array | None = None) -> None:
+def eliminate(
+    front: Array,
+    links: Array | None = None,
+    *,
+    sign: Array | None = None,
+    linked: Array | None = None,
+) -> None:
     """Cholesky factorisation in place, the stack last: of s columns of symmetric matrices and of what is right of them, ``front``
     (g, s, n, w), n ≥ s, column j from its diagonal on being [:, j, j:]; NaN where one is not positive definite. The products of
     ``links`` (k, n, w), columns eliminated before, are subtracted first. L S Lᵀ where pivots have a ``sign`` S (g, s), those of
@@ -255,11 +307,15 @@ def _stack_last(lower: Array, right: Array, axes: int) -> tuple[Array, Array]:
     turned = np.ascontiguousarray(np.moveaxis(lower, (-2, -1), (0, 1)))
     turned = np.broadcast_to(np.moveaxis(turned, (0, 1), (-2, -1)), (*batch, *lower.shape[-2:]))
     copied = np.empty((*right.shape[-axes:], *batch))
-    copied[...] = np.moveaxis(np.broadcast_to(right, (*batch, *right.shape[-axes:])), range(-axes, 0), range(axes))
+    copied[...] = np.moveaxis(
+        np.broadcast_to(right, (*batch, *right.shape[-axes:])), range(-axes, 0), range(axes)
+    )
     return np.moveaxis(turned, (-2, -1), (0, 1)), copied
 
 
-def least_squares(jacobian: Array, y: Array, scale: Array | None = None, *, rank_tolerance: float = 1e-10) -> Array:
+def least_squares(
+    jacobian: Array, y: Array, scale: Array | None = None, *, rank_tolerance: float = 1e-10
+) -> Array:
     """Minimum-norm least squares (p,) of y (n,) by the columns of a Jacobian (n, p), in units of ``scale`` (p,), typical sizes of
     the parameters, by default reciprocal column norms; directions of smaller relative singular values are undetermined."""
     if scale is None:
@@ -302,7 +358,9 @@ def mixture_moments(weight: Array, mean: Array, sd: Array) -> tuple[Array, Array
     return middle, np.sqrt(np.tensordot(weight, sd**2 + (mean - middle) ** 2, 1))
 
 
-def mixture_quantiles(weight: Array, mean: Array, sd: Array, levels: Sequence[float] | Array) -> Array:
+def mixture_quantiles(
+    weight: Array, mean: Array, sd: Array, levels: Sequence[float] | Array
+) -> Array:
     """Quantiles, shape (levels, ...), of mixtures of Gaussians: Newton's method kept inside a bracket. Components (k, ...);
     weights (k,), or an array that broadcasts with them, sum to one along the first axis."""
     flat_mean, flat_sd = (part.reshape(len(mean), -1) for part in (mean, sd))
@@ -313,7 +371,9 @@ def mixture_quantiles(weight: Array, mean: Array, sd: Array, levels: Sequence[fl
     for start in range(0, flat_mean.shape[1], size):
         own = slice(start, start + size)
         for row, level in enumerate(levels):
-            found[row, own] = _mixture_quantile(flat_weight[:, own], flat_mean[:, own], flat_sd[:, own], level)
+            found[row, own] = _mixture_quantile(
+                flat_weight[:, own], flat_mean[:, own], flat_sd[:, own], level
+            )
     return found.reshape(len(levels), *mean.shape[1:])
 
 
@@ -329,10 +389,14 @@ def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Ar
             z = (x - mean) / sd
             excess = (weight * ndtr(z)).sum(axis=0) - level
             low, high = np.where(excess <= 0.0, x, low), np.where(excess >= 0.0, x, high)
-            new = x - excess / ((weight * (np.exp(-0.5 * z**2) / sd)).sum(axis=0) / np.sqrt(2.0 * np.pi))
+            new = x - excess / (
+                (weight * (np.exp(-0.5 * z**2) / sd)).sum(axis=0) / np.sqrt(2.0 * np.pi)
+            )
         # Newton's step where it is the last, or stays inside the bracket and is at most half of the one before; else halfway.
         size = np.abs(new - x)
-        good = (size <= _CLOSE * spread) | ((new > low) & (new < high) & (size <= 0.5 * np.abs(step)))
+        good = (size <= _CLOSE * spread) | (
+            (new > low) & (new < high) & (size <= 0.5 * np.abs(step))
+        )
         new = np.where(good, new, 0.5 * (low + high))
         step, x = new - x, new
         if np.all(np.abs(step) <= _CLOSE * spread):
@@ -384,7 +448,9 @@ def newton(
     return point
 
 
-def central_differences(function: Callable[[Array], Array], point: Array, step: float) -> tuple[Array, Array]:
+def central_differences(
+    function: Callable[[Array], Array], point: Array, step: float
+) -> tuple[Array, Array]:
     """Gradient (h,) and Hessian (h, h) of a function (n, h) → (n,), all points in one call."""
     h = len(point)
     unit = np.eye(h) * step
@@ -401,7 +467,9 @@ def central_differences(function: Callable[[Array], Array], point: Array, step: 
 def components(linked: Array) -> NDArray[np.intp]:
     """Number of the group that each belongs to, shape (n,), what is linked (n, n) directly or through others being one group."""
     label, joined = np.arange(len(linked)), linked | np.eye(len(linked), dtype=bool)
-    while np.any(label != (nearest := np.where(joined, label, len(linked)).min(axis=1, initial=len(linked)))):
+    while np.any(
+        label != (nearest := np.where(joined, label, len(linked)).min(axis=1, initial=len(linked)))
+    ):
         label = nearest
     return np.unique(label, return_inverse=True)[1]
 
@@ -409,7 +477,9 @@ def components(linked: Array) -> NDArray[np.intp]:
 def holm(p_value: Array) -> Array:
     """p-values that hold the family-wise error whatever the dependence (Holm 1979)."""
     order = np.argsort(p_value, kind="stable")
-    stepped = np.minimum(np.maximum.accumulate(p_value[order] * np.arange(len(p_value), 0, -1)), 1.0)
+    stepped = np.minimum(
+        np.maximum.accumulate(p_value[order] * np.arange(len(p_value), 0, -1)), 1.0
+    )
     found = np.empty(len(p_value))
     found[order] = stepped
     return found
@@ -422,9 +492,13 @@ class Sobol:
     def __init__(self, dimensions: int, rng: np.random.Generator) -> None:
         rng = rng.spawn(1)[0]
         self._shift = rng.integers(2, size=(dimensions, _BITS.size), dtype=np.uint32) @ (1 << _BITS)
-        mixing = np.tril(rng.integers(2, size=(dimensions, _BITS.size, _BITS.size), dtype=np.uint32), -1) + np.eye(_BITS.size)
+        mixing = np.tril(
+            rng.integers(2, size=(dimensions, _BITS.size, _BITS.size), dtype=np.uint32), -1
+        ) + np.eye(_BITS.size)
         bits = _sobol_directions(dimensions)[:, :, None] >> _BITS[::-1] & 1
-        self._directions = (bits @ np.swapaxes(mixing, 1, 2)).astype(np.int64) % 2 @ (1 << _BITS[::-1])
+        self._directions = (
+            (bits @ np.swapaxes(mixing, 1, 2)).astype(np.int64) % 2 @ (1 << _BITS[::-1])
+        )
         self._drawn = 0
 
     def random(self, size: int) -> Array:

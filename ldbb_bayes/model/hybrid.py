@@ -15,17 +15,61 @@ import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
 from ldbb_bayes.errors import check_known, renamed, require
-from ldbb_bayes.machine.chain import LINEAR, ComplianceName, GeometricName, geometric_reading_mm, kept_compliances
-from ldbb_bayes.model.fourier import Reduced, Setting, basis, geometric_errors_of, reduce_readings, setting_of
+from ldbb_bayes.machine.chain import (
+    LINEAR,
+    ComplianceName,
+    GeometricName,
+    geometric_reading_mm,
+    kept_compliances,
+)
+from ldbb_bayes.model.fourier import (
+    Reduced,
+    Setting,
+    basis,
+    geometric_errors_of,
+    reduce_readings,
+    setting_of,
+)
 from ldbb_bayes.model.gaussian import components, least_squares
-from ldbb_bayes.model.likelihood import NOISE, OWN, Information, ParameterConditional, StructuredGaussian
-from ldbb_bayes.model.prior import EXAMPLES, Prior, compliance_unit, degree_of, geometric_unit, parameter_to_inside
-from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, ForceError, JointLoad, Mount, Scale, Term, first_edition
+from ldbb_bayes.model.likelihood import (
+    NOISE,
+    OWN,
+    Information,
+    ParameterConditional,
+    StructuredGaussian,
+)
+from ldbb_bayes.model.prior import (
+    EXAMPLES,
+    Prior,
+    compliance_unit,
+    degree_of,
+    geometric_unit,
+    parameter_to_inside,
+)
+from ldbb_bayes.model.terms import (
+    BasisNoise,
+    CircleScale,
+    Columns,
+    ForceError,
+    JointLoad,
+    Mount,
+    Scale,
+    Term,
+    first_edition,
+)
 from ldbb_bayes.model.truncation import Orthant, Truncation
 from ldbb_bayes.result import Array, Result, Shown
 from ldbb_bayes.units import inside_name
 
-__all__ = ["BoundModel", "HybridModel", "Parameter", "Preset", "Simulation", "information_of", "informations_of"]
+__all__ = [
+    "BoundModel",
+    "HybridModel",
+    "Parameter",
+    "Preset",
+    "Simulation",
+    "information_of",
+    "informations_of",
+]
 
 Preset = Literal["default", "first", "paper"]
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
@@ -46,11 +90,17 @@ class HybridModel(Result):
     """The model of a campaign, not yet bound to one: its ``nuisances`` (terms) and priors; refused where they clash."""
 
     degree: int = 1  #: compliance constant (0), linear (1) or quadratic (2) in force; constant: linear with its slopes at zero
-    nuisances: tuple[Term, ...] = field(default_factory=lambda: tuple(own() for own in Term.kinds.values() if not own.on_demand))
+    nuisances: tuple[Term, ...] = field(
+        default_factory=lambda: tuple(own() for own in Term.kinds.values() if not own.on_demand)
+    )
     prior: Prior = field(default_factory=Prior.default)  #: of parameters and hyper-parameters
-    reference_force_N: float | None = None  #: F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally
+    reference_force_N: float | None = (
+        None  #: F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally
+    )
     preset: Preset = "default"  #: where the model started from
-    fixed: tuple[str, ...] = ()  #: parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a campaign
+    fixed: tuple[
+        str, ...
+    ] = ()  #: parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a campaign
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", tuple(sorted(set(map(inside_name, self.fixed)))))
@@ -58,7 +108,10 @@ class HybridModel(Result):
         require(self.degree in (0, 1, 2), f"degree must be 0, 1 or 2, {constant}")
         force = self.reference_force_N
         finite = force is None or np.isfinite(force)
-        require(finite, f"reference_force_N must be finite, got {force}. Give a force in N or leave it out.")
+        require(
+            finite,
+            f"reference_force_N must be finite, got {force}. Give a force in N or leave it out.",
+        )
         for name in self.fixed:
             mean = self.prior.means.get(name, 0.0)
             cure = f"got both ({mean:g}). Remove one of them."
@@ -68,7 +121,10 @@ class HybridModel(Result):
             derived = issubclass(kind, Term) and "__dataclass_fields__" in vars(kind)
             cure = "Derive its class from Term, under @dataclass(frozen=True)."
             require(derived, f"nuisances must be terms, got {kind.__name__}. {cure}")
-            require(kinds.count(kind) == 1, f"nuisances must differ, got {kind.__name__} twice. Remove one.")
+            require(
+                kinds.count(kind) == 1,
+                f"nuisances must differ, got {kind.__name__} twice. Remove one.",
+            )
         names = [scale.name for scale in dict.fromkeys(self.scales)]
         cure = f"got {', '.join(names)}. Rename the scale of a term of your own."
         require(len(set(names)) == len(names), f"hyper-parameters must differ, {cure}")
@@ -103,13 +159,20 @@ class HybridModel(Result):
     def with_degree(self, degree: int) -> HybridModel:
         """The same model with another degree; what is fixed or overridden stays so where the new degree has it."""
         fixed = tuple(name for name in self.fixed if degree_of(name) <= degree)
-        overrides = {name: sd for name, sd in self.prior.overrides.items() if degree_of(name) <= degree}
-        return replace(self, degree=degree, fixed=fixed, prior=replace(self.prior, overrides=overrides))
+        overrides = {
+            name: sd for name, sd in self.prior.overrides.items() if degree_of(name) <= degree
+        }
+        return replace(
+            self, degree=degree, fixed=fixed, prior=replace(self.prior, overrides=overrides)
+        )
 
     def with_slope_scale(self, scale: float) -> HybridModel:
         """The same model with slopes of this prior scale; what is overridden changes in proportion."""
         factor = scale / self.prior.slope_scale
-        overrides = {name: sd * (factor if degree_of(name) else 1.0) for name, sd in self.prior.overrides.items()}
+        overrides = {
+            name: sd * (factor if degree_of(name) else 1.0)
+            for name, sd in self.prior.overrides.items()
+        }
         return replace(self, prior=replace(self.prior, slope_scale=scale, overrides=overrides))
 
     def fixing(self, *names: str) -> HybridModel:
@@ -126,14 +189,22 @@ class HybridModel(Result):
         InputError for what is neither; names are checked against the machine when the model meets a campaign.
         """
         given = {inside_name(name): value for name, value in {**(priors or {}), **more}.items()}
-        tables: dict[str, Any] = {"means": dict(self.prior.means), "overrides": dict(self.prior.overrides)}
+        tables: dict[str, Any] = {
+            "means": dict(self.prior.means),
+            "overrides": dict(self.prior.overrides),
+        }
         settings = [own.name for own in fields(Prior) if own.name not in tables]
         others = [name for name in given if not name.startswith(("C_", "E_"))]
-        check_known("prior", others, [*settings, *EXAMPLES], " Parameters are named like C_XXX and E_XX1.")
+        check_known(
+            "prior", others, [*settings, *EXAMPLES], " Parameters are named like C_XXX and E_XX1."
+        )
         for name, value in given.items():
             if name not in settings:
                 pair = isinstance(value, tuple | list) and len(value) == 2
-                require(pair, f"prior of {name} must be its mean and sd, got {value!r}. Write {name}=(mean, sd).")
+                require(
+                    pair,
+                    f"prior of {name} must be its mean and sd, got {value!r}. Write {name}=(mean, sd).",
+                )
                 tables["overrides"][name] = value[1]
                 mean = parameter_to_inside(name, value[0], "prior mean of")
                 tables["means"] |= {name: mean} if mean or not degree_of(name) else {}
@@ -156,20 +227,32 @@ class HybridModel(Result):
         """The same model without the named terms (``ball-form`` … ``hysteresis``, ``truncation``)."""
         check_known("term", names, (*(kind.key() for kind in Term.kinds.values()), "truncation"))
         prior = replace(self.prior, truncated=False) if "truncation" in names else self.prior
-        return replace(self, nuisances=tuple(term for term in self.nuisances if term.key() not in names), prior=prior)
+        return replace(
+            self,
+            nuisances=tuple(term for term in self.nuisances if term.key() not in names),
+            prior=prior,
+        )
 
     @property
     def rivals(self) -> tuple[str, ...]:
         """What it has that explains a change with force as slopes do: joint load, curved mount, curved force law."""
         own = {type(term): term for term in self.nuisances}
-        return tuple(name for name, (kind, setting, _) in _RIVALS.items() if kind in own and getattr(own[kind], setting, True))
+        return tuple(
+            name
+            for name, (kind, setting, _) in _RIVALS.items()
+            if kind in own and getattr(own[kind], setting, True)
+        )
 
     def with_rivals(self, *names: str) -> HybridModel:
         """The same model with these alone of its `rivals`."""
         model = self
         for kind, setting, _ in (_RIVALS[name] for name in self.rivals if name not in names):
             own: Any = next(term for term in self.nuisances if type(term) is kind)
-            model = model.with_term(replace(own, **{setting: 0.0})) if setting else model.without(kind.key())
+            model = (
+                model.with_term(replace(own, **{setting: 0.0}))
+                if setting
+                else model.without(kind.key())
+            )
         return model
 
     @property
@@ -179,7 +262,10 @@ class HybridModel(Result):
 
     def scales_in(self, setting: Setting | None) -> tuple[Scale, ...]:
         """The same of a setting, with a scale for every circle, and without those that do not act there."""
-        own = [(term, term.scales if setting is None else term.scales_in(setting)) for term in self.nuisances]
+        own = [
+            (term, term.scales if setting is None else term.scales_in(setting))
+            for term in self.nuisances
+        ]
         every = dict.fromkeys([_SIGMA, *(scale for term, scales in own for scale in scales)])
         if setting is not None:
             parts = [part for term, _ in own for part in term.columns(setting)]
@@ -188,7 +274,11 @@ class HybridModel(Result):
             every = {scale: None for scale in every if scale.name in acting}
 
         def place(scale: Scale) -> int:
-            return _ORDER.index(scale.name) if scale.name in _ORDER else len(_ORDER) + (scale.law == "circle")
+            return (
+                _ORDER.index(scale.name)
+                if scale.name in _ORDER
+                else len(_ORDER) + (scale.law == "circle")
+            )
 
         return tuple(sorted(every, key=place))
 
@@ -232,9 +322,15 @@ class HybridModel(Result):
         check_known("hyper-parameter", given, names)
         for name, value in given.items():
             usable = np.isfinite(value) and value >= 0
-            require(usable, f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.")
+            require(
+                usable,
+                f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.",
+            )
         drawn, unit = bound.hyper_prior.draw(1, rng)[0], 1.0 / bound.hyper_prior.shown
-        phi = {name: given.get(name, float(own / k)) * k for name, own, k in zip(names, drawn, unit.tolist(), strict=True)}
+        phi = {
+            name: given.get(name, float(own / k)) * k
+            for name, own, k in zip(names, drawn, unit.tolist(), strict=True)
+        }
         truth = bound.linearised_at(beta)
         coefficients = bound.interest @ beta + bound.known_offset
         for term in self.nuisances:
@@ -242,7 +338,9 @@ class HybridModel(Result):
                 coefficients = coefficients + columns.draw(phi, truth.tests, rng)
         tests = []
         for test, own in zip(plan.tests, coefficients, strict=True):
-            reading = basis(test.angles_rad()) @ own + rng.normal(0.0, phi["sigma"], len(test.angle_deg))
+            reading = basis(test.angles_rad()) @ own + rng.normal(
+                0.0, phi["sigma"], len(test.angle_deg)
+            )
             if exact:
                 reading = reading + bound.linearisation_error_mm(test, beta)
             tests.append(test.with_reading_um(reading * 1e3))
@@ -290,7 +388,9 @@ class Parameter:
 
 def _rivals_slopes(part: Columns | BasisNoise) -> bool:
     """Whether columns explain a change with force as slopes do."""
-    return isinstance(part, Columns) and part.names[0].startswith(tuple(stem for *_, stem in _RIVALS.values()))
+    return isinstance(part, Columns) and part.names[0].startswith(
+        tuple(stem for *_, stem in _RIVALS.values())
+    )
 
 
 class BoundModel(Shown):
@@ -315,37 +415,58 @@ class BoundModel(Shown):
     shown = ("model", "campaign", "test_names", "names", "setting")
 
     def __init__(
-        self, model: HybridModel, campaign: Campaign, *, keep: Sequence[str] | None = None, pilot: Campaign | None = None
+        self,
+        model: HybridModel,
+        campaign: Campaign,
+        *,
+        keep: Sequence[str] | None = None,
+        pilot: Campaign | None = None,
     ) -> None:
         _check_levels(model, campaign if pilot is None else pilot)
         self.model, self.campaign, self.pilot = model, campaign, pilot
-        self._kept = kept_compliances(campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope))
+        self._kept = kept_compliances(
+            campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope)
+        )
         self.compliances: tuple[ComplianceName, ...] = self._kept.names
         self.geometric_errors: tuple[GeometricName, ...] = geometric_errors_of(campaign)
         reduced = _reduced(campaign)
-        self.setting: Setting = setting_of(campaign, self.compliances, model.reference_force_N, pilot=pilot)
+        self.setting: Setting = setting_of(
+            campaign, self.compliances, model.reference_force_N, pilot=pilot
+        )
         fitted = self._estimate(reduced) if pilot is None else self._estimate_of(pilot)
         self.setting, self.geometric_estimate = self._linearised(*fitted), fitted[1]
         most = max(len(each.tests) for each in (campaign, pilot or campaign))
-        if any(isinstance(term, CircleScale) for term in model.nuisances) and most >= _FEWEST_SCALED:
-            self.setting = replace(self.setting, circle=np.array([f"lambda_{test.name}" for test in campaign.tests]))
+        if (
+            any(isinstance(term, CircleScale) for term in model.nuisances)
+            and most >= _FEWEST_SCALED
+        ):
+            self.setting = replace(
+                self.setting, circle=np.array([f"lambda_{test.name}" for test in campaign.tests])
+            )
         self.hyper_prior = model.prior.hyper(model.scales_in(self.setting), campaign.resolution_um)
         every = self._every_parameter()
         check_known("fixed parameter", model.fixed, [parameter.name for parameter in every])
         self._free = np.array([parameter.name not in model.fixed for parameter in every])
-        self.parameters = tuple(parameter for parameter in every if parameter.name not in model.fixed)
+        self.parameters = tuple(
+            parameter for parameter in every if parameter.name not in model.fixed
+        )
         self.names = tuple(parameter.name for parameter in self.parameters)
         self.prior_sd = np.array([parameter.prior_sd for parameter in self.parameters])
         self.prior_mean = np.array([parameter.prior_mean for parameter in self.parameters])
         self.physical = Truncation(self._physical_rows())
-        self.truncation = self.physical if model.prior.truncated else Truncation(np.zeros((0, len(self.names))))
+        self.truncation = (
+            self.physical if model.prior.truncated else Truncation(np.zeros((0, len(self.names))))
+        )
         kept = {test.name for test in (campaign if keep is None else campaign.select(keep)).tests}
         rows = [i for i, test in enumerate(campaign.tests) if test.name in kept]
         self.setting = self.setting.select(rows)
         self.reduced = tuple(reduced[i] for i in rows)
         self.test_names = tuple(campaign.tests[i].name for i in rows)
         lever = self.setting.force_N - self.setting.reference_force_N
-        elastic = [(self.setting.force_N * lever**k)[:, None, None] * self.setting.wrench for k in range(model.degree + 1)]
+        elastic = [
+            (self.setting.force_N * lever**k)[:, None, None] * self.setting.wrench
+            for k in range(model.degree + 1)
+        ]
         self.interest = np.concatenate([*elastic, self.setting.geometric], axis=2)[:, :, self._free]
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
@@ -361,7 +482,11 @@ class BoundModel(Shown):
     @property
     def terms(self) -> tuple[str, ...]:
         """Class names of the terms that act on this campaign: hysteresis needs both directions of travel."""
-        idle = [kind.__name__ for kind, columns in self.columns_of.items() if not columns and kind is not CircleScale]
+        idle = [
+            kind.__name__
+            for kind, columns in self.columns_of.items()
+            if not columns and kind is not CircleScale
+        ]
         idle += [CircleScale.__name__] * (not self.setting.circle[0])
         return tuple(name for name in self.model.terms if name not in idle)
 
@@ -404,8 +529,16 @@ class BoundModel(Shown):
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
         """Prior mean and sd of the last shared coefficients of `collapsed`: of rivals of slopes, and the parameters."""
-        rivals = [part for part in self.nuisance_columns if isinstance(part, Columns) and _rivals_slopes(part)]
-        found = {name: (0.0, sd) for part in rivals for name, sd in zip(part.names, part.sd.tolist(), strict=True)}
+        rivals = [
+            part
+            for part in self.nuisance_columns
+            if isinstance(part, Columns) and _rivals_slopes(part)
+        ]
+        found = {
+            name: (0.0, sd)
+            for part in rivals
+            for name, sd in zip(part.names, part.sd.tolist(), strict=True)
+        }
         return found | {own.name: (own.prior_mean, own.prior_sd) for own in self.parameters}
 
     @cached_property
@@ -417,13 +550,25 @@ class BoundModel(Shown):
     def collapsed(self) -> StructuredGaussian:
         """p(y | φ): nuisances and β integrated out, not truncated. Its last shared coefficients: rivals of slopes, β − centre."""
         last = sorted(self.nuisance_columns, key=_rivals_slopes)
-        return self._structured([*last, Columns(self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre)])
+        return self._structured(
+            [
+                *last,
+                Columns(
+                    self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre
+                ),
+            ]
+        )
 
-    def _structured(self, columns: Sequence[Columns | BasisNoise], interest: Array | None = None) -> StructuredGaussian:
+    def _structured(
+        self, columns: Sequence[Columns | BasisNoise], interest: Array | None = None
+    ) -> StructuredGaussian:
         return StructuredGaussian(
-            self.reduced, columns, offset=self.interest @ self.centre + self.known_offset, hypers=self.hyper_prior.names,
+            self.reduced,
+            columns,
+            offset=self.interest @ self.centre + self.known_offset,
+            hypers=self.hyper_prior.names,
             interest=interest,
-        )  # fmt: skip
+        )
 
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
         """ln p(y | β, φ), shape (w,). φ (w, h) [mm], β (w, p)."""
@@ -435,7 +580,9 @@ class BoundModel(Shown):
             return np.zeros(beta.shape[:-1])
         white = (beta - self.prior_mean) / self.prior_sd
         density = -0.5 * (white**2).sum(axis=-1) - np.log(self.prior_sd * np.sqrt(2 * np.pi)).sum()
-        return np.where(self.truncation.holds(beta), density - self.log_prob_truncation_prior, -np.inf)
+        return np.where(
+            self.truncation.holds(beta), density - self.log_prob_truncation_prior, -np.inf
+        )
 
     @cached_property
     def truncation_prior(self) -> tuple[float, float]:
@@ -444,8 +591,12 @@ class BoundModel(Shown):
             return 0.0, 0.0
         mean, spread = self.truncation.rows @ self.prior_mean, self.truncation.rows * self.prior_sd
         label = components(np.abs(spread @ spread.T) > 0.0)
-        blocks = [(mean[None, label == k], spread[None, label == k]) for k in range(label.max() + 1)]
-        value, error = np.sum([Orthant(*block).log_probability(1e-4) for block in blocks], axis=(0, 2))
+        blocks = [
+            (mean[None, label == k], spread[None, label == k]) for k in range(label.max() + 1)
+        ]
+        value, error = np.sum(
+            [Orthant(*block).log_probability(1e-4) for block in blocks], axis=(0, 2)
+        )
         return float(value), float(error)
 
     @property
@@ -466,7 +617,10 @@ class BoundModel(Shown):
 
     def draw_parameters(self, size: int, rng: np.random.Generator) -> Array:
         """Draws of β from its prior, which must not be flat, inside the truncation, shape (size, p)."""
-        require(not self.model.prior.flat, "parameters must be given when the prior is flat, got none. Pass true values.")
+        require(
+            not self.model.prior.flat,
+            "parameters must be given when the prior is flat, got none. Pass true values.",
+        )
         p = len(self.names)
         if not self.truncation.active:
             return self.prior_mean + rng.standard_normal((size, p)) * self.prior_sd
@@ -494,7 +648,9 @@ class BoundModel(Shown):
         """Exact (Eq. 1-14) minus linear geometric reading of one test, shape (n,) [mm]. β (p,)."""
         values, angle = dict(zip(self.names, beta.tolist(), strict=True)), test.angles_rad()
         errors = {name: values.get(name.label, 0.0) for name in self.geometric_errors}
-        linear = basis(angle) @ (self.setting.geometric[self.test_names.index(test.name)] @ np.array([*errors.values()]))
+        linear = basis(angle) @ (
+            self.setting.geometric[self.test_names.index(test.name)] @ np.array([*errors.values()])
+        )
         in_setup = {
             replace(name, setup=0).label: value
             for name, value in errors.items()
@@ -513,12 +669,20 @@ class BoundModel(Shown):
         rows: list[tuple[str, str, Group, int]] = []
         for k in range(self.model.degree + 1):
             group: Group = "slope" if k else "compliance"
-            rows += [(c.label + (f"_{k}" if k else ""), compliance_unit(c, k), group, k) for c in self.compliances]
-        rows += [(name.label, geometric_unit(name.kind), "geometric", 0) for name in self.geometric_errors]
+            rows += [
+                (c.label + (f"_{k}" if k else ""), compliance_unit(c, k), group, k)
+                for c in self.compliances
+            ]
+        rows += [
+            (name.label, geometric_unit(name.kind), "geometric", 0)
+            for name in self.geometric_errors
+        ]
         check_known("prior override", prior.overrides, [name for name, *_ in rows])
         check_known("prior mean", prior.means, [name for name, *_ in rows])
         return tuple(
-            Parameter(name, unit, np.inf if prior.flat else next(sd), group, k, prior.means.get(name, 0.0))
+            Parameter(
+                name, unit, np.inf if prior.flat else next(sd), group, k, prior.means.get(name, 0.0)
+            )
             for name, unit, group, k in rows
         )
 
@@ -535,7 +699,11 @@ class BoundModel(Shown):
     def _compliance_sd(self, prior: Prior) -> Array:
         """Prior sd of every kept compliance, what it has absorbed of dropped sets included, unless overridden."""
         overridden = [name.label in prior.overrides for name in self.compliances]
-        return np.where(overridden, prior.compliance_sd(self.compliances), self._size(prior.compliance_sd, prior))
+        return np.where(
+            overridden,
+            prior.compliance_sd(self.compliances),
+            self._size(prior.compliance_sd, prior),
+        )
 
     def _size(self, of: Callable[[Sequence[ComplianceName]], Array], prior: Prior) -> Array:
         """Sizes of kept compliances; what each has absorbed of dropped sets is added in quadrature."""
@@ -543,14 +711,18 @@ class BoundModel(Shown):
         for k, absorbed in enumerate(self._kept.absorbed):
             heads = [other for other in absorbed if other.label in self._kept.dependent]
             if heads:
-                own[k] = np.hypot(own[k], np.linalg.norm([absorbed[other] for other in heads] * of(heads)))
+                own[k] = np.hypot(
+                    own[k], np.linalg.norm([absorbed[other] for other in heads] * of(heads))
+                )
         return own
 
     def linearised_at(self, beta: Array) -> Setting:
         """The setting linearised about parameters (p,)."""
         every = np.zeros(len(self._free))
         every[self._free] = beta
-        return self._linearised(every[: len(self.compliances)], every[len(every) - len(self.geometric_errors) :])
+        return self._linearised(
+            every[: len(self.compliances)], every[len(every) - len(self.geometric_errors) :]
+        )
 
     def _linearised(self, compliance: Array, geometric: Array) -> Setting:
         """The setting with Ĉ and the circle fitted with it."""
@@ -558,30 +730,49 @@ class BoundModel(Shown):
         for name, value in zip(self.compliances, compliance, strict=True):
             if name.kind == "direct":
                 axial[LINEAR.index(name.twist)] += value
-        fitted = setting.force_N[:, None] * (setting.wrench @ compliance) + setting.geometric @ geometric
+        fitted = (
+            setting.force_N[:, None] * (setting.wrench @ compliance) + setting.geometric @ geometric
+        )
         return replace(setting, compliance_estimate=compliance, axial_estimate=axial, fitted=fitted)
 
     def _estimate_of(self, pilot: Campaign) -> tuple[Array, Array]:
         """The pilot's Ĉ and Ê; what its circles do not show, as for a plan."""
         bound = BoundModel(self.model, pilot)
         seen = dict(zip(bound.compliances, bound.setting.compliance_estimate, strict=True))
-        compliance = [seen.get(name, planned) for name, planned in zip(self.compliances, self._planned(), strict=True)]
+        compliance = [
+            seen.get(name, planned)
+            for name, planned in zip(self.compliances, self._planned(), strict=True)
+        ]
         rigid = dict(zip(bound.geometric_errors, bound.geometric_estimate, strict=True))
-        return np.array(compliance), np.array([rigid.get(name, 0.0) for name in self.geometric_errors])
+        return np.array(compliance), np.array(
+            [rigid.get(name, 0.0) for name in self.geometric_errors]
+        )
 
     def _planned(self) -> Array:
         """Ĉ without readings: the prior mean where the prior has one, else a usual machine's."""
-        usual = {name.label: _PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances}
+        usual = {
+            name.label: _PLANNED_COMPLIANCE if name.kind == "direct" else 0.0
+            for name in self.compliances
+        }
         return np.array([self.model.prior.means.get(name, value) for name, value in usual.items()])
 
     def _estimate(self, reduced: Sequence[Reduced]) -> tuple[Array, Array]:
         """Ĉ and Ê: least squares at degree 0 on the whole campaign, nearest to the prior mean in units of the prior sd."""
         setting, prior = self.setting, Prior.first() if self.model.prior.flat else self.model.prior
-        columns = np.concatenate([setting.force_N[:, None, None] * setting.wrench, setting.geometric], axis=2)
-        scale = np.concatenate([self._compliance_sd(prior), prior.geometric_sd(self.geometric_errors)])
-        labels = [*(name.label for name in self.compliances), *(name.label for name in self.geometric_errors)]
+        columns = np.concatenate(
+            [setting.force_N[:, None, None] * setting.wrench, setting.geometric], axis=2
+        )
+        scale = np.concatenate(
+            [self._compliance_sd(prior), prior.geometric_sd(self.geometric_errors)]
+        )
+        labels = [
+            *(name.label for name in self.compliances),
+            *(name.label for name in self.geometric_errors),
+        ]
         mean = np.array([prior.means.get(label, 0.0) for label in labels])
-        estimate, geometric = np.split(self._fit(columns, mean, scale, reduced), [len(self.compliances)])
+        estimate, geometric = np.split(
+            self._fit(columns, mean, scale, reduced), [len(self.compliances)]
+        )
         seen = (np.abs(setting.wrench).max(axis=(0, 1)) > 0.0) & (reduced[0].projection is not None)
         return np.where(seen, estimate, self._planned()), geometric
 
@@ -590,7 +781,10 @@ class BoundModel(Shown):
         if reduced[0].projection is None:
             return near
         rows = np.concatenate([test.factor @ columns[r] for r, test in enumerate(reduced)])
-        values = [test.projection - test.factor @ own for test, own in zip(reduced, self.known_offset, strict=True)]
+        values = [
+            test.projection - test.factor @ own
+            for test, own in zip(reduced, self.known_offset, strict=True)
+        ]
         return near + least_squares(rows, np.concatenate(values) - rows @ near, scale)
 
     def _physical_rows(self) -> Array:
@@ -603,8 +797,14 @@ class BoundModel(Shown):
         for j in bounded:
             label = self.compliances[j].label
             slopes = [p for p in self.parameters if p.compliance == label and p.degree]
-            signs = {float(np.sign(rows[j] @ [p in slopes for p in self.parameters])) for rows in at}
-            alone = label in self.model.fixed and [p.degree for p in slopes] == [1] and {-1.0, 1.0} <= signs
+            signs = {
+                float(np.sign(rows[j] @ [p in slopes for p in self.parameters])) for rows in at
+            }
+            alone = (
+                label in self.model.fixed
+                and [p.degree for p in slopes] == [1]
+                and {-1.0, 1.0} <= signs
+            )
             require(
                 not alone,
                 f"{label} must not be fixed at zero while {label}_1 is free: about F0 = {self.setting.reference_force_N:g} N "
@@ -623,12 +823,20 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     """That of `information_of` at several φ in turn, shape (w, h) [mm]; what φ only scales is worked out once."""
     names, owners = list(bound.names), [OWN] * len(bound.names)
     columns, scale = [bound.interest], list[Columns]()
-    private = [part.values for part in bound.nuisance_columns if isinstance(part, Columns) and part.private]
+    private = [
+        part.values for part in bound.nuisance_columns if isinstance(part, Columns) and part.private
+    ]
     # Tests of one noise: those sampled alike on circles of one kind and of one scale.
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     alike = [
-        (id(test.factor), scale_of[circle].tobytes() if circle else b"", *(values[r].tobytes() for values in private))
-        for r, (test, circle) in enumerate(zip(bound.reduced, bound.setting.circle.tolist(), strict=True))
+        (
+            id(test.factor),
+            scale_of[circle].tobytes() if circle else b"",
+            *(values[r].tobytes() for values in private),
+        )
+        for r, (test, circle) in enumerate(
+            zip(bound.reduced, bound.setting.circle.tolist(), strict=True)
+        )
     ]
     kinds = {key: r for r, key in reversed([*enumerate(alike)])}
     noise: dict[int, list[tuple[str, Columns | BasisNoise]]] = {r: [] for r in kinds.values()}
@@ -658,7 +866,9 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
                     spread = factor @ (part.values[r] * part.sd_at(value))
                 blocks[r][label] = blocks[r].get(label, 0.0) + spread @ spread.T
         every_block = tuple(blocks[kinds[key]] for key in alike)
-        yield Information(tuple(names), tuple(owners), scales, bound.model.prior.flat, design, every_block)
+        yield Information(
+            tuple(names), tuple(owners), scales, bound.model.prior.flat, design, every_block
+        )
 
 
 def _check_levels(model: HybridModel, campaign: Campaign) -> None:
@@ -677,9 +887,13 @@ def _reduced(campaign: Campaign) -> tuple[Reduced, ...]:
     if campaign not in _KEPT:
         plan = campaign.is_plan
         planned = {test.angle_deg.tobytes(): test for test in campaign.tests} if plan else {}
-        once = {angles: reduce_readings(test.angles_rad(), None) for angles, test in planned.items()}
+        once = {
+            angles: reduce_readings(test.angles_rad(), None) for angles, test in planned.items()
+        }
         _KEPT[campaign] = tuple(
-            once[test.angle_deg.tobytes()] if plan else reduce_readings(test.angles_rad(), test.readings_mm())
+            once[test.angle_deg.tobytes()]
+            if plan
+            else reduce_readings(test.angles_rad(), test.readings_mm())
             for test in campaign.tests
         )
     return _KEPT[campaign]

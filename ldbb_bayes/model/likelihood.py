@@ -55,7 +55,9 @@ class ParameterConditional(Gaussian):
 
     def picked(self, index: Index) -> ParameterConditional:
         """Those of some φ, of one perhaps several times."""
-        picked = ParameterConditional.factored(self.mean[index], self.root[index], self.scale[index])
+        picked = ParameterConditional.factored(
+            self.mean[index], self.root[index], self.scale[index]
+        )
         picked.physical = self.physical
         return picked
 
@@ -94,12 +96,16 @@ class _Front(NamedTuple):
     gram: Array
     sign: Array | None  # of the pivots (g, s), where not all are positive
 
-    def eliminated(self, factor: Array, links: Array | None = None, linked: Array | None = None) -> Array:
+    def eliminated(
+        self, factor: Array, links: Array | None = None, linked: Array | None = None
+    ) -> Array:
         """L of its entries in place, and ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group, shape (g, w)."""
         eliminate(factor, links, sign=self.sign, linked=linked)
         white, span = factor[:, :, -1], np.arange(factor.shape[1])
         left = white if self.sign is None else self.sign[:, :, None] * white
-        found = 0.5 * np.einsum("gsw,gsw->gw", left, white) - np.log(factor[:, span, span]).sum(axis=1)
+        found = 0.5 * np.einsum("gsw,gsw->gw", left, white) - np.log(factor[:, span, span]).sum(
+            axis=1
+        )
         if not np.isfinite(found).all():
             raise np.linalg.LinAlgError("readings and priors must determine every coefficient")
         return found
@@ -125,13 +131,22 @@ class _Elimination(NamedTuple):
     @property
     def linked(self) -> Array | None:
         """Signs of the leaves' pivots, where not all are positive."""
-        signs = [np.ones(front.columns.shape) if front.sign is None else front.sign for front in self.leaves]
-        return None if all(front.sign is None for front in self.leaves) else np.concatenate([own.ravel() for own in signs])
+        signs = [
+            np.ones(front.columns.shape) if front.sign is None else front.sign
+            for front in self.leaves
+        ]
+        return (
+            None
+            if all(front.sign is None for front in self.leaves)
+            else np.concatenate([own.ravel() for own in signs])
+        )
 
     @property
     def most(self) -> int:
         """How many φ to take at a time."""
-        entries = sum(int(np.prod(front.gram.shape[:3])) for front in (*self.alone, *self.leaves, self.root))
+        entries = sum(
+            int(np.prod(front.gram.shape[:3])) for front in (*self.alone, *self.leaves, self.root)
+        )
         return max(_FEWEST, min(_MOST, _CACHED // max(entries, 1) // _MULTIPLE * _MULTIPLE))
 
     def factor(self, weight: Array, shift: Array | None) -> tuple[list[Array], Array]:
@@ -139,13 +154,22 @@ class _Elimination(NamedTuple):
         factors = [front.entries(weight, shift) for front in self.alone]
         # Leaves lie in one array, aligned at their border.
         most, begun = max((front.gram.shape[1] for front in self.leaves), default=0), 0
-        links = np.empty((sum(front.columns.size for front in self.leaves), most + self.root.gram.shape[2], weight.shape[1]))
+        links = np.empty(
+            (
+                sum(front.columns.size for front in self.leaves),
+                most + self.root.gram.shape[2],
+                weight.shape[1],
+            )
+        )
         for front in self.leaves:
             g, s, n, _ = front.gram.shape
             own = links[begun : begun + g * s, most - s :].reshape(g, s, n, weight.shape[1])
             factors.append(front.entries(weight, shift, own))
             begun += g * s
-        gained = [front.eliminated(own).sum(axis=0) for front, own in zip((*self.alone, *self.leaves), factors, strict=True)]
+        gained = [
+            front.eliminated(own).sum(axis=0)
+            for front, own in zip((*self.alone, *self.leaves), factors, strict=True)
+        ]
         factors.append(self.root.entries(weight, shift))
         gained.append(self.root.eliminated(factors[-1], links[:, most:], self.linked)[0])
         return factors, np.sum(gained, axis=0)
@@ -161,7 +185,10 @@ class _Plan(NamedTuple):
     @property
     def fronts(self) -> tuple[list[list[Index]], list[list[Index]]]:
         """Groups alone and leaves, those of one size together."""
-        alone, leaves = ([[own for own in part if len(own) == s] for s in sorted({*map(len, part)})] for part in self[:2])
+        alone, leaves = (
+            [[own for own in part if len(own) == s] for s in sorted({*map(len, part)})]
+            for part in self[:2]
+        )
         return alone, leaves
 
     @property
@@ -169,7 +196,11 @@ class _Plan(NamedTuple):
         """Multiplications for each φ."""
         alone, leaves = self.fronts
         total, m = 0.0, len(self.root)
-        for groups, border in [*((part, 0) for part in alone), *((part, m) for part in leaves), ([self.root], 0)]:
+        for groups, border in [
+            *((part, 0) for part in alone),
+            *((part, m) for part in leaves),
+            ([self.root], 0),
+        ]:
             n = len(groups[0]) + border + 1 - np.arange(len(groups[0]))
             total += float((_OVERHEAD + len(groups) * n * (n + 1) / 2).sum())
         return total
@@ -195,26 +226,44 @@ class StructuredGaussian:
         diagonal = len(even) == len(reduced)
         noise = [term for term in columns if isinstance(term, BasisNoise)]
         # Of arcs only one noise can be made diagonal: that of most orders. The others become private columns.
-        absorbed = noise if diagonal else sorted(noise, key=lambda term: -np.count_nonzero(term.sd))[:1]
+        absorbed = (
+            noise if diagonal else sorted(noise, key=lambda term: -np.count_nonzero(term.sd))[:1]
+        )
         shared = [term for term in columns if isinstance(term, Columns) and not term.private]
         private = [term for term in columns if isinstance(term, Columns) and term.private]
         private += [_as_columns(term, len(reduced)) for term in noise if term not in absorbed]
         private += (departing := _departing(even) if diagonal else [])
         self._q, v = (sum(len(term.names) for term in terms) for terms in (shared, private))
         self._private = list(self._q + np.arange(len(reduced) * v).reshape(-1, v)) if v else []
-        every = {Source(), Source("sigma"), *(source for term in columns for source in term.sources)}
+        every = {
+            Source(),
+            Source("sigma"),
+            *(source for term in columns for source in term.sources),
+        }
         place = {None: len(hypers)} | {name: k for k, name in enumerate(hypers)}
         self._hypers = tuple(hypers)
-        self._sources = sorted(every, key=lambda own: (place[own.hyper], place[own.circle], own.order))
-        readings = _reading_rows(reduced, absorbed, shared, private, interest, offset, self._sources, diagonal=diagonal)
+        self._sources = sorted(
+            every, key=lambda own: (place[own.hyper], place[own.circle], own.order)
+        )
+        readings = _reading_rows(
+            reduced, absorbed, shared, private, interest, offset, self._sources, diagonal=diagonal
+        )
         self._rows, self._unit, volume = _with_prior(readings, shared, private, self._sources)
-        of_sign = [-1.0 if name.startswith(_CROWDED) else 1.0 for term in private for name in term.names] * len(reduced)
+        of_sign = [
+            -1.0 if name.startswith(_CROWDED) else 1.0 for term in private for name in term.names
+        ] * len(reduced)
         self._sign = np.array([*[1.0] * self._q, *of_sign])
-        self._rows.variance[len(self._rows.variance) - len(of_sign) :] *= self._sign[self._q :, None]
+        self._rows.variance[len(self._rows.variance) - len(of_sign) :] *= self._sign[
+            self._q :, None
+        ]
         self._uneven, self._orders = bool(departing), dict[int | None, _Elimination]()
         self._constant = np.array([*(-0.5 * _LOG_2PI * test.readings for test in reduced), volume])
-        self._constant[:-1] -= [0.5 * np.log1p(own.departure).sum() for own in even] if diagonal else 0.0
-        _, first, kind = np.unique(_to_ten_digits(self._rows.variance), axis=0, return_index=True, return_inverse=True)
+        self._constant[:-1] -= (
+            [0.5 * np.log1p(own.departure).sum() for own in even] if diagonal else 0.0
+        )
+        _, first, kind = np.unique(
+            _to_ten_digits(self._rows.variance), axis=0, return_index=True, return_inverse=True
+        )
         self._kinds, self._kind = self._rows.variance[first], kind.ravel()
         moved = (self._rows.interest != 0.0).any(axis=1)
         self._moved, self._fixed = np.flatnonzero(moved), np.where(moved, 0.0, self._rows.values)
@@ -229,16 +278,23 @@ class StructuredGaussian:
             total[index] = density + self._order(0).factor(weight, shift)[1]
         return total
 
-    def conditional(self, phi: Array, beta: Array | None = None, *, last: int | None = None) -> tuple[Array, Gaussian]:
+    def conditional(
+        self, phi: Array, beta: Array | None = None, *, last: int | None = None
+    ) -> tuple[Array, Gaussian]:
         """ln p(z | β, φ), shape (w,), and the shared coefficients, or the ``last`` of them, given z, β and φ: w Gaussians."""
         w, first = len(phi), 0 if last is None else self._q - last
-        n, order = self._q - first, self._order(last if self._uneven else None)  # Quasi-random points follow last digits.
+        n, order = (
+            self._q - first,
+            self._order(last if self._uneven else None),
+        )  # Quasi-random points follow last digits.
         total, lower, white = np.empty(w), np.zeros((n, n, w)), np.empty((n, w))
         for index, weight, shift, density in self._passes(phi, beta, order.most):
             factors, gained = order.factor(weight, shift)
             total[index] = density + gained
             part, used = slice(index[0], index[-1] + 1), index[-1] + 1 - index[0]
-            for front, factor in zip((*order.alone, *order.leaves, order.root), factors, strict=True):
+            for front, factor in zip(
+                (*order.alone, *order.leaves, order.root), factors, strict=True
+            ):
                 for columns, own in zip(front.columns, factor, strict=True):
                     kept = np.flatnonzero((columns >= first) & (columns < self._q))
                     place = columns[kept] - first
@@ -252,30 +308,48 @@ class StructuredGaussian:
     def private_mean(self, phi: Array, beta: Array, shared: Array) -> Array:
         """Conditional mean of the private coefficients given β, φ and the shared ones, shape (w, tests, v): in the order given,
         then basis noise that could not be made diagonal."""
-        q, v, columns, front = self._q, len(self._private[0]), self._rows.columns, self._front(self._private)
-        white = np.divide(shared, self._unit[:q], out=np.zeros(shared.shape), where=self._unit[:q] > 0.0)
+        q, v, columns, front = (
+            self._q,
+            len(self._private[0]),
+            self._rows.columns,
+            self._front(self._private),
+        )
+        white = np.divide(
+            shared, self._unit[:q], out=np.zeros(shared.shape), where=self._unit[:q] > 0.0
+        )
         mean = np.empty((len(phi), len(self._private), v))
         for index, weight, shift, _ in self._passes(phi, beta, _FEWEST):
             known = (columns[:, :q] @ white[index].T) * weight[self._kind]
             factor = front.entries(weight, shift - columns.T @ known)
             eliminate(factor, sign=front.sign)
-            mean[index] = solve_upper(factor[:, :, :v].transpose(3, 0, 2, 1), factor[:, :, -1].transpose(2, 0, 1))
+            mean[index] = solve_upper(
+                factor[:, :, :v].transpose(3, 0, 2, 1), factor[:, :, -1].transpose(2, 0, 1)
+            )
         return mean * self._unit[q : q + v]
 
-    def _passes(self, phi: Array, beta: Array | None, most: int) -> Iterator[tuple[Index, Array, Array | None, Array]]:
+    def _passes(
+        self, phi: Array, beta: Array | None, most: int
+    ) -> Iterator[tuple[Index, Array, Array | None, Array]]:
         """Some φ at a time, a multiple of eight, the last one repeated: which; 1/D (kinds, w); Aᵀ D⁻¹ r of the rows that β moves,
         (columns, w); −½ Σ ln D − ½ rᵀ D⁻¹ r (w,)."""
         columns, interest, values, *_ = (part[self._moved] for part in self._rows)
         kind, sums = self._kind[self._moved], np.ones((1, len(self._constant)))
-        number, squares, constant = (sums @ part for part in (self._number, self._squares, self._constant[:, None]))
+        number, squares, constant = (
+            sums @ part for part in (self._number, self._squares, self._constant[:, None])
+        )
         for start in range(0, len(phi), most):
             size = -(-min(len(phi) - start, most) // _MULTIPLE) * _MULTIPLE
             index = np.minimum(np.arange(start, start + size), len(phi) - 1)
             variance, shift = self._variances(phi[index]), None
             weight = 1.0 / variance
-            square = np.einsum("tk,kw->tw", number, np.log(np.abs(variance))) + np.einsum("tk,kw->tw", squares, weight)
+            square = np.einsum("tk,kw->tw", number, np.log(np.abs(variance))) + np.einsum(
+                "tk,kw->tw", squares, weight
+            )
             if beta is not None:
-                residual = values[:, None] - interest @ np.broadcast_to(beta, (len(phi), beta.shape[-1]))[index].T
+                residual = (
+                    values[:, None]
+                    - interest @ np.broadcast_to(beta, (len(phi), beta.shape[-1]))[index].T
+                )
                 weighted = residual * weight[kind]
                 square += np.ones((1, len(kind))) @ (residual * weighted)
                 shift = columns.T @ weighted
@@ -286,7 +360,9 @@ class StructuredGaussian:
         value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
         sizes = np.stack([np.broadcast_to(source.at(value), len(phi)) for source in self._sources])
         found = self._kinds @ sizes**2
-        return np.where(found < 0.0, np.minimum(found, -_LEAST_VARIANCE), np.maximum(found, _LEAST_VARIANCE))
+        return np.where(
+            found < 0.0, np.minimum(found, -_LEAST_VARIANCE), np.maximum(found, _LEAST_VARIANCE)
+        )
 
     def _front(self, groups: Sequence[Index], border: Index | None = None) -> _Front:
         """Groups of as many columns each, to be eliminated together, and the columns that border them."""
@@ -297,18 +373,26 @@ class StructuredGaussian:
             own, starts = np.unique(self._kind[index], return_index=True)
             both = columns if border is None else np.concatenate([columns, border])
             rows = np.column_stack([self._rows.columns[np.ix_(index, both)], self._fixed[index]])
-            sums.append(np.stack([part[:, : len(columns)].T @ part for part in np.split(rows, starts[1:])]))
+            sums.append(
+                np.stack([part[:, : len(columns)].T @ part for part in np.split(rows, starts[1:])])
+            )
             kinds.append(own)
         gram = np.zeros((len(groups), *sums[0].shape[1:], max(map(len, kinds))))
         padded = np.zeros((len(groups), gram.shape[3]), dtype=np.intp)
         for k, (own, values) in enumerate(zip(kinds, sums, strict=True)):
             gram[k, ..., : len(own)], padded[k, : len(own)] = np.moveaxis(values, 0, -1), own
         sign = self._sign[np.array(groups, dtype=np.intp)]
-        return _Front(np.array(groups, dtype=np.intp), padded, gram, sign if (sign < 0.0).any() else None)
+        return _Front(
+            np.array(groups, dtype=np.intp), padded, gram, sign if (sign < 0.0).any() else None
+        )
 
     def _elimination(self, plan: _Plan) -> _Elimination:
         alone, leaves = plan.fronts
-        return _Elimination([*map(self._front, alone)], [self._front(own, plan.root) for own in leaves], self._front([plan.root]))
+        return _Elimination(
+            [*map(self._front, alone)],
+            [self._front(own, plan.root) for own in leaves],
+            self._front([plan.root]),
+        )
 
     def _linked(self, columns: Index) -> list[Index]:
         """The groups that columns fall into when those with a row in common go together."""
@@ -322,21 +406,32 @@ class StructuredGaussian:
         groups = self._linked(np.arange(len(self._unit)))
         root = [group[group < self._q] for group in groups if group[-1] >= self._q]
         alone = [group for group in groups if group[-1] < self._q]
-        return _Plan(alone, self._private, np.sort(np.concatenate([np.zeros(0, dtype=np.intp), *root])))
+        return _Plan(
+            alone, self._private, np.sort(np.concatenate([np.zeros(0, dtype=np.intp), *root]))
+        )
 
     def _order(self, last: int | None) -> _Elimination:
         """The fewest operations with the ``last`` shared columns at the end; None: all in the order given. The root is the
         private columns, these, and those that have more rows than others, or all that private columns meet."""
         if last not in self._orders:
-            met, plans, first = self._rows.columns != 0.0, [self._private_first], self._q - (last or 0)
+            met, plans, first = (
+                self._rows.columns != 0.0,
+                [self._private_first],
+                self._q - (last or 0),
+            )
             number = met[:, : self._q].sum(axis=0)
             number[first:] = len(met) + 1
             for most in np.unique(number[:first]) if last is not None else ():
-                root = np.concatenate([*self._private, np.flatnonzero(number > most)]).astype(np.intp)
+                root = np.concatenate([*self._private, np.flatnonzero(number > most)]).astype(
+                    np.intp
+                )
                 edge = met[met[:, root].any(axis=1)]
                 groups = self._linked(np.flatnonzero(number <= most))
                 bordered = [bool(edge[:, group].any()) for group in groups]
-                alone, leaves = ([own for own, b in zip(groups, bordered, strict=True) if b == yes] for yes in (False, True))
+                alone, leaves = (
+                    [own for own, b in zip(groups, bordered, strict=True) if b == yes]
+                    for yes in (False, True)
+                )
                 plans.append(_Plan(alone, leaves, root))
             self._orders[last] = self._elimination(min(plans, key=lambda plan: plan.cost))
         return self._orders[last]
@@ -355,31 +450,54 @@ def _reading_rows(
 ) -> _Rows:
     """Rows of every test's readings, turned so that the absorbed noise is diagonal, and one for all that is outside the basis."""
     together, apart = (
-        np.concatenate([np.zeros((len(reduced), SIZE, 0)), *(term.values for term in terms)], axis=2)
+        np.concatenate(
+            [np.zeros((len(reduced), SIZE, 0)), *(term.values for term in terms)], axis=2
+        )
         for terms in (shared, private)
     )
-    q, v, white = together.shape[2], apart.shape[2], np.eye(len(sources))[sources.index(Source("sigma"))]
+    q, v, white = (
+        together.shape[2],
+        apart.shape[2],
+        np.eye(len(sources))[sources.index(Source("sigma"))],
+    )
     found = []
     for r, test in enumerate(reduced):
         turn, factor, spread = _turned(test, absorbed, diagonal=diagonal)
         m = len(factor)
-        columns, given = np.zeros((m + 1, q + len(reduced) * v)), np.zeros((m + 1, interest.shape[2]))
-        columns[:m, :q], columns[:m, q + r * v : q + (r + 1) * v] = factor @ together[r], factor @ apart[r]
+        columns, given = (
+            np.zeros((m + 1, q + len(reduced) * v)),
+            np.zeros((m + 1, interest.shape[2])),
+        )
+        columns[:m, :q], columns[:m, q + r * v : q + (r + 1) * v] = (
+            factor @ together[r],
+            factor @ apart[r],
+        )
         given[:m] = factor @ interest[r]
-        values = np.zeros(m) if test.projection is None else turn @ test.projection - factor @ offset[r]
+        values = (
+            np.zeros(m) if test.projection is None else turn @ test.projection - factor @ offset[r]
+        )
         variance, number = np.tile(white, (m + 1, 1)), np.ones(m + 1)
-        values, number[m] = np.append(values, np.sqrt(test.residual_ss)), max(test.readings - SIZE, 0)
+        values, number[m] = (
+            np.append(values, np.sqrt(test.residual_ss)),
+            max(test.readings - SIZE, 0),
+        )
         for term, sd in zip(absorbed, spread, strict=True):
             variance[:m, sources.index(term.source(r))] += sd**2
         found.append(_Rows(columns, given, values, number, np.full(m + 1, r), variance))
     return _Rows(*(np.concatenate(part) for part in zip(*found, strict=True)))
 
 
-def _turned(test: Reduced, absorbed: Sequence[BasisNoise], *, diagonal: bool) -> tuple[Array, Array, list[Array]]:
+def _turned(
+    test: Reduced, absorbed: Sequence[BasisNoise], *, diagonal: bool
+) -> tuple[Array, Array, list[Array]]:
     """The turn (m, m) of a test's rows, the turned factor (m, 25), and the sd of every absorbed noise in each row."""
     if diagonal and test.even is not None:
         size = test.even.size
-        return size[:, None] * np.linalg.inv(test.factor), np.diag(size), [size * term.sd for term in absorbed]
+        return (
+            size[:, None] * np.linalg.inv(test.factor),
+            np.diag(size),
+            [size * term.sd for term in absorbed],
+        )
     left, singular, _ = np.linalg.svd(test.factor * (absorbed[0].sd if absorbed else 1.0))
     return left.T, left.T @ test.factor, [singular][: len(absorbed)]
 
@@ -392,33 +510,64 @@ def _with_prior(
     tests, q = int(rows.test[-1]) + 1, sum(len(term.names) for term in shared)
     terms = [*shared, *[*private] * tests]
     sd, stated, mean = (
-        np.concatenate([np.zeros(0), *(np.zeros(len(term.names)) if part is None else part for term, part in of)])
-        for of in ([(t, t.sd) for t in terms], [(t, t.stated) for t in terms], [(t, t.mean) for t in terms])
+        np.concatenate(
+            [
+                np.zeros(0),
+                *(np.zeros(len(term.names)) if part is None else part for term, part in of),
+            ]
+        )
+        for of in (
+            [(t, t.sd) for t in terms],
+            [(t, t.stated) for t in terms],
+            [(t, t.mean) for t in terms],
+        )
     )
     owner = [sources.index(source) for term in shared for source in term.sources]
-    owner += [sources.index(source) for r in range(tests) for term in private for source in term.sources_of(r)]
+    owner += [
+        sources.index(source)
+        for r in range(tests)
+        for term in private
+        for source in term.sources_of(r)
+    ]
     size, flat = np.linalg.norm(rows.columns, axis=0), np.isinf(sd)
     unit = np.where(flat, 1.0 / np.where(size > 0.0, size, 1.0), np.where(sd > 0.0, sd, stated))
     proper = np.flatnonzero(~flat)
     variance = np.zeros((len(sd), len(sources)))
     with np.errstate(invalid="ignore", divide="ignore"):
-        for part, place in ((sd, np.array(owner, dtype=np.intp)), (stated, np.full(len(sd), sources.index(Source())))):
+        for part, place in (
+            (sd, np.array(owner, dtype=np.intp)),
+            (stated, np.full(len(sd), sources.index(Source()))),
+        ):
             share = np.where(unit > 0.0, (part / unit) ** 2, part is sd)
             np.add.at(variance, (np.arange(len(sd)), place), np.where(flat, 0.0, share))
     prior = _Rows(
-        np.eye(len(sd))[proper], np.zeros((len(proper), rows.interest.shape[1])),
-        np.divide(mean, unit, out=np.zeros(len(sd)), where=unit > 0.0)[proper], np.ones(len(proper)),
-        np.where(proper < q, tests, (proper - q) // max((len(sd) - q) // tests, 1)), variance[proper],
-    )  # fmt: skip
+        np.eye(len(sd))[proper],
+        np.zeros((len(proper), rows.interest.shape[1])),
+        np.divide(mean, unit, out=np.zeros(len(sd)), where=unit > 0.0)[proper],
+        np.ones(len(proper)),
+        np.where(proper < q, tests, (proper - q) // max((len(sd) - q) // tests, 1)),
+        variance[proper],
+    )
     both = zip(rows._replace(columns=rows.columns * unit), prior, strict=True)
-    return _Rows(*(np.concatenate(pair) for pair in both)), unit, float((np.log(unit[flat]) + 0.5 * _LOG_2PI).sum())
+    return (
+        _Rows(*(np.concatenate(pair) for pair in both)),
+        unit,
+        float((np.log(unit[flat]) + 0.5 * _LOG_2PI).sum()),
+    )
 
 
 def _as_columns(term: BasisNoise, tests: int) -> Columns:
     used = np.flatnonzero(term.sd)
     values = np.zeros((tests, SIZE, len(used)))
     values[:, used, np.arange(len(used))] = 1.0
-    return Columns(tuple(f"{term.hyper}_{i}" for i in used), values, term.sd[used], term.hyper, private=True, circle=term.circle)
+    return Columns(
+        tuple(f"{term.hyper}_{i}" for i in used),
+        values,
+        term.sd[used],
+        term.hyper,
+        private=True,
+        circle=term.circle,
+    )
 
 
 def _departing(even: Sequence[Even]) -> list[Columns]:
@@ -468,7 +617,9 @@ class Information:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.scale) & (self.scale > 0)).all():
-            raise InputError(f"prior sd must be positive and finite, got {self.scale.min():g} … {self.scale.max():g}.")
+            raise InputError(
+                f"prior sd must be positive and finite, got {self.scale.min():g} … {self.scale.max():g}."
+            )
 
     @property
     def own(self) -> NDArray[np.intp]:
@@ -479,7 +630,9 @@ class Information:
     def terms(self) -> tuple[str, ...]:
         """The nuisance terms, those of the noise last; reading noise is not one of them."""
         in_noise = (source for block in self.noise for source in block)
-        return tuple(name for name in dict.fromkeys([*self.owners, *in_noise]) if name not in (OWN, NOISE))
+        return tuple(
+            name for name in dict.fromkeys([*self.owners, *in_noise]) if name not in (OWN, NOISE)
+        )
 
     @property
     def shared_terms(self) -> tuple[str, ...]:
@@ -493,19 +646,28 @@ class Information:
     def blocks(self, known: Collection[str] = ()) -> list[Array]:
         """The same block by block; those that share their noise are whitened together."""
         if any(all(source in known for source in noise) for noise in self.noise):
-            raise InputError("reading noise must be left: readings without any would make everything known.")
+            raise InputError(
+                "reading noise must be left: readings without any would make everything known."
+            )
         white: dict[int, Array] = {}
         together: dict[int, list[int]] = {}
         for k, noise in enumerate(self.noise):
             together.setdefault(id(noise), []).append(k)
         for alike in together.values():
-            left = np.sum([part for source, part in self.noise[alike[0]].items() if source not in known], axis=0)
+            left = np.sum(
+                [part for source, part in self.noise[alike[0]].items() if source not in known],
+                axis=0,
+            )
             rows = np.stack([self.design[k] for k in alike], axis=1) * self.scale
-            solved = scipy.linalg.solve_triangular(np.linalg.cholesky(left), rows.reshape(len(rows), -1), lower=True)
+            solved = scipy.linalg.solve_triangular(
+                np.linalg.cholesky(left), rows.reshape(len(rows), -1), lower=True
+            )
             white.update(zip(alike, np.moveaxis(solved.reshape(rows.shape), 1, 0), strict=True))
         return [white[k] for k in range(len(self.design))]
 
-    def root(self, known: Collection[str] = (), *, times: float = 1.0) -> tuple[Array, NDArray[np.intp]]:
+    def root(
+        self, known: Collection[str] = (), *, times: float = 1.0
+    ) -> tuple[Array, NDArray[np.intp]]:
         """Upper triangular R with RᵀR = prior + readings' precision of the coefficients left, and which these are."""
         pairs = zip(self.owners, self.names, strict=True)
         left = np.flatnonzero([owner not in known and name not in known for owner, name in pairs])

@@ -31,10 +31,26 @@ _COMPLIANCES: dict[ComplianceKind, tuple[str, str]] = {
     "rotation_for_other_moment": ("rad/(N mm)", "rotation_for_moment_rad_per_N_mm"),
 }
 _GEOMETRIC: dict[GeometricKind, tuple[str, str]] = {
-    "gain": ("1", "gain"), "straightness": ("1/mm", "straightness_per_mm"), "squareness": ("rad", "squareness_rad"),
+    "gain": ("1", "gain"),
+    "straightness": ("1/mm", "straightness_per_mm"),
+    "squareness": ("rad", "squareness_rad"),
     "offset": ("mm", "offset_mm"),
-}  # fmt: skip
-EXAMPLES = ["C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY", "E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
+}
+EXAMPLES = [
+    "C_XXX",
+    "C_XYX",
+    "C_YYY",
+    "C_CXY",
+    "C_CYY",
+    "C_CCY",
+    "E_XX1",
+    "E_YX2",
+    "E_XY2",
+    "E_YY1",
+    "E_C0YX",
+    "E_Xt0",
+    "E_Yt0",
+]
 _ABSURD = 1000.0
 _KINDS: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
 
@@ -59,13 +75,19 @@ def parameter_to_inside(parameter: str, value: float | str, what: str) -> float:
         return float(value)
     usual, like = _usual_of(parameter), nearest(parameter, EXAMPLES)
     cure = f"Did you mean {like!r}? Else correct the name."
-    require(usual is not None, f"{what} {parameter} must be of a parameter to have a unit, got {value!r}. {cure}")
+    require(
+        usual is not None,
+        f"{what} {parameter} must be of a parameter to have a unit, got {value!r}. {cure}",
+    )
     return to_inside(value, usual[0], f"{what} {parameter}")  # type: ignore[index]
 
 
 def _usual_of(parameter: str) -> tuple[str, str] | None:
     """By a parameter's name its unit, and the field of `Prior` with the sd of its kind; None of what is no such name."""
-    degree, match = degree_of(parameter), re.fullmatch(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)", parameter)
+    degree, match = (
+        degree_of(parameter),
+        re.fullmatch(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)", parameter),
+    )
     if match is None or degree > 2:
         return None
     twist, wrench, joint, axis, order = match.groups()
@@ -114,32 +136,55 @@ class Prior(Shown):
     slopes_of_estimate: bool = True  #: the size is of the compliance itself, max(|Ĉ|, sd(C)/20), else sd(C) (first edition)
     truncated: bool = True  #: C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at tested forces: F C(F) is a deflection under the force itself
     flat: bool = False  #: no prior on the parameters of interest (the paper's least squares)
-    overrides: Mapping[str, float] = field(default_factory=dict)  #: sd by parameter, in inside units (mm, N, rad)
+    overrides: Mapping[str, float] = field(
+        default_factory=dict
+    )  #: sd by parameter, in inside units (mm, N, rad)
     means: Mapping[str, float] = field(default_factory=dict)  #: prior means, in inside units
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if isinstance(value, int | float | str) and not isinstance(value, bool):
                 number = setting_to_inside(name, value, f"prior {name}")
-                require(not isinstance(number, str), f"prior {name} must be a number, got {value!r}. Correct it.")
+                require(
+                    not isinstance(number, str),
+                    f"prior {name} must be a number, got {value!r}. Correct it.",
+                )
                 object.__setattr__(self, name, float(number))
         for name, what in (("overrides", "prior sd of"), ("means", "prior mean of")):
-            given = {inside_name(parameter): value for parameter, value in getattr(self, name).items()}
-            own = {parameter: parameter_to_inside(parameter, value, what) for parameter, value in given.items()}
+            given = {
+                inside_name(parameter): value for parameter, value in getattr(self, name).items()
+            }
+            own = {
+                parameter: parameter_to_inside(parameter, value, what)
+                for parameter, value in given.items()
+            }
             object.__setattr__(self, name, MappingProxyType(own))
-        scales = {name: value for name, value in vars(self).items() if isinstance(value, float)} | dict(self.overrides)
+        scales = {
+            name: value for name, value in vars(self).items() if isinstance(value, float)
+        } | dict(self.overrides)
         for name, value in scales.items():
             cure = f"got {value}. To drop a term, leave it out instead."
-            require(np.isfinite(value) and value > 0, f"prior {name} must be a positive number, {cure}")
+            require(
+                np.isfinite(value) and value > 0, f"prior {name} must be a positive number, {cure}"
+            )
         both = self.flat and self.truncated
         cure = "Set truncated = false or flat = false."
-        require(not both, f"a flat prior must allow negative compliances, got truncated = true too. {cure}")
+        require(
+            not both,
+            f"a flat prior must allow negative compliances, got truncated = true too. {cure}",
+        )
         for name in ("overrides", "means"):
             some = self.flat and getattr(self, name)
-            require(not some, f"a flat prior must have no {name}, got some. Set flat = false or remove them.")
+            require(
+                not some,
+                f"a flat prior must have no {name}, got some. Set flat = false or remove them.",
+            )
         for name, mean in self.means.items():
             what = f"prior mean of {name} must be"
-            require(np.isfinite(mean), f"{what} a finite number, got {mean}. Correct it or leave it out.")
+            require(
+                np.isfinite(mean),
+                f"{what} a finite number, got {mean}. Correct it or leave it out.",
+            )
             why = "a slope's is zero, because constant compliance is the linear model with its slopes at zero. Remove it."
             require(not degree_of(name), f"{what} left out, got {mean:g}: {why}")
             unit, usual = _usual_of(name) or ("", "")
@@ -149,7 +194,9 @@ class Prior(Shown):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """To other processes; a read-only mapping does not pickle."""
-        return partial(Prior, **{**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)}), ()
+        return partial(
+            Prior, **{**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)}
+        ), ()
 
     @classmethod
     def default(cls) -> Prior:
@@ -170,9 +217,14 @@ class Prior(Shown):
         """Prior sd of every compliance, shape (compliances,)."""
         return self._overridden([name.label for name in names], self._usual(names))
 
-    def slope_sd(self, names: Sequence[ComplianceName], degree: int, force_range_N: float, size: Array) -> Array:
+    def slope_sd(
+        self, names: Sequence[ComplianceName], degree: int, force_range_N: float, size: Array
+    ) -> Array:
         """Prior sd of every slope of one degree, shape (compliances,), of compliances of these sizes."""
-        return self._overridden([f"{name.label}_{degree}" for name in names], self.slope_scale * size / force_range_N**degree)
+        return self._overridden(
+            [f"{name.label}_{degree}" for name in names],
+            self.slope_scale * size / force_range_N**degree,
+        )
 
     def compliance_size(self, names: Sequence[ComplianceName]) -> Array:
         """How large compliances may be, shape (compliances,): their prior sd, but the usual one of those with a prior mean."""
@@ -184,18 +236,35 @@ class Prior(Shown):
 
     def geometric_sd(self, names: Sequence[GeometricName]) -> Array:
         """Prior sd of every geometric error, shape (geometric errors,)."""
-        return self._overridden([name.label for name in names], [getattr(self, _GEOMETRIC[name.kind][1]) for name in names])
+        return self._overridden(
+            [name.label for name in names],
+            [getattr(self, _GEOMETRIC[name.kind][1]) for name in names],
+        )
 
     def _overridden(self, names: Sequence[str], default: Any) -> Array:
-        return np.array([self.overrides.get(name, value) for name, value in zip(names, default, strict=True)], dtype=float)
+        return np.array(
+            [self.overrides.get(name, value) for name, value in zip(names, default, strict=True)],
+            dtype=float,
+        )
 
     def hyper(self, scales: Sequence[Scale], resolution_um: float) -> HyperPrior:
         """Priors of hyper-parameters; σ is restricted to σ ≥ resolution/√12."""
-        own = [getattr(self, scale.prior_um) if isinstance(scale.prior_um, str) else scale.prior_um for scale in scales]
-        lower = np.array([resolution_um / np.sqrt(12.0) if scale.name == "sigma" else 0.0 for scale in scales])
+        own = [
+            getattr(self, scale.prior_um) if isinstance(scale.prior_um, str) else scale.prior_um
+            for scale in scales
+        ]
+        lower = np.array(
+            [resolution_um / np.sqrt(12.0) if scale.name == "sigma" else 0.0 for scale in scales]
+        )
         laws = tuple(scale.law for scale in scales)
         unit = np.array([1e-3 if law == "half-normal" else 1.0 for law in laws])
-        return HyperPrior(tuple(scale.name for scale in scales), np.array(own) * unit, lower * unit, laws, self.decay_sd)
+        return HyperPrior(
+            tuple(scale.name for scale in scales),
+            np.array(own) * unit,
+            lower * unit,
+            laws,
+            self.decay_sd,
+        )
 
 
 _LEAST_DECAY, _MOST_DECAY = 0.5, 3.5
@@ -245,7 +314,10 @@ class HyperPrior:
     @property
     def bounds(self) -> Array:
         """The least and the greatest value of each, shape (h, 2)."""
-        low, high = (np.where(self._decay, limit, other) for limit, other in ((_LEAST_DECAY, self.lower), (_MOST_DECAY, np.inf)))
+        low, high = (
+            np.where(self._decay, limit, other)
+            for limit, other in ((_LEAST_DECAY, self.lower), (_MOST_DECAY, np.inf))
+        )
         return np.stack([low, high], axis=1)
 
     def log_density(self, phi: Array) -> Array:
@@ -254,17 +326,23 @@ class HyperPrior:
         with np.errstate(over="ignore"):
             quadratic = -0.5 * (length / scale) ** 2
         constant = 0.5 * np.log(2.0 / np.pi) - np.log(scale) - np.log(self._mass)
-        total = np.where(length >= self.lower[self.in_mm], quadratic + constant, -np.inf).sum(axis=-1)
+        total = np.where(length >= self.lower[self.in_mm], quadratic + constant, -np.inf).sum(
+            axis=-1
+        )
         if self._decay.any():
             p, (low, high) = phi[..., self._decay], self._decay_levels
             white = (p - self.scale[self._decay]) / self.decay_sd
             constant = -np.log(self.decay_sd * np.sqrt(2.0 * np.pi) * (high - low))
-            total = total + np.where((p >= _LEAST_DECAY) & (p <= _MOST_DECAY), constant - 0.5 * white**2, -np.inf).sum(axis=-1)
+            total = total + np.where(
+                (p >= _LEAST_DECAY) & (p <= _MOST_DECAY), constant - 0.5 * white**2, -np.inf
+            ).sum(axis=-1)
         if self._circle.any():
             with np.errstate(divide="ignore", over="ignore"):
                 precision = phi[..., self._circle] ** -2.0
                 constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
-                total = total + (constant + (_SHAPE + 0.5) * np.log(precision) - _RATE * precision).sum(axis=-1)
+                total = total + (
+                    constant + (_SHAPE + 0.5) * np.log(precision) - _RATE * precision
+                ).sum(axis=-1)
         return np.asarray(total)
 
     def free(self, phi: Array) -> Array:
@@ -279,7 +357,9 @@ class HyperPrior:
         """φ from free coordinates."""
         with np.errstate(over="ignore"):
             found = self.lower + np.exp(free)
-        found[..., self._decay] = _LEAST_DECAY + (_MOST_DECAY - _LEAST_DECAY) * expit(free[..., self._decay])
+        found[..., self._decay] = _LEAST_DECAY + (_MOST_DECAY - _LEAST_DECAY) * expit(
+            free[..., self._decay]
+        )
         return found
 
     def log_density_of_free(self, free: Array) -> Array:
@@ -308,22 +388,33 @@ class HyperPrior:
         """Quantiles of φ, shape (..., h)."""
         level = np.broadcast_to(level, (*level.shape[:-1], len(self.names)))
         found, (low, high) = np.empty(level.shape), self._decay_levels
-        found[..., self.in_mm] = self.scale[self.in_mm] * np.sqrt(2.0) * erfcinv((1.0 - level[..., self.in_mm]) * self._mass)
+        found[..., self.in_mm] = (
+            self.scale[self.in_mm]
+            * np.sqrt(2.0)
+            * erfcinv((1.0 - level[..., self.in_mm]) * self._mass)
+        )
         white = ndtri(low + (high - low) * level[..., self._decay])
-        found[..., self._decay] = np.clip(self.scale[self._decay] + self.decay_sd * white, _LEAST_DECAY, _MOST_DECAY)
+        found[..., self._decay] = np.clip(
+            self.scale[self._decay] + self.decay_sd * white, _LEAST_DECAY, _MOST_DECAY
+        )
         found[..., self._circle] = np.sqrt(_RATE / gammainccinv(_SHAPE, level[..., self._circle]))
         return found
 
     @property
     def sd(self) -> Array:
         """Their standard deviations, shape (h,)."""
-        centre, spread = np.where(self._decay, self.scale, 0.0), np.where(self._decay, self.decay_sd, self.scale)
+        centre, spread = (
+            np.where(self._decay, self.scale, 0.0),
+            np.where(self._decay, self.decay_sd, self.scale),
+        )
         edges = (self.bounds - centre[:, None]) / spread[:, None]
         mass, density = -np.diff(ndtr(-edges)), np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi)
         moments = np.diff([density, np.where(density > 0.0, edges, 0.0) * density]) / mass
         variance = 1.0 - moments[1, :, 0] - moments[0, :, 0] ** 2
         mean = np.sqrt(_RATE) * np.exp(gammaln(_SHAPE - 0.5) - gammaln(_SHAPE))
-        return np.where(self._circle, np.sqrt(_RATE / (_SHAPE - 1.0) - mean**2), spread * np.sqrt(variance))
+        return np.where(
+            self._circle, np.sqrt(_RATE / (_SHAPE - 1.0) - mean**2), spread * np.sqrt(variance)
+        )
 
     def starts(self, level: Array) -> Array:
         """Free coordinates (..., h) from which to look for modes, of levels from 0 to 1."""

@@ -23,7 +23,15 @@ from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.units import setting_to_inside
 
-__all__ = ["Truths", "is_truths", "model_from_toml", "model_sha256", "model_to_toml", "read_model", "read_truths"]
+__all__ = [
+    "Truths",
+    "is_truths",
+    "model_from_toml",
+    "model_sha256",
+    "model_to_toml",
+    "read_model",
+    "read_truths",
+]
 
 SCHEMA = 1
 # Tables of [prior], written only where they hold something: the digest of a model does not change when a table is added here.
@@ -43,8 +51,14 @@ class _SpecFile(BaseModel):
 
 def model_to_toml(model: HybridModel) -> str:
     """The whole model, every prior spelled out."""
-    prior: dict[str, Any] = {field.name: getattr(model.prior, field.name) for field in fields(Prior) if field.name not in _TABLES}
-    prior |= {name: dict(getattr(model.prior, name)) for name in _TABLES if getattr(model.prior, name)}
+    prior: dict[str, Any] = {
+        field.name: getattr(model.prior, field.name)
+        for field in fields(Prior)
+        if field.name not in _TABLES
+    }
+    prior |= {
+        name: dict(getattr(model.prior, name)) for name in _TABLES if getattr(model.prior, name)
+    }
     content: dict[str, Any] = {"schema": SCHEMA, "preset": model.preset, "degree": model.degree}
     if model.reference_force_N is not None:
         content["reference_force_N"] = model.reference_force_N
@@ -73,11 +87,18 @@ def model_sha256(model: HybridModel) -> str:
 def _model_of(content: dict[str, Any], place: str, degree: int | None) -> HybridModel:
     spec = validated(_SpecFile, content, place)
     with placed(place):
-        chosen = next(k for k in (spec.degree, degree, 0 if spec.preset == "paper" else 1) if k is not None)
-        model = replace(
-            HybridModel.from_preset(spec.preset, chosen), reference_force_N=spec.reference_force_N, fixed=tuple(spec.fixed)
+        chosen = next(
+            k for k in (spec.degree, degree, 0 if spec.preset == "paper" else 1) if k is not None
         )
-        kinds = {field.name: dict if field.name in _TABLES else type(field.default) for field in fields(Prior)}
+        model = replace(
+            HybridModel.from_preset(spec.preset, chosen),
+            reference_force_N=spec.reference_force_N,
+            fixed=tuple(spec.fixed),
+        )
+        kinds = {
+            field.name: dict if field.name in _TABLES else type(field.default)
+            for field in fields(Prior)
+        }
         prior = replace(model.prior, **_checked("prior", kinds, spec.prior))
         if spec.terms is None:
             return replace(model, prior=prior)
@@ -86,7 +107,10 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
         terms, usual = [], {type(term): term for term in model.nuisances}
         for name, kind in Term.kinds.items():
             if name in spec.terms:
-                kinds = {field.name: str if isinstance(field.default, str) else float for field in fields(cast("Any", kind))}
+                kinds = {
+                    field.name: str if isinstance(field.default, str) else float
+                    for field in fields(cast("Any", kind))
+                }
                 term: Any = usual.get(kind) or kind()
                 terms.append(replace(term, **_checked(name, kinds, spec.terms[name])))
         return replace(model, prior=prior, nuisances=tuple(terms))
@@ -94,10 +118,16 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
 
 def _checked(what: str, kinds: Mapping[str, type], given: dict[str, Any]) -> dict[str, Any]:
     check_known(f"{what} key", given, kinds)
-    given = {key: setting_to_inside(key, own, f"{what} {key}") if kinds[key] is float else own for key, own in given.items()}
+    given = {
+        key: setting_to_inside(key, own, f"{what} {key}") if kinds[key] is float else own
+        for key, own in given.items()
+    }
     for key, value in given.items():
         kind = kinds[key]
-        require(isinstance(value, kind), f"{what} {key} must be a {kind.__name__}, got {value!r}. Correct it.")
+        require(
+            isinstance(value, kind),
+            f"{what} {key} must be a {kind.__name__}, got {value!r}. Correct it.",
+        )
     return given
 
 
@@ -142,16 +172,27 @@ def read_truths(path: Path) -> Truths:
     """Read a TOML of truths; what is wrong is refused by the file's name and the place."""
     file = validated(_TruthsFile, read_toml(path), str(path))
     with placed(path):
-        return Truths(None if file.forces_N is None else _plan(file, path.stem), file.parameters, file.hyper_um, file.exact)
+        return Truths(
+            None if file.forces_N is None else _plan(file, path.stem),
+            file.parameters,
+            file.hyper_um,
+            file.exact,
+        )
 
 
 def _plan(file: _TruthsFile, name: str) -> Campaign:
     total = file.readings * len(file.forces_N or ())
-    require(total <= LARGEST_PLAN, f"plan must have at most {LARGEST_PLAN} readings, got {total}. Take fewer forces or readings.")
+    require(
+        total <= LARGEST_PLAN,
+        f"plan must have at most {LARGEST_PLAN} readings, got {total}. Take fewer forces or readings.",
+    )
     angle = 360.0 * np.arange(file.readings) / file.readings
     return Campaign(
         tuple(CircularTest(force, angle) for force in file.forces_N or ()),
         mount=MountCompensation(compensated=file.compensated),
         name=name,
-        **{key: getattr(file, key) for key in ("topology", "plane", "radius_mm", "resolution_um", "machine_id", "date")},
+        **{
+            key: getattr(file, key)
+            for key in ("topology", "plane", "radius_mm", "resolution_um", "machine_id", "date")
+        },
     )

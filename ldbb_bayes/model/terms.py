@@ -23,10 +23,37 @@ from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, WAYS, Setting, der
 from ldbb_bayes.result import Array, Result, Shown
 
 __all__ = [
-    "FORM_ORDER", "NOISE", "OWN", "Angle", "BallForm", "BarLength", "BasisNoise", "CircleScale", "Columns", "Covariate",
-    "Discrepancy", "Drift", "ForceError", "Hyper", "Hysteresis", "JointLoad", "Law", "MachinePattern", "Mount", "Moves",
-    "Position", "Scale", "SetupShift", "Source", "Term", "Uncertainties", "Uncertainty", "Unit", "first_edition", "uncertainties",
-]  # fmt: skip
+    "FORM_ORDER",
+    "NOISE",
+    "OWN",
+    "Angle",
+    "BallForm",
+    "BarLength",
+    "BasisNoise",
+    "CircleScale",
+    "Columns",
+    "Covariate",
+    "Discrepancy",
+    "Drift",
+    "ForceError",
+    "Hyper",
+    "Hysteresis",
+    "JointLoad",
+    "Law",
+    "MachinePattern",
+    "Mount",
+    "Moves",
+    "Position",
+    "Scale",
+    "SetupShift",
+    "Source",
+    "Term",
+    "Uncertainties",
+    "Uncertainty",
+    "Unit",
+    "first_edition",
+    "uncertainties",
+]
 
 Hyper = str
 # Whose a coefficient is that is no term's: of the parameters of interest, of the white noise of readings.
@@ -93,7 +120,9 @@ class Columns(Shown):
     decay: Hyper | None = None  #: the hyper-parameter p by which ``sd`` falls as (order/6)^(−p)
     orders: Array | None = None  #: of each coefficient (p,), with ``decay``
     stated: Array | None = None  #: sd (p,) that no hyper-parameter scales, added in quadrature
-    circle: Sequence[Hyper] | Array = ()  #: names of the scales λ of private coefficients, one a test, as of `BasisNoise`
+    circle: (
+        Sequence[Hyper] | Array
+    ) = ()  #: names of the scales λ of private coefficients, one a test, as of `BasisNoise`
 
     def __post_init__(self) -> None:
         p = len(self.names)
@@ -120,7 +149,11 @@ class Columns(Shown):
 
     def sd_at(self, value: Mapping[Hyper, Any]) -> Array:
         """Prior sd at hyper-parameters, numbers or arrays (w,) [mm], shape (..., p)."""
-        sizes = np.broadcast_arrays(*(source.at(value) for source in self.sources)) if self.names else [np.zeros(0)]
+        sizes = (
+            np.broadcast_arrays(*(source.at(value) for source in self.sources))
+            if self.names
+            else [np.zeros(0)]
+        )
         scaled = self.sd * (np.stack(sizes, axis=-1) if self.names else 1.0)
         return scaled if self.stated is None else np.hypot(scaled, self.stated)
 
@@ -144,7 +177,9 @@ class BasisNoise(Shown):
     @property
     def sources(self) -> tuple[Source, ...]:
         """Of each test; one alone where circles have no λ."""
-        return tuple(Source(self.hyper, str(name) or None) for name in self.circle) or (Source(self.hyper),)
+        return tuple(Source(self.hyper, str(name) or None) for name in self.circle) or (
+            Source(self.hyper),
+        )
 
     def source(self, test: int) -> Source:
         """Of one test."""
@@ -156,7 +191,9 @@ class BasisNoise(Shown):
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
         """One draw of them, shape (tests, 25) [mm]."""
-        return np.stack([self.sd_at(phi, r) for r in range(tests)]) * rng.standard_normal((tests, SIZE))
+        return np.stack([self.sd_at(phi, r) for r in range(tests)]) * rng.standard_normal(
+            (tests, SIZE)
+        )
 
 
 @dataclass(frozen=True)
@@ -182,11 +219,18 @@ class Uncertainties(Result):
 
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
     """Return what terms, by default those of the default model, assume of the instrument of a campaign or plan."""
-    used = [kind() for kind in Term.kinds.values() if not kind.on_demand] if terms is None else terms
-    return Uncertainties(tuple(own for term in used for own in term.assumed(campaign)), campaign.instrument.certificates)
+    used = (
+        [kind() for kind in Term.kinds.values() if not kind.on_demand] if terms is None else terms
+    )
+    return Uncertainties(
+        tuple(own for term in used for own in term.assumed(campaign)),
+        campaign.instrument.certificates,
+    )
 
 
-def _assumed(campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0) -> Uncertainty:
+def _assumed(
+    campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0
+) -> Uncertainty:
     stated = bool(certificate) and getattr(campaign.instrument, certificate) is not None
     return Uncertainty(name, value, sd, Term.owner(name).unit_of(name).inside, certificate, stated)
 
@@ -209,20 +253,32 @@ class Term(Shown):
     """
 
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    stem: ClassVar[str | tuple[str, ...]]  #: what names of its coefficients begin with; default: ball_form for BallForm
+    stem: ClassVar[
+        str | tuple[str, ...]
+    ]  #: what names of its coefficients begin with; default: ball_form for BallForm
     words: ClassVar[str]  #: what it is called; default: ball form for BallForm
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  #: of its coefficients
-    calibration: ClassVar[str] = "a measurement of it"  #: what supplies it, as a noun: cures name it
-    remedy: ClassVar[str] = "Measure it, or narrow its prior."  #: advice for budgets in which it is the largest, a sentence
-    instrument: ClassVar[bool] = False  #: it belongs to bar, balls, mount or force device, and is the same wherever these are
-    common: ClassVar[bool] = False  #: fleets take its coefficient as one, the same in all campaigns of one instrument
+    calibration: ClassVar[str] = (
+        "a measurement of it"  #: what supplies it, as a noun: cures name it
+    )
+    remedy: ClassVar[str] = (
+        "Measure it, or narrow its prior."  #: advice for budgets in which it is the largest, a sentence
+    )
+    instrument: ClassVar[bool] = (
+        False  #: it belongs to bar, balls, mount or force device, and is the same wherever these are
+    )
+    common: ClassVar[bool] = (
+        False  #: fleets take its coefficient as one, the same in all campaigns of one instrument
+    )
     on_demand: ClassVar[bool]  #: models have it only when asked to; so they have terms of your own
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         other = Term.kinds.get(cls.__name__)
         if other is not None and other.__module__ != cls.__module__:
-            raise InputError(f"a term must have a name of its own, got {cls.__name__}, which {other.__module__} has. Rename it.")
+            raise InputError(
+                f"a term must have a name of its own, got {cls.__name__}, which {other.__module__} has. Rename it."
+            )
         spaced = re.sub(r"(?<!^)(?=[A-Z])", " ", cls.__name__).lower()
         cls.stem = vars(cls).get("stem", spaced.replace(" ", "_"))
         cls.words = vars(cls).get("words", spaced)
@@ -238,10 +294,14 @@ class Term(Shown):
             what = f"{type(self).__name__} {name}"
             if name in choices:
                 check_known(what, [value], choices[name])
-            elif isinstance(value, str | bool) or (value == 0.0 and name.startswith("curvature")):  # no curvature, the rest stays
+            elif isinstance(value, str | bool) or (
+                value == 0.0 and name.startswith("curvature")
+            ):  # no curvature, the rest stays
                 continue
             elif not (np.isfinite(value) and value > 0.0):
-                raise InputError(f"{what} must be a positive number, got {value}. To drop the term, leave it out.")
+                raise InputError(
+                    f"{what} must be a positive number, got {value}. To drop the term, leave it out."
+                )
 
     @property
     def scales(self) -> tuple[Scale, ...]:
@@ -305,7 +365,11 @@ _SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\
 @cache
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
     """The values that fields of one kind of term may have, where its annotations list them."""
-    return {name: get_args(hint) for name, hint in get_type_hints(kind).items() if get_origin(hint) is Literal}
+    return {
+        name: get_args(hint)
+        for name, hint in get_type_hints(kind).items()
+        if get_origin(hint) is Literal
+    }
 
 
 def _order(coefficient: str) -> str:
@@ -356,32 +420,55 @@ class BallForm(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        return (Scale("tau", "tau_um", "τ", "ball form"), *([_DECAY] if self.law == "decay" else []))
+        return (
+            Scale("tau", "tau_um", "τ", "ball form"),
+            *([_DECAY] if self.law == "decay" else []),
+        )
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         work, tool = setting.instrument.work, setting.instrument.tool
         far = setting.tool_ball_rad - np.pi
-        balls = [("form", setting.work_ball_rad, [(work, 0.0), (tool, float(far[0] - setting.work_ball_rad[0]))])]
+        balls = [
+            (
+                "form",
+                setting.work_ball_rad,
+                [(work, 0.0), (tool, float(far[0] - setting.work_ball_rad[0]))],
+            )
+        ]
         if setting.two_balls:
-            balls = [("work_form", setting.work_ball_rad, [(work, 0.0)]), ("tool_form", far, [(tool, 0.0)])]
+            balls = [
+                ("work_form", setting.work_ball_rad, [(work, 0.0)]),
+                ("tool_form", far, [(tool, 0.0)]),
+            ]
         return tuple(
             Columns(
-                _harmonic_names(stem + plane, _FORM_ORDERS), setting.harmonics(_FORM_ORDERS, turned) * own[:, None, None],
-                hyper="tau", **self._prior(of),
+                _harmonic_names(stem + plane, _FORM_ORDERS),
+                setting.harmonics(_FORM_ORDERS, turned) * own[:, None, None],
+                hyper="tau",
+                **self._prior(of),
             )
             for _, plane, own in setting.each("plane")
             for stem, turned, of in balls
-        )  # fmt: skip
+        )
 
     def _prior(self, balls: Sequence[tuple[Ball, float]]) -> dict[str, Any]:
         """Prior of the sum of forms of balls, each turned by so much [rad]: what `Columns` takes."""
         if self.law == "1/n":
-            return {"sd": np.sqrt(len(balls) / 2.0) / np.repeat(np.array(_FORM_ORDERS, dtype=float), 2)}
+            return {
+                "sd": np.sqrt(len(balls) / 2.0) / np.repeat(np.array(_FORM_ORDERS, dtype=float), 2)
+            }
         orders = np.repeat(_FORM_ORDERS, 2)
         share, stated, mean = np.zeros(len(orders)), np.zeros(len(orders)), np.zeros(len(orders))
         for ball, turned in balls:
-            sphericity = self.sphericity_um if ball.stated_sphericity_um is None else ball.stated_sphericity_um
-            variance, half = np.where(orders <= 3, _OF_SPHERICITY * sphericity**2, 0.0), np.full(len(orders), 0.5)
+            sphericity = (
+                self.sphericity_um
+                if ball.stated_sphericity_um is None
+                else ball.stated_sphericity_um
+            )
+            variance, half = (
+                np.where(orders <= 3, _OF_SPHERICITY * sphericity**2, 0.0),
+                np.full(len(orders), 0.5),
+            )
             for order, amplitude, phase_deg in ball.harmonics_um:
                 at, angle = orders == order, order * (np.deg2rad(phase_deg) + turned)
                 half[at], variance[at] = 0.0, (0.5 * (ball.U_um or 0.0)) ** 2
@@ -394,18 +481,30 @@ class BallForm(Term):
         """Of the orders 2 and 3, beside what all orders share, and of those that a certificate states, their amplitudes."""
         for name in ("work", "tool"):
             ball: Ball = getattr(campaign.instrument, name)
-            stated, sphericity = {n: own for n, own, _ in ball.harmonics_um}, ball.stated_sphericity_um
-            usual = np.sqrt(_OF_SPHERICITY) * (self.sphericity_um if sphericity is None else sphericity)
+            stated, sphericity = (
+                {n: own for n, own, _ in ball.harmonics_um},
+                ball.stated_sphericity_um,
+            )
+            usual = np.sqrt(_OF_SPHERICITY) * (
+                self.sphericity_um if sphericity is None else sphericity
+            )
             for n in sorted({2, 3, *stated}) if self.law == "decay" else ():
-                value, sd = (stated[n], 0.5 * (ball.U_um or 0.0)) if n in stated else (0.0, float(usual))
+                value, sd = (
+                    (stated[n], 0.5 * (ball.U_um or 0.0)) if n in stated else (0.0, float(usual))
+                )
                 known = n in stated or sphericity is not None
                 yield Uncertainty(f"{name}_form_{n}", value * 1e-3, sd * 1e-3, "mm", name, known)
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
         instrument = campaign.instrument
-        own = {"w": (instrument.work,), "t": (instrument.tool,)}.get(coefficient[0], (instrument.work, instrument.tool))
+        own = {"w": (instrument.work,), "t": (instrument.tool,)}.get(
+            coefficient[0], (instrument.work, instrument.tool)
+        )
         order = int(re.findall(r"\d+$", coefficient)[0])
-        return all(b.stated_sphericity_um is not None or order in [n for n, *_ in b.harmonics_um] for b in own)
+        return all(
+            b.stated_sphericity_um is not None or order in [n for n, *_ in b.harmonics_um]
+            for b in own
+        )
 
     @staticmethod
     def _ball(coefficient: str) -> str:
@@ -436,7 +535,9 @@ class MachinePattern(Term):
         if not setting.clocked:
             return ()
         found, orders = [], np.repeat(np.array(_PATTERN_ORDERS, dtype=float), 2)
-        for (_, plane, in_plane), (_, radius, at_radius) in itertools.product(setting.each("plane"), setting.each("radius")):
+        for (_, plane, in_plane), (_, radius, at_radius) in itertools.product(
+            setting.each("plane"), setting.each("radius")
+        ):
             for travel in sorted({*setting.travels}):
                 own = in_plane & at_radius & (setting.travel == travel)
                 if not own.any():
@@ -444,7 +545,11 @@ class MachinePattern(Term):
                 way = f"_{WAYS[travel]}" if len(setting.travels) > 1 else ""
                 names = _harmonic_names(f"pattern{way}{radius}{plane}", _PATTERN_ORDERS)
                 values = setting.harmonics(_PATTERN_ORDERS) * own[:, None, None]
-                found.append(Columns(names, values, np.ones(len(names)), "omega", decay="decay", orders=orders))
+                found.append(
+                    Columns(
+                        names, values, np.ones(len(names)), "omega", decay="decay", orders=orders
+                    )
+                )
         return tuple(found)
 
 
@@ -459,15 +564,29 @@ class BarLength(Term):
     instrument = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        names, own = zip(*((f"bar_length{radius}", own) for _, radius, own in setting.each("radius")), strict=True)
+        names, own = zip(
+            *((f"bar_length{radius}", own) for _, radius, own in setting.each("radius")),
+            strict=True,
+        )
         values, stated = setting.constant(np.column_stack(own).astype(float)), setting.instrument
-        sd, mean = _expanded(stated.bar_U_um, self.sd_um), np.full(len(names), stated.bar_length_error_um * 1e-3)
-        return (Columns(names, values, np.full(len(names), sd * 1e-3), mean=mean if mean.any() else None),)
+        sd, mean = (
+            _expanded(stated.bar_U_um, self.sd_um),
+            np.full(len(names), stated.bar_length_error_um * 1e-3),
+        )
+        return (
+            Columns(
+                names, values, np.full(len(names), sd * 1e-3), mean=mean if mean.any() else None
+            ),
+        )
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         own = campaign.instrument
         yield _assumed(
-            campaign, "bar_length", "bar_U_um", _expanded(own.bar_U_um, self.sd_um) * 1e-3, own.bar_length_error_um * 1e-3
+            campaign,
+            "bar_length",
+            "bar_U_um",
+            _expanded(own.bar_U_um, self.sd_um) * 1e-3,
+            own.bar_length_error_um * 1e-3,
         )
 
     @classmethod
@@ -516,7 +635,11 @@ class Mount(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        return "curvature of the mount's deflection" if coefficient == "mount_curvature" else "mount deflection"
+        return (
+            "curvature of the mount's deflection"
+            if coefficient == "mount_curvature"
+            else "mount deflection"
+        )
 
 
 @dataclass(frozen=True)
@@ -535,9 +658,19 @@ class ForceError(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        deflection, sd = (setting.wrench @ setting.compliance_estimate)[:, :, None], self._sds(setting.instrument)
-        forces = {"force_gain": setting.force_N, "force_curvature": setting.largest_force_N * setting.bow}
-        parts = [(name, force[:, None, None] * deflection) for name, force in forces.items() if name in sd]
+        deflection, sd = (
+            (setting.wrench @ setting.compliance_estimate)[:, :, None],
+            self._sds(setting.instrument),
+        )
+        forces = {
+            "force_gain": setting.force_N,
+            "force_curvature": setting.largest_force_N * setting.bow,
+        }
+        parts = [
+            (name, force[:, None, None] * deflection)
+            for name, force in forces.items()
+            if name in sd
+        ]
         return (
             *(Columns((name,), values, np.array([sd[name]])) for name, values in parts),
             Columns(("force_random",), deflection, np.array([sd["force_random"]]), private=True),
@@ -547,13 +680,22 @@ class ForceError(Term):
         """As it is, or as a certificate states; a linearity is a bound, each value within it as likely as another."""
         linearity, random = stated.force_linearity_percent, stated.force_random_N
         curvature = self.curvature_sd if linearity is None else 0.01 * linearity / np.sqrt(3.0)
-        found = {"force_gain": _expanded(stated.force_U_percent, self.gain_sd, 0.01), "force_curvature": float(curvature)}
+        found = {
+            "force_gain": _expanded(stated.force_U_percent, self.gain_sd, 0.01),
+            "force_curvature": float(curvature),
+        }
         found |= {"force_random": self.random_sd_N if random is None else random}
-        return {name: sd for name, sd in found.items() if self.curvature_sd or name != "force_curvature"}
+        return {
+            name: sd for name, sd in found.items() if self.curvature_sd or name != "force_curvature"
+        }
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         for name, sd in self._sds(campaign.instrument).items():
-            named = zip(self.stem, ("force_U_percent", "force_linearity_percent", "force_random_N"), strict=True)
+            named = zip(
+                self.stem,
+                ("force_U_percent", "force_linearity_percent", "force_random_N"),
+                strict=True,
+            )
             yield _assumed(campaign, name, dict(named)[name], sd)
 
     @classmethod
@@ -581,7 +723,11 @@ class JointLoad(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         found = []
         for axis, estimate in setting.driven_axes():
-            values = self._laws(setting, setting.force_N[:, None], *(setting.along(axis, a) for a in (2.0, 3.0, 5.0 / 3.0)))
+            values = self._laws(
+                setting,
+                setting.force_N[:, None],
+                *(setting.along(axis, a) for a in (2.0, 3.0, 5.0 / 3.0)),
+            )
             names = (f"joint_load_{LINEAR[axis]}_slope", f"joint_load_{LINEAR[axis]}_contact")
             found.append(Columns(names, values, np.full(2, self.relative_sd * estimate)))
         return tuple(found)
@@ -590,7 +736,14 @@ class JointLoad(Term):
         """What an axis' two coefficients add to its C_aa(F): the columns along the axis over F, shape (n, 2), at forces (n,)."""
         return self._laws(setting, force_N, 1.0, 1.0, 1.0) / force_N[:, None]
 
-    def _laws(self, setting: Setting, force: Array, square: Array | float, cube: Array | float, contact: Array | float) -> Array:
+    def _laws(
+        self,
+        setting: Setting,
+        force: Array,
+        square: Array | float,
+        cube: Array | float,
+        contact: Array | float,
+    ) -> Array:
         """Both columns from u², |u|³ and |u|^(5/3), shape (..., 2)."""
         middle = setting.reference_force_N
         own = force * (force * cube - middle * square) / setting.largest_force_N
@@ -644,7 +797,11 @@ class Angle(Term):
         slope = derivative(setting.fitted)
         lag = slope * setting.travel[:, None]
         sd = np.deg2rad(_expanded(setting.instrument.angle_U_deg, self.sd_deg))
-        return (Columns(("angle_reference", "angle_lag"), np.stack([slope, lag], axis=2), np.full(2, sd)),)
+        return (
+            Columns(
+                ("angle_reference", "angle_lag"), np.stack([slope, lag], axis=2), np.full(2, sd)
+            ),
+        )
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         sd = float(np.deg2rad(_expanded(campaign.instrument.angle_U_deg, self.sd_deg)))
@@ -671,13 +828,25 @@ class SetupShift(Term):
     def scales(self) -> tuple[Scale, ...]:
         if self.moves != "apart":
             return (Scale("delta", "delta_um", "δ", "set-up shift"),)
-        return tuple(Scale(f"delta_{n}", "delta_um", "δ", f"set-up shift of order {n}") for n in (0, 1))
+        return tuple(
+            Scale(f"delta_{n}", "delta_um", "δ", f"set-up shift of order {n}") for n in (0, 1)
+        )
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        zero, centre, circle = np.where(ORDERS == 0, 1.0, 0.0), np.where(ORDERS == 1, 1.0, 0.0), setting.circle
+        zero, centre, circle = (
+            np.where(ORDERS == 0, 1.0, 0.0),
+            np.where(ORDERS == 1, 1.0, 0.0),
+            setting.circle,
+        )
         if self.moves == "apart":
             return BasisNoise("delta_0", zero, circle), BasisNoise("delta_1", centre, circle)
-        return (BasisNoise("delta", {"together": zero + centre, "zero": zero, "centre": centre}[self.moves], circle),)
+        return (
+            BasisNoise(
+                "delta",
+                {"together": zero + centre, "zero": zero, "centre": centre}[self.moves],
+                circle,
+            ),
+        )
 
 
 @dataclass(frozen=True)
@@ -704,7 +873,10 @@ class CircleScale(Term):
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         names = dict.fromkeys(name for name in setting.circle.tolist() if name)
-        return tuple(Scale(name, 1.0, "λ", f"scale of {name.removeprefix('lambda_')}", "circle") for name in names)
+        return tuple(
+            Scale(name, 1.0, "λ", f"scale of {name.removeprefix('lambda_')}", "circle")
+            for name in names
+        )
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         return ()
@@ -730,7 +902,11 @@ class Hysteresis(Term):
         return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        eta, size, last = ("eta", 1.0, MAX_ORDER) if self.law == "sampled" else (None, self.constant_um * 1e-3, _TRAVEL_ORDERS)
+        eta, size, last = (
+            ("eta", 1.0, MAX_ORDER)
+            if self.law == "sampled"
+            else (None, self.constant_um * 1e-3, _TRAVEL_ORDERS)
+        )
         suffixes = ("0", *(f"{trig}{n}" for n in range(1, last + 1) for trig in ("cos", "sin")))
         count = len(suffixes)
         spread = 1.0 / np.maximum(ORDERS[:count], 1.0)
@@ -739,19 +915,29 @@ class Hysteresis(Term):
             if plane not in setting.both_ways:
                 continue
             values = np.zeros((setting.tests, SIZE, count))
-            values[:, np.arange(count), np.arange(count)] = np.where(own, setting.travel, 0.0)[:, None]
+            values[:, np.arange(count), np.arange(count)] = np.where(own, setting.travel, 0.0)[
+                :, None
+            ]
             parts = (
                 ("hysteresis", values, size, eta),
-                ("hysteresis_force", values * setting.force_N[:, None, None], self.proportional_um_per_kN * 1e-6, None),
+                (
+                    "hysteresis_force",
+                    values * setting.force_N[:, None, None],
+                    self.proportional_um_per_kN * 1e-6,
+                    None,
+                ),
             )
             found += [
-                Columns(tuple(f"{part}{stem}_{n}" for n in suffixes), own, sd * spread, hyper) for part, own, sd, hyper in parts
+                Columns(tuple(f"{part}{stem}_{n}" for n in suffixes), own, sd * spread, hyper)
+                for part, own, sd, hyper in parts
             ]
         return tuple(found)
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        return Unit("mm/N", 1e-6, "µm/kN") if coefficient.startswith("hysteresis_force") else cls.unit
+        return (
+            Unit("mm/N", 1e-6, "µm/kN") if coefficient.startswith("hysteresis_force") else cls.unit
+        )
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
@@ -780,13 +966,23 @@ class Drift(Term):
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         change = setting.time_h if self.over == "time" else setting.temperature_K
-        field, lacking = "time_s" if self.over == "time" else "temperature_C", int(np.sum(~np.isfinite(change)))
+        field, lacking = (
+            "time_s" if self.over == "time" else "temperature_C",
+            int(np.sum(~np.isfinite(change))),
+        )
         cure = f"got {lacking} without. Record it, or leave the term Drift out."
         require(not lacking, f"drift over {self.over} must have {field} in every test, {cure}")
         axes = [k for k in range(3) if np.any(setting.direction[:, :, k])]
-        values = np.concatenate([setting.constant(change), setting.direction[:, :, axes] * change[:, None, None]], axis=2)
+        values = np.concatenate(
+            [setting.constant(change), setting.direction[:, :, axes] * change[:, None, None]],
+            axis=2,
+        )
         names = (f"drift_{self.over}_length", *(f"drift_{self.over}_{LINEAR[k]}" for k in axes))
-        return (Columns(names, values, np.array([self.length_um, *[self.centre_um] * len(axes)]) * 1e-3),)
+        return (
+            Columns(
+                names, values, np.array([self.length_um, *[self.centre_um] * len(axes)]) * 1e-3
+            ),
+        )
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:

@@ -63,7 +63,12 @@ class Truncation:
     def bounds(self) -> Array:
         """The least and the greatest value that it leaves each parameter, shape (p, 2)."""
         rows, free = self.rows, range(self.rows.shape[1])
-        return np.array([_support(rows[:, [j, *(k for k in free if k != j)]], np.zeros(len(rows))) for j in free])
+        return np.array(
+            [
+                _support(rows[:, [j, *(k for k in free if k != j)]], np.zeros(len(rows)))
+                for j in free
+            ]
+        )
 
     def quantile(self, level: Array, mean: Array, sd: Array) -> Array:
         """β (n, p) from uniform levels (n, p), where these are of N(mean, diag sd²) inside the region: the quantile of each
@@ -75,7 +80,9 @@ class Truncation:
         label = components(met.T @ met > 0.0)
         for k in np.unique(label[met.any(axis=0)]):
             block, among = np.flatnonzero(label == k), met[:, label == k].any(axis=1)
-            white[:, block] = _quantile_inside(level[:, block], rows[np.ix_(among, block)], edge[among])
+            white[:, block] = _quantile_inside(
+                level[:, block], rows[np.ix_(among, block)], edge[among]
+            )
         return mean + white * sd
 
 
@@ -107,7 +114,9 @@ class Orthant:
                 part = Orthant(self._mean[index][:, pattern], self._spread[index][:, pattern])
                 value[index], error[index] = part._by_points(tolerance, seed)
                 with np.errstate(divide="ignore", over="ignore"):
-                    left_out = np.exp(np.log(ndtr(-distance[index][:, ~pattern]).sum(axis=1)) - value[index])
+                    left_out = np.exp(
+                        np.log(ndtr(-distance[index][:, ~pattern]).sum(axis=1)) - value[index]
+                    )
                 error[index] += left_out
                 again[alike] = left_out > 0.1 * tolerance
             open_ = open_[again]
@@ -130,7 +139,9 @@ class Orthant:
             points, log_rule = _rule(d)
             points = points[..., None]
         else:
-            moved = (_lattice(d, size, seed)[:, :, None] + self._tilted.bound[:, None] * _DIGITS) % 1.0
+            moved = (
+                _lattice(d, size, seed)[:, :, None] + self._tilted.bound[:, None] * _DIGITS
+            ) % 1.0
             points, log_rule = 1.0 - np.abs(2.0 * moved - 1.0), np.zeros(1)
         log_weight, x = self._tilted.propose(points)
         weight = np.exp(log_rule[:, None] + log_weight - log_weight.max(axis=0))
@@ -144,7 +155,9 @@ class Orthant:
         """Orthonormal directions of e that the rows near their edge depend on, shape (w, d, q): x = axes e."""
         return self._solved[1]
 
-    def draw(self, rng: np.random.Generator, *, most: int = 12_800) -> tuple[Array, NDArray[np.bool_]]:
+    def draw(
+        self, rng: np.random.Generator, *, most: int = 12_800
+    ) -> tuple[Array, NDArray[np.bool_]]:
         """One exact draw of x = axes e given u ≥ 0 for each of the batch (w, d), by tilted rejection, and where one was accepted
         in about ``most`` proposals; elsewhere x is the last one."""
         d, w = self._tilted.bound.shape
@@ -152,7 +165,9 @@ class Orthant:
         tries, tried = 2, 0
         while tried < most and open_.size:
             part = self._tilted.take(open_)
-            log_weight, proposal = part.propose(rng.random((open_.size, tries, d)).transpose(2, 1, 0))
+            log_weight, proposal = part.propose(
+                rng.random((open_.size, tries, d)).transpose(2, 1, 0)
+            )
             accept = log_weight - part.log_bound >= np.log(rng.random(log_weight.shape[::-1])).T
             x[:, open_] = proposal[:, np.argmax(accept, axis=0), np.arange(open_.size)]
             open_ = open_[~accept.any(axis=0)]
@@ -176,7 +191,9 @@ class Orthant:
 
     def _complete(self, x: Array, normal: Array) -> Array:
         """Standard normal e (w, q) given the standard-normal coordinates x behind the rows near their edge."""
-        return normal + np.einsum("wiq,wi->wq", self.axes, x - np.einsum("wiq,wq->wi", self.axes, normal))
+        return normal + np.einsum(
+            "wiq,wi->wq", self.axes, x - np.einsum("wiq,wq->wi", self.axes, normal)
+        )
 
     def _by_points(self, tolerance: float, seed: int) -> tuple[Array, Array]:
         """ln P and its error by quasi-random points, four times as many until the error is within the tolerance."""
@@ -185,14 +202,23 @@ class Orthant:
         if len(tilted.bound) + len(tilted.rest) > 1:
             error[:] = np.inf
         for size in _SIZES:
-            points = _points(max(len(tilted.bound) - 1, 1), size, seed).reshape(-1, _SCRAMBLES * size, 1)
+            points = _points(max(len(tilted.bound) - 1, 1), size, seed).reshape(
+                -1, _SCRAMBLES * size, 1
+            )
             every = np.flatnonzero(error > tolerance)
             for index in np.array_split(every, -(-every.size * points.shape[1] // _TOGETHER) or 1):
-                log_weight = tilted.take(index).propose(points, last=False)[0].reshape(_SCRAMBLES, size, -1)
+                log_weight = (
+                    tilted.take(index).propose(points, last=False)[0].reshape(_SCRAMBLES, size, -1)
+                )
                 top = log_weight.max(axis=(0, 1))
                 weight = np.exp(log_weight - np.where(np.isfinite(top), top, 0.0))
-                mean, scatter = weight.mean(axis=(0, 1)), weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES)
-                scatter = np.maximum(_STUDENT * scatter, _LUCK * weight.std(axis=(0, 1)) / np.sqrt(_SCRAMBLES * size))
+                mean, scatter = (
+                    weight.mean(axis=(0, 1)),
+                    weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES),
+                )
+                scatter = np.maximum(
+                    _STUDENT * scatter, _LUCK * weight.std(axis=(0, 1)) / np.sqrt(_SCRAMBLES * size)
+                )
                 seen = mean > 0.0
                 value[index[seen]] = top[seen] + np.log(mean[seen])
                 error[index[seen]] = scatter[seen] / mean[seen] + _ROUNDING
@@ -208,7 +234,10 @@ class Orthant:
         open_ = _uncertain(self._mean, self._spread)
         mean, spread = self._mean[:, open_], self._spread[:, open_]
         core = _core_rows(mean, spread)
-        core_mean, core_spread = np.take_along_axis(mean, core, axis=1), np.take_along_axis(spread, core[:, :, None], axis=1)
+        core_mean, core_spread = (
+            np.take_along_axis(mean, core, axis=1),
+            np.take_along_axis(spread, core[:, :, None], axis=1),
+        )
         lower = np.swapaxes(np.linalg.qr(np.swapaxes(core_spread, 1, 2), mode="r"), 1, 2)
         diagonal = np.diagonal(lower, axis1=1, axis2=2)
         lower = lower * np.where(diagonal < 0, -1.0, 1.0)[:, None, :]
@@ -221,8 +250,18 @@ class Orthant:
         rest = np.take_along_axis(spread, others[:, :, None], axis=1) @ np.swapaxes(axes, 1, 2)
         size = np.linalg.norm(rest, axis=2)
         rest, rest_mean = rest / size[:, :, None], np.take_along_axis(mean, others, axis=1) / size
-        last = np.where(np.abs(rest) > _DEPENDENT, np.arange(core.shape[1]), -1).max(axis=2, initial=-1)
-        parts = (unit.transpose(1, 2, 0), bound.T, x.T, tilt.T, rest.transpose(1, 2, 0), rest_mean.T, last.T)
+        last = np.where(np.abs(rest) > _DEPENDENT, np.arange(core.shape[1]), -1).max(
+            axis=2, initial=-1
+        )
+        parts = (
+            unit.transpose(1, 2, 0),
+            bound.T,
+            x.T,
+            tilt.T,
+            rest.transpose(1, 2, 0),
+            rest_mean.T,
+            last.T,
+        )
         return _Tilted(*map(np.ascontiguousarray, parts)), axes
 
 
@@ -259,7 +298,9 @@ class _Tilted(NamedTuple):
             log_weight += log_mass
             if last or j < d - 1:
                 u = np.clip(uniform[j], 1e-300, 1.0)
-                x[j] = self.tilt[j] - turn * ndtri_exp(np.log(u if ratio is None else u + (1.0 - u) * ratio) + log_tail)
+                x[j] = self.tilt[j] - turn * ndtri_exp(
+                    np.log(u if ratio is None else u + (1.0 - u) * ratio) + log_tail
+                )
                 log_weight += self.tilt[j] * (0.5 * self.tilt[j] - x[j])
         return log_weight, x
 
@@ -267,7 +308,9 @@ class _Tilted(NamedTuple):
         """ψ of given x (d, s, w), shape (s, w)."""
         log_mass = [_mass(*self._interval(j, x))[0] for j in range(len(x))]
         tilt = self.tilt[:, None]
-        return np.asarray(sum(log_mass, np.zeros(x.shape[1:])) + (tilt * (0.5 * tilt - x)).sum(axis=0))
+        return np.asarray(
+            sum(log_mass, np.zeros(x.shape[1:])) + (tilt * (0.5 * tilt - x)).sum(axis=0)
+        )
 
     def _interval(self, j: int, x: Array) -> tuple[Array, Array | None]:
         """Edges (s, w) between which x_j, less its tilt, must lie given those before; None where there is no upper one."""
@@ -278,9 +321,13 @@ class _Tilted(NamedTuple):
         if not rows.size:
             return edge, None
         far = np.full(x.shape[1:], np.inf)
-        for mean, along, last in zip(self.rest_mean[rows], self.rest[rows], self.last[rows], strict=True):
+        for mean, along, last in zip(
+            self.rest_mean[rows], self.rest[rows], self.last[rows], strict=True
+        ):
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                place = -(mean + np.einsum("kw,ksw->sw", along[:j], x[:j])) / along[j] - self.tilt[j]
+                place = (
+                    -(mean + np.einsum("kw,ksw->sw", along[:j], x[:j])) / along[j] - self.tilt[j]
+                )
             edge = np.where((last == j) & (along[j] > 0.0), np.maximum(edge, place), edge)
             far = np.where((last == j) & (along[j] < 0.0), np.minimum(far, place), far)
         return edge, far
@@ -295,7 +342,12 @@ def _mass(low: Array, high: Array | None) -> tuple[Array, Array, Array | None, A
     log_tail = log_ndtr(np.where(left, high, -low))
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         ratio = np.where(high > low, np.exp(log_ndtr(np.where(left, low, -high)) - log_tail), 1.0)
-        return log_tail + np.log1p(-np.minimum(ratio, 1.0)), log_tail, np.minimum(ratio, 1.0), np.where(left, -1.0, 1.0)
+        return (
+            log_tail + np.log1p(-np.minimum(ratio, 1.0)),
+            log_tail,
+            np.minimum(ratio, 1.0),
+            np.where(left, -1.0, 1.0),
+        )
 
 
 def _closed_form(distance: Array, spread: Array) -> tuple[Array, Array]:
@@ -304,7 +356,9 @@ def _closed_form(distance: Array, spread: Array) -> tuple[Array, Array]:
     if m < 2:
         return (log_ndtr(distance[:, 0]) if m else np.zeros(w)), np.zeros(w)
     order = np.argsort(distance, axis=1, kind="stable")
-    unit = np.take_along_axis(spread / np.linalg.norm(spread, axis=2, keepdims=True), order[:, :, None], axis=1)
+    unit = np.take_along_axis(
+        spread / np.linalg.norm(spread, axis=2, keepdims=True), order[:, :, None], axis=1
+    )
     d = np.take_along_axis(distance, order, axis=1).T
     tail = ndtr(-d)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -317,7 +371,10 @@ def _closed_form(distance: Array, spread: Array) -> tuple[Array, Array]:
         pair, usable = _pair(d[0], d[1], alike[1, 0]), np.abs(alike[1, 0]) < 1.0 - _ALIKE
         loss = np.zeros(len(two))
         for j in range(2, m):
-            each = [np.where(np.abs(alike[j, i]) < 1.0 - _ALIKE, _pair(-d[j], d[i], -alike[j, i]), 1.0) for i in (0, 1)]
+            each = [
+                np.where(np.abs(alike[j, i]) < 1.0 - _ALIKE, _pair(-d[j], d[i], -alike[j, i]), 1.0)
+                for i in (0, 1)
+            ]
             loss += np.maximum(np.minimum(tail[j], np.minimum(*each)), 0.0)
         middle = pair - 0.5 * loss
         either = (0.5 * loss + _OWEN * m) / middle
@@ -338,7 +395,11 @@ def _pair(h: Array, k: Array, rho: Array) -> Array:
 @cache
 def _points(dimensions: int, size: int, seed: int) -> Array:
     """A lattice, moved at random and folded: independent scrambles of ``size`` points, shape (dimensions, scrambles, size)."""
-    shift = np.random.default_rng([seed, size]).random((_SCRAMBLES, max(dimensions, 32)))[:, :dimensions].T
+    shift = (
+        np.random.default_rng([seed, size])
+        .random((_SCRAMBLES, max(dimensions, 32)))[:, :dimensions]
+        .T
+    )
     moved = (_lattice(dimensions, size, seed)[:, None] + shift[:, :, None]) % 1.0
     return 1.0 - np.abs(2.0 * moved - 1.0)
 
@@ -357,8 +418,12 @@ def _rule(dimensions: int) -> tuple[Array, Array]:
     nodes, weight = np.polynomial.legendre.leggauss(_RULE)
     s, weight = (nodes + 1.0) / 2.0, weight / 2.0
     s, weight = s**3 * (10.0 - 15.0 * s + 6.0 * s**2), 30.0 * weight * s**2 * (1.0 - s) ** 2
-    points = np.array(np.meshgrid(*[s] * dimensions, indexing="ij")).reshape(dimensions, _RULE**dimensions)
-    weights = np.array(np.meshgrid(*[np.log(weight)] * dimensions, indexing="ij")).reshape(dimensions, _RULE**dimensions)
+    points = np.array(np.meshgrid(*[s] * dimensions, indexing="ij")).reshape(
+        dimensions, _RULE**dimensions
+    )
+    weights = np.array(np.meshgrid(*[np.log(weight)] * dimensions, indexing="ij")).reshape(
+        dimensions, _RULE**dimensions
+    )
     return points, weights.sum(axis=0)
 
 
@@ -379,7 +444,12 @@ def _core_rows(mean: Array, spread: Array) -> NDArray[np.int_]:
     rank = np.linalg.matrix_rank(spread[0] / norms[0][:, None], tol=_DEPENDENT)
     if rank == mean.shape[1]:
         return np.argsort(mean / norms, axis=1, kind="stable")
-    return np.array([_binding_rows(mean[k] / norms[k], spread[k] / norms[k][:, None], rank) for k in range(len(mean))])
+    return np.array(
+        [
+            _binding_rows(mean[k] / norms[k], spread[k] / norms[k][:, None], rank)
+            for k in range(len(mean))
+        ]
+    )
 
 
 def _binding_rows(distance: Array, unit: Array, rank: int) -> list[int]:
@@ -390,7 +460,9 @@ def _binding_rows(distance: Array, unit: Array, rank: int) -> list[int]:
     rest = unit.copy()
     while len(keep) < rank:
         size = np.linalg.norm(rest, axis=1)
-        i = int(np.argmax(np.where(size > _DEPENDENT, np.where(force > 0.0, 2.0 + force, size), -1.0)))
+        i = int(
+            np.argmax(np.where(size > _DEPENDENT, np.where(force > 0.0, 2.0 + force, size), -1.0))
+        )
         keep.append(i)
         force[i] = 0.0
         rest = rest - np.outer(rest @ rest[i], rest[i]) / size[i] ** 2
@@ -402,7 +474,10 @@ def _least_distance(unit: Array, bound: Array) -> Array:
     """Forces, up to a factor, with which the rows ``unit`` · x ≥ bound hold the point nearest to zero."""
     from scipy.optimize import nnls
 
-    force, _ = nnls(np.vstack([unit.T, bound / max(1.0, float(np.abs(bound).max()))]), np.append(np.zeros(unit.shape[1]), 1.0))
+    force, _ = nnls(
+        np.vstack([unit.T, bound / max(1.0, float(np.abs(bound).max()))]),
+        np.append(np.zeros(unit.shape[1]), 1.0),
+    )
     return np.asarray(force)
 
 
@@ -447,7 +522,10 @@ def _newton(coupling: Array, bound: Array, start: Array) -> tuple[Array, NDArray
             good = open_ & ((new[0] < value) | (new[3] < error))
             edge = np.where(good[:, None], trial, edge)
             value, error = np.where(good, new[0], value), np.where(good, new[3], error)
-            residual, slope = (np.where(good[:, None], one, old) for one, old in zip(new[1:3], (residual, slope), strict=True))
+            residual, slope = (
+                np.where(good[:, None], one, old)
+                for one, old in zip(new[1:3], (residual, slope), strict=True)
+            )
             open_ &= ~good
             if not open_.any():
                 break
@@ -472,7 +550,12 @@ def _merit(coupling: Array, bound: Array, edge: Array) -> tuple[Array, Array, Ar
     value = (mills * (0.5 * pulled - bound + edge) + log_ndtr(-edge)).sum(axis=1)
     size = 1.0 + np.abs(bound) + np.abs(edge) + np.einsum("wij,wj->wi", np.abs(coupling), mills)
     residual = edge + pulled - bound
-    return value, residual, np.clip(mills * (mills - edge), 0.0, 1.0), np.abs(residual / size).max(axis=1)
+    return (
+        value,
+        residual,
+        np.clip(mills * (mills - edge), 0.0, 1.0),
+        np.abs(residual / size).max(axis=1),
+    )
 
 
 def _mills(edge: Array) -> Array:
@@ -523,7 +606,9 @@ def _first(rows: Array, edge: Array, size: int) -> tuple[Array, Array]:
     low = np.maximum(low, np.minimum(-_REACH, high - _LEAST_WIDTH))
     high = np.minimum(high, np.maximum(_REACH, low + _LEAST_WIDTH))
     places = low[..., None] + (high - low)[..., None] * np.linspace(0.0, 1.0, size)
-    return places, np.exp(-0.5 * places**2) * _inside(rows[:, 1:], edge[..., None, :] - places[..., None] * rows[:, 0])
+    return places, np.exp(-0.5 * places**2) * _inside(
+        rows[:, 1:], edge[..., None, :] - places[..., None] * rows[:, 0]
+    )
 
 
 def _inside(rows: Array, edge: Array) -> Array:
@@ -540,11 +625,28 @@ def _support(rows: Array, edge: Array) -> tuple[Array, Array]:
     while rows.shape[1] > 1:
         last = rows[:, -1]
         up, down = np.flatnonzero(last > 0.0), np.flatnonzero(last < 0.0)
-        free, pairs = np.flatnonzero(last == 0.0), (np.repeat(up, len(down)), np.tile(down, len(up)))
-        both = np.concatenate([rows[:, :-1], np.moveaxis(edge, -1, 0).reshape(len(rows), int(np.prod(edge.shape[:-1])))], axis=1)
-        among = np.concatenate([both[free], both[pairs[0]] / last[pairs[0], None] - both[pairs[1]] / last[pairs[1], None]])
+        free, pairs = (
+            np.flatnonzero(last == 0.0),
+            (np.repeat(up, len(down)), np.tile(down, len(up))),
+        )
+        both = np.concatenate(
+            [
+                rows[:, :-1],
+                np.moveaxis(edge, -1, 0).reshape(len(rows), int(np.prod(edge.shape[:-1]))),
+            ],
+            axis=1,
+        )
+        among = np.concatenate(
+            [
+                both[free],
+                both[pairs[0]] / last[pairs[0], None] - both[pairs[1]] / last[pairs[1], None],
+            ]
+        )
         shape = (len(among), *edge.shape[:-1])
-        rows, edge = among[:, : rows.shape[1] - 1], np.moveaxis(among[:, rows.shape[1] - 1 :].reshape(shape), 0, -1)
+        rows, edge = (
+            among[:, : rows.shape[1] - 1],
+            np.moveaxis(among[:, rows.shape[1] - 1 :].reshape(shape), 0, -1),
+        )
     column = rows[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         at = edge / column

@@ -24,17 +24,42 @@ from ldbb_bayes.analysis.circularity import contributions, measured_circularity
 from ldbb_bayes.analysis.conformity import check_force
 from ldbb_bayes.analysis.differences import differences
 from ldbb_bayes.files import check_target, staged_folder, write_whole
-from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of, result_json
+from ldbb_bayes.inference.posterior import (
+    bound_of,
+    campaign_of,
+    draws_of,
+    fit_of,
+    record_of,
+    result_json,
+)
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.sections import SECTIONS, Beside, Compared, Findings, Picture, Recommended, Section, beside, find
+from ldbb_bayes.report.sections import (
+    SECTIONS,
+    Beside,
+    Compared,
+    Findings,
+    Picture,
+    Recommended,
+    Section,
+    beside,
+    find,
+)
 from ldbb_bayes.report.sheets import Banner, Pair, ReportSheet, pdf_of, sheets, words_of
 from ldbb_bayes.report.text import fit_in_words
 from ldbb_bayes.result import Array, Shown, json_text
 from ldbb_bayes.units import display_name, display_unit, is_skewed, typeset
 
 __all__ = [
-    "REPORT_FILES", "Document", "check_folder", "compose", "dsi_unit", "html_page", "tables", "write_dcc", "write_report",
-]  # fmt: skip
+    "REPORT_FILES",
+    "Document",
+    "check_folder",
+    "compose",
+    "dsi_unit",
+    "html_page",
+    "tables",
+    "write_dcc",
+    "write_report",
+]
 
 
 @dataclass(frozen=True)
@@ -53,7 +78,12 @@ class Document(Shown):
     @property
     def state(self) -> str:
         """Whether the numbers can be used, in one sentence."""
-        return next(block.sentence for sheet in self.sheets for block in sheet.blocks if isinstance(block, Banner))
+        return next(
+            block.sentence
+            for sheet in self.sheets
+            for block in sheet.blocks
+            if isinstance(block, Banner)
+        )
 
     @property
     def pictures(self) -> Iterator[Picture]:
@@ -61,7 +91,9 @@ class Document(Shown):
         for block in (block for sheet in self.sheets for block in sheet.blocks):
             if isinstance(block, Pair | Picture):
                 yield block.picture if isinstance(block, Pair) else block
-        yield from (part for section in self.sections for part in section.parts if isinstance(part, Picture))
+        yield from (
+            part for section in self.sections for part in section.parts if isinstance(part, Picture)
+        )
 
 
 def compose(
@@ -86,11 +118,16 @@ def compose(
     result, seen = found.result, found.seen
     name = title = str(result["campaign"]["name"])
     if others:
-        parts = tuple(beside(result, others, same_instrument=same_instrument, ci_prob=found.ci_prob))
+        parts = tuple(
+            beside(result, others, same_instrument=same_instrument, ci_prob=found.ci_prob)
+        )
         sections.insert(0, Section("beside", "Campaigns side by side", parts))
         title = f"{name}, beside {wording.joined([other.name for other in others])}"
     forces = [test.force_N for test in seen.tests]
-    started, version = result["provenance"]["started"][:10], result["provenance"]["versions"]["ldbb-bayes"]
+    started, version = (
+        result["provenance"]["started"][:10],
+        result["provenance"]["versions"]["ldbb-bayes"],
+    )
     lines = (
         f"Machine {seen.topology}, plane {seen.plane}. {len(seen.tests)} circular tests at {min(forces):g} to {max(forces):g} N.",
         f"Fitted {started} with ldbb_bayes {version}.",
@@ -98,16 +135,33 @@ def compose(
     )
     alerts = list(wording.alert_sentences(fit_of(found.posterior), result))
     for other in others:
-        converged, conflict = other.result["sampler"]["converged"], other.differences.attrs.get("conflict")
+        converged, conflict = (
+            other.result["sampler"]["converged"],
+            other.differences.attrs.get("conflict"),
+        )
         alerts += wording.difference_doubts(name, other.name, converged, conflict)
-    return Document(f"Loaded double ball bar: {title}", lines, tuple(alerts), tuple(sections), made, annex, language)
+    return Document(
+        f"Loaded double ball bar: {title}",
+        lines,
+        tuple(alerts),
+        tuple(sections),
+        made,
+        annex,
+        language,
+    )
 
 
 def _template(name: str) -> jinja2.Template:
     """All text in it escaped, no name undefined."""
     loader = jinja2.PackageLoader("ldbb_bayes.report")
-    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
-    filters = {"typeset": typeset, "kind": lambda part: type(part).__name__, "number": lambda value: repr(float(value))}
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    filters = {
+        "typeset": typeset,
+        "kind": lambda part: type(part).__name__,
+        "number": lambda value: repr(float(value)),
+    }
     environment.filters |= filters
     return environment.get_template(name)
 
@@ -123,11 +177,22 @@ def html_page(document: Document) -> str:
 
 def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
     """Return everything in numbers for files: inside units (mm, N, rad), µm and µm/m for circular-test quantities."""
-    bound, (measured, pairs), summary = bound_of(found.posterior), measured_circularity(found.posterior), found.summary
-    verdicts = [wording.verdict_words(found.verdicts[name]) if name in found.verdicts else "" for name in summary.index]
+    bound, (measured, pairs), summary = (
+        bound_of(found.posterior),
+        measured_circularity(found.posterior),
+        found.summary,
+    )
+    verdicts = [
+        wording.verdict_words(found.verdicts[name]) if name in found.verdicts else ""
+        for name in summary.index
+    ]
     heads = {"kind": "type", "unit": "u_unit"}
     lines = [
-        {"parameter": name, "unit": budget.unit, **{heads.get(key, key): value for key, value in asdict(line).items()}}
+        {
+            "parameter": name,
+            "unit": budget.unit,
+            **{heads.get(key, key): value for key, value in asdict(line).items()},
+        }
         for name, budget in found.budgets.items()
         for line in budget.contributions
     ]
@@ -141,18 +206,28 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
         "budget": pd.DataFrame(lines).set_index("parameter"),
         "circularity": found.path.set_index("plane"),
         "measured_circularity": _with_units(measured).rename_axis("test"),
-        "contributions": _with_units(contributions(found.posterior, ci_prob=found.ci_prob)).set_index("plane"),
+        "contributions": _with_units(
+            contributions(found.posterior, ci_prob=found.ci_prob)
+        ).set_index("plane"),
     }
     if found.averaged is not None:
-        mean = lb.summarize(found.averaged, ci_prob=found.ci_prob).drop(columns=["ess_bulk", "ess_tail", "rhat"])
+        mean = lb.summarize(found.averaged, ci_prob=found.ci_prob).drop(
+            columns=["ess_bulk", "ess_tail", "rhat"]
+        )
         # Slopes are exactly zero in some of the models: no mean and U describe them.
-        mean = mean.loc[[own.name for own in bound_of(found.averaged).parameters if own.degree == 0]]
-        skewed = [is_skewed(row["mean"], (row["ci_low"], row["ci_high"])) for _, row in mean.iterrows()]
+        mean = mean.loc[
+            [own.name for own in bound_of(found.averaged).parameters if own.degree == 0]
+        ]
+        skewed = [
+            is_skewed(row["mean"], (row["ci_low"], row["ci_high"])) for _, row in mean.iterrows()
+        ]
         every["averaged"] = _stated(mean.assign(U_k2=2.0 * mean["sd"], skewed=skewed))
     if len(pairs):
         every["measured_pairs"] = _with_units(pairs).rename_axis("tests")
     if others:
-        side_by_side = pd.concat({other.name: other.differences for other in others}, names=["campaign", "parameter"])
+        side_by_side = pd.concat(
+            {other.name: other.differences for other in others}, names=["campaign", "parameter"]
+        )
         every["differences"] = side_by_side.reset_index().set_index("campaign")
     return every
 
@@ -166,7 +241,9 @@ def _stated(summary: pd.DataFrame) -> pd.DataFrame:
 def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
     """Columns that stand for a quantity carry its unit in their names."""
     ends = {"µm": "_um", "µm/m": "_um_per_m"}
-    return frame.rename(columns={name: f"{name}{ends[unit]}" for name, unit in frame.attrs["units"].items()})
+    return frame.rename(
+        columns={name: f"{name}{ends[unit]}" for name, unit in frame.attrs["units"].items()}
+    )
 
 
 _NAMES = (
@@ -241,18 +318,32 @@ def write_report(
     )
     words_of(language)
     found = find(
-        posterior, ci_prob=ci_prob, tests=tests, comparison=comparison, recommended=recommended, averaged=averaged,
+        posterior,
+        ci_prob=ci_prob,
+        tests=tests,
+        comparison=comparison,
+        recommended=recommended,
+        averaged=averaged,
         tolerances=tolerances,
-    )  # fmt: skip
+    )
     asked: dict[str, Any] = {"language": language, "annex": annex, "force_N": force_N}
     document = compose(found, apart, same_instrument=same_instrument, **asked, progress=progress)
     frames = tables(found, apart)
     conform = {name: own.as_dict() for name, own in found.conformity(force_N).items()}
     if conform:
-        frames["conformity"] = pd.DataFrame.from_dict(conform, orient="index").rename_axis("quantity")
-    record = json_text(_record(found, document, frames) | {"state": document.state, "conformity": conform})
+        frames["conformity"] = pd.DataFrame.from_dict(conform, orient="index").rename_axis(
+            "quantity"
+        )
+    record = json_text(
+        _record(found, document, frames) | {"state": document.state, "conformity": conform}
+    )
     page = html_page(document)
-    paper = pdf_of(document.sheets, document.title, language, datetime.fromisoformat(found.result["provenance"]["started"]))
+    paper = pdf_of(
+        document.sheets,
+        document.title,
+        language,
+        datetime.fromisoformat(found.result["provenance"]["started"]),
+    )
     with staged_folder(folder / "tables", force=True, ours=_TABLES) as staging:
         for name, frame in frames.items():
             frame.to_csv(staging / f"{name}.csv")
@@ -263,15 +354,25 @@ def write_report(
     return document
 
 
-def _record(found: Findings, document: Document, frames: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
+def _record(
+    found: Findings, document: Document, frames: Mapping[str, pd.DataFrame]
+) -> dict[str, Any]:
     """One JSON of all tables, with what they are of."""
     beside = {"comparison": found.comparison, "design": found.design}
     return {
-        "schema": 1, "campaign": found.result["campaign"], "model": found.result["model"], "alerts": list(document.alerts),
+        "schema": 1,
+        "campaign": found.result["campaign"],
+        "model": found.result["model"],
+        "alerts": list(document.alerts),
         "provenance": record_of(found.posterior)["provenance"],
-        "tables": {name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()},
-        **{key: {"missing": own} if isinstance(own, str) else wording.with_words(own) for key, own in beside.items()},
-    }  # fmt: skip
+        "tables": {
+            name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()
+        },
+        **{
+            key: {"missing": own} if isinstance(own, str) else wording.with_words(own)
+            for key, own in beside.items()
+        },
+    }
 
 
 # ---- for programs that read calibration certificates: D-SI numbers in the format of a DCC (schema 3.3.0, D-SI 2.2.1)
@@ -286,30 +387,46 @@ def dsi_unit(*units: str) -> str:
         for k, part in enumerate(unit.split("/")):
             for name, power in re.findall(r"([a-zA-Z]+)(?:\^(\d))?", part):
                 powers[name] += int(power or 1) * (-1 if k else 1)
-    shown = (_DSI[name] + ("" if power == 1 else f"\\tothe{{{power}}}") for name, power in powers.items() if power)
+    shown = (
+        _DSI[name] + ("" if power == 1 else f"\\tothe{{{power}}}")
+        for name, power in powers.items()
+        if power
+    )
     return "".join(shown) or r"\one"
 
 
-def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, ci_prob: float = 0.95) -> Path:
+def write_dcc(
+    posterior: xr.DataTree, path: str | os.PathLike[str], *, ci_prob: float = 0.95
+) -> Path:
     """Write what a fit says of a machine as XML in the format of a digital calibration certificate, and return the path.
 
     Every compliance and geometric error in inside units (mm, N, rad), the numbers of ``fit --json``: mean, U (k = 2), interval of
     probability ``ci_prob``, covariance. The file says that it is unsigned and no calibration certificate.
     """
     result, campaign = result_json(posterior, ci_prob=ci_prob), campaign_of(posterior)
-    draws = np.stack([np.ravel(posterior["posterior"].dataset[name]) for name in result["parameters"]])
+    draws = np.stack(
+        [np.ravel(posterior["posterior"].dataset[name]) for name in result["parameters"]]
+    )
     units = [entry["unit"] for entry in result["parameters"].values()]
     covariance = np.atleast_2d(np.cov(draws))
-    columns = [[(covariance[i, j], dsi_unit(units[i], units[j])) for i in range(len(units))] for j in range(len(units))]
+    columns = [
+        [(covariance[i, j], dsi_unit(units[i], units[j])) for i in range(len(units))]
+        for j in range(len(units))
+    ]
     text = _template("dcc.xml.j2").render(
-        campaign=campaign, model=result["model"], plane=campaign.machine().plane,
-        version=result["provenance"]["versions"]["ldbb-bayes"], fitted=result["provenance"]["started"][:10],
+        campaign=campaign,
+        model=result["model"],
+        plane=campaign.machine().plane,
+        version=result["provenance"]["versions"]["ldbb-bayes"],
+        fitted=result["provenance"]["started"][:10],
         identifier=f"ldbb_bayes-{hashlib.sha256(json.dumps(result['parameters']).encode()).hexdigest()[:32]}",
         verdict=fit_in_words(posterior)["verdict"],
-        parameters=[*_parameters(posterior, result["parameters"], draws, f"ci{100 * ci_prob:g}")], covariance=columns,
-        factor=_coverage_factor(draws, covariance, ci_prob), models=len(result.get("averaged", {}).get("models", ())),
+        parameters=[*_parameters(posterior, result["parameters"], draws, f"ci{100 * ci_prob:g}")],
+        covariance=columns,
+        factor=_coverage_factor(draws, covariance, ci_prob),
+        models=len(result.get("averaged", {}).get("models", ())),
         ci_prob=ci_prob,
-    )  # fmt: skip
+    )
     write_whole(Path(path), text.encode())
     return Path(path)
 
@@ -329,10 +446,21 @@ def _parameters(
     """What the file says of every parameter; ``within``: the share of the draws in mean ± U."""
     verdicts = lb.verdicts(posterior)
     for (name, entry), own in zip(entries.items(), draws, strict=True):
-        kind = "slope" if re.fullmatch(r"C_.*_\d", name) else "compliance" if name[0] == "C" else "geometric"
+        kind = (
+            "slope"
+            if re.fullmatch(r"C_.*_\d", name)
+            else "compliance"
+            if name[0] == "C"
+            else "geometric"
+        )
         low, high = entry[interval]
         yield {key: entry[key] for key in ("mean", "sd")} | {
-            "name": name, "shown": display_name(name), "kind": kind, "low": low, "high": high,
-            "unit": dsi_unit(entry["unit"]), "within": float(np.mean(np.abs(own - entry["mean"]) <= 2.0 * entry["sd"])),
+            "name": name,
+            "shown": display_name(name),
+            "kind": kind,
+            "low": low,
+            "high": high,
+            "unit": dsi_unit(entry["unit"]),
+            "within": float(np.mean(np.abs(own - entry["mean"]) <= 2.0 * entry["sd"])),
             "verdict": wording.verdict_words(verdicts[name]) if name in verdicts else "",
-        }  # fmt: skip
+        }

@@ -31,15 +31,33 @@ from ldbb_bayes.report import figures, text, wording
 from ldbb_bayes.report.text import Passage, parts_of, two_digits
 from ldbb_bayes.report.wording import DEGREES
 from ldbb_bayes.result import Table
-from ldbb_bayes.units import display_name, display_unit, ranked, round_like, round_uncertainty, state
+from ldbb_bayes.units import (
+    display_name,
+    display_unit,
+    ranked,
+    round_like,
+    round_uncertainty,
+    state,
+)
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.conformity import Conformity
 
 __all__ = [
-    "PICTURES", "SECTIONS", "Beside", "Compared", "Details", "Findings", "Part", "Picture", "Recommended", "Section", "beside",
-    "find", "picture",
-]  # fmt: skip
+    "PICTURES",
+    "SECTIONS",
+    "Beside",
+    "Compared",
+    "Details",
+    "Findings",
+    "Part",
+    "Picture",
+    "Recommended",
+    "Section",
+    "beside",
+    "find",
+    "picture",
+]
 
 _REFERENCE = re.compile(r'(\bid="|xlink:href="#|url\(#)')
 _PROLOGUE = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>\s*", re.DOTALL)
@@ -163,21 +181,32 @@ def find(
 ) -> Findings:
     """Return what a report shows of a fit, after a look whether what is brought is of the same readings; as `write_report`."""
     digest = campaign_of(posterior).sha256
-    for what, own in (("comparison", getattr(comparison, "campaign", None)), ("design", getattr(recommended, "pilot", None))):
+    for what, own in (
+        ("comparison", getattr(comparison, "campaign", None)),
+        ("design", getattr(recommended, "pilot", None)),
+    ):
         if own is not None and own.sha256 != digest:
             got = f"got one of {own.name!r} (SHA-256 {own.sha256[:12]}… instead of {digest[:12]}…)"
-            raise InputError(f"{what} must be of the readings of the fit, {got}. Make the {what} again.")
+            raise InputError(
+                f"{what} must be of the readings of the fit, {got}. Make the {what} again."
+            )
     planned = partial(_next_tests, posterior, tests) if recommended is None else recommended
     return Findings(
-        posterior, ci_prob, _compared(posterior) if comparison is None else comparison,
-        planned if callable(planned) else lambda: planned, averaged, tolerances,
-    )  # fmt: skip
+        posterior,
+        ci_prob,
+        _compared(posterior) if comparison is None else comparison,
+        planned if callable(planned) else lambda: planned,
+        averaged,
+        tolerances,
+    )
 
 
 def _next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended:
     model = model_of(posterior)
     try:
-        return lb.design(model.with_degree(max(model.degree, 1)), pilot=campaign_of(posterior), tests=tests)
+        return lb.design(
+            model.with_degree(max(model.degree, 1)), pilot=campaign_of(posterior), tests=tests
+        )
     except InputError as error:
         if tests is not None:
             raise
@@ -209,7 +238,8 @@ class Beside:
 
 # Of every figure of the page what draws it, and its caption.
 PICTURES: Mapping[str, tuple[Callable[..., Figure], str]] = {
-    key: (getattr(figures, {"budget": "budget_bars"}.get(key, key)), words) for key, words in wording.PAGE["pictures"].items()
+    key: (getattr(figures, {"budget": "budget_bars"}.get(key, key)), words)
+    for key, words in wording.PAGE["pictures"].items()
 }
 
 
@@ -230,7 +260,9 @@ def results(found: Findings) -> Iterator[Part]:
     yield wording.PAGE["results"].format(percent=wording.percent_of(found.result))
     yield text.results_table(found.result, found.verdicts, shares=False)
     yield picture("forest", found.posterior)
-    yield Details("What the fit says of other effects", (text.nuisance_table(found.result["nuisances"]),))
+    yield Details(
+        "What the fit says of other effects", (text.nuisance_table(found.result["nuisances"]),)
+    )
     tests = campaign_of(found.posterior)
     described = parts_of(describe(tests.machine(), [test.circle for test in tests.tests]))
     yield Details("What the parameters are", described)
@@ -251,7 +283,9 @@ def degree(found: Findings) -> Iterator[Part]:
     if not isinstance(compared, Comparison):
         yield f"The models were not compared: {compared}"
         return
-    yield from text.comparison_parts(compared, rmse=False)  # that of the fit, of other draws, stands with the fit
+    yield from text.comparison_parts(
+        compared, rmse=False
+    )  # that of the fit, of other draws, stands with the fit
     yield picture("evidence", compared)
     if not compared.local_fits.empty:
         yield picture("compliance_with_local_fits", compared)
@@ -264,7 +298,9 @@ def uncertainty(found: Findings) -> Iterator[Part]:
     yield picture("budget", found.budgets)
     for name, budget in found.budgets.items():
         factor, unit = display_unit(budget.unit)
-        yield Details(f"{display_name(name)}: u = {two_digits(budget.u, factor)} {unit}", parts_of(budget))
+        yield Details(
+            f"{display_name(name)}: u = {two_digits(budget.u, factor)} {unit}", parts_of(budget)
+        )
 
 
 _MOST_FORCES = 12
@@ -274,12 +310,16 @@ _WORDS = {"scale_mismatch": "scale mismatch", "G_b": "G(b)"}
 def path(found: Findings) -> Iterator[Part]:
     """Circular-test quantities, per force and as functions of force."""
     planes = list(dict.fromkeys(found.path["plane"]))
-    squares = wording.joined([display_name(squareness_name(bound_of(found.posterior), plane)) for plane in planes])
+    squares = wording.joined(
+        [display_name(squareness_name(bound_of(found.posterior), plane)) for plane in planes]
+    )
     yield wording.PAGE["path"].format(squareness=squares, percent=wording.percent_of(found.result))
     for plane in planes:
         own = found.path[found.path["plane"] == plane]
         where = f", plane {plane}" if len(planes) > 1 else ""
-        yield _quantities(own, QUANTITIES, f"The machine's path{where} (R = {own['radius_mm'].iloc[0]:g} mm)")
+        yield _quantities(
+            own, QUANTITIES, f"The machine's path{where} (R = {own['radius_mm'].iloc[0]:g} mm)"
+        )
         if own["quantity"].isin(list(BIDIRECTIONAL)).any():
             caption = f"Both directions{where}: bidirectional deviation G(b), mean radial deviation D, hysteresis included"
             yield _quantities(own, BIDIRECTIONAL, caption)
@@ -289,17 +329,30 @@ def path(found: Findings) -> Iterator[Part]:
 
 def _quantities(table: pd.DataFrame, quantities: Mapping[str, str], caption: str) -> Table:
     forces = list(dict.fromkeys(table["force_N"]))
-    shown = forces if len(forces) <= _MOST_FORCES else [*forces[:: len(forces) // (_MOST_FORCES - 2)], forces[-1]]
+    shown = (
+        forces
+        if len(forces) <= _MOST_FORCES
+        else [*forces[:: len(forces) // (_MOST_FORCES - 2)], forces[-1]]
+    )
     by_force = {(row["force_N"], row["quantity"]): row for _, row in table.iterrows()}
 
     def cell(force: float, quantity: str) -> str:
         row = by_force[force, quantity]
         _, decimals = round_uncertainty(row["sd"])
-        middle, low, high = (round_like(row[key], decimals) for key in ("median", "ci_low", "ci_high"))
+        middle, low, high = (
+            round_like(row[key], decimals) for key in ("median", "ci_low", "ci_high")
+        )
         return f"{middle} [{low}, {high}]"
 
-    rows = [(f"{force:.4g} N", *(cell(force, quantity) for quantity in quantities)) for force in dict.fromkeys(shown)]
-    return Table.of(caption, ("force", *(f"{_WORDS.get(name, name)} ({unit})" for name, unit in quantities.items())), rows)
+    rows = [
+        (f"{force:.4g} N", *(cell(force, quantity) for quantity in quantities))
+        for force in dict.fromkeys(shown)
+    ]
+    return Table.of(
+        caption,
+        ("force", *(f"{_WORDS.get(name, name)} ({unit})" for name, unit in quantities.items())),
+        rows,
+    )
 
 
 def plan(found: Findings) -> Iterator[Part]:
@@ -323,7 +376,9 @@ def fit(found: Findings) -> Iterator[Part]:
         others = (checks[key] for key in ("noise_p", "autocorrelation", "autocorrelation_p"))
         cells = (None if value is None else f"{value:.2g}" for value in others)
         fitness = f"{quality['fitness_percent'][test.name]:.1f}"
-        rows.append((test.name, f"{test.force_N:.4g}", fitness, f"{least:.2g} (order {order})", *cells))
+        rows.append(
+            (test.name, f"{test.force_N:.4g}", fitness, f"{least:.2g} (order {order})", *cells)
+        )
     checked = ("smallest p by order", "p, white noise", "autocorrelation (1)", "p, autocorrelation")
     caption = "Fitness (Eq. 35) and posterior predictive checks: small p where the model does not expect the reading"
     yield wording.quality_words(quality)
@@ -337,7 +392,10 @@ def fit(found: Findings) -> Iterator[Part]:
 def assumptions(found: Findings) -> Iterator[Part]:
     """Every prior with its unit beside the posterior, scales included, and the model as a file."""
     yield text.parameter_table(found.result)
-    yield Details("The whole model as TOML (edit and fit again with --model)", (record_of(found.posterior)["model"]["toml"],))
+    yield Details(
+        "The whole model as TOML (edit and fit again with --model)",
+        (record_of(found.posterior)["model"]["toml"],),
+    )
 
 
 def diagnostics(found: Findings) -> Iterator[Part]:
@@ -350,7 +408,11 @@ def diagnostics(found: Findings) -> Iterator[Part]:
         sizes = (f"{row['ess_bulk']:.0f}", f"{row['ess_tail']:.0f}", f"{row['rhat']:.4f}")
         rows.append((display_name(str(name)), *sizes, moved))
     heads = ("parameter", "ESS bulk", "ESS tail", "R-hat", "sensitivity to the prior (1)")
-    yield Table.of("By parameter; above 0.05 a number moves when its prior's scale does (power scaling)", heads, rows)
+    yield Table.of(
+        "By parameter; above 0.05 a number moves when its prior's scale does (power scaling)",
+        heads,
+        rows,
+    )
 
 
 def method(found: Findings) -> Iterator[Part]:
@@ -358,25 +420,36 @@ def method(found: Findings) -> Iterator[Part]:
     provenance, tests, model = (found.result[key] for key in ("provenance", "campaign", "model"))
     yield tuple(wording.PAGE["notes"])
     rows = (
-        ("campaign", tests["name"]), ("readings, SHA-256", tests["sha256"]), ("model, SHA-256", model["sha256"]),
+        ("campaign", tests["name"]),
+        ("readings, SHA-256", tests["sha256"]),
+        ("model, SHA-256", model["sha256"]),
         ("sampler and seed", f"{found.result['sampler']['kind']}, {provenance['seed']}"),
         ("fitted", f"{provenance['started']}, {provenance['platform']}"),
-        ("versions", ", ".join(f"{name} {value}" for name, value in provenance["versions"].items())),
-    )  # fmt: skip
+        (
+            "versions",
+            ", ".join(f"{name} {value}" for name, value in provenance["versions"].items()),
+        ),
+    )
     yield Table.of("Provenance", ("what", "value"), rows, text=("value",))
 
 
 def glossary(_: Findings) -> Iterator[Part]:
     """Every term of art in a line."""
-    lines = tomllib.loads((files("ldbb_bayes.report") / "templates" / "glossary.toml").read_text(encoding="utf-8"))
+    lines = tomllib.loads(
+        (files("ldbb_bayes.report") / "templates" / "glossary.toml").read_text(encoding="utf-8")
+    )
     yield Table.of("Terms", ("term", "meaning"), list(lines.items()), text=("meaning",))
 
 
-def beside(first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, ci_prob: float) -> Iterator[Part]:
+def beside(
+    first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, ci_prob: float
+) -> Iterator[Part]:
     """Differences of every parameter with intervals and probabilities; ``first`` is the JSON of the fit they are to."""
     name = str(first["campaign"]["name"])
     yield wording.instrument_words(first["model"]["reference_force_N"], same_instrument)
-    yield tuple(wording.change_sentence(name, other.name, other.differences, ci_prob) for other in others)
+    yield tuple(
+        wording.change_sentence(name, other.name, other.differences, ci_prob) for other in others
+    )
     yield from (_differences(name, other, f"{100 * ci_prob:g} %") for other in others)
 
 
@@ -388,14 +461,46 @@ def _differences(first: str, other: Beside, percent: str) -> Table:
         _, decimals = round_uncertainty(row["sd"] * factor)
         values = [round_like(row[key] * factor, decimals) for key in ("first", "second")]
         probability = wording.probability_words(row["probability_of_increase"])
-        rows.append((display_name(str(parameter)), *values, own.value, own.u, own.interval, own.unit, probability))
-    heads = ("parameter", "first", "second", "difference", "u", f"{percent} interval", "unit", "P(second > first)")
+        rows.append(
+            (
+                display_name(str(parameter)),
+                *values,
+                own.value,
+                own.u,
+                own.interval,
+                own.unit,
+                probability,
+            )
+        )
+    heads = (
+        "parameter",
+        "first",
+        "second",
+        "difference",
+        "u",
+        f"{percent} interval",
+        "unit",
+        "P(second > first)",
+    )
     tests = other.result["campaign"]
     caption = f"Second: {other.name} (readings, SHA-256 {tests['sha256']}); first: {first}"
     return Table.of(caption, heads, rows, text=("unit",))
 
 
-_WRITTEN = (campaign, results, limits, degree, uncertainty, path, plan, fit, assumptions, diagnostics, method, glossary)
+_WRITTEN = (
+    campaign,
+    results,
+    limits,
+    degree,
+    uncertainty,
+    path,
+    plan,
+    fit,
+    assumptions,
+    diagnostics,
+    method,
+    glossary,
+)
 SECTIONS: Mapping[str, tuple[str, Callable[[Findings], Iterator[Part]]]] = {
     write.__name__: (wording.PAGE["sections"][write.__name__], write) for write in _WRITTEN
 }

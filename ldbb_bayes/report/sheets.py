@@ -37,7 +37,18 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.campaign import Ball
     from ldbb_bayes.model.hybrid import BoundModel
 
-__all__ = ["Banner", "Block", "Fields", "Pair", "ReportSheet", "Words", "languages", "pdf_of", "sheets", "words_of"]
+__all__ = [
+    "Banner",
+    "Block",
+    "Fields",
+    "Pair",
+    "ReportSheet",
+    "Words",
+    "languages",
+    "pdf_of",
+    "sheets",
+    "words_of",
+]
 
 _TEMPLATES = files("ldbb_bayes.report") / "templates"
 # A partner of this share of the variance is named alone.
@@ -76,7 +87,10 @@ class Words:
 
     def term(self, name: str) -> str:
         """Return what a term of the model is called; a user's own term keeps its words, a parameter its name."""
-        return str(self.table["terms"].get(name) or (Term.kinds[name].words if name in Term.kinds else display_name(name)))
+        return str(
+            self.table["terms"].get(name)
+            or (Term.kinds[name].words if name in Term.kinds else display_name(name))
+        )
 
 
 def languages() -> tuple[str, ...]:
@@ -92,7 +106,9 @@ def words_of(language: str) -> Words:
     InputError for a language without a catalogue.
     """
     check_known("language", [language], languages())
-    return Words(language, tomllib.loads((_TEMPLATES / f"words_{language}.toml").read_text(encoding="utf-8")))
+    return Words(
+        language, tomllib.loads((_TEMPLATES / f"words_{language}.toml").read_text(encoding="utf-8"))
+    )
 
 
 # ---- what a sheet is made of
@@ -182,14 +198,22 @@ class Stated:
     @property
     def left_out(self) -> list[str]:
         """What looks like it and no term of the model has, where nothing else does."""
-        alone = self.entry is not None and self.entry.verdict == "confounded" and not self.entry.partner_shares
+        alone = (
+            self.entry is not None
+            and self.entry.verdict == "confounded"
+            and not self.entry.partner_shares
+        )
         return [*self.entry.partners] if alone and self.entry else []
 
     @property
     def inseparable(self) -> list[str]:
         """What it is confounded with, where the readings do not determine it: by half of its variance or else most."""
         own = self.entry
-        shares = {} if own is None or own.verdict != "confounded" or not self.undetermined else own.partner_shares
+        shares = (
+            {}
+            if own is None or own.verdict != "confounded" or not self.undetermined
+            else own.partner_shares
+        )
         return [name for name, share in shares.items() if share >= _INSEPARABLE] or [*shares]
 
 
@@ -211,20 +235,30 @@ class Numbers:
             if kind.kind != "offset" and (own.degree == 0 or self.found.varying > 0.5):
                 row, words = self._of[own.name], self._quantity(kind, own.degree)
                 interval, entry = (row["ci_low"], row["ci_high"]), verdicts.get(own.name)
-                stated[own.name] = Stated(words, display_name(own.name), row["mean"], row["sd"], interval, own.unit, entry)
+                stated[own.name] = Stated(
+                    words, display_name(own.name), row["mean"], row["sd"], interval, own.unit, entry
+                )
         return stated
 
     # Draws of every parameter, of compliances at the force [inside units]; their mean, sd, median and interval.
     _draws = cached_property(lambda self: draws_at(self.found.numbers, self.force_N))
-    _of = cached_property(lambda self: {name: numbers_of(own, self.found.ci_prob) for name, own in self._draws.items()})
+    _of = cached_property(
+        lambda self: {
+            name: numbers_of(own, self.found.ci_prob) for name, own in self._draws.items()
+        }
+    )
 
     def _quantity(self, name: Any, degree: int = 0) -> str:
         key = "slope" if degree == 1 else "curvature" if degree else str(name.kind)
         own = {part: str(getattr(name, part, "")) for part in ("axis", "component", "reference")}
         turned = str.maketrans("ABC", "XYZ")
-        moved, load = (str(getattr(name, part, "")).translate(turned) for part in ("twist", "wrench"))
+        moved, load = (
+            str(getattr(name, part, "")).translate(turned) for part in ("twist", "wrench")
+        )
         own["axis"] = own["axis"] or str(getattr(name, "joint", ""))
-        return self.words(f"quantities.{key}", **own, moved=moved, load=load, symbol=display_name(name.label))
+        return self.words(
+            f"quantities.{key}", **own, moved=moved, load=load, symbol=display_name(name.label)
+        )
 
     @cached_property
     def stiffnesses(self) -> dict[str, Stated]:
@@ -236,33 +270,63 @@ class Numbers:
                 middle, low, high = (row[key] for key in ("median", "ci_low", "ci_high"))
                 ends, limit = (1.0 / high, 1.0 / low), ""
                 if not low > _HARDLY * middle > 0.0:
-                    limit = self.words("quantities.at_least", value=f"{1e-3 / high:.3g}") if high > 0.0 else "–"
-                sd = float(np.std(1.0 / np.maximum(draws, 0.5 * _HARDLY * middle))) if not limit else np.nan
-                words, entry = self.words("quantities.stiffness", axis=own.joint), self.found.verdicts.get(own.label)
-                every[own.label] = Stated(words, f"1 / {own.label}", 1.0 / middle, sd, ends, "N/mm", entry, limit)
+                    limit = (
+                        self.words("quantities.at_least", value=f"{1e-3 / high:.3g}")
+                        if high > 0.0
+                        else "–"
+                    )
+                sd = (
+                    float(np.std(1.0 / np.maximum(draws, 0.5 * _HARDLY * middle)))
+                    if not limit
+                    else np.nan
+                )
+                words, entry = (
+                    self.words("quantities.stiffness", axis=own.joint),
+                    self.found.verdicts.get(own.label),
+                )
+                every[own.label] = Stated(
+                    words, f"1 / {own.label}", 1.0 / middle, sd, ends, "N/mm", entry, limit
+                )
         return every
 
     @cached_property
     def further(self) -> dict[str, Stated]:
         """What stands on sheet 1 beside stiffnesses: other compliances, and squareness."""
-        shown = ("cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment", "squareness")
+        shown = (
+            "cross",
+            "rotation_for_force",
+            "rotation_for_moment",
+            "rotation_for_other_moment",
+            "squareness",
+        )
         kinds = {name: one.kind for name, one in _names(bound_of(self.found.numbers)).items()}
-        return {name: stated for name, stated in self.parameters.items() if kinds.get(name) in shown}
+        return {
+            name: stated for name, stated in self.parameters.items() if kinds.get(name) in shown
+        }
 
     @cached_property
     def path(self) -> dict[str, Stated]:
         """G, F_max and F_min of every plane; they hang on what the geometric errors hang on."""
         table = circularity(self.found.numbers, [self.force_N], ci_prob=self.found.ci_prob)
         several, every = table["plane"].nunique() > 1, {}
-        geometric = [own for name, own in self.parameters.items() if name.startswith("E_") and own.undetermined]
+        geometric = [
+            own
+            for name, own in self.parameters.items()
+            if name.startswith("E_") and own.undetermined
+        ]
         # The bar's length makes the circle larger, not less round.
         partners = dict.fromkeys(partner for own in geometric for partner in own.inseparable)
         hangs_on = tuple(name for name in partners if name != BarLength.__name__)
         for row in table[table["quantity"].isin(["G", "F_max", "F_min"])].to_dict(orient="records"):
             where = self.words("quantities.plane", plane=row["plane"]) if several else ""
-            interval, of = (row["ci_low"], row["ci_high"]), self.words(f"quantities.{row['quantity']}", plane=where)
+            interval, of = (
+                (row["ci_low"], row["ci_high"]),
+                self.words(f"quantities.{row['quantity']}", plane=where),
+            )
             symbol = f"{row['quantity']}{'_' + row['plane'] if several else ''}"
-            every[symbol] = Stated(of, row["quantity"], row["median"], row["sd"], interval, "um", hangs_on=hangs_on)
+            every[symbol] = Stated(
+                of, row["quantity"], row["median"], row["sd"], interval, "um", hangs_on=hangs_on
+            )
         return every
 
 
@@ -282,13 +346,18 @@ def remark(own: Stated, words: Words) -> str:
         return words("remarks.identified" if entry.verdict == "identified" else "remarks.prior")
     last = ("assumes", own.left_out) if own.left_out else ("limited", [*entry.partner_shares])
     key, partners = ("inseparable", own.inseparable) if own.inseparable else last
-    return words(f"remarks.{key}", partners=words.joined([words.term(name) for name in partners[:_MOST_NAMES]]))
+    return words(
+        f"remarks.{key}",
+        partners=words.joined([words.term(name) for name in partners[:_MOST_NAMES]]),
+    )
 
 
 # ---- the sheets
 
 
-def sheets(found: Findings, *, language: str = "en", force_N: float | None = None) -> tuple[ReportSheet, ...]:
+def sheets(
+    found: Findings, *, language: str = "en", force_N: float | None = None
+) -> tuple[ReportSheet, ...]:
     """Return sheet 1, the certificate, and sheet 2, its results, in a language."""
     words = words_of(language)
     force = float(found.result["model"]["reference_force_N"] if force_N is None else force_N)
@@ -305,19 +374,32 @@ def _first(own: Numbers) -> Iterator[Block]:
     yield _banner(own)
     yield Fields(tuple(_entries(found, words)))
     stated = [*own.stiffnesses.values(), *own.further.values(), *own.path.values()]
-    middle = words("sheet.middle") if own.force_N == found.result["model"]["reference_force_N"] else ""
-    yield _table(own, words("sheet.results", force=words.number(f"{own.force_N:.4g}"), middle=middle), stated, "U")
+    middle = (
+        words("sheet.middle") if own.force_N == found.result["model"]["reference_force_N"] else ""
+    )
+    yield _table(
+        own,
+        words("sheet.results", force=words.number(f"{own.force_N:.4g}"), middle=middle),
+        stated,
+        "U",
+    )
     yield from _conformity(own)
     yield words("notes.U", percent=words.number(f"{100 * found.ci_prob:g}"))
     unsure = [one for one in own.parameters.values() if one.undetermined or one.left_out]
     missing = [f"{one.words} ({one.symbol}): {remark(one, words)}" for one in unsure]
     if hanging := [one for one in own.path.values() if one.hangs_on]:
-        missing.append(f"{words.joined([one.symbol for one in hanging])}: {remark(hanging[0], words)}")
+        missing.append(
+            f"{words.joined([one.symbol for one in hanging])}: {remark(hanging[0], words)}"
+        )
     if 0.05 < found.varying < 0.95:
         missing.insert(0, words("notes.varying", probability=percent(found.varying, words)))
     more = [words("sheet.continued", count=str(len(missing) - 12))] if len(missing) > 12 else []
     traces = picture("traces", found.posterior, words("sheet.traces"), words=words.table["figures"])
-    yield Pair(traces, words("sheet.undetermined"), (*missing[:12], *more) if missing else (words("sheet.all_determined"),))
+    yield Pair(
+        traces,
+        words("sheet.undetermined"),
+        (*missing[:12], *more) if missing else (words("sheet.all_determined"),),
+    )
     yield _basis(found, words)
     yield Fields(tuple((words(f"fields.{key}"), "") for key in ("signed", "checked")), tall=True)
 
@@ -327,15 +409,28 @@ def _second(own: Numbers) -> Iterator[Block]:
     yield _table(own, "", [*own.parameters.values(), *own.path.values()], "u")
     percent = words.number(f"{100 * found.ci_prob:g}")
     yield words("notes.u", percent=percent, force=words.number(f"{own.force_N:.4g}"))
-    partners = dict.fromkeys(partner for one in own.parameters.values() if one.entry for partner in one.entry.partners)
-    meant = [f"{words.term(name)}: {words.table['means'][name]}" for name in partners if name in words.table["means"]]
+    partners = dict.fromkeys(
+        partner for one in own.parameters.values() if one.entry for partner in one.entry.partners
+    )
+    meant = [
+        f"{words.term(name)}: {words.table['means'][name]}"
+        for name in partners
+        if name in words.table["means"]
+    ]
     yield words("notes.words", names="; ".join(meant))
-    yield picture("compliance_against_force", found.numbers, words("sheet.curve"), words=words.table["figures"])
+    yield picture(
+        "compliance_against_force",
+        found.numbers,
+        words("sheet.curve"),
+        words=words.table["figures"],
+    )
     provenance = found.result["provenance"]
     yield words(
-        "notes.provenance", sha=found.result["campaign"]["sha256"][:16], version=provenance["versions"]["ldbb-bayes"],
+        "notes.provenance",
+        sha=found.result["campaign"]["sha256"][:16],
+        version=provenance["versions"]["ldbb-bayes"],
         started=provenance["started"][:10],
-    )  # fmt: skip
+    )
 
 
 def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) -> Table:
@@ -367,27 +462,57 @@ def _banner(own: Numbers) -> Banner:
     reasons += [words("state.least_squares")] if found.flat else []
     forces = campaign_of(found.numbers).forces_N
     if not forces.min() <= own.force_N <= forces.max():
-        reasons.insert(int(judged.use == Use.DO_NOT_USE), words("state.outside", force=words.number(f"{own.force_N:.4g}")))
+        reasons.insert(
+            int(judged.use == Use.DO_NOT_USE),
+            words("state.outside", force=words.number(f"{own.force_N:.4g}")),
+        )
     certified = [] if found.flat else [given for *_, given in _instrument(found)]
     kind = "unusable" if judged.use == Use.DO_NOT_USE else "reserved" if reasons else "usable"
     because = "; ".join(reasons[:_MOST_REASONS]) or words("state.fits")
     if kind != "unusable" and not all(certified):
         because += words(f"state.{'partly' if any(certified) else 'none'}_stated")
-    return Banner(kind, words("state.sentence", state=words(f"state.{kind}"), reason=because[:1].upper() + because[1:]))
+    return Banner(
+        kind,
+        words(
+            "state.sentence", state=words(f"state.{kind}"), reason=because[:1].upper() + because[1:]
+        ),
+    )
 
 
 def _conformity(own: Numbers) -> Iterator[Table | str]:
     """Tolerances, where there are any, and what is decided."""
     words, rows = own.words, []
-    known = own.parameters | {f"stiffness_{name[2]}": one for name, one in own.stiffnesses.items()} | own.path
+    known = (
+        own.parameters
+        | {f"stiffness_{name[2]}": one for name, one in own.stiffnesses.items()}
+        | own.path
+    )
     for name, one in own.found.conformity(own.force_N).items():
         factor, label = display_unit(one.unit)
         low, high = (f"{end * factor:.4g}".replace("-", "−") for end in one.limits)
-        limits = f"≤ {high}" if one.lower is None else f"≥ {low}" if one.upper is None else f"{low} … {high}"
-        quantity, value = (known[name].words, known[name].with_U[0]) if name in known else (display_name(name), "–")
+        limits = (
+            f"≤ {high}"
+            if one.lower is None
+            else f"≥ {low}"
+            if one.upper is None
+            else f"{low} … {high}"
+        )
+        quantity, value = (
+            (known[name].words, known[name].with_U[0])
+            if name in known
+            else (display_name(name), "–")
+        )
         numbers = (value, limits, two_digits(one.guard_band, factor))
         decided = words(f"decisions.{str(one.decision).replace(' ', '_')}")
-        rows.append((quantity, *map(words.number, numbers), words.unit(label), percent(one.probability, words), decided))
+        rows.append(
+            (
+                quantity,
+                *map(words.number, numbers),
+                words.unit(label),
+                percent(one.probability, words),
+                decided,
+            )
+        )
     if rows:
         keys = ("quantity", "value", "tolerance", "guard", "unit", "probability", "decision")
         heads = [words(f"heads.{key}") for key in keys]
@@ -398,9 +523,19 @@ def _conformity(own: Numbers) -> Iterator[Table | str]:
 def _basis(found: Findings, words: Words) -> str:
     """Which models the numbers are of."""
     if not (share := found.probabilities):
-        return words("notes.single", degree=words(f"degrees.{_DEGREES[found.result['model']['degree']]}"))
-    named = [f"{words(f'degrees.{name}')} {percent(p, words)}" for name, p in share.items() if name in _DEGREES]
-    rivals = [f"{words(f'rivals.{name}')} {percent(p, words)}" for name, p in share.items() if name not in _DEGREES]
+        return words(
+            "notes.single", degree=words(f"degrees.{_DEGREES[found.result['model']['degree']]}")
+        )
+    named = [
+        f"{words(f'degrees.{name}')} {percent(p, words)}"
+        for name, p in share.items()
+        if name in _DEGREES
+    ]
+    rivals = [
+        f"{words(f'rivals.{name}')} {percent(p, words)}"
+        for name, p in share.items()
+        if name not in _DEGREES
+    ]
     beside = words("notes.rivals", rivals=", ".join(rivals)) if rivals else ""
     return words("notes.averaged", models=", ".join(named), beside=beside)
 
@@ -424,31 +559,52 @@ def _entries(found: Findings, words: Words) -> Iterator[tuple[str, str]]:
 
     yield from map(entry, _LABELS)
     planes = words.joined(list(dict.fromkeys(str(test.plane) for test in campaign.tests)))
-    yield words("fields.machine"), words("entries.machine", topology=campaign.topology, planes=planes)
+    yield (
+        words("fields.machine"),
+        words("entries.machine", topology=campaign.topology, planes=planes),
+    )
     yield from map(entry, ("ball_bar", "ball_bar_calibrated", "force_device"))
     degrees = [test.temperature_C for test in campaign.tests if test.temperature_C is not None]
     ends = [words.number(f"{end(degrees):.1f}") for end in (min, max)] if degrees else []
-    yield words("fields.temperature"), words("entries.temperature", range=" … ".join(dict.fromkeys(ends))) if ends else ""
+    yield (
+        words("fields.temperature"),
+        words("entries.temperature", range=" … ".join(dict.fromkeys(ends))) if ends else "",
+    )
     forces, radii = campaign.forces_N, sorted({test.circle.radius_mm for test in campaign.tests})
     low, high = (words.number(f"{force:.4g}") for force in (min(forces), max(forces)))
     radius = words.number(", ".join(f"{own:g}" for own in radii))
-    yield words("fields.tests"), words("entries.tests", count=str(len(campaign.tests)), low=low, high=high, radius=radius)
+    yield (
+        words("fields.tests"),
+        words("entries.tests", count=str(len(campaign.tests)), low=low, high=high, radius=radius),
+    )
     ways = "/".join(dict.fromkeys(str(test.direction) for test in campaign.tests if test.direction))
-    feed = words("entries.feed", feed=f"{campaign.feed_mm_per_min:g}") if campaign.feed_mm_per_min else ""
+    feed = (
+        words("entries.feed", feed=f"{campaign.feed_mm_per_min:g}")
+        if campaign.feed_mm_per_min
+        else ""
+    )
     yield words("fields.path"), ", ".join(filter(None, (feed, ways)))
     stated, assumed = list[str](), list[str]()
     for key, size, given in _instrument(found):
         names = campaign.instrument.certificates.items()
-        named = next((f" ({own.split(': ')[0][:32]})" for what, own in names if what.startswith(key)), "")
-        (stated if given else assumed).append(f"{words(f'entries.{key}')} {words.number(size)}{named if given else ''}")
+        named = next(
+            (f" ({own.split(': ')[0][:32]})" for what, own in names if what.startswith(key)), ""
+        )
+        (stated if given else assumed).append(
+            f"{words(f'entries.{key}')} {words.number(size)}{named if given else ''}"
+        )
     yield words("fields.certificates"), ", ".join(stated) or words("entries.none")
     yield words("fields.assumed"), ", ".join(assumed) or words("entries.none")
 
 
 _INSTRUMENT = {
-    "bar": "bar_length", "work": "work_form_2", "tool": "tool_form_2", "mount": "mount", "force": "force_gain",
+    "bar": "bar_length",
+    "work": "work_form_2",
+    "tool": "tool_form_2",
+    "mount": "mount",
+    "force": "force_gain",
     "angle": "angle_reference",
-}  # fmt: skip
+}
 
 
 def _instrument(found: Findings) -> Iterator[tuple[str, str, bool]]:
@@ -541,7 +697,16 @@ def _draw(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> float:
         elif isinstance(block, Banner):
             fill, ink = _SHADES[block.kind]
             pdf.set_fill_color(fill)
-            _write(pdf, block.sentence, 10.0 * sheet.scale, bold=True, grey=ink, border=1, padding=1.6, fill=True)
+            _write(
+                pdf,
+                block.sentence,
+                10.0 * sheet.scale,
+                bold=True,
+                grey=ink,
+                border=1,
+                padding=1.6,
+                fill=True,
+            )
             pdf.set_fill_color(255)
         elif isinstance(block, Table):
             _draw_table(pdf, block, sheet.scale)
@@ -553,7 +718,14 @@ def _draw(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> float:
 
 
 def _write(
-    pdf: FPDF, text: str, size: float, *, width: float = _WIDTH, bold: bool = False, grey: int = _INK, **more: Any
+    pdf: FPDF,
+    text: str,
+    size: float,
+    *,
+    width: float = _WIDTH,
+    bold: bool = False,
+    grey: int = _INK,
+    **more: Any,
 ) -> None:
     pdf.set_font("DejaVu", "B" if bold else "", size)
     pdf.set_text_color(grey)
@@ -567,7 +739,10 @@ def _draw_fields(pdf: FPDF, block: Fields, scale: float) -> None:
     for pair in zip(block.entries[::2], (*block.entries[1::2], None), strict=False):
         start, ends = pdf.y + (9.0 if block.tall else 0.7) * scale, []
         for k, own in enumerate(filter(None, pair)):
-            for x, width, text, grey in ((0.0, label, own[0], _SOFT), (label, entry, own[1] or " ", _INK)):
+            for x, width, text, grey in (
+                (0.0, label, own[0], _SOFT),
+                (label, entry, own[1] or " ", _INK),
+            ):
                 pdf.set_xy(_LEFT + k * (label + entry + gap) + x, start)
                 _write(pdf, text, size, width=width, grey=grey)
                 ends.append(pdf.y)
@@ -587,14 +762,30 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
     size, rows = 7.8 * scale, [table.heads, *table.shown()]
     pdf.set_font("DejaVu", "", size)
     pdf.set_text_color(_INK)
-    natural = [max(pdf.get_string_width(row[k]) for row in rows) * 1.1 + 3.0 for k in range(len(table.heads))]
+    natural = [
+        max(pdf.get_string_width(row[k]) for row in rows) * 1.1 + 3.0
+        for k in range(len(table.heads))
+    ]
     ends = (0, len(natural) - 1)  # broken into lines where there is no room
-    scarce = (_WIDTH - sum(w for k, w in enumerate(natural) if k not in ends)) / sum(natural[k] for k in ends)
+    scarce = (_WIDTH - sum(w for k, w in enumerate(natural) if k not in ends)) / sum(
+        natural[k] for k in ends
+    )
     widths = [w * scarce if k in ends else w for k, w in enumerate(natural)]
     aligned = ["RIGHT" if numeric else "LEFT" for numeric in table.numeric]
-    look = {"borders_layout": "HORIZONTAL_LINES", "line_height": 0.46 * size, "padding": (0.55 * scale, 1.0)}
+    look = {
+        "borders_layout": "HORIZONTAL_LINES",
+        "line_height": 0.46 * size,
+        "padding": (0.55 * scale, 1.0),
+    }
     pdf.set_draw_color(150)
-    with pdf.table(rows, col_widths=widths, width=_WIDTH, text_align=aligned, headings_style=FontFace(emphasis="BOLD"), **look):
+    with pdf.table(
+        rows,
+        col_widths=widths,
+        width=_WIDTH,
+        text_align=aligned,
+        headings_style=FontFace(emphasis="BOLD"),
+        **look,
+    ):
         pass
 
 

@@ -16,7 +16,14 @@ import jinja2
 
 from ldbb_bayes.model.terms import OWN, Term
 from ldbb_bayes.result import ByClass
-from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, typeset
+from ldbb_bayes.units import (
+    display_name,
+    display_unit,
+    plus_minus,
+    ranked,
+    round_uncertainty,
+    typeset,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,13 +32,20 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.design import Design
-    from ldbb_bayes.analysis.identifiability import Budget, Identifiability, ParameterIdentifiability, Seen
+    from ldbb_bayes.analysis.identifiability import (
+        Budget,
+        Identifiability,
+        ParameterIdentifiability,
+        Seen,
+    )
     from ldbb_bayes.campaign.preview import CampaignPreview, Remark
     from ldbb_bayes.inference.posterior import Concern, Fit
     from ldbb_bayes.inference.predictive import Check
     from ldbb_bayes.model.terms import Uncertainty
 
-_SENTENCES: Mapping[str, Any] = tomllib.loads((Path(__file__).parent / "templates" / "sentences.toml").read_text("utf-8"))
+_SENTENCES: Mapping[str, Any] = tomllib.loads(
+    (Path(__file__).parent / "templates" / "sentences.toml").read_text("utf-8")
+)
 PAGE: Mapping[str, Any] = _SENTENCES["page"]
 DEGREES = ("constant", "linear", "quadratic")
 IN_FORCE = ("constant", "linear in force", "quadratic in force")
@@ -44,9 +58,25 @@ def _environment() -> jinja2.Environment:
     """What templates of sentences call: filters and names."""
     loader = jinja2.PackageLoader("ldbb_bayes.report")
     environment = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined)
-    filters = (joined, display_name, typeset, term_words, nuisance_words, check_words, remark_words, caveat_words, repr)
-    environment.filters |= {own.__name__: own for own in (*filters, look_sentences, probability_words, strength_words)}
-    environment.filters |= {"as_": format, "lines": _lines, "point": lambda at: f"({', '.join(f'{x:g}' for x in at)})"}
+    filters = (
+        joined,
+        display_name,
+        typeset,
+        term_words,
+        nuisance_words,
+        check_words,
+        remark_words,
+        caveat_words,
+        repr,
+    )
+    environment.filters |= {
+        own.__name__: own for own in (*filters, look_sentences, probability_words, strength_words)
+    }
+    environment.filters |= {
+        "as_": format,
+        "lines": _lines,
+        "point": lambda at: f"({', '.join(f'{x:g}' for x in at)})",
+    }
     names: dict[str, Any] = {
         "IN_FORCE": IN_FORCE,
         "DEGREES": DEGREES,
@@ -54,7 +84,13 @@ def _environment() -> jinja2.Environment:
         "BARE": _STRENGTHS[0][0],
         "SIGNS": _SENTENCES["signs"],
     }
-    names |= {"PAGE": PAGE, "SURE": _SURE, "JOINED": _JOINED, "CONFLICT": _CONFLICT, "plus_minus": plus_minus}
+    names |= {
+        "PAGE": PAGE,
+        "SURE": _SURE,
+        "JOINED": _JOINED,
+        "CONFLICT": _CONFLICT,
+        "plus_minus": plus_minus,
+    }
     environment.globals |= names
     return environment
 
@@ -84,16 +120,31 @@ def _words(macro: str) -> Callable[..., str]:
 # Of a fit whether its numbers can be used, whether the model expects readings like these, and a note on what it does not expect
 # though it hardly moves an interval; of parts of its JSON what was fitted, how well, and whether the sampler reached its target;
 # of a validation whether its ranks are as they should be.
-fit_verdict, expectation, check_notes = _words("fit_verdict"), _words("expectation"), _every("check_notes")
-model_words, quality_words, sampler_words = _words("model_words"), _words("quality_words"), _words("sampler_words")
+fit_verdict, expectation, check_notes = (
+    _words("fit_verdict"),
+    _words("expectation"),
+    _every("check_notes"),
+)
+model_words, quality_words, sampler_words = (
+    _words("model_words"),
+    _words("quality_words"),
+    _words("sampler_words"),
+)
 validation_verdict = _words("validation_verdict")
 # What a campaign is, and remarks on its tests (what a fit will assume is apart); of a machine joints, rank, and what does not
 # show; of a comparison the evidence, whether its sign is robust, and what else speaks; what is to be minded of a population, and
 # what it does not model; what forbids the use of a difference of campaigns (first, other, converged, conflict).
 preview_sentences, machine_sentences = _every("preview_sentences"), _every("machine_sentences")
-comparison_sentences, population_doubts = _every("comparison_sentences"), _every("population_doubts")
+comparison_sentences, population_doubts = (
+    _every("comparison_sentences"),
+    _every("population_doubts"),
+)
 # Which model the numbers after the sheets are of (degree, averaged); what differences between campaigns rest on (force, same).
-annex_words, instrument_words, difference_doubts = _words("annex_words"), _words("instrument_words"), _every("difference_doubts")
+annex_words, instrument_words, difference_doubts = (
+    _words("annex_words"),
+    _words("instrument_words"),
+    _every("difference_doubts"),
+)
 
 
 def _as_dict(result: Any) -> dict[str, Any]:
@@ -107,7 +158,9 @@ with_words = ByClass(_as_dict)
 
 def joined(parts: Sequence[str], word: str = "and") -> str:
     """a, b and c."""
-    return f" {word} ".join(parts) if len(parts) < 3 else f"{', '.join(parts[:-1])} {word} {parts[-1]}"
+    return (
+        f" {word} ".join(parts) if len(parts) < 3 else f"{', '.join(parts[:-1])} {word} {parts[-1]}"
+    )
 
 
 def _few(names: Sequence[str]) -> str:
@@ -127,7 +180,11 @@ def _shown(names: Sequence[str]) -> str:
 def unit_words(name: str) -> tuple[float, str]:
     """Inside value of one unit that a nuisance coefficient is read in, and its label."""
     inside, one, label = Term.owner(name).unit_of(name)
-    return (1.0 / display_unit(inside)[0], display_unit(inside)[1]) if inside.endswith("/N") else (one, label)
+    return (
+        (1.0 / display_unit(inside)[0], display_unit(inside)[1])
+        if inside.endswith("/N")
+        else (one, label)
+    )
 
 
 def nuisance_words(name: str) -> str:
@@ -138,7 +195,13 @@ def nuisance_words(name: str) -> str:
 def term_words(term: str) -> str:
     """BallForm → ball form, SetupShift → set-up shift; a parameter's name stays."""
     spaced = re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
-    return Term.kinds[term].words if term in Term.kinds else display_name(term) if "_" in term else spaced
+    return (
+        Term.kinds[term].words
+        if term in Term.kinds
+        else display_name(term)
+        if "_" in term
+        else spaced
+    )
 
 
 def source_words(term: str) -> str:
@@ -158,11 +221,19 @@ def statement(found: Degeneracy) -> str:
     """Return a degeneracy with its exchange rate: what looks like what, and how much of it."""
     sign = -1.0 if found.term else 1.0
     changes = [
-        _amount(sign * found.combination[name], *display_unit(found.units[name]), display_name(name)) for name in found.parameters
+        _amount(
+            sign * found.combination[name], *display_unit(found.units[name]), display_name(name)
+        )
+        for name in found.parameters
     ]
-    left_out = "" if found.modelled else "; the model leaves it out, and the intervals do not cover it"
+    left_out = (
+        "" if found.modelled else "; the model leaves it out, and the intervals do not cover it"
+    )
     nuisances = [(name, *unit_words(name)) for name in found.nuisances]
-    parts = [_amount(found.combination[name], 1.0 / one, unit, nuisance_words(name), "") for name, one, unit in nuisances]
+    parts = [
+        _amount(found.combination[name], 1.0 / one, unit, nuisance_words(name), "")
+        for name, one, unit in nuisances
+    ]
     subject = " with ".join([*parts[:1], *([joined(parts[1:])] if parts[1:] else [])])
     if len(parts) > 4:
         subject = f"{parts[0]} together with {len(parts) - 1} other effects"
@@ -174,12 +245,19 @@ def statement(found: Degeneracy) -> str:
 
 def cure_words(found: Degeneracy, cures: Sequence[Cure]) -> str:
     """Return what would end a degeneracy."""
-    calibration = Term.kinds[found.term].calibration if found.term in Term.kinds else "a calibration of it"
-    text = joined([_SENTENCES["cures"].get(cure, calibration) for cure in cures], "or") or "a narrower prior on one of them"
+    calibration = (
+        Term.kinds[found.term].calibration if found.term in Term.kinds else "a calibration of it"
+    )
+    text = (
+        joined([_SENTENCES["cures"].get(cure, calibration) for cure in cures], "or")
+        or "a narrower prior on one of them"
+    )
     return text[0].upper() + text[1:] + "."
 
 
-def degeneracy_items(found: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]) -> tuple[str, ...]:
+def degeneracy_items(
+    found: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
+) -> tuple[str, ...]:
     """Return every degeneracy with what would separate it."""
     pairs = zip(found, cures, strict=True)
     return tuple(f"{statement(own)} Cure: {cure_words(own, cure)}" for own, cure in pairs)
@@ -193,10 +271,15 @@ def alias_sentences(found: Sequence[Degeneracy]) -> Iterator[str]:
             alike[own.modelled].setdefault(own.term, {}).update(dict.fromkeys(own.parameters))
         else:
             yield f"These readings cannot separate {_shown(own.parameters)}."
-    covers = ("The model leaves these out: no interval covers them", "The intervals rest on what was assumed of these")
+    covers = (
+        "The model leaves these out: no interval covers them",
+        "The intervals rest on what was assumed of these",
+    )
     for modelled, terms in alike.items():
         if terms:
-            pairs = "; ".join(f"{term_words(term)} with {_shown([*names])}" for term, names in terms.items())
+            pairs = "; ".join(
+                f"{term_words(term)} with {_shown([*names])}" for term, names in terms.items()
+            )
             yield f"Confounded: {pairs}. {covers[modelled]} (more: ldbb-bayes identify)."
 
 
@@ -221,12 +304,20 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
     """Return a sentence or two on every concern; ``sampler`` is that part of the record."""
     cures = {"independent": "ask for more independent draws (a larger --ess)"}
     for own in concerns:
-        template = _SENTENCES["concerns"]["one-force" if own.kind == "forces" and own.value == 1 else own.kind]
+        template = _SENTENCES["concerns"][
+            "one-force" if own.kind == "forces" and own.value == 1 else own.kind
+        ]
         said = template.format(
-            value=own.value, limit=own.limit, um=own.value * 1e3, limit_um=own.limit * 1e3, degree=own.limit - 2,
-            verb="contradict" if own.value < _CONTRADICTED else "speak against", rhat=sampler.get("target_rhat", 0.0),
-            cure=cures.get(sampler.get("kind", ""), "allow more steps (--max-steps)"), name=display_name(own.name),
-        )  # fmt: skip
+            value=own.value,
+            limit=own.limit,
+            um=own.value * 1e3,
+            limit_um=own.limit * 1e3,
+            degree=own.limit - 2,
+            verb="contradict" if own.value < _CONTRADICTED else "speak against",
+            rhat=sampler.get("target_rhat", 0.0),
+            cure=cures.get(sampler.get("kind", ""), "allow more steps (--max-steps)"),
+            name=display_name(own.name),
+        )
         yield typeset(said)
 
 
@@ -258,7 +349,10 @@ def look_sentences(seen: CampaignPreview) -> list[str]:
 @with_words.register
 def _(result: CampaignPreview) -> dict[str, Any]:
     record = {"schema": 1, **result.as_dict()}
-    pairs: list[tuple[dict[str, Any], Any]] = [(record, result), *zip(record["tests"], result.tests, strict=True)]
+    pairs: list[tuple[dict[str, Any], Any]] = [
+        (record, result),
+        *zip(record["tests"], result.tests, strict=True),
+    ]
     for own, found in pairs:
         own["kinds"] = [str(remark.kind) for remark in found.remarks]
         own["remarks"] = [remark_words(remark) for remark in found.remarks]
@@ -269,7 +363,13 @@ def _(result: CampaignPreview) -> dict[str, Any]:
 def assumed_words(own: Uncertainty) -> tuple[str, str]:
     """Return what is assumed of the instrument, and where a certificate says it."""
     (table, _, key), kind = own.certificate.partition("_"), Term.owner(own.name)
-    where = f"[{table}] {key}" if key else f"[balls.{table}]" if table else f"none: [terms.{kind.__name__}] of a model"
+    where = (
+        f"[{table}] {key}"
+        if key
+        else f"[balls.{table}]"
+        if table
+        else f"none: [terms.{kind.__name__}] of a model"
+    )
     return nuisance_words(own.name.replace("form_", "form_cos")).partition(" (")[0], where
 
 
@@ -285,13 +385,20 @@ def sum_in_words(seen: Seen) -> str:
 
 # ---- identifiability
 
-ALIKE, NONE_ALIKE = "The readings of this campaign cannot separate:", "The readings determine every combination."
+ALIKE, NONE_ALIKE = (
+    "The readings of this campaign cannot separate:",
+    "The readings determine every combination.",
+)
 
 
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
     """Return hyper-parameters with their values, the circles' scales left out."""
-    sizes = {name: f"{value:.2g}{'' if name == 'decay' else ' µm'}" for name, value in hyper_um.items()}
-    return ", ".join(f"{name}{equals}{size}" for name, size in sizes.items() if not name.startswith("lambda_"))
+    sizes = {
+        name: f"{value:.2g}{'' if name == 'decay' else ' µm'}" for name, value in hyper_um.items()
+    }
+    return ", ".join(
+        f"{name}{equals}{size}" for name, size in sizes.items() if not name.startswith("lambda_")
+    )
 
 
 def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> str:
@@ -301,9 +408,14 @@ def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> st
         return f"confounded with {joined([term_words(p) + ('' if p in known else ' (left out)') for p in entry.partners])}"
     if not shares:
         return str(entry.verdict)
-    parts = {term_words(p): f"{100.0 * known[p]:.0f} %" if p in known else "left out" for p in entry.partners}
+    parts = {
+        term_words(p): f"{100.0 * known[p]:.0f} %" if p in known else "left out"
+        for p in entry.partners
+    }
     if entry.verdict == "confounded":
-        return "confounded with " + " and ".join(f"{partner} ({share})" for partner, share in parts.items())
+        return "confounded with " + " and ".join(
+            f"{partner} ({share})" for partner, share in parts.items()
+        )
     plain = ", ".join(f"{partner} {share}" for partner, share in parts.items())
     return f"{entry.verdict} ({plain})" if plain else str(entry.verdict)
 
@@ -312,7 +424,9 @@ def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> st
 def _(result: Identifiability) -> dict[str, Any]:
     record = result.as_dict()
     record.pop("cures")
-    for own, found, cure in zip(record["degeneracies"], result.degeneracies, result.cures, strict=True):
+    for own, found, cure in zip(
+        record["degeneracies"], result.degeneracies, result.cures, strict=True
+    ):
         own |= {"statement": statement(found), "cure": cure_words(found, cure)}
     return record | {"notes": [standing_words(own) for own in result.standing]}
 
@@ -325,8 +439,12 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
     for name, left in certificates.items():
         share = {own: sd / without[own] for own, sd in left.items()}
         narrowed = [own for own in ranked(share, share.__getitem__) if share[own] < 0.9]
-        worth[name] = [f"u of {display_name(own)} to {100.0 * share[own]:.0f} %" for own in narrowed]
-    return _sentences("identifiability_sentences", result, joined_sizes(result.hyper_um, " = "), worth)
+        worth[name] = [
+            f"u of {display_name(own)} to {100.0 * share[own]:.0f} %" for own in narrowed
+        ]
+    return _sentences(
+        "identifiability_sentences", result, joined_sizes(result.hyper_um, " = "), worth
+    )
 
 
 # ---- calibration
@@ -339,13 +457,20 @@ def _(result: Validation) -> dict[str, Any]:
 
 # ---- comparison
 
-_STRENGTHS = ((1.0, "not worth more than a bare mention"), (3.0, "positive evidence"), (5.0, "strong evidence"))
+_STRENGTHS = (
+    (1.0, "not worth more than a bare mention"),
+    (3.0, "positive evidence"),
+    (5.0, "strong evidence"),
+)
 _SURE = 0.95
 
 
 def strength_words(log_bayes_factor: float) -> str:
     """Words for a log Bayes factor of either sign (Kass and Raftery, J. Am. Stat. Assoc. 90, 773-795, 1995)."""
-    return next((words for limit, words in _STRENGTHS if abs(log_bayes_factor) < limit), "very strong evidence")
+    return next(
+        (words for limit, words in _STRENGTHS if abs(log_bayes_factor) < limit),
+        "very strong evidence",
+    )
 
 
 @with_words.register
@@ -360,9 +485,16 @@ def _(result: Comparison) -> dict[str, Any]:
 
 def design_sentences(design: Design) -> tuple[str, ...]:
     """Return the recommendation in words, its notes last."""
-    ratio = {name: design.expected[name].sd / design.baseline[name].sd for name in design.parameters}
-    first, last = (ranked(ratio, key, tolerance=_ALIKE)[0] for key in (lambda name: -ratio[name], ratio.__getitem__))
-    return _sentences("design_sentences", design, _tests_to_run(design), ratio, first, last, design_notes(design))
+    ratio = {
+        name: design.expected[name].sd / design.baseline[name].sd for name in design.parameters
+    }
+    first, last = (
+        ranked(ratio, key, tolerance=_ALIKE)[0]
+        for key in (lambda name: -ratio[name], ratio.__getitem__)
+    )
+    return _sentences(
+        "design_sentences", design, _tests_to_run(design), ratio, first, last, design_notes(design)
+    )
 
 
 def design_notes(design: Design) -> tuple[str, ...]:
@@ -374,18 +506,31 @@ def design_notes(design: Design) -> tuple[str, ...]:
 
 @with_words.register
 def _(result: Design) -> dict[str, Any]:
-    return {**result.as_dict(), "notes": list(design_notes(result)), "sentences": list(design_sentences(result))}
+    return {
+        **result.as_dict(),
+        "notes": list(design_notes(result)),
+        "sentences": list(design_sentences(result)),
+    }
 
 
 def _tests_to_run(design: Design) -> str:
     """6 circles: 2 × 36 N and 4 × 742 N."""
     table, columns = design.table, list(design.columns)
     clocked = bool((table[columns[:2]] != 0.0).any(axis=None))
-    named = [name for name in columns if (clocked if name in columns[:2] else table[name].nunique() > 1)]
+    named = [
+        name for name in columns if (clocked if name in columns[:2] else table[name].nunique() > 1)
+    ]
     words = []
     for row in table.to_dict(orient="records"):
-        places = [form.format(row[name]) for name, form in _SENTENCES["places"].items() if name in named and row[name] != ""]
-        words.append(f"{row['count']} × {row['force_N']:.4g} N" + (f" ({', '.join(places)})" if named else ""))
+        places = [
+            form.format(row[name])
+            for name, form in _SENTENCES["places"].items()
+            if name in named and row[name] != ""
+        ]
+        words.append(
+            f"{row['count']} × {row['force_N']:.4g} N"
+            + (f" ({', '.join(places)})" if named else "")
+        )
     listed = joined(words) if len(words) <= 12 else "see the table"
     return f"{table['count'].sum()}{' more' if design.augment else ''} circles: {listed}"
 
@@ -427,7 +572,9 @@ def probability_words(probability: float) -> str:
 
 def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -> str:
     """Return limits as they are written: ≤ 60, ≥ 18, ± 20, −20 to 40."""
-    low, high = ("" if own is None else f"{own * factor:.4g}".replace("-", "−") for own in (lower, upper))
+    low, high = (
+        "" if own is None else f"{own * factor:.4g}".replace("-", "−") for own in (lower, upper)
+    )
     if low == f"−{high}":
         return f"± {high}"
     return f"{low} to {high}" if low and high else f"≥ {low}" if low else f"≤ {high}"
@@ -436,7 +583,11 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 def trend_sentences(trend: Any) -> tuple[str, ...]:
     """Return what a trend says, the most important first; its caveats are apart."""
     own, rows = trend.parameters[trend.most_probable], trend.estimates
-    when = rows.loc[rows["parameter"] == trend.most_probable, "change_here"].iloc[own.place] if trend.changed else 0.0
+    when = (
+        rows.loc[rows["parameter"] == trend.most_probable, "change_here"].iloc[own.place]
+        if trend.changed
+        else 0.0
+    )
     by_campaign = rows[rows["outside"]].groupby("campaign", sort=False)["parameter"]
     outside = [f"{name} ({', '.join(map(display_name, names))})" for name, names in by_campaign]
     return _sentences("trend_sentences", trend, when, outside)
@@ -445,7 +596,10 @@ def trend_sentences(trend: Any) -> tuple[str, ...]:
 def population_sentences(found: Any) -> tuple[str, ...]:
     """Return what was pooled, which machines do not belong; its caveats are apart."""
     machines = {name: found.machine[name] for name in found.not_belonging}
-    worst = {name: ranked(own.z, {key: abs(z) for key, z in own.z.items()}.__getitem__)[0] for name, own in machines.items()}
+    worst = {
+        name: ranked(own.z, {key: abs(z) for key, z in own.z.items()}.__getitem__)[0]
+        for name, own in machines.items()
+    }
     return _sentences("population_sentences", found, worst)
 
 
@@ -480,7 +634,9 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
 def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float) -> str:
     """Return which parameters of a campaign differ from those of the first."""
     tail = 0.5 - 0.5 * ci_prob
-    clear = table[(table["probability_of_increase"] > 1.0 - tail) | (table["probability_of_increase"] < tail)]
+    clear = table[
+        (table["probability_of_increase"] > 1.0 - tail) | (table["probability_of_increase"] < tail)
+    ]
     sizes = [
         f"{display_name(str(name))} {plus_minus(row['difference'], row['sd'], (row['ci_low'], row['ci_high']), row['unit'])}"
         for name, row in clear.iterrows()
@@ -489,6 +645,15 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float)
 
 
 __all__ = [
-    "ALIKE", "DEGREES", "IN_FORCE", "NONE_ALIKE", "PAGE", "with_words",
-    *sorted(name for name, own in globals().items() if getattr(own, "__module__", "") == __name__ and name[0] != "_"),
-]  # fmt: skip
+    "ALIKE",
+    "DEGREES",
+    "IN_FORCE",
+    "NONE_ALIKE",
+    "PAGE",
+    "with_words",
+    *sorted(
+        name
+        for name, own in globals().items()
+        if getattr(own, "__module__", "") == __name__ and name[0] != "_"
+    ),
+]

@@ -14,16 +14,25 @@ try:
     from nbclient import NotebookClient
     from openpyxl import Workbook
 except ImportError as error:
-    sys.exit(f"make_notebook: {error.name} must be installed. pip install nbformat nbclient ipykernel openpyxl")
+    sys.exit(
+        f"make_notebook: {error.name} must be installed. pip install nbformat nbclient ipykernel openpyxl"
+    )
 
 import ldbb_bayes as lb
 from ldbb_bayes.report.figures import traces
 
 HERE = Path(__file__).resolve().parent
 ABOUT = (
-    ("Machine", "Practice machine"), ("Serial number", 4711), ("Date", "2026-11-20"), ("Operator", "A. Reader"), ("Plane", "XY"),
-    ("Radius", "150 mm"), ("Feed", "2000 mm/min"), ("Direction", "clockwise"), ("Ball bar", "Practice bar 1"),
-)  # fmt: skip
+    ("Machine", "Practice machine"),
+    ("Serial number", 4711),
+    ("Date", "2026-11-20"),
+    ("Operator", "A. Reader"),
+    ("Plane", "XY"),
+    ("Radius", "150 mm"),
+    ("Feed", "2000 mm/min"),
+    ("Direction", "clockwise"),
+    ("Ball bar", "Practice bar 1"),
+)
 CELLS = (
     "# The first hour\n\nReadings to credible intervals, on the experiment recovered from the published tables "
     "(what in it is not data stands in `data/recovered_experiment/README.md`).",
@@ -46,9 +55,15 @@ CELLS = (
 
 def main() -> None:
     notebook = nbformat.v4.new_notebook()
-    notebook.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    notebook.metadata["kernelspec"] = {
+        "name": "python3",
+        "display_name": "Python 3",
+        "language": "python",
+    }
     for number, text in enumerate(CELLS):
-        is_code = text.split("\n")[0].startswith(("%", "import", "from", "lb.", "linear =", "posterior =", "{", "truth ="))
+        is_code = text.split("\n")[0].startswith(
+            ("%", "import", "from", "lb.", "linear =", "posterior =", "{", "truth =")
+        )
         cell = nbformat.v4.new_code_cell(text) if is_code else nbformat.v4.new_markdown_cell(text)
         cell["id"] = f"cell-{number}"
         notebook.cells.append(cell)

@@ -32,9 +32,26 @@ def chain() -> Figure:
         axes.text(k, 0.25, name, ha="center", va="center", bbox=BOX, fontsize=10)
         axes.text(k, -0.05, shown, ha="center", va="top", fontsize=8)
         if k:
-            axes.annotate("", (k - 0.33, 0.25), (k - 0.67, 0.25), arrowprops={"arrowstyle": "-", "color": "#6B7A8A"})
-    axes.annotate("", (4.0, 0.5), (0.0, 0.5), arrowprops={"arrowstyle": "<->", "color": lb.figures.PALETTE[1], "lw": 1.4})
-    axes.text(2.0, 0.55, "bar: force F along θ, reading ρ = distance − R", ha="center", va="bottom", color=lb.figures.PALETTE[1])
+            axes.annotate(
+                "",
+                (k - 0.33, 0.25),
+                (k - 0.67, 0.25),
+                arrowprops={"arrowstyle": "-", "color": "#6B7A8A"},
+            )
+    axes.annotate(
+        "",
+        (4.0, 0.5),
+        (0.0, 0.5),
+        arrowprops={"arrowstyle": "<->", "color": lb.figures.PALETTE[1], "lw": 1.4},
+    )
+    axes.text(
+        2.0,
+        0.55,
+        "bar: force F along θ, reading ρ = distance − R",
+        ha="center",
+        va="bottom",
+        color=lb.figures.PALETTE[1],
+    )
     return figure
 
 
@@ -68,7 +85,9 @@ def data_flow() -> Figure:
         axes.annotate("", end, start, arrowprops=arrow)
     axes.plot([9.5, 9.5, 3.6], [2.75, 4.4, 4.4], color="#6B7A8A", linewidth=1.0)
     axes.annotate("", (3.6, 4.0), (3.6, 4.4), arrowprops=arrow)
-    axes.text(6.5, 4.45, "estimates used again: predicted readings", ha="center", va="bottom", fontsize=8)
+    axes.text(
+        6.5, 4.45, "estimates used again: predicted readings", ha="center", va="bottom", fontsize=8
+    )
     return figure
 
 
@@ -86,22 +105,44 @@ def scale_and_compliance(readings: Mapping[float, np.ndarray]) -> Figure:
     figure = lb.figures.new_figure(7.2, 4.6)
     (axes,) = _polar(figure, 1)
     zero = 1.1 * max(np.abs(values).max() for values in readings.values())
-    for (force, values), colour in zip(readings.items(), lb.figures.force_colours(list(readings)), strict=True):
-        axes.plot(np.deg2rad(DEGREES), zero + values, color=colour, label=f"{force:g} N: {np.ptp(values):.1f} µm")
-    axes.plot(np.deg2rad(DEGREES), np.full(361, zero), color="black", linewidth=0.8, linestyle="--", label="nominal circle")
+    for (force, values), colour in zip(
+        readings.items(), lb.figures.force_colours(list(readings)), strict=True
+    ):
+        axes.plot(
+            np.deg2rad(DEGREES),
+            zero + values,
+            color=colour,
+            label=f"{force:g} N: {np.ptp(values):.1f} µm",
+        )
+    axes.plot(
+        np.deg2rad(DEGREES),
+        np.full(361, zero),
+        color="black",
+        linewidth=0.8,
+        linestyle="--",
+        label="nominal circle",
+    )
     ticks = np.arange(0.0, 2.2 * zero, 50.0)
-    axes.set_rgrids(zero + ticks[: int(zero // 50) + 1], [f"{t:g} µm" for t in ticks[: int(zero // 50) + 1]], fontsize=6.5)
+    axes.set_rgrids(
+        zero + ticks[: int(zero // 50) + 1],
+        [f"{t:g} µm" for t in ticks[: int(zero // 50) + 1]],
+        fontsize=6.5,
+    )
     axes.legend(loc="center left", bbox_to_anchor=(1.1, 0.5), title="reading, peak to peak")
     return figure
 
 
 @lb.figures.styled
-def simulated_and_predicted(parts: Mapping[str, Mapping[float, tuple[np.ndarray, np.ndarray]]]) -> Figure:
+def simulated_and_predicted(
+    parts: Mapping[str, Mapping[float, tuple[np.ndarray, np.ndarray]]],
+) -> Figure:
     """Fig. 5: simulated (wide) and predicted (dashed) readings of geometry, compliance and both, at every force."""
     figure = lb.figures.new_figure(9.6, 3.8)
     panels: Any = figure.subplots(1, 3)
     for axes, (title, by_force) in zip(panels, parts.items(), strict=True):
-        for (force, (made, found)), colour in zip(by_force.items(), lb.figures.force_colours(list(by_force)), strict=True):
+        for (force, (made, found)), colour in zip(
+            by_force.items(), lb.figures.force_colours(list(by_force)), strict=True
+        ):
             axes.plot(DEGREES, made, color=colour, linewidth=3.0, alpha=0.45, label=f"{force:g} N")
             axes.plot(DEGREES, found, color="black", linewidth=0.8, linestyle="--")
         axes.set_title(title)
@@ -114,14 +155,23 @@ def simulated_and_predicted(parts: Mapping[str, Mapping[float, tuple[np.ndarray,
 
 
 @lb.figures.styled
-def linearisation(sizes: Sequence[float], curves: Mapping[str, Sequence[float]], resolution_um: float, limit: float) -> Figure:
+def linearisation(
+    sizes: Sequence[float],
+    curves: Mapping[str, Sequence[float]],
+    resolution_um: float,
+    limit: float,
+) -> Figure:
     """Largest linearisation error against the size of the errors, in prior standard deviations."""
     figure = lb.figures.new_figure(7.6, 3.9)
     axes = figure.subplots()
-    for k, ((label, values), colour) in enumerate(zip(curves.items(), ("#000000", *lb.figures.PALETTE), strict=False)):
+    for k, ((label, values), colour) in enumerate(
+        zip(curves.items(), ("#000000", *lb.figures.PALETTE), strict=False)
+    ):
         axes.loglog(sizes, values, color=colour, linewidth=1.2 if k else 2.2, label=label)
     axes.axhline(resolution_um, color="#8C8C8C", linestyle="--", linewidth=0.9)
-    axes.text(sizes[0], resolution_um * 1.15, "resolution of the readout", fontsize=7.5, color="#555555")
+    axes.text(
+        sizes[0], resolution_um * 1.15, "resolution of the readout", fontsize=7.5, color="#555555"
+    )
     axes.axvline(limit, color="#8C8C8C", linestyle=":", linewidth=1.2)
     axes.set_xlabel("size of the errors (prior standard deviations)")
     axes.set_ylabel("largest |exact − linear| reading (µm)")

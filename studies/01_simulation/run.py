@@ -20,7 +20,14 @@ import ldbb_bayes as lb
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
-from figures import DEGREES, chain, data_flow, linearisation, scale_and_compliance, simulated_and_predicted  # noqa: E402
+from figures import (
+    DEGREES,
+    chain,
+    data_flow,
+    linearisation,
+    scale_and_compliance,
+    simulated_and_predicted,
+)  # noqa: E402
 from study import DATA, Study, run  # noqa: E402
 
 TABLES = DATA / "published_tables"
@@ -34,7 +41,12 @@ SIZES = np.logspace(-1.0, 2.0, 25)
 DRAWS = 1000
 # Captions of Tables 2 and 3.
 PAPERS_UNIT_UM = 15.0
-ALIKE = {"E_YX2": "E_YX2, E_XY2", "E_Xt0": "E_Xt0, E_Yt0", "E_XX1": "E_XX1, E_YY1", "E_C0YX": "E_C(0Y)X"}
+ALIKE = {
+    "E_YX2": "E_YX2, E_XY2",
+    "E_Xt0": "E_Xt0, E_Yt0",
+    "E_XX1": "E_XX1, E_YY1",
+    "E_C0YX": "E_C(0Y)X",
+}
 Values = Mapping[str, float]
 
 
@@ -59,11 +71,19 @@ def tables_1_and_2() -> dict[str, Any]:
     atlas = lb.patterns(MACHINE, CIRCLE, ANGLE)
     elastic = atlas[[name for name in atlas.columns if name.startswith("C_")]]
     singular = np.linalg.svd(elastic.to_numpy(), compute_uv=False)
-    sets = {row["kept"]: sorted(row["set"].split()) for _, row in printed(2, "confounded_compliances").iterrows()}
+    sets = {
+        row["kept"]: sorted(row["set"].split())
+        for _, row in printed(2, "confounded_compliances").iterrows()
+    }
     own = {seen.name: sorted(seen.members or {seen.name: 1.0}) for seen in found.compliances}
     return {
         "parameters": [
-            {"name": on_page(seen.name), "meaning": seen.meaning, "unit": seen.unit, "pattern": seen.pattern["XY"]}
+            {
+                "name": on_page(seen.name),
+                "meaning": seen.meaning,
+                "unit": seen.unit,
+                "pattern": seen.pattern["XY"],
+            }
             for seen in (*found.compliances, *found.geometric_errors)
         ],
         "table_1_same": [seen.name for seen in (*found.compliances, *found.geometric_errors)]
@@ -77,9 +97,15 @@ def tables_1_and_2() -> dict[str, Any]:
         "condition_number": found.condition_number,
         "seventh_singular_value": bool(singular[found.rank] < 1e-10 * singular[0]),
         "rank_by_forces": {
-            str(count): int(np.linalg.matrix_rank(scaled_jacobian(FORCES_N[1 : 1 + count]), tol=1e-9)) for count in (1, 2, 7)
+            str(count): int(
+                np.linalg.matrix_rank(scaled_jacobian(FORCES_N[1 : 1 + count]), tol=1e-9)
+            )
+            for count in (1, 2, 7)
         },
-        "condition_by_forces": {str(count): float(np.linalg.cond(scaled_jacobian(FORCES_N[-count:]))) for count in (2, 7)},
+        "condition_by_forces": {
+            str(count): float(np.linalg.cond(scaled_jacobian(FORCES_N[-count:])))
+            for count in (2, 7)
+        },
     }
 
 
@@ -93,12 +119,16 @@ def readings_mm(values: Values, force_N: float, angle_rad: np.ndarray) -> np.nda
     """The exact model (Eq. 13 and 20)."""
     elastic = {name: value for name, value in values.items() if name.startswith("C_")}
     errors = {name: value for name, value in values.items() if name.startswith("E_")}
-    return lb.exact_reading_mm(MACHINE, CIRCLE, angle_rad, force_N=force_N, compliances=elastic, geometric_errors=errors)
+    return lb.exact_reading_mm(
+        MACHINE, CIRCLE, angle_rad, force_N=force_N, compliances=elastic, geometric_errors=errors
+    )
 
 
 def estimated(values: Values, angle_rad: np.ndarray = PAPERS_ANGLE) -> dict[str, float]:
     """Eq. 31 of exact readings at all eight forces."""
-    jacobian = pd.concat([lb.hybrid_jacobian(MACHINE, CIRCLE, angle_rad, force) for force in FORCES_N])
+    jacobian = pd.concat(
+        [lb.hybrid_jacobian(MACHINE, CIRCLE, angle_rad, force) for force in FORCES_N]
+    )
     scale = np.linalg.norm(jacobian, axis=0)
     reading = np.concatenate([readings_mm(values, force, angle_rad) for force in FORCES_N])
     found = np.linalg.lstsq(jacobian.to_numpy() / scale, reading, rcond=None)[0] / scale
@@ -108,7 +138,10 @@ def estimated(values: Values, angle_rad: np.ndarray = PAPERS_ANGLE) -> dict[str,
 def table_4_truth() -> dict[str, float]:
     """Simulated values with the sign of Eq. 16 for E_C(0Y)X: the paper's simulation has the opposite one."""
     table = printed(4, "simulation")
-    values = {in_code(name): float(value) for name, value in zip(table["error"], table["simulated"], strict=True)}
+    values = {
+        in_code(name): float(value)
+        for name, value in zip(table["error"], table["simulated"], strict=True)
+    }
     return values | {"E_C0YX": -values["E_C0YX"]}
 
 
@@ -133,7 +166,9 @@ def table_4() -> dict[str, Any]:
                 "cut": digits != row["estimated"] and _cut(found[name]) == row["estimated"],
                 "same_with_the_sign_of_Eq_16": f"{other[name]:.4E}" == row["estimated"],
                 "difference": found[name] - simulated,
-                "difference_has_other_sign": float(row["difference"]) * (float(row["estimated"]) - simulated) < 0.0,
+                "difference_has_other_sign": float(row["difference"])
+                * (float(row["estimated"]) - simulated)
+                < 0.0,
             }
         )
     return {
@@ -145,7 +180,9 @@ def table_4() -> dict[str, Any]:
         "cut": [row["name"] for row in rows if row["cut"]],
         "misprinted": [row["name"] for row in rows if not row["same"] and not row["cut"]],
         "same_with_the_sign_of_Eq_16": sum(row["same_with_the_sign_of_Eq_16"] for row in rows),
-        "differences_of_other_sign": [row["name"] for row in rows if row["difference_has_other_sign"]],
+        "differences_of_other_sign": [
+            row["name"] for row in rows if row["difference_has_other_sign"]
+        ],
     }
 
 
@@ -158,7 +195,11 @@ def _cut(value: float) -> str:
 def figures_4_and_5() -> dict[str, Any]:
     """Peak to peak of Fig. 4; largest misfit of Fig. 5."""
     oval = oval_readings_um()
-    misfit = [np.abs(made - found).max() for by_force in simulation().values() for made, found in by_force.values()]
+    misfit = [
+        np.abs(made - found).max()
+        for by_force in simulation().values()
+        for made, found in by_force.values()
+    ]
     both = simulation()["Both"]
     return {
         "oval_um": {f"{force:g}": float(np.ptp(values)) for force, values in oval.items()},
@@ -183,8 +224,14 @@ def simulation() -> dict[str, dict[float, tuple[np.ndarray, np.ndarray]]]:
     return {
         title: {
             force: (
-                1e3 * readings_mm({n: v for n, v in truth.items() if n.startswith(start)}, force, angle),
-                1e3 * readings_mm({n: v for n, v in found.items() if n.startswith(start)}, force, angle),
+                1e3
+                * readings_mm(
+                    {n: v for n, v in truth.items() if n.startswith(start)}, force, angle
+                ),
+                1e3
+                * readings_mm(
+                    {n: v for n, v in found.items() if n.startswith(start)}, force, angle
+                ),
             )
             for force in FORCES_N
         }
@@ -203,7 +250,9 @@ def size_at(values: Values, error_um: float) -> float:
     """Factor on these errors at which the largest linearisation error is this large; it grows with the square, nearly."""
     factor = 1.0
     for _ in range(20):
-        factor *= np.sqrt(error_um / linearisation_um({name: factor * value for name, value in values.items()}))
+        factor *= np.sqrt(
+            error_um / linearisation_um({name: factor * value for name, value in values.items()})
+        )
     return float(factor)
 
 
@@ -213,12 +262,18 @@ def reach() -> dict[str, Any]:
     known = lb.identify(lb.HybridModel.first(1), plan).parameters
     sd = {name: entry.prior_sd for name, entry in known.items() if name.startswith("E_")}
     rng = np.random.default_rng(4)
-    draws = [dict(zip(sd, (rng.standard_normal(len(sd)) * list(sd.values())).tolist(), strict=True)) for _ in range(DRAWS)]
+    draws = [
+        dict(zip(sd, (rng.standard_normal(len(sd)) * list(sd.values())).tolist(), strict=True))
+        for _ in range(DRAWS)
+    ]
     errors = np.array([linearisation_um(draw) for draw in draws])
     typical = draws[int(np.argsort(errors)[int(0.95 * DRAWS)])]
     limit = size_at(typical, RESOLUTION_UM)
     at_limit = {name: limit * value for name, value in typical.items()}
-    bias = {name: abs(value - at_limit.get(name, 0.0)) / known[name].sd for name, value in estimated(at_limit, ANGLE).items()}
+    bias = {
+        name: abs(value - at_limit.get(name, 0.0)) / known[name].sd
+        for name, value in estimated(at_limit, ANGLE).items()
+    }
     worst = max(bias, key=lambda name: bias[name])
     alone = {name: size_at({name: value}, RESOLUTION_UM) for name, value in sd.items()}
     truth = {name: value for name, value in table_4_truth().items() if name.startswith("E_")}
@@ -243,8 +298,13 @@ def reach() -> dict[str, Any]:
         },
         "sizes": SIZES.tolist(),
         "curves": {
-            "95 % of draws from the prior": [linearisation_um({n: s * v for n, v in typical.items()}) for s in SIZES],
-            **{f"{label} alone": [linearisation_um({name: s * sd[name]}) for s in SIZES] for name, label in ALIKE.items()},
+            "95 % of draws from the prior": [
+                linearisation_um({n: s * v for n, v in typical.items()}) for s in SIZES
+            ],
+            **{
+                f"{label} alone": [linearisation_um({name: s * sd[name]}) for s in SIZES]
+                for name, label in ALIKE.items()
+            },
         },
     }
 
@@ -260,7 +320,11 @@ def atlas_swing() -> float:
         for figure in (lb.figures.compliance_atlas(MACHINE), lb.figures.geometric_atlas(MACHINE))
         for axes in figure.axes
     ]
-    sizes = {round(float(np.abs(np.asarray(lines[1].get_ydata()) - 1.0).max()), 3) for lines in drawn if len(lines) > 1}
+    sizes = {
+        round(float(np.abs(np.asarray(lines[1].get_ydata()) - 1.0).max()), 3)
+        for lines in drawn
+        if len(lines) > 1
+    }
     (size,) = sizes - {0.0}
     return size
 
@@ -287,7 +351,9 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
         "fig_05": simulated_and_predicted(simulation()),
         "table_2": lb.figures.compliance_atlas(MACHINE),
         "table_3": lb.figures.geometric_atlas(MACHINE),
-        "linearisation": linearisation(found["sizes"], found["curves"], RESOLUTION_UM, found["limit_in_prior_sd"]),
+        "linearisation": linearisation(
+            found["sizes"], found["curves"], RESOLUTION_UM, found["limit_in_prior_sd"]
+        ),
     }
 
 
@@ -295,7 +361,10 @@ def main() -> None:
     """Measure and compare with what is stated; ``--write`` states anew."""
     run(
         Study(
-            HERE, lambda effort: measure(), draw, absolute={"table_4/rows/*/difference": 1e-13, "figures/largest_misfit_um": 1e-6}
+            HERE,
+            lambda effort: measure(),
+            draw,
+            absolute={"table_4/rows/*/difference": 1e-13, "figures/largest_misfit_um": 1e-6},
         )
     )
 

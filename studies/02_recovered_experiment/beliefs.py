@@ -31,7 +31,9 @@ def adding(term: str) -> Change:
 
 def form_falls(model: lb.HybridModel) -> lb.HybridModel:
     """The second edition's form and the prior of its size."""
-    return replace(model.with_term(TERMS["BallForm"]), prior=replace(model.prior, tau_um=TOGETHER.prior.tau_um))
+    return replace(
+        model.with_term(TERMS["BallForm"]), prior=replace(model.prior, tau_um=TOGETHER.prior.tau_um)
+    )
 
 
 BELIEFS: Mapping[str, Change] = {
@@ -44,7 +46,9 @@ BELIEFS: Mapping[str, Change] = {
     "mount curved": adding("Mount"),
     "force law curved": adding("ForceError"),
     "a scale per circle": adding("CircleScale"),
-    "slopes against Ĉ": lambda model: replace(model, prior=replace(model.prior, slopes_of_estimate=True)),
+    "slopes against Ĉ": lambda model: replace(
+        model, prior=replace(model.prior, slopes_of_estimate=True)
+    ),
     "all together": lambda model: TOGETHER,
     f"all, {STATED}": lambda model: TOGETHER,
 }
@@ -54,13 +58,19 @@ AGAIN = ("first edition", "all together")
 
 def zero_kept(model: lb.HybridModel) -> lb.HybridModel:
     """The model where only the centre moves between circles."""
-    terms = (replace(term, moves="centre") if type(term).__name__ == "SetupShift" else term for term in model.nuisances)
+    terms = (
+        replace(term, moves="centre") if type(term).__name__ == "SetupShift" else term
+        for term in model.nuisances
+    )
     return replace(model, nuisances=tuple(terms))
 
 
 def log_bayes_factor(linear: lb.HybridModel, campaign: lb.Campaign) -> float:
     """ln B, linear over constant compliance [nat]."""
-    own, least = (lb.log_evidence(model, campaign, tolerance=TOLERANCE) for model in (linear, linear.with_degree(0)))
+    own, least = (
+        lb.log_evidence(model, campaign, tolerance=TOLERANCE)
+        for model in (linear, linear.with_degree(0))
+    )
     return lb.log_bayes_factor(own, least)[0]
 
 
@@ -95,13 +105,18 @@ def measure(beliefs: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def elsewhere(own: Mapping[str, Any], factor: Mapping[str, float], campaign: lb.Campaign) -> dict[str, float]:
+def elsewhere(
+    own: Mapping[str, Any], factor: Mapping[str, float], campaign: lb.Campaign
+) -> dict[str, float]:
     """Largest difference of all beliefs together from independent draws: of means in u, and of the ratio of sds from one."""
     tree = lb.sample(TOGETHER, campaign, sampler="independent", seed=1)["posterior"]
     draws = {name: factor[name] * tree[name].to_numpy().ravel() for name in factor}
     return {
         "draws": next(iter(draws.values())).size,
-        "mean_in_u": max(abs(own["mean"][name] - values.mean()) / own["sd"][name] for name, values in draws.items()),
+        "mean_in_u": max(
+            abs(own["mean"][name] - values.mean()) / own["sd"][name]
+            for name, values in draws.items()
+        ),
         "sd": max(abs(values.std() / own["sd"][name] - 1.0) for name, values in draws.items()),
     }
 
@@ -112,8 +127,15 @@ def widths_and_shifts(results: Mapping[str, Any]) -> Figure:
     beliefs = dict(results["by_belief"])
     first = beliefs.pop("first edition")
     names = list(first["mean"])
-    wider = np.array([[own["sd"][name] / first["sd"][name] for own in beliefs.values()] for name in names])
-    moved = np.array([[(own["mean"][n] - first["mean"][n]) / first["sd"][n] for own in beliefs.values()] for n in names])
+    wider = np.array(
+        [[own["sd"][name] / first["sd"][name] for own in beliefs.values()] for name in names]
+    )
+    moved = np.array(
+        [
+            [(own["mean"][n] - first["mean"][n]) / first["sd"][n] for own in beliefs.values()]
+            for n in names
+        ]
+    )
     figure = lb.figures.new_figure(10.5, 6.0)
     panels = figure.subplots(1, 2, sharey=True)
     shown = (
@@ -124,9 +146,19 @@ def widths_and_shifts(results: Mapping[str, Any]) -> Figure:
         axes.imshow(colour, cmap="RdBu_r", vmin=-2.5, vmax=2.5, aspect="auto")
         for (i, j), value in np.ndenumerate(values):
             dark = abs(colour[i, j]) > 1.6
-            axes.text(j, i, format(value, form), ha="center", va="center", fontsize=6.5, color="w" if dark else "k")
+            axes.text(
+                j,
+                i,
+                format(value, form),
+                ha="center",
+                va="center",
+                fontsize=6.5,
+                color="w" if dark else "k",
+            )
         axes.set_xticks(range(len(beliefs)), list(beliefs), rotation=60, ha="right", fontsize=8)
         axes.set_title(title, fontsize=10)
         axes.grid(visible=False)
-    panels[0].set_yticks(range(len(names)), [name.replace("C0YX", "C(0Y)X") for name in names], fontsize=8)
+    panels[0].set_yticks(
+        range(len(names)), [name.replace("C0YX", "C(0Y)X") for name in names], fontsize=8
+    )
     return figure

@@ -17,7 +17,15 @@ OFFSETS = ("E_Xt0", "E_Yt0")
 Pair = tuple[str, str]
 BAND_U = 1.96
 # What an axis shows of one inside unit (mm, N, rad).
-SHOWN = {"nm/N": 1e6, "nrad/N": 1e9, "µrad/(N m)": 1e9, "µm/m": 1e6, "µm/m²": 1e9, "µrad": 1e6, "µm": 1e3}
+SHOWN = {
+    "nm/N": 1e6,
+    "nrad/N": 1e9,
+    "µrad/(N m)": 1e9,
+    "µm/m": 1e6,
+    "µm/m²": 1e9,
+    "µrad": 1e6,
+    "µm": 1e3,
+}
 GLOBAL = {"constant": ("#009E73", (0, (6, 2))), "linear": ("#CC79A7", (0, (6, 2, 1, 2)))}
 
 
@@ -38,14 +46,33 @@ def local_traces(campaign: lb.Campaign, pairs: Mapping[Pair, lb.LeastSquares]) -
     """Fig. 11 (b): readings and what each pair of neighbouring forces predicts for its two circles."""
     figure = lb.figures.new_figure(9.6, 5.0)
     panels: Any = figure.subplots(2, 3, sharex=True)
-    for axes, test, colour in zip(panels.flat, campaign.tests, lb.figures.force_colours(campaign.forces_N.tolist()), strict=True):
+    for axes, test, colour in zip(
+        panels.flat,
+        campaign.tests,
+        lb.figures.force_colours(campaign.forces_N.tolist()),
+        strict=True,
+    ):
         order = np.argsort(test.angle_deg)
-        axes.plot(test.angle_deg[order], test.reading_um[order], color=colour, linewidth=2.4, alpha=0.45, label="readings")
+        axes.plot(
+            test.angle_deg[order],
+            test.reading_um[order],
+            color=colour,
+            linewidth=2.4,
+            alpha=0.45,
+            label="readings",
+        )
         for pair, found in pairs.items():
             if test.name in pair:
                 style = "--" if test.name == pair[0] else "-"
                 label = f"from {' and '.join(name.lstrip('f0') for name in pair)} N"
-                axes.plot(test.angle_deg[order], found.predicted_um[test.name][order], style, color="black", lw=0.9, label=label)
+                axes.plot(
+                    test.angle_deg[order],
+                    found.predicted_um[test.name][order],
+                    style,
+                    color="black",
+                    lw=0.9,
+                    label=label,
+                )
         axes.set_title(f"{test.force_N:g} N")
         axes.legend(fontsize=7)
         _angles(axes)
@@ -62,14 +89,20 @@ def contributions(campaign: lb.Campaign, estimates: Mapping[str, Mapping[str, fl
     figure = lb.figures.new_figure(9.6, 3.6)
     panels: Any = figure.subplots(1, 3)
     one = len({tuple(estimate.values()) for estimate in estimates.values()}) == 1
-    for test, colour in zip(campaign.tests, lb.figures.force_colours(campaign.forces_N.tolist()), strict=True):
+    for test, colour in zip(
+        campaign.tests, lb.figures.force_colours(campaign.forces_N.tolist()), strict=True
+    ):
         estimate = estimates[test.name]
-        elastic, geometric = (part_um(estimate, float(test.force_N or 0.0), start=start) for start in ("C_", "E_"))
+        elastic, geometric = (
+            part_um(estimate, float(test.force_N or 0.0), start=start) for start in ("C_", "E_")
+        )
         for axes, values in zip(panels[:2], (elastic + geometric, elastic), strict=True):
             axes.plot(ANGLE_DEG, values, color=colour, label=f"{test.force_N:g} N")
         if not one or test is campaign.tests[-1]:
             panels[2].plot(ANGLE_DEG, geometric, color="black" if one else colour)
-    for axes, title in zip(panels, ("Both", "Compliance", "Geometry, at any force" if one else "Geometry"), strict=True):
+    for axes, title in zip(
+        panels, ("Both", "Compliance", "Geometry, at any force" if one else "Geometry"), strict=True
+    ):
         axes.set_title(title)
         axes.set_xlabel("angle of the bar (°)")
         _angles(axes)
@@ -84,17 +117,38 @@ def parameter_contributions(table: pd.DataFrame, force_N: float) -> Figure:
     jacobian = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), np.deg2rad(ANGLE_DEG), force_N)
     figure = lb.figures.new_figure(10.4, 6.8)
     panels: Any = figure.subplots(2, 2)
-    for row, start, words in zip(panels, ("C_", "E_"), (f"Compliances at {force_N:g} N", "Geometric errors"), strict=True):
+    for row, start, words in zip(
+        panels, ("C_", "E_"), (f"Compliances at {force_N:g} N", "Geometric errors"), strict=True
+    ):
         names = [name for name in table.index if name.startswith(start)]
-        size = {name: 1e3 * abs(table.loc[name, "estimate"]) * np.ptp(jacobian[name]) for name in names}
+        size = {
+            name: 1e3 * abs(table.loc[name, "estimate"]) * np.ptp(jacobian[name]) for name in names
+        }
         large = {name: size[name] >= max(size.values()) / 3.0 for name in names}
-        for axes, wanted, which in zip(row, (True, False), ("the largest", "the others"), strict=True):
+        for axes, wanted, which in zip(
+            row, (True, False), ("the largest", "the others"), strict=True
+        ):
             for name, colour in zip(names, lb.figures.PALETTE, strict=False):
                 if large[name] != wanted:
                     continue
-                line, half = (1e3 * jacobian[name].to_numpy() * table.loc[name, column] for column in ("estimate", "u"))
-                axes.fill_between(ANGLE_DEG, line - BAND_U * half, line + BAND_U * half, color=colour, alpha=0.25, linewidth=0)
-                axes.plot(ANGLE_DEG, line, color=colour, label=f"{on_page(name)}: {size[name]:#.3g} µm p-p")
+                line, half = (
+                    1e3 * jacobian[name].to_numpy() * table.loc[name, column]
+                    for column in ("estimate", "u")
+                )
+                axes.fill_between(
+                    ANGLE_DEG,
+                    line - BAND_U * half,
+                    line + BAND_U * half,
+                    color=colour,
+                    alpha=0.25,
+                    linewidth=0,
+                )
+                axes.plot(
+                    ANGLE_DEG,
+                    line,
+                    color=colour,
+                    label=f"{on_page(name)}: {size[name]:#.3g} µm p-p",
+                )
             axes.set_title(f"{words}: {which}")
             axes.set_xlabel("angle of the bar (°)")
             axes.set_ylabel("contribution (µm)")
@@ -109,7 +163,9 @@ def on_page(name: str) -> str:
 
 
 @lb.figures.styled
-def with_least_squares(figure: Figure, fits: Mapping[str, lb.LeastSquares], forces_N: np.ndarray) -> Figure:
+def with_least_squares(
+    figure: Figure, fits: Mapping[str, lb.LeastSquares], forces_N: np.ndarray
+) -> Figure:
     """Figs. 15 and 16: the paper's own global lines, of constant and of linear compliance (Eq. 33), added to the package's."""
     force = np.linspace(forces_N.min(), forces_N.max(), 51)
     middle = 0.5 * (forces_N.min() + forces_N.max())
@@ -121,26 +177,50 @@ def with_least_squares(figure: Figure, fits: Mapping[str, lb.LeastSquares], forc
             colour, dashes = GLOBAL[label]
             values = found.estimate[name] + found.estimate.get(f"{name}_1", 0.0) * (force - middle)
             text = f"all forces, least squares, {label}"
-            axes.plot(force, SHOWN[unit] * values, color=colour, linestyle=dashes, linewidth=1.6, label=text)
+            axes.plot(
+                force,
+                SHOWN[unit] * values,
+                color=colour,
+                linestyle=dashes,
+                linewidth=1.6,
+                label=text,
+            )
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legends[0].remove()
     figure.set_figheight(figure.get_figheight() + 0.5)
     figure.set_layout_engine("constrained")
-    clear = [label.replace(", mean", ", posterior mean").replace("constant, ±", "constant, posterior ±") for label in labels]
+    clear = [
+        label.replace(", mean", ", posterior mean").replace("constant, ±", "constant, posterior ±")
+        for label in labels
+    ]
     figure.legend(handles, clear, loc="outside lower center", ncols=2)
     return figure
 
 
 @lb.figures.styled
-def harmonics(mean: np.ndarray, sd: np.ndarray, zero: np.ndarray, forces_N: np.ndarray, names: tuple[str, ...]) -> Figure:
+def harmonics(
+    mean: np.ndarray, sd: np.ndarray, zero: np.ndarray, forces_N: np.ndarray, names: tuple[str, ...]
+) -> Figure:
     """The recovered harmonics against force, with ± 2 u, and the completion that sets the open directions to zero."""
     figure = lb.figures.new_figure(9.6, 4.4)
     panels: Any = figure.subplots(2, 4, sharex=True)
     for k, (axes, name) in enumerate(zip(panels.flat, names, strict=True)):
         axes.errorbar(
-            forces_N, mean[:, k], 2.0 * sd[:, k], fmt="o", capsize=3, color=lb.figures.PALETTE[0], label="recovered, ± 2 u"
+            forces_N,
+            mean[:, k],
+            2.0 * sd[:, k],
+            fmt="o",
+            capsize=3,
+            color=lb.figures.PALETTE[0],
+            label="recovered, ± 2 u",
         )
-        axes.plot(forces_N, zero[:, k], "x", color=lb.figures.PALETTE[1], label="open directions set to zero")
+        axes.plot(
+            forces_N,
+            zero[:, k],
+            "x",
+            color=lb.figures.PALETTE[1],
+            label="open directions set to zero",
+        )
         middle = mean[:, k].mean()
         half = max(1.0, 1.1 * (np.abs(mean[:, k] - middle) + 2.0 * sd[:, k]).max())
         axes.set_ylim(middle - half, middle + half)

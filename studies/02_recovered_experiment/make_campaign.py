@@ -59,7 +59,10 @@ def printed_numbers() -> list[Printed]:
         for _, row in table.iterrows():
             forces = tuple(float(row[column]) for column in pair) or tuple(FORCES_N)
             cells = row.drop(pair)
-            found += [Printed(forces, first + j, float(text), half_unit(text)) for j, text in enumerate(cells)]
+            found += [
+                Printed(forces, first + j, float(text), half_unit(text))
+                for j, text in enumerate(cells)
+            ]
     return found
 
 
@@ -75,12 +78,16 @@ def estimation_map(forces_N: tuple[float, ...]) -> np.ndarray:
     """Eq. 31 as a map from the 48 harmonic coefficients to the 13 parameters."""
     angle = np.arange(READINGS) * 2 * np.pi / READINGS
     basis = harmonics(angle)
-    jacobian = np.vstack([lb.hybrid_jacobian(lb.Machine(), lb.Circle(), angle, force) for force in forces_N])
+    jacobian = np.vstack(
+        [lb.hybrid_jacobian(lb.Machine(), lb.Circle(), angle, force) for force in forces_N]
+    )
     scale = np.linalg.norm(jacobian, axis=0)
     pseudo_inverse = np.linalg.pinv(jacobian / scale, rcond=1e-12) / scale[:, None]
     mapping = np.zeros((13, FORCES_N.size, 8))
     for k, force in enumerate(forces_N):
-        mapping[:, int(np.flatnonzero(force == FORCES_N)[0])] = pseudo_inverse[:, k * READINGS : (k + 1) * READINGS] @ basis
+        mapping[:, int(np.flatnonzero(force == FORCES_N)[0])] = (
+            pseudo_inverse[:, k * READINGS : (k + 1) * READINGS] @ basis
+        )
     return mapping.reshape(13, -1)
 
 
@@ -110,7 +117,9 @@ class Recovered:
     @property
     def misses(self) -> np.ndarray:
         """What the mean returns minus what is printed, in half-units of the last printed digit, shape (78,)."""
-        printed, unit = (np.array([getattr(n, name) for n in self.numbers]) for name in ("value", "half_unit"))
+        printed, unit = (
+            np.array([getattr(n, name) for n in self.numbers]) for name in ("value", "half_unit")
+        )
         return (self.jacobian @ self.mean - printed) / unit
 
     @property
@@ -118,7 +127,9 @@ class Recovered:
         """Orthonormal directions in which no printed number changes, shape (k, 48)."""
         unit = np.array([number.half_unit for number in self.numbers])
         singular, right = np.linalg.svd(self.jacobian / unit[:, None])[1:]
-        return right[np.concatenate([singular, np.zeros(len(right) - len(singular))]) < 1e-8 * singular[0]]
+        return right[
+            np.concatenate([singular, np.zeros(len(right) - len(singular))]) < 1e-8 * singular[0]
+        ]
 
 
 def recover() -> Recovered:
@@ -134,7 +145,12 @@ def recover() -> Recovered:
     singular = np.concatenate([singular, np.zeros(48 - len(singular))])
     along = left.T[:48] @ (np.array([number.value for number in numbers]) / unit)
     spread = root @ right.T / np.sqrt(1.0 + singular**2)
-    return Recovered(spread @ (along * singular / np.sqrt(1.0 + singular**2)), spread @ spread.T, numbers, jacobian)
+    return Recovered(
+        spread @ (along * singular / np.sqrt(1.0 + singular**2)),
+        spread @ spread.T,
+        numbers,
+        jacobian,
+    )
 
 
 def synthetic_um(angle_rad: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -173,9 +189,18 @@ def campaign_of(harmonics_um: np.ndarray) -> lb.Campaign:
     """The campaign with these 48 harmonics, 720 readings per circle, and the same synthetic part."""
     angle_deg = 360.0 - 0.5 * np.arange(READINGS)
     angle = np.deg2rad(angle_deg)
-    readings = harmonics_um.reshape(FORCES_N.size, 8) @ harmonics(angle).T + synthetic_um(angle, np.random.default_rng(SEED))
+    readings = harmonics_um.reshape(FORCES_N.size, 8) @ harmonics(angle).T + synthetic_um(
+        angle, np.random.default_rng(SEED)
+    )
     tests = tuple(
-        lb.CircularTest(float(force), angle_deg, reading, pressure_bar=float(pressure), name=f"f{force:03.0f}", direction="CW")
+        lb.CircularTest(
+            float(force),
+            angle_deg,
+            reading,
+            pressure_bar=float(pressure),
+            name=f"f{force:03.0f}",
+            direction="CW",
+        )
         for force, pressure, reading in zip(FORCES_N, PRESSURES_BAR, readings, strict=True)
     )
     return lb.Campaign(tests, name="wCAFYXZSt, recovered experiment", feed_mm_per_min=2000.0)
@@ -191,7 +216,9 @@ def main() -> None:
         lb.write_campaign(campaign, out, force=True)
     except lb.InputError as error:
         sys.exit(f"make_campaign: {error}")
-    print(f"{len(found.numbers)} printed numbers returned, worst {np.abs(found.misses).max():.3f} half-units")
+    print(
+        f"{len(found.numbers)} printed numbers returned, worst {np.abs(found.misses).max():.3f} half-units"
+    )
     print(f"SHA-256 {campaign.sha256}")
 
 

@@ -34,7 +34,16 @@ from figures import (  # noqa: E402
     upper_pair,
     with_least_squares,
 )
-from make_campaign import FORCES_N, OUT_OF_BAND_RMS_UM, TABLES, WEAK_UM, Recovered, campaign_of, half_unit, recover  # noqa: E402
+from make_campaign import (
+    FORCES_N,
+    OUT_OF_BAND_RMS_UM,
+    TABLES,
+    WEAK_UM,
+    Recovered,
+    campaign_of,
+    half_unit,
+    recover,
+)  # noqa: E402
 from study import DATA, Effort, Study, run  # noqa: E402
 
 HARMONICS = ("1", "cos θ", "sin θ", "cos 2θ", "sin 2θ", "cos 3θ", "sin 3θ", "cos 4θ")
@@ -65,7 +74,10 @@ def campaign() -> lb.Campaign:
 def pairs() -> Mapping[Pair, lb.LeastSquares]:
     """Least squares of every pair of neighbouring forces (Tables 7 and 8)."""
     names = [test.name for test in campaign().tests]
-    return {(low, high): lb.least_squares(campaign().select([low, high])) for low, high in pairwise(names)}
+    return {
+        (low, high): lb.least_squares(campaign().select([low, high]))
+        for low, high in pairwise(names)
+    }
 
 
 def named_directions(found: Recovered) -> dict[str, np.ndarray]:
@@ -93,8 +105,14 @@ def open_directions(found: Recovered) -> dict[str, Any]:
         "orthonormal": bool(np.allclose(basis @ basis.T, np.eye(len(basis)), atol=1e-6)),
         "sd_um": sd,
         "in_one_um": next(iter(sd.values())) / float(np.sqrt(2 * FORCES_N.size)),
-        "alternating": {name: bool(np.allclose(named[name], own, atol=1e-4)) for name, own in expected.items()},
-        "cos4_at_lowest_um": {"recovered": float(found.mean[7]), "sd": float(found.sd[7]), "set to zero": float(zero[7])},
+        "alternating": {
+            name: bool(np.allclose(named[name], own, atol=1e-4)) for name, own in expected.items()
+        },
+        "cos4_at_lowest_um": {
+            "recovered": float(found.mean[7]),
+            "sd": float(found.sd[7]),
+            "set to zero": float(zero[7]),
+        },
         "largest_other_change_um": float(np.abs(np.delete(zero - found.mean, 7)).max()),
     }
 
@@ -109,24 +127,39 @@ def _determined_to(found: Recovered) -> float:
 def completions(found: Recovered) -> dict[str, Any]:
     """Posterior of what depends most on the completion, under the default model with constant compliance."""
     named = named_directions(found)
-    made = {"as recovered": found.mean, "set to zero": found.mean - sum((own @ found.mean) * own for own in named.values())}
+    made = {
+        "as recovered": found.mean,
+        "set to zero": found.mean - sum((own @ found.mean) * own for own in named.values()),
+    }
     for name, own in named.items():
         step = np.sqrt(own @ found.covariance @ own) * own
-        made |= {f"{name}, {word}": found.mean + sign * step for word, sign in (("+ 1 u", 1.0), ("− 1 u", -1.0))}
+        made |= {
+            f"{name}, {word}": found.mean + sign * step
+            for word, sign in (("+ 1 u", 1.0), ("− 1 u", -1.0))
+        }
     rows = {}
     for name, values in made.items():
         table = lb.marginals(CONSTANT, campaign_of(values), tolerance=1e-2)
-        rows[name] = {p: {"mean": float(table.loc[p, "mean"]), "sd": float(table.loc[p, "sd"])} for p in table.index}
+        rows[name] = {
+            p: {"mean": float(table.loc[p, "mean"]), "sd": float(table.loc[p, "sd"])}
+            for p in table.index
+        }
     base = rows["as recovered"]
-    moved = {p: max(abs(row[p]["mean"] - base[p]["mean"]) / base[p]["sd"] for row in rows.values()) for p in base}
+    moved = {
+        p: max(abs(row[p]["mean"] - base[p]["mean"]) / base[p]["sd"] for row in rows.values())
+        for p in base
+    }
     largest = max(moved, key=lambda name: moved[name])
     kept = ("C_CXY", "C_CYY", "C_CCY", "delta", "kappa")
     return {
         "parameters": {name: {p: row[p] for p in kept} for name, row in rows.items()},
         "largest_move_in_u": moved[largest],
         "which": largest,
-        "range": {p: [f(row[p]["mean"] for row in rows.values()) for f in (min, max)] for p in kept},
-        "least_squares_unchanged": max(_change(campaign_of(values)) for values in made.values()) < 1e-9,
+        "range": {
+            p: [f(row[p]["mean"] for row in rows.values()) for f in (min, max)] for p in kept
+        },
+        "least_squares_unchanged": max(_change(campaign_of(values)) for values in made.values())
+        < 1e-9,
     }
 
 
@@ -142,13 +175,22 @@ def tables_5_to_8() -> dict[str, list[dict[str, Any]]]:
     local = {tuple(float(name[1:]) for name in pair): found for pair, found in pairs().items()}
     found: dict[str, list[dict[str, Any]]] = {}
     for number, stem in enumerate(
-        ("global_compliances", "global_geometric_errors", "local_compliances", "local_geometric_errors"), start=5
+        (
+            "global_compliances",
+            "global_geometric_errors",
+            "local_compliances",
+            "local_geometric_errors",
+        ),
+        start=5,
     ):
         rows = []
         for _, row in pd.read_csv(TABLES / f"table_{number}_{stem}.csv", dtype=str).iterrows():
             forces = [name for name in row.index if name.startswith("force_")]
             squares = local[tuple(float(row[name]) for name in forces)] if forces else whole
-            rows += [_cell(row[name], name, squares, " and ".join(row[f] for f in forces)) for name in row.index.drop(forces)]
+            rows += [
+                _cell(row[name], name, squares, " and ".join(row[f] for f in forces))
+                for name in row.index.drop(forces)
+            ]
         found[str(number)] = rows
     return found
 
@@ -168,7 +210,10 @@ def _cell(printed: str, name: str, squares: lb.LeastSquares, forces: str) -> dic
 def table_9() -> dict[str, Any]:
     """Fitness (Eq. 35) as printed, with the RMSE of each own circle (own), and with that of all circles fitted together (all)."""
     printed = pd.read_csv(TABLES / "table_9_fitness.csv").set_index("force_N")
-    fits = {column: lb.least_squares(campaign(), degree).quality for degree, column in enumerate(("constant", "linear"))}
+    fits = {
+        column: lb.least_squares(campaign(), degree).quality
+        for degree, column in enumerate(("constant", "linear"))
+    }
     rows: dict[str, Any] = {}
     for test in campaign().tests:
         span = float(np.ptp(np.asarray(test.reading_um)))
@@ -184,10 +229,15 @@ def table_9() -> dict[str, Any]:
                 }
                 for column, own in quality.items()
             },
-            "ratio": float((100.0 - stated["linear_percent"]) / (100.0 - stated["constant_percent"])),
+            "ratio": float(
+                (100.0 - stated["linear_percent"]) / (100.0 - stated["constant_percent"])
+            ),
         }
     worst = {
-        column: {how: max(abs(row[column][how] - row[column]["printed"]) for row in rows.values()) for how in ("own", "all")}
+        column: {
+            how: max(abs(row[column][how] - row[column]["printed"]) for row in rows.values())
+            for how in ("own", "all")
+        }
         for column in COLUMNS
     }
     return {
@@ -195,7 +245,10 @@ def table_9() -> dict[str, Any]:
         "worst": worst,
         "printed_rmse_um": {column: 1e3 * value for column, value in PRINTED_RMSE_MM.items()},
         "printed_gain_percent": PRINTED_GAIN_PERCENT,
-        "local_pairs": {f"{t.force_N:g}": [float(n[1:]) for n in upper_pair(pairs(), t.name)] for t in campaign().tests},
+        "local_pairs": {
+            f"{t.force_N:g}": [float(n[1:]) for n in upper_pair(pairs(), t.name)]
+            for t in campaign().tests
+        },
         "rmse_um": {column: own.rmse_um for column, own in fits.items()},
         "ratios": [row["ratio"] for row in rows.values()],
         "rmse_ratio": fits["linear"].rmse_um / fits["constant"].rmse_um,
@@ -208,7 +261,10 @@ def figure_values() -> list[dict[str, Any]]:
     """What the text states beside Figs. 8 to 14, in µm, and the same from the recovered readings."""
     top = max(campaign().tests, key=lambda test: test.force_N or 0.0)
     force = float(top.force_N or 0.0)
-    whole, last = lb.least_squares(campaign()).estimate, pairs()[upper_pair(pairs(), top.name)].estimate
+    whole, last = (
+        lb.least_squares(campaign()).estimate,
+        pairs()[upper_pair(pairs(), top.name)].estimate,
+    )
     geometry = np.array([part_um(own.estimate, force, start="E_") for own in pairs().values()])
     known = {
         "8b compliance largest": part_um(whole, force, start="C_").max(),
@@ -219,7 +275,12 @@ def figure_values() -> list[dict[str, Any]]:
     }
     jacobian = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), np.deg2rad(np.arange(360.0)), force)
     size = np.ptp(jacobian.to_numpy(), axis=0) * 1e3
-    for number, kind, estimate in (("9", "C_", whole), ("10", "E_", whole), ("13", "C_", last), ("14", "E_", last)):
+    for number, kind, estimate in (
+        ("9", "C_", whole),
+        ("10", "E_", whole),
+        ("13", "C_", last),
+        ("14", "E_", last),
+    ):
         for name, swing in zip(jacobian.columns, size, strict=True):
             if name.startswith(kind):
                 known[f"{number} {name.replace('C0YX', 'C(0Y)X')}"] = abs(estimate[name]) * swing
@@ -253,13 +314,17 @@ def measure(effort: Effort) -> dict[str, Any]:
         "determined": found.jacobian.shape[1] - len(found.open_directions),
         "determined_to_um": _determined_to(found),
         "worst_half_units": float(np.abs(found.misses).max()),
-        "readings_half_units": {number: max(row["half_units"] for row in rows) for number, rows in tables.items()},
+        "readings_half_units": {
+            number: max(row["half_units"] for row in rows) for number, rows in tables.items()
+        },
         "shipped_is_this": all(
             np.allclose(np.asarray(a.reading_um), np.asarray(b.reading_um), rtol=0.0, atol=1e-6)
             for a, b in zip(shipped.tests, campaign().tests, strict=True)
         ),
         "harmonics": {
-            f"{force:g}": {name: {"mean": mean[r, k], "sd": sd[r, k]} for k, name in enumerate(HARMONICS)}
+            f"{force:g}": {
+                name: {"mean": mean[r, k], "sd": sd[r, k]} for k, name in enumerate(HARMONICS)
+            }
             for r, force in enumerate(FORCES_N)
         },
         "open": open_directions(found),
@@ -272,7 +337,11 @@ def measure(effort: Effort) -> dict[str, Any]:
         "weak_prior_um": WEAK_UM,
         "band_u": BAND_U,
         "beliefs": beliefs.measure(beliefs.AGAIN if effort == "quick" else [*beliefs.BELIEFS]),
-        "figure_off": [f"{row['quantity']} (Fig. {row['figure']})" for row in beside if row["units_of_last_digit"] > 1.0],
+        "figure_off": [
+            f"{row['quantity']} (Fig. {row['figure']})"
+            for row in beside
+            if row["units_of_last_digit"] > 1.0
+        ],
     }
 
 
@@ -290,23 +359,39 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
     zero = found.mean - along.T @ (along @ found.mean)
     return {
         "beliefs": beliefs.widths_and_shifts(results["beliefs"]),
-        "harmonics": harmonics(*(v.reshape(6, 8) for v in (found.mean, found.sd, zero)), FORCES_N, HARMONICS),
+        "harmonics": harmonics(
+            *(v.reshape(6, 8) for v in (found.mean, found.sd, zero)), FORCES_N, HARMONICS
+        ),
         "fig_07": lb.figures.traces(fitted, {**lb.figures.WORDS, **LEAST_SQUARES}),
         "fig_08": contributions(whole, dict.fromkeys(local, fits["constant"].estimate)),
         "fig_09_10": parameter_contributions(fits["constant"].table, force),
         "fig_11": local_traces(whole, pairs()),
         "fig_12": contributions(whole, {name: own.estimate for name, own in local.items()}),
         "fig_13_14": parameter_contributions(local[top.name].table, force),
-        "fig_15": with_least_squares(lb.figures.compliance_with_local_fits(compared), fits, FORCES_N),
+        "fig_15": with_least_squares(
+            lb.figures.compliance_with_local_fits(compared), fits, FORCES_N
+        ),
         "fig_16": with_least_squares(lb.figures.geometry_with_local_fits(compared), fits, FORCES_N),
     }
 
 
 def main() -> None:
     """Measure and compare with what is stated; ``--write`` states anew."""
-    near = {"*half_units*": 0.002, "*log_bayes_factor*": 0.05, "*/evidence": 0.05, "*elsewhere/*": 0.05}
-    near |= {"beliefs/*/mean/C_[XY]*": 0.05, "beliefs/*/mean/C_C[XY]*": 0.2, "beliefs/*/mean/E_*": 0.5, "*/delta_um": 0.005}
-    long = tuple(f"beliefs/by_belief/{belief}" for belief in beliefs.BELIEFS if belief not in beliefs.AGAIN)
+    near = {
+        "*half_units*": 0.002,
+        "*log_bayes_factor*": 0.05,
+        "*/evidence": 0.05,
+        "*elsewhere/*": 0.05,
+    }
+    near |= {
+        "beliefs/*/mean/C_[XY]*": 0.05,
+        "beliefs/*/mean/C_C[XY]*": 0.2,
+        "beliefs/*/mean/E_*": 0.5,
+        "*/delta_um": 0.005,
+    }
+    long = tuple(
+        f"beliefs/by_belief/{belief}" for belief in beliefs.BELIEFS if belief not in beliefs.AGAIN
+    )
     run(Study(HERE, measure, draw, absolute=near, long=long))
 
 

@@ -10,12 +10,18 @@ from matplotlib.figure import Figure
 import ldbb_bayes as lb
 
 FITS = {"least squares": "#000000", "without form": "#8C8C8C", "with form": lb.figures.PALETTE[0]}
-VERDICTS = {"confounded": lb.figures.PALETTE[1], "prior-limited": lb.figures.PALETTE[4], "identified": lb.figures.PALETTE[2]}
+VERDICTS = {
+    "confounded": lb.figures.PALETTE[1],
+    "prior-limited": lb.figures.PALETTE[4],
+    "identified": lb.figures.PALETTE[2],
+}
 OTHERWISE = ("− 1 u", "+ 1 u")
 
 
 @lb.figures.styled
-def confounding(parameters: Mapping[str, Any], plans: Mapping[str, Any], completions: Mapping[str, Any]) -> Figure:
+def confounding(
+    parameters: Mapping[str, Any], plans: Mapping[str, Any], completions: Mapping[str, Any]
+) -> Figure:
     """Top: 95 % intervals by model, of C_CCY with other completions too; bottom: predicted standard uncertainties by plan."""
     figure = lb.figures.new_figure(11.0, 5.6)
     panels: Any = figure.subplots(2, 6, width_ratios=[1.0] * 5 + [1.5])
@@ -37,7 +43,9 @@ def confounding(parameters: Mapping[str, Any], plans: Mapping[str, Any], complet
         rows = range(len(plans))[::-1]
         colours = [VERDICTS[plan[name]["verdict"]] for plan in plans.values()]
         axes.barh(rows, [plan[name]["sd"] for plan in plans.values()], color=colours)
-        axes.set_yticks(rows, list(plans) if axes is panels[1, 0] else [""] * len(plans), fontsize=7)
+        axes.set_yticks(
+            rows, list(plans) if axes is panels[1, 0] else [""] * len(plans), fontsize=7
+        )
         axes.set_xlabel(f"u ({entry['unit']})")
         axes.tick_params(labelsize=7)
     figure.suptitle(
@@ -49,7 +57,9 @@ def confounding(parameters: Mapping[str, Any], plans: Mapping[str, Any], complet
 
 
 def _interval(axes: Any, x: float, fit: Mapping[str, float], colour: str, marker: str) -> None:
-    axes.errorbar(x, fit["mean"], 1.96 * fit["sd"], fmt=marker, color=colour, capsize=3, markersize=4)
+    axes.errorbar(
+        x, fit["mean"], 1.96 * fit["sd"], fmt=marker, color=colour, capsize=3, markersize=4
+    )
 
 
 def _shown(name: str) -> str:

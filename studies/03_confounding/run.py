@@ -25,7 +25,12 @@ from figures import confounding  # noqa: E402
 from study import DATA, Study, run  # noqa: E402
 
 NAMES = ("E_XX1", "E_YY1", "E_YX2", "E_XY2", "E_C0YX", "C_CCY")
-SHOWN = {"E_XX1": (1e6, "µm/m"), "E_YY1": (1e6, "µm/m"), "E_YX2": (1e9, "µm/m²"), "E_XY2": (1e9, "µm/m²")}
+SHOWN = {
+    "E_XX1": (1e6, "µm/m"),
+    "E_YY1": (1e6, "µm/m"),
+    "E_YX2": (1e9, "µm/m²"),
+    "E_XY2": (1e9, "µm/m²"),
+}
 SHOWN |= {"E_C0YX": (1e6, "µrad"), "C_CCY": (1e9, "µrad/(N m)")}
 COMPLIANCES = {
     "C_XXX": (1e6, "nm/N"),
@@ -59,14 +64,22 @@ def turned(plan: lb.Campaign, *, work: bool, tool: bool) -> lb.Campaign:
     tests = []
     for i, test in enumerate(plan.tests):
         angle = CLOCKINGS_DEG[i % len(CLOCKINGS_DEG)]
-        tests.append(replace(test, work_ball_deg=angle if work else 0.0, tool_ball_deg=angle if tool else 0.0))
+        tests.append(
+            replace(
+                test, work_ball_deg=angle if work else 0.0, tool_ball_deg=angle if tool else 0.0
+            )
+        )
     return replace(plan, tests=tuple(tests))
 
 
 def calibrated(model: lb.HybridModel) -> lb.HybridModel:
     """The model with a bar length known well."""
     return replace(
-        model, nuisances=tuple(replace(t, sd_um=CALIBRATED_UM) if type(t).__name__ == "BarLength" else t for t in model.nuisances)
+        model,
+        nuisances=tuple(
+            replace(t, sd_um=CALIBRATED_UM) if type(t).__name__ == "BarLength" else t
+            for t in model.nuisances
+        ),
     )
 
 
@@ -89,17 +102,29 @@ def basis(test: lb.CircularTest) -> np.ndarray:
 
 def harmonics_um(campaign: lb.Campaign) -> np.ndarray:
     """Of every circle, shape (tests, 8) [µm]."""
-    return np.array([np.linalg.lstsq(basis(test), np.asarray(test.reading_um), rcond=None)[0] for test in campaign.tests])
+    return np.array(
+        [
+            np.linalg.lstsq(basis(test), np.asarray(test.reading_um), rcond=None)[0]
+            for test in campaign.tests
+        ]
+    )
 
 
 def with_readings(campaign: lb.Campaign, readings_um: np.ndarray) -> lb.Campaign:
     """The same circles with other readings, shape (tests, n)."""
-    return replace(campaign, tests=tuple(replace(t, reading_um=own) for t, own in zip(campaign.tests, readings_um, strict=True)))
+    return replace(
+        campaign,
+        tests=tuple(
+            replace(t, reading_um=own) for t, own in zip(campaign.tests, readings_um, strict=True)
+        ),
+    )
 
 
 def with_form_scaled(campaign: lb.Campaign, factor: float) -> lb.Campaign:
     """The campaign with what its circles share outside orders 0 to 3 and cos 4θ made so many times as large."""
-    known = np.array([basis(t) @ own for t, own in zip(campaign.tests, harmonics_um(campaign), strict=True)])
+    known = np.array(
+        [basis(t) @ own for t, own in zip(campaign.tests, harmonics_um(campaign), strict=True)]
+    )
     rest = np.array([np.asarray(test.reading_um) for test in campaign.tests]) - known
     return with_readings(campaign, known + rest + (factor - 1.0) * rest.mean(axis=0))
 
@@ -112,7 +137,13 @@ def completed(campaign: lb.Campaign, cos_4_um: float) -> lb.Campaign:
     forces = campaign.forces_N
     change = cos_4_um * (-1.0) ** np.arange(forces.size) * forces[0] / forces
     return with_readings(
-        campaign, np.array([t.reading_um + own * basis(t)[:, 7] for t, own in zip(campaign.tests, change, strict=True)])
+        campaign,
+        np.array(
+            [
+                t.reading_um + own * basis(t)[:, 7]
+                for t, own in zip(campaign.tests, change, strict=True)
+            ]
+        ),
     )
 
 
@@ -122,7 +153,12 @@ def completions(campaign: lb.Campaign) -> dict[str, Any]:
     u_um, bounded = known["open"]["cos4_at_lowest_um"]["sd"], known["completions"]
     cos_4 = harmonics_um(campaign)[:, 7]
     along = (-1.0) ** np.arange(cos_4.size) * campaign.forces_N[0] / campaign.forces_N
-    steps = {"as recovered": 0.0, "− 1 u": -u_um, "+ 1 u": u_um, "set to zero": -(cos_4 @ along) / (along @ along)}
+    steps = {
+        "as recovered": 0.0,
+        "− 1 u": -u_um,
+        "+ 1 u": u_um,
+        "set to zero": -(cos_4 @ along) / (along @ along),
+    }
     names = {f"{sign} 1 u": f"cos 4θ at the lowest force, {sign} 1 u" for sign in "−+"}
     rows: dict[str, Any] = {}
     for label, step in steps.items():
@@ -133,7 +169,9 @@ def completions(campaign: lb.Campaign) -> dict[str, Any]:
             "off": _read(table, "C_CCY"),
             "on": {word: SHOWN["C_CCY"][0] * value for word, value in on.items()},
         }
-    squares = [lb.least_squares(completed(campaign, step)).estimate["C_CCY"] for step in steps.values()]
+    squares = [
+        lb.least_squares(completed(campaign, step)).estimate["C_CCY"] for step in steps.values()
+    ]
     return {
         "rows": rows,
         "u_um": u_um,
@@ -167,7 +205,9 @@ def peak_to_peak_per_tau() -> float:
 def gain_difference(campaign: lb.Campaign) -> dict[str, float]:
     """E_XX1 − E_YY1 of the joint posterior, with form [µm/m]."""
     # So many draws that another seed moves the sd by less than a hundredth.
-    drawn = lb.sample(FREE, campaign, sampler="independent", seed=1, rule=lb.StoppingRule(ess=40_000.0))["posterior"]
+    drawn = lb.sample(
+        FREE, campaign, sampler="independent", seed=1, rule=lb.StoppingRule(ess=40_000.0)
+    )["posterior"]
     difference = 1e6 * (drawn["E_XX1"] - drawn["E_YY1"])
     return {"mean": float(difference.mean()), "sd": float(difference.std())}
 
@@ -189,7 +229,9 @@ def measure() -> dict[str, Any]:
     fitted: dict[str, Any] = {}
     for name in NAMES:
         factor, unit = SHOWN[name]
-        fitted[name] = {"unit": unit, "published": printed[name] * factor} | {k: _read(t, name) for k, t in fits.items()}
+        fitted[name] = {"unit": unit, "published": printed[name] * factor} | {
+            k: _read(t, name) for k, t in fits.items()
+        }
     unshifted = lb.marginals(FREE.without("setup-shift"), campaign)
     others = {
         name: {"unit": unit, "published": printed[name] * factor}
@@ -201,16 +243,24 @@ def measure() -> dict[str, Any]:
         model = calibrated(CONSTANT) if "calibrated" in label else CONSTANT
         found = lb.identify(model, change(campaign.plan()))
         plans[label] = {
-            name: {"sd": found.parameters[name].sd * SHOWN[name][0], "verdict": found.parameters[name].verdict} for name in NAMES
+            name: {
+                "sd": found.parameters[name].sd * SHOWN[name][0],
+                "verdict": found.parameters[name].verdict,
+            }
+            for name in NAMES
         }
     form = synthetic_form(campaign)
     per_tau = peak_to_peak_per_tau()
     return {
         "parameters": fitted,
         "compliances": others,
-        "tau_of_digits_um": json.loads(FROM_DIGITS.read_text(encoding="utf-8"))["printed"]["tau_um"]["constant"],
+        "tau_of_digits_um": json.loads(FROM_DIGITS.read_text(encoding="utf-8"))["printed"][
+            "tau_um"
+        ]["constant"],
         "plans": plans,
-        "too_narrow": {n: fitted[n]["with form"]["sd"] / fitted[n]["least squares"]["sd"] for n in NAMES},
+        "too_narrow": {
+            n: fitted[n]["with form"]["sd"] / fitted[n]["least squares"]["sd"] for n in NAMES
+        },
         "gain_difference": gain_difference(campaign),
         "completions": completions(campaign),
         "synthetic_form": form,
@@ -224,18 +274,31 @@ def measure() -> dict[str, Any]:
         "clockings_deg": [int(angle) for angle in CLOCKINGS_DEG],
         "calibrated_um": CALIBRATED_UM,
         "lowest_force_N": float(campaign.forces_N.min()),
-        "statements": [d["statement"] for d in lb.with_words(lb.identify(CONSTANT, campaign))["degeneracies"]],
+        "statements": [
+            d["statement"] for d in lb.with_words(lb.identify(CONSTANT, campaign))["degeneracies"]
+        ],
     }
 
 
 def draw(results: dict[str, Any]) -> dict[str, Figure]:
     """Top: intervals by model and completion; bottom: predicted standard uncertainties by plan."""
-    return {"confounding": confounding(results["parameters"], results["plans"], results["completions"]["rows"])}
+    return {
+        "confounding": confounding(
+            results["parameters"], results["plans"], results["completions"]["rows"]
+        )
+    }
 
 
 def main() -> None:
     """Measure and compare with what is stated; ``--write`` states anew."""
-    run(Study(HERE, lambda effort: measure(), draw, absolute={"*C_CCY*/mean": 0.001, "completions/rows/*/mean": 0.001}))
+    run(
+        Study(
+            HERE,
+            lambda effort: measure(),
+            draw,
+            absolute={"*C_CCY*/mean": 0.001, "completions/rows/*/mean": 0.001},
+        )
+    )
 
 
 if __name__ == "__main__":

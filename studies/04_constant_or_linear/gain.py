@@ -41,7 +41,11 @@ class Fits:
 
     def predicted(self, *slopes: str) -> Array:
         """Least-squares prediction of constant compliance, geometry and these columns, shape (n,) [µm]."""
-        constant = [name for name in self.columns if name not in (*SLOPES, "equal", "difference", "force law")]
+        constant = [
+            name
+            for name in self.columns
+            if name not in (*SLOPES, "equal", "difference", "force law")
+        ]
         matrix = self.columns[[*constant, *slopes]].to_numpy()
         matrix = matrix / np.linalg.norm(matrix, axis=0)
         return matrix @ np.linalg.lstsq(matrix, self.reading_um, rcond=None)[0]
@@ -57,7 +61,9 @@ def fits_of(campaign: lb.Campaign) -> Fits:
     machine, circle = campaign.machine(), lb.Circle(campaign.radius_mm)
     columns = pd.concat(
         [
-            lb.hybrid_jacobian(machine, circle, test.angles_rad(), test.force_N, degree=1, reference_force_N=middle)
+            lb.hybrid_jacobian(
+                machine, circle, test.angles_rad(), test.force_N, degree=1, reference_force_N=middle
+            )
             for test in campaign.tests
         ],
         ignore_index=True,
@@ -90,12 +96,21 @@ def least_squares(campaign: lb.Campaign) -> dict[str, Any]:
         "order": by_order(campaign, fits.predicted(*SLOPES) - fits.predicted(), gain),
         "equal slopes": {**equal, "shapley": 0.5 * (equal["first"] + equal["last"])},
         "force law first": first("force law"),
-        "C_CCY_1": {"first": first("C_CCY_1"), "last": last(*(name for name in SLOPES if name != "C_CCY_1"))},
+        "C_CCY_1": {
+            "first": first("C_CCY_1"),
+            "last": last(*(name for name in SLOPES if name != "C_CCY_1")),
+        },
         "equal slopes after C_CCY_1": first("equal", "C_CCY_1") - first("C_CCY_1"),
         "neither": 1.0 - first("equal", "C_CCY_1"),
-        "rmse_um": {"constant": np.sqrt(constant / campaign.readings), "linear": np.sqrt(linear / campaign.readings)},
+        "rmse_um": {
+            "constant": np.sqrt(constant / campaign.readings),
+            "linear": np.sqrt(linear / campaign.readings),
+        },
         "rmse_with_equal_um": np.sqrt(fits.squares("equal") / campaign.readings),
-        "C_CCY": {f"{force:g} N": c_ccy(campaign, force) for force in (campaign.forces_N.min(), campaign.forces_N.max())},
+        "C_CCY": {
+            f"{force:g} N": c_ccy(campaign, force)
+            for force in (campaign.forces_N.min(), campaign.forces_N.max())
+        },
     }
 
 
@@ -121,13 +136,26 @@ def by_order(campaign: lb.Campaign, change_um: Array, gain: float) -> dict[str, 
 def with_setup_shift(model: lb.HybridModel, moves: str) -> lb.HybridModel:
     """The model with what moves between circles: together, apart, or the centre alone."""
     return replace(
-        model, nuisances=tuple(replace(t, moves=moves) if type(t).__name__ == "SetupShift" else t for t in model.nuisances)
+        model,
+        nuisances=tuple(
+            replace(t, moves=moves) if type(t).__name__ == "SetupShift" else t
+            for t in model.nuisances
+        ),
     )
 
 
 def white(model: lb.HybridModel) -> lb.HybridModel:
     """White noise alone, no truncation."""
-    names = ("ball-form", "bar-length", "mount", "force-error", "setup-shift", "discrepancy", "hysteresis", "truncation")
+    names = (
+        "ball-form",
+        "bar-length",
+        "mount",
+        "force-error",
+        "setup-shift",
+        "discrepancy",
+        "hysteresis",
+        "truncation",
+    )
     return model.without(*names)
 
 
@@ -144,9 +172,16 @@ def evidence(campaign: lb.Campaign) -> dict[str, Any]:
 
     The curvature is a bar length that changes with F (F − F0): `lb.Drift` over times chosen so, its prior sd that of a slope.
     """
-    curve = campaign.forces_N * (campaign.forces_N - 0.5 * (campaign.forces_N.min() + campaign.forces_N.max()))
+    curve = campaign.forces_N * (
+        campaign.forces_N - 0.5 * (campaign.forces_N.min() + campaign.forces_N.max())
+    )
     hours = curve / np.abs(curve).max()
-    timed = replace(campaign, tests=tuple(replace(t, time_s=3600.0 * h) for t, h in zip(campaign.tests, hours, strict=True)))
+    timed = replace(
+        campaign,
+        tests=tuple(
+            replace(t, time_s=3600.0 * h) for t, h in zip(campaign.tests, hours, strict=True)
+        ),
+    )
     constant, linear = lb.HybridModel.first(0), lb.HybridModel.first(1)
     slope_sd = float(lb.identify(linear, campaign).parameters["C_XXX_1"].prior_sd)
     length_um = 1e3 * slope_sd * float(np.abs(curve).max())
@@ -165,7 +200,10 @@ def evidence(campaign: lb.Campaign) -> dict[str, Any]:
     found: dict[str, Any] = {"length_um": length_um}
     for label, change in ASSUMPTIONS.items():
         least = lb.log_evidence(change(constant), timed, tolerance=1e-2)
-        each = {name: lb.log_evidence(change(model), timed, tolerance=1e-2) for name, model in models.items()}
+        each = {
+            name: lb.log_evidence(change(model), timed, tolerance=1e-2)
+            for name, model in models.items()
+        }
         found[label] = {name: lb.log_bayes_factor(own, least)[0] for name, own in each.items()}
     return found
 
@@ -174,7 +212,9 @@ def slopes(campaign: lb.Campaign) -> dict[str, Any]:
     """Posterior of the mean slope (C_XXX_1 + C_YYY_1) / 2 and of their difference [nm/N per kN], linear compliance."""
     found = {}
     for label in ("zero and centre move", "the centre alone moves"):
-        posterior = lb.sample(ASSUMPTIONS[label](lb.HybridModel.first(1)), campaign, sampler="independent", seed=1)["posterior"]
+        posterior = lb.sample(
+            ASSUMPTIONS[label](lb.HybridModel.first(1)), campaign, sampler="independent", seed=1
+        )["posterior"]
         x, y = (1e9 * posterior[name].to_numpy().ravel() for name in EQUAL)
         found[label] = {"mean": interval(0.5 * (x + y)), "difference": interval(x - y)}
     return found

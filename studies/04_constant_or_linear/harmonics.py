@@ -24,12 +24,24 @@ Array = NDArray[np.float64]
 COMPLIANCES = ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY")
 NOT_NEGATIVE = ("C_XXX", "C_YYY", "C_CCY")
 PRIOR_SD = dict(zip(COMPLIANCES, (1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9), strict=True))
-PRIOR_SD |= {"E_XX1": 2e-4, "E_YX2": 1e-6, "E_XY2": 1e-6, "E_YY1": 2e-4, "E_C0YX": 5e-5, "E_Xt0": 0.02, "E_Yt0": 0.02}
+PRIOR_SD |= {
+    "E_XX1": 2e-4,
+    "E_YX2": 1e-6,
+    "E_XY2": 1e-6,
+    "E_YY1": 2e-4,
+    "E_C0YX": 5e-5,
+    "E_Xt0": 0.02,
+    "E_Yt0": 0.02,
+}
 SLOPE_SCALE, LEAST_SHARE = 0.3, 20.0
 LENGTH_MM, MOUNT_MM_PER_BAR, GAIN, RANDOM_N = 9.4e-3, 0.1 * 2.33e-3, 0.01, 4.0
 # Half-normal scales, and grids of the hyper-parameters, even in their logarithms [mm].
 SCALE_MM = {"delta": 1e-3, "kappa": 1e-3, "tau": 5e-3}
-GRID = {"delta": np.geomspace(5e-5, 3e-3, 14), "kappa": np.geomspace(1e-5, 2e-3, 20), "tau": np.geomspace(5e-4, 2e-2, 12)}
+GRID = {
+    "delta": np.geomspace(5e-5, 3e-3, 14),
+    "kappa": np.geomspace(1e-5, 2e-3, 20),
+    "tau": np.geomspace(5e-4, 2e-2, 12),
+}
 GRID_OF_READINGS = {
     "delta": np.geomspace(2e-4, 3e-3, 12),
     "kappa": np.geomspace(1.8e-4, 3.6e-4, 12),
@@ -65,15 +77,27 @@ class Data:
 
     def without(self, circle: int) -> Data:
         """What is known whatever the harmonics of one circle are: numbers projected on what does not see it, each known to 1."""
-        own = self.jacobian[:, circle * len(self.order) : (circle + 1) * len(self.order)] / self.sd[:, None]
+        own = (
+            self.jacobian[:, circle * len(self.order) : (circle + 1) * len(self.order)]
+            / self.sd[:, None]
+        )
         unseen = null_space(own.T).T / self.sd
-        return replace(self, values=unseen @ self.values, jacobian=unseen @ self.jacobian, sd=np.ones(len(unseen)))
+        return replace(
+            self,
+            values=unseen @ self.values,
+            jacobian=unseen @ self.jacobian,
+            sd=np.ones(len(unseen)),
+        )
 
     @cached_property
     def columns(self) -> dict[str, Array]:
         """Harmonics of the columns of Eq. 20 and 21 at every force, each (6, k) [mm per unit]."""
-        jacobian = [lb.hybrid_jacobian(lb.Machine(), lb.Circle(), angles(), force) for force in FORCES_N]
-        fitted = np.array([np.linalg.lstsq(self.basis, own.to_numpy(), rcond=None)[0] for own in jacobian])
+        jacobian = [
+            lb.hybrid_jacobian(lb.Machine(), lb.Circle(), angles(), force) for force in FORCES_N
+        ]
+        fitted = np.array(
+            [np.linalg.lstsq(self.basis, own.to_numpy(), rcond=None)[0] for own in jacobian]
+        )
         return {name: fitted[:, :, j] for j, name in enumerate(jacobian[0].columns)}
 
 
@@ -83,7 +107,13 @@ def printed_numbers() -> Data:
     sd = np.array([number.half_unit for number in found.numbers]) / np.sqrt(3.0)
     values = np.array([number.value for number in found.numbers])
     order = np.array([0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 4.0])
-    return Data(order, trigonometric(order, angles()), values / sd, 1e3 * found.jacobian / sd[:, None], np.ones(len(sd)))
+    return Data(
+        order,
+        trigonometric(order, angles()),
+        values / sd,
+        1e3 * found.jacobian / sd[:, None],
+        np.ones(len(sd)),
+    )
 
 
 def all_harmonics(campaign: lb.Campaign) -> Data:
@@ -92,10 +122,18 @@ def all_harmonics(campaign: lb.Campaign) -> Data:
     basis = trigonometric(order, campaign.tests[0].angles_rad())
     readings = 1e-3 * np.array([test.reading_um for test in campaign.tests]).T
     values = np.linalg.lstsq(basis, readings, rcond=None)[0]
-    sigma = np.sqrt(np.sum((readings - basis @ values) ** 2) / (values.shape[1] * (len(basis) - len(order))))
+    sigma = np.sqrt(
+        np.sum((readings - basis @ values) ** 2) / (values.shape[1] * (len(basis) - len(order)))
+    )
     sd = sigma * np.sqrt(np.where(order == 0.0, 1.0, 2.0) / len(basis))
     circles = values.shape[1]
-    return Data(order, trigonometric(order, angles()), values.T.ravel(), np.eye(values.size), np.tile(sd, circles))
+    return Data(
+        order,
+        trigonometric(order, angles()),
+        values.T.ravel(),
+        np.eye(values.size),
+        np.tile(sd, circles),
+    )
 
 
 def angles() -> Array:
@@ -107,7 +145,10 @@ def trigonometric(order: Array, angle_rad: Array) -> Array:
     """1, cos θ, sin θ, cos 2θ …: of each order the cosine first."""
     again = [bool(k and n == order[k - 1]) for k, n in enumerate(order)]
     return np.column_stack(
-        [np.sin(n * angle_rad) if sine else np.cos(n * angle_rad) for n, sine in zip(order, again, strict=True)]
+        [
+            np.sin(n * angle_rad) if sine else np.cos(n * angle_rad)
+            for n, sine in zip(order, again, strict=True)
+        ]
     )
 
 
@@ -152,7 +193,11 @@ class Model:
 
     def slope_size(self, name: str) -> float:
         """Prior sd of a slope times the range of force."""
-        own = max(abs(estimate()[name]), PRIOR_SD[name] / LEAST_SHARE) if self.of_estimate else PRIOR_SD[name]
+        own = (
+            max(abs(estimate()[name]), PRIOR_SD[name] / LEAST_SHARE)
+            if self.of_estimate
+            else PRIOR_SD[name]
+        )
         return self.slope_scale * own
 
     @cached_property
@@ -168,15 +213,22 @@ class Model:
     def fixed(self) -> Array:
         """Covariance of length, mount, force error, common mode and what is unexplained, shape (m, m)."""
         one = (self.data.order == 0.0).astype(float)
-        deflection: Array = np.sum([value * self.data.columns[name] for name, value in estimate().items()], axis=0)
+        deflection: Array = np.sum(
+            [value * self.data.columns[name] for name, value in estimate().items()], axis=0
+        )
         columns = [
             np.outer(np.full(len(FORCES_N), LENGTH_MM), one),
             MOUNT_MM_PER_BAR * np.outer(PRESSURES_BAR, one),
             GAIN * deflection,
         ]
-        columns += [RANDOM_N * np.outer(circle, [1.0]) * deflection / FORCES_N[:, None] for circle in np.eye(len(FORCES_N))]
+        columns += [
+            RANDOM_N * np.outer(circle, [1.0]) * deflection / FORCES_N[:, None]
+            for circle in np.eye(len(FORCES_N))
+        ]
         if self.common_mode:
-            curve = self.slope_scale * PRIOR_SD["C_XXX"] / RANGE_N * FORCES_N * (FORCES_N - MIDDLE_N)
+            curve = (
+                self.slope_scale * PRIOR_SD["C_XXX"] / RANGE_N * FORCES_N * (FORCES_N - MIDDLE_N)
+            )
             columns.append(np.outer(curve, one))
         bow = 4.0 * FORCES_N * (FORCES_N.max() - FORCES_N) / FORCES_N.max() ** 2
         if "curved mount" in self.rivals:
@@ -204,7 +256,10 @@ class Model:
         """Covariance per δ² (orders 0 and 1), κ² and τ² (orders from 2), each (m, m)."""
         order, circles = self.data.order, len(FORCES_N)
         setup = np.where(order == 1.0, 1.0, np.where(order == 0.0, float(self.zero_moves), 0.0))
-        discrepancy, form = (np.where(order >= 2.0, np.maximum(order, 1.0) ** -power, 0.0) for power in (self.decay, 1.0))
+        discrepancy, form = (
+            np.where(order >= 2.0, np.maximum(order, 1.0) ** -power, 0.0)
+            for power in (self.decay, 1.0)
+        )
         columns = {
             "delta": np.diag(np.tile(setup, circles)),
             "kappa": np.diag(np.tile(discrepancy, circles)),
@@ -215,12 +270,19 @@ class Model:
     @cached_property
     def points(self) -> list[dict[str, float]]:
         """Of the grid [mm]."""
-        return [dict(zip(self.grid, values, strict=True)) for values in product(*self.grid.values())]
+        return [
+            dict(zip(self.grid, values, strict=True)) for values in product(*self.grid.values())
+        ]
 
     @cached_property
     def log_prior(self) -> Array:
         """Of every point, not normalised: half-normal, on a grid even in the logarithm."""
-        return np.array([sum(np.log(v) - 0.5 * (v / SCALE_MM[name]) ** 2 for name, v in p.items()) for p in self.points])
+        return np.array(
+            [
+                sum(np.log(v) - 0.5 * (v / SCALE_MM[name]) ** 2 for name, v in p.items())
+                for p in self.points
+            ]
+        )
 
     @cached_property
     def weighed(self) -> tuple[Array, Array, Array]:
@@ -244,7 +306,10 @@ class Model:
         size = len(PRIOR_SD)
         kept = [*range(size), *(size + COMPLIANCES.index(name) for name in slopes)]
         information, projected, rest = self.weighed
-        precision, projected = np.eye(len(kept)) + information[:, kept][:, :, kept], projected[:, kept]
+        precision, projected = (
+            np.eye(len(kept)) + information[:, kept][:, :, kept],
+            projected[:, kept],
+        )
         root = np.linalg.cholesky(precision)
         white = np.linalg.solve(root, projected[:, :, None])[:, :, 0]
         log_det = 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
@@ -259,7 +324,9 @@ class Model:
                 row = np.zeros(mean.shape[1])
                 row[list(PRIOR_SD).index(name)] = 1.0
                 if end:
-                    row[len(PRIOR_SD) + slopes.index(name)] = end * self.slope_size(name) / PRIOR_SD[name]
+                    row[len(PRIOR_SD) + slopes.index(name)] = (
+                        end * self.slope_size(name) / PRIOR_SD[name]
+                    )
                 rows.append(row)
         ends = np.array(rows)
         at, spread = mean @ ends.T, ends @ covariance @ ends.T
@@ -268,7 +335,9 @@ class Model:
         found = np.where(open_, norm.cdf(far), 1.0).prod(axis=1)
         for k in np.flatnonzero(open_.sum(axis=1) > 1):
             own = open_[k]
-            found[k] = multivariate_normal.cdf(at[k, own], np.zeros(own.sum()), spread[k][np.ix_(own, own)])
+            found[k] = multivariate_normal.cdf(
+                at[k, own], np.zeros(own.sum()), spread[k][np.ix_(own, own)]
+            )
         return found
 
     def evidence(self, slopes: Sequence[str] = ()) -> dict[str, float]:

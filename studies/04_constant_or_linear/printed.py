@@ -11,7 +11,16 @@ from typing import Any
 
 import numpy as np
 from gain import ASSUMPTIONS, EQUAL
-from harmonics import COMPLIANCES, FORCES_N, GRID_OF_READINGS, RIVALS, Data, Model, all_harmonics, printed_numbers
+from harmonics import (
+    COMPLIANCES,
+    FORCES_N,
+    GRID_OF_READINGS,
+    RIVALS,
+    Data,
+    Model,
+    all_harmonics,
+    printed_numbers,
+)
 from make_campaign import recover
 from scipy.special import logsumexp
 from undetermined import HARMONICS, MODELS, recovered
@@ -22,7 +31,9 @@ ZERO_AND_CENTRE, CENTRE = "zero and centre move", "the centre alone moves"
 FIRST, SECOND = "slopes of the first edition", "slopes of the second"
 SCALES = (0.0, 0.25, 0.5, 1.0, 2.0)
 SLOPE_SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
-SUBSETS = tuple(own for size in range(len(COMPLIANCES) + 1) for own in combinations(COMPLIANCES, size))
+SUBSETS = tuple(
+    own for size in range(len(COMPLIANCES) + 1) for own in combinations(COMPLIANCES, size)
+)
 # The discrepancy of order n: κ/n to a power, and what is added to the standard deviation of every harmonic [mm].
 LAWS = {
     "κ, the same for all orders": {"decay": 0.0},
@@ -62,7 +73,10 @@ class Answer:
         return {
             "log_bayes_factor": self.log_bayes_factor,
             "some_slope": float(logsumexp(values[1:]) - np.log(len(values) - 1) - values[0]),
-            "inclusion": {name: float(probability @ [name in own for own in self.log_evidence]) for name in COMPLIANCES},
+            "inclusion": {
+                name: float(probability @ [name in own for own in self.log_evidence])
+                for name in COMPLIANCES
+            },
             "no_slope": float(probability[0]),
             "kappa_um": self.kappa_um,
             "sd_of_kappa_um": self.sd_of_kappa_um,
@@ -102,7 +116,10 @@ def measure(quick: bool) -> dict[str, Any]:
         "harmonics": data.jacobian.shape[1],
         "subsets": len(SUBSETS),
         **found.as_dict(),
-        "log_bayes_factor": {ZERO_AND_CENTRE: found.log_bayes_factor, CENTRE: held[COMPLIANCES] - held[()]},
+        "log_bayes_factor": {
+            ZERO_AND_CENTRE: found.log_bayes_factor,
+            CENTRE: held[COMPLIANCES] - held[()],
+        },
         "a zero that stays": changed,
         "parts": {ZERO_AND_CENTRE: parts(moves), CENTRE: parts(stays)},
         "curve_um": curve_um(),
@@ -119,16 +136,24 @@ LONG += tuple(f"without/{force:.0f}" for force in FORCES_N[1:])
 def measure_long(data: Data, found: Answer) -> dict[str, Any]:
     """What takes minutes: other scales and laws, every further circle left out, the synthetic part scaled."""
     return {
-        "slope_scale": {f"{scale:g}": Model(data, slope_scale=scale).log_bayes_factor() for scale in SLOPE_SCALES},
-        "without": {f"{force:.0f}": without(data, circle) for circle, force in enumerate(FORCES_N) if circle},
+        "slope_scale": {
+            f"{scale:g}": Model(data, slope_scale=scale).log_bayes_factor()
+            for scale in SLOPE_SCALES
+        },
+        "without": {
+            f"{force:.0f}": without(data, circle) for circle, force in enumerate(FORCES_N) if circle
+        },
         "laws": {law: under(Model(data, **options), found) for law, options in LAWS.items()},
         "laws if the zero stays": {
-            law: Model(data, zero_moves=False, **options).log_bayes_factor() for law, options in LAWS.items()
+            law: Model(data, zero_moves=False, **options).log_bayes_factor()
+            for law, options in LAWS.items()
         },
         "scaled": {f"{factor:g}": with_scaled(factor) for factor in SCALES},
         "explanations": {
             size: {
-                label: explanations(Model(data, zero_moves=label == ZERO_AND_CENTRE, of_estimate=size == SECOND))
+                label: explanations(
+                    Model(data, zero_moves=label == ZERO_AND_CENTRE, of_estimate=size == SECOND)
+                )
                 for label in (ZERO_AND_CENTRE, CENTRE)
             }
             for size in (FIRST, SECOND)
@@ -147,7 +172,9 @@ def explanations(model: Model) -> dict[str, Any]:
     )
     probability = np.exp(own - logsumexp(own))
     constant, linear = logsumexp(own, axis=0)
-    included = {name: float(probability[[name in rivals for rivals in combined]].sum()) for name in RIVALS}
+    included = {
+        name: float(probability[[name in rivals for rivals in combined]].sum()) for name in RIVALS
+    }
     return {
         "alone": float(own[0, 1] - own[0, 0]),
         "averaged": float(linear - constant),
@@ -165,14 +192,19 @@ def without(data: Data, circle: int) -> dict[str, Any]:
     """The answer, whatever the harmonics of one circle are."""
     left = data.without(circle)
     found = answer(Model(left)).as_dict()
-    return {"numbers": len(left.values), **found, CENTRE: Model(left, zero_moves=False).log_bayes_factor()}
+    return {
+        "numbers": len(left.values),
+        **found,
+        CENTRE: Model(left, zero_moves=False).log_bayes_factor(),
+    }
 
 
 def under(model: Model, usual: Answer) -> dict[str, Any]:
     """The answer under another law of the discrepancy, and the evidence of the law over the usual one [nat]."""
     found = answer(model)
     evidence = {
-        name: found.log_evidence[own] - usual.log_evidence[own] for name, own in (("constant", ()), ("linear", COMPLIANCES))
+        name: found.log_evidence[own] - usual.log_evidence[own]
+        for name, own in (("constant", ()), ("linear", COMPLIANCES))
     }
     return {**found.as_dict(), "evidence": evidence}
 
@@ -191,22 +223,34 @@ def parts(model: Model) -> dict[str, float]:
         "all six": (model, COMPLIANCES),
     }
     least = model.evidence()["log_evidence"]
-    return {name: own.evidence(slopes)["log_evidence"] - least for name, (own, slopes) in models.items()}
+    return {
+        name: own.evidence(slopes)["log_evidence"] - least for name, (own, slopes) in models.items()
+    }
 
 
 def of_readings() -> dict[str, float]:
     """ln B by the dense model, given all 150 harmonics of the shipped readings."""
     data = all_harmonics(recovered())
-    return {"harmonics": len(data.values), "log_bayes_factor": Model(data, grid=GRID_OF_READINGS).log_bayes_factor()}
+    return {
+        "harmonics": len(data.values),
+        "log_bayes_factor": Model(data, grid=GRID_OF_READINGS).log_bayes_factor(),
+    }
 
 
 def scaled(factor: float) -> lb.Campaign:
     """The recovered experiment; what is synthetic and differs from circle to circle (sin 4θ, orders 5 to 12) times ``factor``."""
     angle = recovered().tests[0].angles_rad()
-    basis = np.column_stack([np.sin(4.0 * angle), *(f(n * angle) for n in range(5, 13) for f in (np.cos, np.sin))])
-    own = np.linalg.lstsq(basis, np.array([test.reading_um for test in recovered().tests]).T, rcond=None)[0]
+    basis = np.column_stack(
+        [np.sin(4.0 * angle), *(f(n * angle) for n in range(5, 13) for f in (np.cos, np.sin))]
+    )
+    own = np.linalg.lstsq(
+        basis, np.array([test.reading_um for test in recovered().tests]).T, rcond=None
+    )[0]
     change = (factor - 1.0) * basis @ (own - own.mean(axis=1, keepdims=True))
-    tests = (test.with_reading_um(test.reading_um + add) for test, add in zip(recovered().tests, change.T, strict=True))
+    tests = (
+        test.with_reading_um(test.reading_um + add)
+        for test, add in zip(recovered().tests, change.T, strict=True)
+    )
     return replace(recovered(), tests=tuple(tests))
 
 
@@ -215,8 +259,14 @@ def with_scaled(factor: float) -> dict[str, Any]:
     campaign = scaled(factor)
     found: dict[str, Any] = {}
     for label in (ZERO_AND_CENTRE, CENTRE):
-        least, most = (lb.log_evidence(ASSUMPTIONS[label](model), campaign, tolerance=1e-2) for model in MODELS.values())
+        least, most = (
+            lb.log_evidence(ASSUMPTIONS[label](model), campaign, tolerance=1e-2)
+            for model in MODELS.values()
+        )
         found[label] = lb.log_bayes_factor(most, least)[0]
     kappa = 1e3 * lb.marginals(MODELS["constant"], campaign, tolerance=1e-2).loc["kappa", "mean"]
-    rmse = {name: lb.least_squares(campaign, degree).quality.rmse_um for degree, name in enumerate(MODELS)}
+    rmse = {
+        name: lb.least_squares(campaign, degree).quality.rmse_um
+        for degree, name in enumerate(MODELS)
+    }
     return {**found, "kappa_um": kappa, "rmse_um": rmse}

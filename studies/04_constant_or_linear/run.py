@@ -38,7 +38,9 @@ SHOWN = {"common mode": BLUE, "the other four": ORANGE, "all six": GREY}
 def comparison() -> lb.Comparison:
     """Constant against linear compliance, everything else as by default."""
     linear = lb.HybridModel.first(degree=1)
-    return lb.compare({"constant": linear.with_degree(0), "linear": linear}, undetermined.recovered())
+    return lb.compare(
+        {"constant": linear.with_degree(0), "linear": linear}, undetermined.recovered()
+    )
 
 
 def compared() -> dict[str, Any]:
@@ -50,17 +52,31 @@ def compared() -> dict[str, Any]:
     none = next(s["probability"] for s in record["slope_subsets"] if not s["varying"])
     return {
         "log_bayes_factor": record["log_bayes_factor"]["linear/constant"],
-        "kappa_um": 1e3 * float(lb.marginals(lb.HybridModel.first(0), undetermined.recovered()).loc["kappa", "mean"]),
-        "probability": {name: model["posterior_probability"] for name, model in record["models"].items()},
-        "least_squares_rmse_um": {name: model["least_squares_rmse_um"] for name, model in record["models"].items()},
+        "kappa_um": 1e3
+        * float(
+            lb.marginals(lb.HybridModel.first(0), undetermined.recovered()).loc["kappa", "mean"]
+        ),
+        "probability": {
+            name: model["posterior_probability"] for name, model in record["models"].items()
+        },
+        "least_squares_rmse_um": {
+            name: model["least_squares_rmse_um"] for name, model in record["models"].items()
+        },
         "white_noise_overstates_by_nats": naive - record["log_bayes_factor"]["linear/constant"],
-        "slope_scale": {f"{s['slope_scale']:g}": s["log_bayes_factor"] for s in record["prior_sensitivity"]},
+        "slope_scale": {
+            f"{s['slope_scale']:g}": s["log_bayes_factor"] for s in record["prior_sensitivity"]
+        },
         "assumptions": {
-            label: {"log_bayes_factor": a["log_bayes_factor"], "evidence": max(a["log_evidence"].values()) - own}
+            label: {
+                "log_bayes_factor": a["log_bayes_factor"],
+                "evidence": max(a["log_evidence"].values()) - own,
+            }
             for label, a in every.items()
         },
         "elpd_difference": record["elpd_difference"]["linear/constant"],
-        "inclusion": {name: slope["inclusion_probability"] for name, slope in record["slopes"].items()},
+        "inclusion": {
+            name: slope["inclusion_probability"] for name, slope in record["slopes"].items()
+        },
         "no_slope": none,
         "some_slope": float(np.log((1.0 - none) / none / (len(record["slope_subsets"]) - 1))),
         "flagged": [name for name, test in record["tests"].items() if test["flag"]],
@@ -86,16 +102,30 @@ def explained(label: str) -> dict[str, Any]:
 def measure(effort: Effort) -> dict[str, Any]:
     """Everything the page states."""
     campaign = undetermined.recovered()
-    drawn = replicated(HERE / "drawn.csv", undetermined.row, undetermined.KINDS, effort, again=AGAIN)
-    evidence = replicated(HERE / "evidence.csv", simulated.evidence_row, simulated.EVIDENCE_KINDS, effort, again=AGAIN)
-    priors = replicated(HERE / "priors.csv", simulated.prior_row, simulated.PRIOR_KINDS, effort, again=AGAIN)
-    belonging = replicated(HERE / "belonging.csv", simulated.belonging_row, simulated.BELONGING_KINDS, effort, again=AGAIN)
+    drawn = replicated(
+        HERE / "drawn.csv", undetermined.row, undetermined.KINDS, effort, again=AGAIN
+    )
+    evidence = replicated(
+        HERE / "evidence.csv", simulated.evidence_row, simulated.EVIDENCE_KINDS, effort, again=AGAIN
+    )
+    priors = replicated(
+        HERE / "priors.csv", simulated.prior_row, simulated.PRIOR_KINDS, effort, again=AGAIN
+    )
+    belonging = replicated(
+        HERE / "belonging.csv",
+        simulated.belonging_row,
+        simulated.BELONGING_KINDS,
+        effort,
+        again=AGAIN,
+    )
     return {
         "circles": len(campaign.tests),
         "readings": campaign.readings,
         "slope_scale": lb.Prior.first().slope_scale,
         "compared": compared(),
-        "explained": {label: explained(label) for label in MOVES[: 1 if effort == "quick" else None]},
+        "explained": {
+            label: explained(label) for label in MOVES[: 1 if effort == "quick" else None]
+        },
         "printed": printed.measure(effort == "quick"),
         "undetermined": undetermined.measure(drawn),
         "gain": {
@@ -126,10 +156,21 @@ def answer_figure(results: dict[str, Any]) -> Figure:
     left, right = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
     for label, colour in ((printed.ZERO_AND_CENTRE, BLUE), (printed.CENTRE, ORANGE)):
         rows = found["scaled"].values()
-        left.plot([r["kappa_um"] for r in rows], [r[label] for r in rows], "o-", color=colour, label=f"readings; {label}")
+        left.plot(
+            [r["kappa_um"] for r in rows],
+            [r[label] for r in rows],
+            "o-",
+            color=colour,
+            label=f"readings; {label}",
+        )
         kappa, value = found["kappa_um"], found["log_bayes_factor"][label]
         left.plot(
-            [kappa["linear"], kappa["constant"]], [value, value], color=colour, linewidth=6, alpha=0.45, solid_capstyle="butt"
+            [kappa["linear"], kappa["constant"]],
+            [value, value],
+            color=colour,
+            linewidth=6,
+            alpha=0.45,
+            solid_capstyle="butt",
         )
     shipped = found["scaled"]["1"]
     left.plot(shipped["kappa_um"], shipped[printed.ZERO_AND_CENTRE], "D", color=BLUE, markersize=9)
@@ -137,15 +178,26 @@ def answer_figure(results: dict[str, Any]) -> Figure:
     left.set_xscale("log")
     left.set_xticks([0.05, 0.1, 0.2, 0.5], ["0.05", "0.1", "0.2", "0.5"])
     left.minorticks_off()
-    left.set(xlabel="κ inferred: how much circles differ (µm)", ylabel="ln B(linear/constant) (nat)")
+    left.set(
+        xlabel="κ inferred: how much circles differ (µm)", ylabel="ln B(linear/constant) (nat)"
+    )
     left.set_title("Bars: printed numbers alone; diamond: readings as shipped", fontsize=9.5)
     left.legend(fontsize=8)
     names = list(found["inclusion"])
     place = np.arange(len(names))
     for k, (label, own, colour) in enumerate(
-        (("printed numbers alone", found["inclusion"], GREEN), ("readings as shipped", compared["inclusion"], GREY))
+        (
+            ("printed numbers alone", found["inclusion"], GREEN),
+            ("readings as shipped", compared["inclusion"], GREY),
+        )
     ):
-        right.barh(place + 0.4 * (k - 0.5), [own[name] for name in names], height=0.38, color=colour, label=label)
+        right.barh(
+            place + 0.4 * (k - 0.5),
+            [own[name] for name in names],
+            height=0.38,
+            color=colour,
+            label=label,
+        )
     right.set_yticks(place, names)
     right.invert_yaxis()
     right.set(xlabel="probability that it changes with force (1)", xlim=(0.0, 1.0))
@@ -156,11 +208,20 @@ def answer_figure(results: dict[str, Any]) -> Figure:
 
 def explanations_figure(results: dict[str, Any]) -> Figure:
     """Left: ln B with slopes alone, by both editions, and averaged over rivals; right: how probable every explanation is."""
-    first, second = (results["printed"]["explanations"][size] for size in (printed.FIRST, printed.SECOND))
-    shipped = results["compared"]["log_bayes_factor"], results["compared"]["assumptions"]["set-up shift of order 1 (centre) only"]
+    first, second = (
+        results["printed"]["explanations"][size] for size in (printed.FIRST, printed.SECOND)
+    )
+    shipped = (
+        results["compared"]["log_bayes_factor"],
+        results["compared"]["assumptions"]["set-up shift of order 1 (centre) only"],
+    )
     old = [*(first[label]["alone"] for label in MOVES), shipped[0], shipped[1]["log_bayes_factor"]]
     new = [*(second[label] for label in MOVES), *(results["explained"][label] for label in MOVES)]
-    labels = [f"{of};\n{label}" for of in ("printed", "readings") for label in ("zero moves", "zero stays")]
+    labels = [
+        f"{of};\n{label}"
+        for of in ("printed", "readings")
+        for label in ("zero moves", "zero stays")
+    ]
     figure = Figure(figsize=(9.6, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
     bars = {
@@ -170,15 +231,27 @@ def explanations_figure(results: dict[str, Any]) -> Figure:
     }
     place = np.arange(len(labels))
     for k, (label, (values, colour)) in enumerate(bars.items()):
-        left.bar_label(left.bar(place + 0.27 * (k - 1), values, width=0.25, color=colour, label=label), fmt="%+.1f", fontsize=7)
+        left.bar_label(
+            left.bar(place + 0.27 * (k - 1), values, width=0.25, color=colour, label=label),
+            fmt="%+.1f",
+            fontsize=7,
+        )
     left.axhline(0.0, color="black", linewidth=0.8)
     left.set_xticks(place, labels, fontsize=8)
     left.set_ylabel("ln B(linear/constant) (nat)")
     left.legend(fontsize=8)
     names = list(new[0]["inclusion"])
-    for k, (label, own, colour) in enumerate(zip(labels, new, (GREEN, ORANGE, BLUE, GREY), strict=True)):
+    for k, (label, own, colour) in enumerate(
+        zip(labels, new, (GREEN, ORANGE, BLUE, GREY), strict=True)
+    ):
         values = [own["inclusion"][name] for name in names]
-        right.barh(np.arange(len(names)) + 0.2 * (k - 1.5), values, height=0.18, color=colour, label=label.replace("\n", " "))
+        right.barh(
+            np.arange(len(names)) + 0.2 * (k - 1.5),
+            values,
+            height=0.18,
+            color=colour,
+            label=label.replace("\n", " "),
+        )
     right.axvline(0.5, color="black", linewidth=0.8, linestyle="--")
     right.set_yticks(range(len(names)), names)
     right.invert_yaxis()
@@ -192,7 +265,11 @@ def gain_figure(results: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(10.5, 3.8), layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=[0.8, 1.1, 1.1])
     orders = results["gain"]["least_squares"]["order"]
-    left.bar(list(orders), [100.0 * share for share in orders.values()], color=[BLUE, GREEN, GREEN, GREEN, ORANGE])
+    left.bar(
+        list(orders),
+        [100.0 * share for share in orders.values()],
+        color=[BLUE, GREEN, GREEN, GREEN, ORANGE],
+    )
     left.set(xlabel="Fourier order (1)", ylabel="share of the least-squares gain (%)")
     left.set_title("Gain of linear, by order", fontsize=9.5)
     _parts(middle, results["gain"]["evidence"])
@@ -205,10 +282,14 @@ def _parts(axes: Axes, evidence: dict[str, Any]) -> None:
     labels = [label for label in gain.ASSUMPTIONS if label != "white noise alone"]
     for k, (part, colour) in enumerate(SHOWN.items()):
         values = [evidence[label][part] for label in labels]
-        axes.bar(np.arange(len(labels)) + 0.27 * (k - 1), values, width=0.25, color=colour, label=part)
+        axes.bar(
+            np.arange(len(labels)) + 0.27 * (k - 1), values, width=0.25, color=colour, label=part
+        )
     axes.axhline(0.0, color="black", linewidth=0.8)
     axes.set_xticks(
-        range(len(labels)), ["zero and\ncentre move", "each with its\nown scale", "the centre\nalone moves"], fontsize=8
+        range(len(labels)),
+        ["zero and\ncentre move", "each with its\nown scale", "the centre\nalone moves"],
+        fontsize=8,
     )
     axes.set_ylabel("ln B over constant compliance (nat)")
     axes.set_title("Evidence of the parts", fontsize=9.5)
@@ -221,14 +302,36 @@ def _open(axes: Axes, found: dict[str, Any]) -> None:
     path = found["paths"][undetermined.COS_4]
     per_um = path["sd_of_harmonic_um"] / path["sd_um"]
     recovered = found["cos4_um"][0]
-    axes.plot(recovered + per_um * drawn[undetermined.COS_4], drawn["linear"] - drawn["constant"], ".", color=GREY, markersize=3)
-    steps = {0.0: found["as_recovered"]} | {float(step): own["log_bayes_factor"] for step, own in path["steps"].items()}
+    axes.plot(
+        recovered + per_um * drawn[undetermined.COS_4],
+        drawn["linear"] - drawn["constant"],
+        ".",
+        color=GREY,
+        markersize=3,
+    )
+    steps = {0.0: found["as_recovered"]} | {
+        float(step): own["log_bayes_factor"] for step, own in path["steps"].items()
+    }
     x = np.array(sorted(steps))
-    axes.plot(recovered + path["sd_of_harmonic_um"] * x, [steps[step] for step in x], "o-", color=BLUE, markersize=4)
+    axes.plot(
+        recovered + path["sd_of_harmonic_um"] * x,
+        [steps[step] for step in x],
+        "o-",
+        color=BLUE,
+        markersize=4,
+    )
     axes.plot(recovered, steps[0.0], "D", color=ORANGE, markersize=7, label="as recovered")
-    axes.plot(found["smallest"]["cos4_um"], found["smallest"]["log_bayes_factor"], "s", color=GREEN, label="smallest harmonics")
+    axes.plot(
+        found["smallest"]["cos4_um"],
+        found["smallest"]["log_bayes_factor"],
+        "s",
+        color=GREEN,
+        label="smallest harmonics",
+    )
     axes.axhline(0.0, color="black", linewidth=0.8)
-    axes.set(xlabel=f"cos 4θ at {found['lightest_N']:.0f} N (µm)", ylabel="ln B(linear/constant) (nat)")
+    axes.set(
+        xlabel=f"cos 4θ at {found['lightest_N']:.0f} N (µm)", ylabel="ln B(linear/constant) (nat)"
+    )
     axes.set_title("What the tables leave open; grey: drawn", fontsize=9.5)
     axes.legend(fontsize=8, loc="upper left")
 
@@ -249,10 +352,19 @@ def reliability_figure(found: dict[str, Any]) -> Figure:
 
 def main() -> None:
     """Measure and compare with what is stated; ``--write`` states anew."""
-    nats = {f"{part}/*": 0.03 for part in ("compared", "explained", "undetermined", "gain/evidence", "printed")} | {
-        "gain/slopes/*": 0.1
-    }
-    run(Study(HERE, measure, draw, absolute=nats, long=(*(f"printed/{path}" for path in printed.LONG), f"explained/{MOVES[1]}")))
+    nats = {
+        f"{part}/*": 0.03
+        for part in ("compared", "explained", "undetermined", "gain/evidence", "printed")
+    } | {"gain/slopes/*": 0.1}
+    run(
+        Study(
+            HERE,
+            measure,
+            draw,
+            absolute=nats,
+            long=(*(f"printed/{path}" for path in printed.LONG), f"explained/{MOVES[1]}"),
+        )
+    )
 
 
 if __name__ == "__main__":

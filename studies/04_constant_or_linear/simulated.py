@@ -65,7 +65,9 @@ def evidence_row(kind: str, seed: int) -> dict[str, float]:
     name = SLOPES[seed % len(SLOPES)]
     chosen = {"no slope": (), "six slopes": SLOPES, "one slope": (name,)}[kind]
     truth = TRUTH | {slope: SIZE_SD * slope_sd()[slope] for slope in chosen}
-    campaign = LINEAR.simulate(plan(), seed=1000 + seed, parameters=truth, hyper_um=HYPER_UM).campaign
+    campaign = LINEAR.simulate(
+        plan(), seed=1000 + seed, parameters=truth, hyper_um=HYPER_UM
+    ).campaign
     alone = LINEAR.fixing(*(other for other in SLOPES if other != name))
     return {
         "linear": log_bayes_factor(LINEAR, campaign),
@@ -77,18 +79,32 @@ def prior_row(kind: str, seed: int) -> dict[str, float]:
     """Posterior probability of linear [1], and whether it was: model, parameters and hyper-parameters from their priors."""
     is_linear = np.random.default_rng(5000 + seed).random() < 0.5
     campaign = (LINEAR if is_linear else CONSTANT).simulate(plan(), seed=5000 + seed).campaign
-    return {"probability": 1.0 / (1.0 + np.exp(-log_bayes_factor(LINEAR, campaign))), "was linear": float(is_linear)}
+    return {
+        "probability": 1.0 / (1.0 + np.exp(-log_bayes_factor(LINEAR, campaign))),
+        "was linear": float(is_linear),
+    }
 
 
 def belonging_row(kind: str, seed: int) -> dict[str, float]:
     """Whether the outlying circle was flagged, and how many others were."""
     number = 1000 + seed
     if kind == "clean, from the priors":
-        campaign, odd = (LINEAR if number % 2 else CONSTANT).simulate(plan(), seed=number).campaign, -1
+        campaign, odd = (
+            (LINEAR if number % 2 else CONSTANT).simulate(plan(), seed=number).campaign,
+            -1,
+        )
     else:
-        campaign = CONSTANT.simulate(plan(), seed=number, parameters=TRUTH, hyper_um=HYPER_UM).campaign
-        campaign, odd = with_outlier(campaign, np.random.default_rng(number)) if kind == "outlier" else (campaign, -1)
-    found = lb.belonging({"constant": CONSTANT, "linear": LINEAR}, campaign, seed=number, replicates=5000)
+        campaign = CONSTANT.simulate(
+            plan(), seed=number, parameters=TRUTH, hyper_um=HYPER_UM
+        ).campaign
+        campaign, odd = (
+            with_outlier(campaign, np.random.default_rng(number))
+            if kind == "outlier"
+            else (campaign, -1)
+        )
+    found = lb.belonging(
+        {"constant": CONSTANT, "linear": LINEAR}, campaign, seed=number, replicates=5000
+    )
     flags = found["flag"].to_numpy(dtype=float)
     hit = flags[odd] if odd >= 0 else 0.0
     return {"flagged": hit, "others": flags.sum() - hit}
@@ -99,12 +115,16 @@ def with_outlier(campaign: lb.Campaign, rng: np.random.Generator) -> tuple[lb.Ca
     odd, tests = int(rng.integers(len(FORCES_N))), list(campaign.tests)
     angle = tests[odd].angles_rad()
     harmonics = [np.ones_like(angle), *(f(n * angle) for n in (1, 2, 3) for f in (np.cos, np.sin))]
-    offset = OUTLIER_KAPPAS * HYPER_UM["kappa"] * (rng.choice([-1.0, 1.0], len(harmonics)) @ harmonics)
+    offset = (
+        OUTLIER_KAPPAS * HYPER_UM["kappa"] * (rng.choice([-1.0, 1.0], len(harmonics)) @ harmonics)
+    )
     tests[odd] = tests[odd].with_reading_um(tests[odd].reading_um + offset)
     return replace(campaign, tests=tuple(tests)), odd
 
 
-def summary(evidence: pd.DataFrame, priors: pd.DataFrame, belonging: pd.DataFrame) -> dict[str, Any]:
+def summary(
+    evidence: pd.DataFrame, priors: pd.DataFrame, belonging: pd.DataFrame
+) -> dict[str, Any]:
     """What the page says of them."""
     own, flags = dict(list(evidence.groupby("kind"))), dict(list(belonging.groupby("kind")))
     return {
@@ -116,7 +136,9 @@ def summary(evidence: pd.DataFrame, priors: pd.DataFrame, belonging: pd.DataFram
         "no slope": signs(own["no slope"]["linear"], positive=False),
         "six slopes": signs(own["six slopes"]["linear"], positive=True),
         "one slope, six in the model": signs(own["one slope"]["linear"], positive=True),
-        "one slope, that one in the model": signs(own["one slope"]["that slope alone"], positive=True),
+        "one slope, that one in the model": signs(
+            own["one slope"]["that slope alone"], positive=True
+        ),
         "reliability": reliability(priors["probability"], priors["was linear"]),
         "outlier flagged": share(flags["outlier"]["flagged"] > 0.0),
         "others flagged beside an outlier": share(flags["outlier"]["others"] > 0.0),
@@ -128,16 +150,27 @@ def summary(evidence: pd.DataFrame, priors: pd.DataFrame, belonging: pd.DataFram
 def signs(values: pd.Series, *, positive: bool) -> dict[str, float]:
     """Share of the right sign, and the spread of ln B [nat]."""
     low, median, high = np.quantile(values, [0.05, 0.5, 0.95])
-    return {**share(values > 0.0 if positive else values < 0.0), "median": median, "q5": low, "q95": high}
+    return {
+        **share(values > 0.0 if positive else values < 0.0),
+        "median": median,
+        "q5": low,
+        "q95": high,
+    }
 
 
 def share(hits: pd.Series) -> dict[str, float]:
     """Share of hits, its standard error (no less than for half a hit) and of how many."""
     p, count = float(np.mean(hits)), len(hits)
-    return {"share": p, "se": float(np.sqrt(max(p * (1.0 - p), 0.25 / count) / count)), "count": count}
+    return {
+        "share": p,
+        "se": float(np.sqrt(max(p * (1.0 - p), 0.25 / count) / count)),
+        "count": count,
+    }
 
 
-def reliability(probability: Sequence[float] | pd.Series, outcome: Sequence[float] | pd.Series) -> dict[str, Any]:
+def reliability(
+    probability: Sequence[float] | pd.Series, outcome: Sequence[float] | pd.Series
+) -> dict[str, Any]:
     """Claimed probability of linear against how often it was, in bins of equal count; and a test of their agreement.
 
     Spiegelhalter's z is standard normal when the probabilities are calibrated.

@@ -82,8 +82,18 @@ def printed_map(campaign: lb.Campaign) -> Array:
         for harmonic in range(len(HARMONICS)):
             shift = np.zeros((len(names), len(HARMONICS)))
             shift[circle, harmonic] = 1.0
-            unit = moved(replace(campaign, tests=tuple(t.with_reading_um(0.0 * t.reading_um) for t in campaign.tests)), shift)
-            columns.append(np.concatenate([lb.least_squares(unit.select(own)).table["estimate"] for own in windows]))
+            unit = moved(
+                replace(
+                    campaign,
+                    tests=tuple(t.with_reading_um(0.0 * t.reading_um) for t in campaign.tests),
+                ),
+                shift,
+            )
+            columns.append(
+                np.concatenate(
+                    [lb.least_squares(unit.select(own)).table["estimate"] for own in windows]
+                )
+            )
     return np.column_stack(columns)
 
 
@@ -102,19 +112,29 @@ def open_directions() -> Open:
     across = LEVEL_UM**2 + TREND_UM**2 * np.outer(lever, lever) + SCATTER_UM**2 * np.eye(len(lever))
     precision = np.kron(np.linalg.inv(across), np.eye(len(HARMONICS)))
     covariance = np.linalg.inv(directions.T @ precision @ directions)
-    return Open(len(rows), rank, directions, covariance, directions.T @ coefficients(campaign).ravel())
+    return Open(
+        len(rows), rank, directions, covariance, directions.T @ coefficients(campaign).ravel()
+    )
 
 
 def coefficients(campaign: lb.Campaign) -> Array:
     """Harmonics of every circle, shape (6, 8) [µm]."""
-    fits = [np.linalg.lstsq(harmonics(test.angles_rad()), test.reading_um, rcond=None)[0] for test in campaign.tests]
+    fits = [
+        np.linalg.lstsq(harmonics(test.angles_rad()), test.reading_um, rcond=None)[0]
+        for test in campaign.tests
+    ]
     return np.array(fits)
 
 
 def moved(campaign: lb.Campaign, shift_um: Array) -> lb.Campaign:
     """The campaign with harmonics added, shape (6, 8) [µm]."""
     own = zip(campaign.tests, shift_um, strict=True)
-    return replace(campaign, tests=tuple(t.with_reading_um(t.reading_um + harmonics(t.angles_rad()) @ s) for t, s in own))
+    return replace(
+        campaign,
+        tests=tuple(
+            t.with_reading_um(t.reading_um + harmonics(t.angles_rad()) @ s) for t, s in own
+        ),
+    )
 
 
 def along(coordinates_um: Array) -> lb.Campaign:
@@ -125,7 +145,10 @@ def along(coordinates_um: Array) -> lb.Campaign:
 
 def log_evidence(campaign: lb.Campaign) -> dict[str, float]:
     """ln Z of both models, less that of constant compliance on the experiment as recovered [nat]."""
-    return {name: lb.log_evidence(m, campaign, tolerance=1e-2).log_value - as_recovered() for name, m in MODELS.items()}
+    return {
+        name: lb.log_evidence(m, campaign, tolerance=1e-2).log_value - as_recovered()
+        for name, m in MODELS.items()
+    }
 
 
 @cache
@@ -137,7 +160,11 @@ def as_recovered() -> float:
 def row(kind: str, seed: int) -> dict[str, float]:
     """Both log evidences [nat] with the three directions drawn from what the weak prior leaves open [µm], or nearer."""
     rng = np.random.default_rng(3000 + seed)
-    drawn = SPREAD[kind] * np.linalg.cholesky(open_directions().covariance) @ rng.standard_normal(len(DIRECTIONS))
+    drawn = (
+        SPREAD[kind]
+        * np.linalg.cholesky(open_directions().covariance)
+        @ rng.standard_normal(len(DIRECTIONS))
+    )
     return {**dict(zip(DIRECTIONS, drawn, strict=True)), **log_evidence(along(drawn))}
 
 
@@ -151,13 +178,22 @@ def measure(drawn: pd.DataFrame) -> dict[str, Any]:
         steps = STEPS_SD if name == COS_4 else [step for step in STEPS_SD if step == round(step)]
         paths[name] = {
             "sd_um": found.sd_um[k],
-            "sd_of_harmonic_um": found.sd_um[k] * found.directions[len(HARMONICS) * lightest + harmonic, k],
+            "sd_of_harmonic_um": found.sd_um[k]
+            * found.directions[len(HARMONICS) * lightest + harmonic, k],
             "steps": {f"{step:+g}": stated(along(step * unit)) for step in steps},
         }
     own, cos_4 = stated(recovered())["log_bayes_factor"], coefficients(recovered())[:, 7]
     smallest = along(-found.coordinates_um)
-    rest = replace(recovered().without(recovered().tests[lightest].name), foreseen=(recovered().tests[lightest],))
-    exchanged = [step["log_bayes_factor"] for name, path in paths.items() if name != COS_4 for step in path["steps"].values()]
+    rest = replace(
+        recovered().without(recovered().tests[lightest].name),
+        foreseen=(recovered().tests[lightest],),
+    )
+    exchanged = [
+        step["log_bayes_factor"]
+        for name, path in paths.items()
+        if name != COS_4
+        for step in path["steps"].values()
+    ]
     return {
         "printed": found.printed,
         "determined": found.determined,
@@ -183,9 +219,13 @@ def stated(campaign: lb.Campaign) -> dict[str, float]:
 
 def crossing(path: Mapping[str, Any], recovered_um: float, as_recovered: float) -> float:
     """cos 4θ of the lightest circle from which ln B favours linear [µm], interpolated."""
-    steps = {0.0: as_recovered} | {float(step): own["log_bayes_factor"] for step, own in path["steps"].items()}
+    steps = {0.0: as_recovered} | {
+        float(step): own["log_bayes_factor"] for step, own in path["steps"].items()
+    }
     x = np.array(sorted(step for step in steps if step >= 0.0))
-    return float(recovered_um + path["sd_of_harmonic_um"] * np.interp(0.0, [steps[step] for step in x], x))
+    return float(
+        recovered_um + path["sd_of_harmonic_um"] * np.interp(0.0, [steps[step] for step in x], x)
+    )
 
 
 def spread(drawn: pd.DataFrame) -> dict[str, float]:
@@ -208,11 +248,18 @@ def spread(drawn: pd.DataFrame) -> dict[str, float]:
 def averaged(near: pd.DataFrame) -> dict[str, float]:
     """ln B with each model's evidence averaged over the weak prior, as missing data are [nat]: draws nearby, reweighted."""
     coordinates = near[list(DIRECTIONS)].to_numpy()
-    square = np.sum(coordinates * np.linalg.solve(open_directions().covariance, coordinates.T).T, axis=1)
+    square = np.sum(
+        coordinates * np.linalg.solve(open_directions().covariance, coordinates.T).T, axis=1
+    )
     log_weight = -0.5 * square * (1.0 - SPREAD["near"] ** -2)
-    joint = {name: np.exp(near[name] - near[name].max() + log_weight - log_weight.max()).to_numpy() for name in MODELS}
+    joint = {
+        name: np.exp(near[name] - near[name].max() + log_weight - log_weight.max()).to_numpy()
+        for name in MODELS
+    }
     value = {name: float(np.log(own.mean()) + near[name].max()) for name, own in joint.items()}
-    influence = joint["linear"] / joint["linear"].mean() - joint["constant"] / joint["constant"].mean()
+    influence = (
+        joint["linear"] / joint["linear"].mean() - joint["constant"] / joint["constant"].mean()
+    )
     return {
         "log_bayes_factor": value["linear"] - value["constant"],
         "se": float(influence.std(ddof=1) / np.sqrt(len(near))),

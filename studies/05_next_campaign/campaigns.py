@@ -13,7 +13,12 @@ import pandas as pd
 
 import ldbb_bayes as lb
 
-WIDTHS = {"recommended six": 200, "the paper's six": 200, "nine, two radii": 200, "nine, both balls clocked": 200}
+WIDTHS = {
+    "recommended six": 200,
+    "the paper's six": 200,
+    "nine, two radii": 200,
+    "nine, both balls clocked": 200,
+}
 DECISIONS = {
     "settling: constant": 200,
     "settling: slopes": 200,
@@ -46,7 +51,9 @@ def posterior(degree: int, edition: designs.Edition = "first") -> dict[str, Any]
     """Independent draws from the posterior of the recovered experiment, by name, shape (draws,)."""
     model = designs.EDITIONS[edition].with_degree(degree)
     tree = lb.sample(model, designs.pilot(), sampler="independent", seed=1)
-    return {str(name): values.to_numpy().ravel() for name, values in tree["posterior"].data_vars.items()}
+    return {
+        str(name): values.to_numpy().ravel() for name, values in tree["posterior"].data_vars.items()
+    }
 
 
 def truth(degree: int, seed: int, edition: designs.Edition = "first") -> Truth:
@@ -86,9 +93,13 @@ def plan_of(kind: str, edition: designs.Edition = "first") -> lb.Plan:
 def width_row(kind: str, seed: int, edition: designs.Edition = "first") -> dict[str, float]:
     """Error of the mean and sd [inside units], and whether the 95 % interval held the truth, of every parameter."""
     true, model = truth(1, seed, edition), designs.EDITIONS[edition]
-    made = model.simulate(plan_of(kind, edition), seed=1000 + seed, parameters=true.parameters, hyper_um=true.hyper_um)
+    made = model.simulate(
+        plan_of(kind, edition), seed=1000 + seed, parameters=true.parameters, hyper_um=true.hyper_um
+    )
     rule = None if edition == "first" else SHORT
-    found = lb.summarize(lb.sample(model, made.campaign, sampler="independent", seed=seed, rule=rule))
+    found = lb.summarize(
+        lb.sample(model, made.campaign, sampler="independent", seed=seed, rule=rule)
+    )
     row = {}
     for name, value in true.parameters.items():
         own = found.loc[name]
@@ -109,7 +120,9 @@ def decision_row(kind: str, seed: int, edition: designs.Edition = "first") -> di
     true, model = truth(1 if single else 0, seed, edition), designs.EDITIONS[edition]
     rng = np.random.default_rng(7000 + seed)
     linear = zero_kept(model) if slopes.endswith("zero kept") else model
-    parameters = {name: 0.0 for name in posterior(1, edition) if name.startswith(("C_", "E_"))} | true.parameters
+    parameters = {
+        name: 0.0 for name in posterior(1, edition) if name.startswith(("C_", "E_"))
+    } | true.parameters
     if slopes == "slopes":
         parameters |= physical_slopes(parameters, rng, edition)
     elif slopes.startswith("equal slopes"):
@@ -117,9 +130,13 @@ def decision_row(kind: str, seed: int, edition: designs.Edition = "first") -> di
     elif single:
         size = slope_sd()[SOUGHT] * designs.SOUGHT[SOUGHT] * rng.choice([-1.0, 1.0])
         parameters[SOUGHT] = size if slopes == "there" else 0.0
-    made = linear.simulate(plan_of(design, edition), seed=2000 + seed, parameters=parameters, hyper_um=true.hyper_um)
+    made = linear.simulate(
+        plan_of(design, edition), seed=2000 + seed, parameters=parameters, hyper_um=true.hyper_um
+    )
     lesser = linear.fixing(SOUGHT) if single else linear.with_degree(0)
-    with_, without = (lb.log_evidence(model, made.campaign, tolerance=1e-2) for model in (linear, lesser))
+    with_, without = (
+        lb.log_evidence(model, made.campaign, tolerance=1e-2) for model in (linear, lesser)
+    )
     return {"ln B": lb.log_bayes_factor(with_, without)[0]}
 
 
@@ -130,7 +147,10 @@ def second_decision_row(kind: str, seed: int) -> dict[str, float]:
 
 def zero_kept(model: lb.HybridModel) -> lb.HybridModel:
     """The model where only the centre moves between circles: the zero of the bar is checked before each."""
-    terms = (replace(term, moves="centre") if type(term).__name__ == "SetupShift" else term for term in model.nuisances)
+    terms = (
+        replace(term, moves="centre") if type(term).__name__ == "SetupShift" else term
+        for term in model.nuisances
+    )
     return replace(model, nuisances=tuple(terms))
 
 
@@ -138,7 +158,11 @@ def zero_kept(model: lb.HybridModel) -> lb.HybridModel:
 def slope_sd(edition: designs.Edition = "first") -> dict[str, float]:
     """Prior sd of the slopes at the pilot's range of force [inside units]."""
     found = lb.identify(designs.EDITIONS[edition], designs.pilot()).parameters
-    return {name: float(entry.prior_sd) for name, entry in found.items() if name.startswith("C_") and name.endswith("_1")}
+    return {
+        name: float(entry.prior_sd)
+        for name, entry in found.items()
+        if name.startswith("C_") and name.endswith("_1")
+    }
 
 
 def physical_slopes(
@@ -148,7 +172,10 @@ def physical_slopes(
     half_range = 0.5 * float(np.ptp(designs.pilot().forces_N))
     while True:
         slopes = {name: sd * rng.standard_normal() for name, sd in slope_sd(edition).items()}
-        if all(parameters[name] >= half_range * abs(slopes[f"{name}_1"]) for name in ("C_XXX", "C_YYY", "C_CCY")):
+        if all(
+            parameters[name] >= half_range * abs(slopes[f"{name}_1"])
+            for name in ("C_XXX", "C_YYY", "C_CCY")
+        ):
             return slopes
 
 

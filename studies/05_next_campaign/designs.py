@@ -14,7 +14,10 @@ from study import DATA
 import ldbb_bayes as lb
 
 Edition = Literal["first", "second"]
-EDITIONS: dict[Edition, lb.HybridModel] = {"first": lb.HybridModel.first(degree=1), "second": lb.HybridModel.default(degree=1)}
+EDITIONS: dict[Edition, lb.HybridModel] = {
+    "first": lb.HybridModel.first(degree=1),
+    "second": lb.HybridModel.default(degree=1),
+}
 LINEAR = EDITIONS["first"]
 LEVELS_N = tuple(np.linspace(36.0, 742.0, 15))
 FINE_N = tuple(np.linspace(36.0, 742.0, 101))
@@ -49,7 +52,9 @@ def paper_levels() -> lb.Plan:
 @cache
 def six(edition: Edition = "first") -> lb.Design:
     """Six circles for all parameters, beside the paper's."""
-    return lb.design(EDITIONS[edition], pilot(), tests=6, forces_N=FINE_N, against={"the paper's six": pilot()})
+    return lb.design(
+        EDITIONS[edition], pilot(), tests=6, forces_N=FINE_N, against={"the paper's six": pilot()}
+    )
 
 
 @cache
@@ -67,10 +72,14 @@ def nine(choice: str, edition: Edition = "first") -> lb.Design:
 @cache
 def deciding(tests: int, edition: Edition = "first") -> lb.Design:
     """So many circles for constant or linear."""
-    return lb.design(EDITIONS[edition], pilot(), tests=tests, criterion="discriminate", forces_N=LEVELS_N)
+    return lb.design(
+        EDITIONS[edition], pilot(), tests=tests, criterion="discriminate", forces_N=LEVELS_N
+    )
 
 
-def fewest(made: Callable[[int], lb.Design], good: Callable[[lb.Design], bool], most: int) -> lb.Design:
+def fewest(
+    made: Callable[[int], lb.Design], good: Callable[[lb.Design], bool], most: int
+) -> lb.Design:
     """The design of the fewest circles that is good; more circles are better."""
     numbers = range(2, most + 1)
     place = bisect_left(numbers, True, key=lambda number: good(made(number)))
@@ -93,14 +102,23 @@ def settling() -> lb.Design:
 def finding(slope: str) -> lb.Design:
     """The fewest circles that find one slope with the power wanted."""
     name = slope.partition(",")[0]
-    options = {"criterion": "discriminate", "parameters": [name], "slope_size": SOUGHT[slope], "forces_N": LEVELS_N}
+    options = {
+        "criterion": "discriminate",
+        "parameters": [name],
+        "slope_size": SOUGHT[slope],
+        "forces_N": LEVELS_N,
+    }
 
     @cache
     def made(tests: int) -> lb.Design:
         return lb.design(LINEAR, pilot(), tests=tests, **options)
 
     return fewest(
-        made, lambda found: found.discrimination is not None and found.discrimination.power[name] >= POWER, MOST_TO_FIND
+        made,
+        lambda found: (
+            found.discrimination is not None and found.discrimination.power[name] >= POWER
+        ),
+        MOST_TO_FIND,
     )
 
 
@@ -114,7 +132,11 @@ def squareness(edition: Edition = "first") -> dict[str, lb.Design]:
             wanted = {"criterion": "c", "parameters": ["E_C0YX"], "forces_N": FIVE_N}
             return lb.design(EDITIONS[edition], pilot(), tests=tests, **wanted, **choice)
 
-        return made(6) if sd is None else fewest(made, lambda found: found.expected["E_C0YX"].sd <= sd, MOST_TO_FIND)
+        return (
+            made(6)
+            if sd is None
+            else fewest(made, lambda found: found.expected["E_C0YX"].sd <= sd, MOST_TO_FIND)
+        )
 
     return {
         "forces alone": six_or_fewest(None),
@@ -125,4 +147,9 @@ def squareness(edition: Edition = "first") -> dict[str, lb.Design]:
 
 def flat(degree: int) -> lb.Design:
     """D-optimum with flat priors, beside the paper's seven levels."""
-    return lb.design(lb.HybridModel.paper(degree), paper_levels(), tests=7, against={"the paper's seven": paper_levels()})
+    return lb.design(
+        lb.HybridModel.paper(degree),
+        paper_levels(),
+        tests=7,
+        against={"the paper's seven": paper_levels()},
+    )

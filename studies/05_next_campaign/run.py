@@ -26,7 +26,11 @@ from study import Effort, Study, replicated, run  # noqa: E402
 
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 6}
 SECOND_AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
-SEPARATED = {"E_C0YX": (1e6, "E_C(0Y)X (µrad)"), "E_YX2": (1e9, "E_YX2 (µm/m²)"), "C_CCY": (1e12, "C_CCY (nrad/(N m))")}
+SEPARATED = {
+    "E_C0YX": (1e6, "E_C(0Y)X (µrad)"),
+    "E_YX2": (1e9, "E_YX2 (µm/m²)"),
+    "C_CCY": (1e12, "C_CCY (nrad/(N m))"),
+}
 COLOURS = {"forces alone": "#8C8C8C", "two radii": "#E69F00", "both balls clocked": "#0072B2"}
 LABELS = {
     "settling: constant": "constant",
@@ -43,16 +47,25 @@ SLOPE_FACTOR = {"C_XXX_1": 1e9, "C_XYX_1": 1e9, "C_CXY_1": 1e12, "C_CCY_1": 1e15
 
 def measure(effort: Effort) -> dict[str, Any]:
     """Everything the page states."""
-    widths = replicated(HERE / "widths.csv", campaigns.width_row, campaigns.WIDTHS, effort, again=AGAIN)
-    decisions = replicated(HERE / "decisions.csv", campaigns.decision_row, campaigns.DECISIONS, effort, again=AGAIN)
+    widths = replicated(
+        HERE / "widths.csv", campaigns.width_row, campaigns.WIDTHS, effort, again=AGAIN
+    )
+    decisions = replicated(
+        HERE / "decisions.csv", campaigns.decision_row, campaigns.DECISIONS, effort, again=AGAIN
+    )
     kept = (("second_widths.csv", campaigns.second_width_row, campaigns.SECOND_WIDTHS),)
     kept += (("second_decisions.csv", campaigns.second_decision_row, campaigns.SECOND_DECISIONS),)
-    again = [replicated(HERE / name, job, kinds, effort, again=SECOND_AGAIN) for name, job, kinds in kept]
+    again = [
+        replicated(HERE / name, job, kinds, effort, again=SECOND_AGAIN) for name, job, kinds in kept
+    ]
     return {
         "six": six(),
         "flat": {name: flat(degree) for degree, name in enumerate(("constant", "linear"))},
         "power": designs.POWER,
-        "settling": {"tests": circles(designs.settling()), "discrimination": decided(designs.settling())},
+        "settling": {
+            "tests": circles(designs.settling()),
+            "discrimination": decided(designs.settling()),
+        },
         "finding": {slope: finding(slope) for slope in designs.SOUGHT},
         "squareness": {name: square(found) for name, found in designs.squareness().items()},
         "nine": {choice: nine(choice) for choice in designs.NINE},
@@ -84,10 +97,19 @@ def second(widths: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
     }
 
 
-def simulated(widths: pd.DataFrame, decisions: pd.DataFrame, edition: designs.Edition = "first") -> dict[str, Any]:
+def simulated(
+    widths: pd.DataFrame, decisions: pd.DataFrame, edition: designs.Edition = "first"
+) -> dict[str, Any]:
     """Widths and coverage of the simulated designs, the worst of both, and ln B of those that are to decide."""
-    found = {kind: campaigns.widths(widths, kind, predicted(kind, edition)) for kind in dict.fromkeys(widths["kind"])}
-    every = {f"{name}, {kind}": own for kind, table in found.items() for name, own in table["parameters"].items()}
+    found = {
+        kind: campaigns.widths(widths, kind, predicted(kind, edition))
+        for kind in dict.fromkeys(widths["kind"])
+    }
+    every = {
+        f"{name}, {kind}": own
+        for kind, table in found.items()
+        for name, own in table["parameters"].items()
+    }
     lowest = min(every, key=lambda name: every[name]["coverage_95"])
     return {
         "widths": found,
@@ -106,7 +128,8 @@ def six(edition: designs.Edition = "first") -> dict[str, Any]:
     ratio = {name: entry.sd / paper.expected[name].sd for name, entry in found.expected.items()}
     return {
         "forces_N": sorted(float(test.force_N or 0.0) for test in found.tests),
-        "efficiency": {"recommended": found.efficiency} | {own.name: own.efficiency for own in (found.compared[0], paper)},
+        "efficiency": {"recommended": found.efficiency}
+        | {own.name: own.efficiency for own in (found.compared[0], paper)},
         "width_over_the_papers": ratio,
         "narrower": [value for name, value in ratio.items() if name.startswith("C_")],
     }
@@ -128,7 +151,10 @@ def flat(degree: int) -> dict[str, Any]:
 def circles(found: lb.Design) -> dict[str, Any]:
     """How many circles at which force, with the same clocking and radius or any."""
     count = found.table.groupby("force_N")["count"].sum()
-    return {"number": len(found.tests), "at_N": {f"{force:g}": int(n) for force, n in count.items()}}
+    return {
+        "number": len(found.tests),
+        "at_N": {f"{force:g}": int(n) for force, n in count.items()},
+    }
 
 
 def decided(found: lb.Design) -> dict[str, Any]:
@@ -165,8 +191,13 @@ def nine(choice: str, edition: designs.Edition = "first") -> dict[str, Any]:
     """Expected sd of nine circles, and how many there are of each radius."""
     found = designs.nine(choice, edition)
     return {
-        "at_radius_mm": {f"{radius:g}": int(n) for radius, n in found.table.groupby("radius_mm")["count"].sum().items()},
-        "clockings": int(found.table[["work_ball_deg", "tool_ball_deg"]].drop_duplicates().shape[0]),
+        "at_radius_mm": {
+            f"{radius:g}": int(n)
+            for radius, n in found.table.groupby("radius_mm")["count"].sum().items()
+        },
+        "clockings": int(
+            found.table[["work_ball_deg", "tool_ball_deg"]].drop_duplicates().shape[0]
+        ),
         "sd": {name: entry.sd for name, entry in found.expected.items()},
     }
 
@@ -200,7 +231,11 @@ def settling_figure(results: dict[str, Any]) -> Figure:
         sd = results["nine"][choice]["sd"]
         ratio = [sd[name] / results["nine"]["forces alone"]["sd"][name] for name in SEPARATED]
         bars = right.bar(places + 0.28 * (k - 1), ratio, width=0.26, color=colour, label=choice)
-        right.bar_label(bars, [f"{float(f'{sd[name] * factor:.2g}'):g}" for name, (factor, _) in SEPARATED.items()], fontsize=8)
+        right.bar_label(
+            bars,
+            [f"{float(f'{sd[name] * factor:.2g}'):g}" for name, (factor, _) in SEPARATED.items()],
+            fontsize=8,
+        )
     right.set_xticks(places, [label for _, label in SEPARATED.values()], fontsize=8)
     right.set_ylim(0.0, 1.3)
     right.set_ylabel("expected u / that of forces alone (1)")
@@ -216,7 +251,15 @@ def _evidence(axes: Axes) -> None:
     for place, kind in zip(places, LABELS, strict=True):
         low, middle, high = np.quantile(rows.loc[rows["kind"] == kind, "ln B"], [0.05, 0.5, 0.95])
         colour = "#0072B2" if kind.startswith("settling") else "#D55E00"
-        axes.errorbar(middle, place, xerr=[[middle - low], [high - middle]], fmt="o", color=colour, capsize=3, markersize=5)
+        axes.errorbar(
+            middle,
+            place,
+            xerr=[[middle - low], [high - middle]],
+            fmt="o",
+            color=colour,
+            capsize=3,
+            markersize=5,
+        )
     axes.axvspan(-campaigns.DECISIVE, campaigns.DECISIVE, color="#EEEEEE", zorder=0)
     axes.axvline(0.0, color="black", linewidth=0.8)
     axes.set_xscale("symlog", linthresh=5.0)
@@ -225,7 +268,9 @@ def _evidence(axes: Axes) -> None:
     axes.set_yticks(places, list(LABELS.values()), fontsize=8)
     few, many = (len(campaigns.plan_of(name).tests) for name in ("settling", campaigns.SOUGHT))
     axes.set_xlabel("ln B in favour of the slopes (nat, linear within ±5; grey: not decisive)")
-    axes.set_title(f"Simulated, median and 5 to 95 %: {few} (blue) and {many} circles (orange)", fontsize=9.5)
+    axes.set_title(
+        f"Simulated, median and 5 to 95 %: {few} (blue) and {many} circles (orange)", fontsize=9.5
+    )
 
 
 def main() -> None:

@@ -38,7 +38,15 @@ KEPT, KEPT_SECOND = HERE / "ranks.csv", HERE / "second_edition.csv"
 ONE_RANK = 1.5 / DRAWS
 # And where the choice of a draw hangs on rounding, all that follow are others.
 ASTRAY = 0.01
-NUISANCES = ("ball-form", "bar-length", "mount", "force-error", "setup-shift", "discrepancy", "hysteresis")
+NUISANCES = (
+    "ball-form",
+    "bar-length",
+    "mount",
+    "force-error",
+    "setup-shift",
+    "discrepancy",
+    "hysteresis",
+)
 
 
 # Seven circles of a machine like those of study 12; some with an odd one.
@@ -87,7 +95,10 @@ def plan(*, arc_deg: float = 360.0, clocked: bool = False, step_deg: float = STE
     return lb.Plan(
         tuple(
             lb.CircularTest(
-                force, angle, work_ball_deg=turns[k % 9][0] if clocked else 0.0, tool_ball_deg=turns[k % 9][1] if clocked else 0.0
+                force,
+                angle,
+                work_ball_deg=turns[k % 9][0] if clocked else 0.0,
+                tool_ball_deg=turns[k % 9][1] if clocked else 0.0,
             )
             for k, force in enumerate(FORCES_N)
         )
@@ -101,10 +112,14 @@ def cases() -> dict[str, Case]:
     return {
         "linear": Case("linear compliance, full circles", LINEAR, LINEAR, full, 600),
         "constant": Case("constant compliance, full circles", constant, constant, full, 300),
-        "untruncated": Case("no truncation", LINEAR.without("truncation"), LINEAR.without("truncation"), full, 300),
+        "untruncated": Case(
+            "no truncation", LINEAR.without("truncation"), LINEAR.without("truncation"), full, 300
+        ),
         "arcs": Case("arcs", LINEAR, LINEAR, plan(arc_deg=ARC_DEG), 300),
         "clocked": Case("both balls turned in between", LINEAR, LINEAR, plan(clocked=True), 300),
-        "no discrepancy": Case("discrepancy left out", LINEAR.without("discrepancy"), LINEAR, full, 200),
+        "no discrepancy": Case(
+            "discrepancy left out", LINEAR.without("discrepancy"), LINEAR, full, 200
+        ),
         "no discrepancy, more readings": Case(
             "discrepancy left out, more readings",
             LINEAR.without("discrepancy"),
@@ -113,15 +128,26 @@ def cases() -> dict[str, Case]:
             200,
         ),
         "no ball form": Case("ball form left out", LINEAR.without("ball-form"), LINEAR, full, 200),
-        "no set-up shift": Case("set-up shift left out", LINEAR.without("setup-shift"), LINEAR, full, 200),
-        "white noise": Case("all nuisances left out", LINEAR.without(*NUISANCES), LINEAR, full, 200),
+        "no set-up shift": Case(
+            "set-up shift left out", LINEAR.without("setup-shift"), LINEAR, full, 200
+        ),
+        "white noise": Case(
+            "all nuisances left out", LINEAR.without(*NUISANCES), LINEAR, full, 200
+        ),
     }
 
 
 def everything() -> lb.Plan:
     """Six circles at four forces in both directions, both balls turned: every term of the second edition acts."""
     angle = np.arange(0.0, 360.0, 10.0)
-    runs = [(36, "CW", 0, 0), (742, "CCW", 0, 0), (742, "CW", 40, 0), (36, "CCW", 40, 70), (280, "CW", 0, 70), (500, "CCW", 0, 0)]
+    runs = [
+        (36, "CW", 0, 0),
+        (742, "CCW", 0, 0),
+        (742, "CW", 40, 0),
+        (36, "CCW", 40, 70),
+        (280, "CW", 0, 70),
+        (500, "CCW", 0, 0),
+    ]
     tests = [
         lb.CircularTest(float(force), angle, direction=way, work_ball_deg=work, tool_ball_deg=tool)  # type: ignore[arg-type]
         for force, way, work, tool in runs
@@ -134,10 +160,16 @@ def of_second() -> dict[str, Case]:
     known, all_terms = LinearisedModel(degree=1), everything()
     absolute = replace(SECOND, prior=replace(SECOND.prior, slopes_of_estimate=False))
     return {
-        "every term": Case("every term, linearised at one point", known, known, all_terms, 1000, seed=60),
+        "every term": Case(
+            "every term, linearised at one point", known, known, all_terms, 1000, seed=60
+        ),
         "estimated": Case("linearised at Ĉ of the readings", SECOND, SECOND, all_terms, 400),
-        "absolute": Case("the same, slopes of an absolute scale", absolute, absolute, all_terms, 120),
-        "first": Case("the first edition analyses readings of the second", LINEAR, SECOND, all_terms, 200),
+        "absolute": Case(
+            "the same, slopes of an absolute scale", absolute, absolute, all_terms, 120
+        ),
+        "first": Case(
+            "the first edition analyses readings of the second", LINEAR, SECOND, all_terms, 200
+        ),
     }
 
 
@@ -155,7 +187,9 @@ def ranked(case: Case, replicates: int, pool: Executor | None) -> lb.Validation:
     )
 
 
-def all_ranks(path: Path, every: dict[str, Case], effort: Effort, again: dict[Effort, int]) -> pd.DataFrame:
+def all_ranks(
+    path: Path, every: dict[str, Case], effort: Effort, again: dict[Effort, int]
+) -> pd.DataFrame:
     """Ranks of every case, one row per replicate; made again as far as the effort goes, and all that are kept."""
     made = []
     with executor() as pool:
@@ -175,13 +209,19 @@ def validation(ranks: pd.DataFrame, kind: str) -> lb.Validation:
     """The kept ranks of one case."""
     own = ranks[ranks["kind"] == kind].drop(columns=["kind", "seed"]).dropna(axis="columns")
     by_emcee = tuple(np.flatnonzero(own.pop(EMCEE)).tolist()) if EMCEE in own else ()
-    return lb.Validation(tuple(own.columns), own.to_numpy(dtype=int), DRAWS, "independent", PROBABILITY, (), by_emcee)
+    return lb.Validation(
+        tuple(own.columns), own.to_numpy(dtype=int), DRAWS, "independent", PROBABILITY, (), by_emcee
+    )
 
 
 def coverages(found: lb.Validation) -> dict[str, float]:
     """Of the 95 % intervals of compliances, slopes and geometric errors."""
     shares = found.coverage()[f"{100 * SHARE:g}"]
-    return {str(name): float(value) for name, value in shares.items() if str(name).startswith(("C_", "E_"))}
+    return {
+        str(name): float(value)
+        for name, value in shares.items()
+        if str(name).startswith(("C_", "E_"))
+    }
 
 
 def stated(case: Case, found: lb.Validation) -> dict[str, Any]:
@@ -209,10 +249,19 @@ def cost_of_estimate(ranks: pd.DataFrame) -> dict[str, Any]:
     elsewhere; the same replicates simulated again."""
     case, own = of_second()["estimated"], ranks[ranks["kind"] == "estimated"]
     small, end, off = [], [], []
-    for row, seed in zip(own.to_dict("records"), np.random.SeedSequence(case.seed).spawn(case.replicates), strict=True):
-        simulation = case.generator.simulate(case.plan, seed=int(seed.spawn(2)[0].generate_state(1)[0]))
+    for row, seed in zip(
+        own.to_dict("records"),
+        np.random.SeedSequence(case.seed).spawn(case.replicates),
+        strict=True,
+    ):
+        simulation = case.generator.simulate(
+            case.plan, seed=int(seed.spawn(2)[0].generate_state(1)[0])
+        )
         bound = case.model.bind(simulation.campaign)
-        names, estimate = [name.label for name in bound.compliances], bound.setting.compliance_estimate
+        names, estimate = (
+            [name.label for name in bound.compliances],
+            bound.setting.compliance_estimate,
+        )
         true = np.array([simulation.parameters[name] for name in names])
         off.append((estimate - true) / bound.prior_sd[: len(names)])
         small.append(np.abs(estimate) < SMALL * np.abs(true))
@@ -235,26 +284,50 @@ def seven_circles(kind: str, seed: int) -> dict[str, float]:
     angle = np.arange(0.0, 360.0, 4.0)
     planned = lb.Plan(tuple(lb.CircularTest(force, angle) for force in SEVEN_N), radius_mm=150.0)
     axial = rng.uniform(3e-5, 8e-5, 2)
-    sizes = {"C_XXX": axial[0], "C_YYY": axial[1], "C_CCY": rng.uniform(0.5e-10, 4e-10), "C_XYX": rng.normal(0.0, 1e-6)}
+    sizes = {
+        "C_XXX": axial[0],
+        "C_YYY": axial[1],
+        "C_CCY": rng.uniform(0.5e-10, 4e-10),
+        "C_XYX": rng.normal(0.0, 1e-6),
+    }
     sizes |= {name: rng.normal(0.0, 2e-8) for name in ("C_CXY", "C_CYY")}
-    slopes = {f"{name}_1": value * rng.normal(0.0, 0.12) / (SEVEN_N[-1] - SEVEN_N[0]) for name, value in sizes.items()}
-    geometry = {"E_XX1": 5e-5, "E_YY1": 5e-5, "E_C0YX": 2e-5, "E_YX2": 3e-7, "E_XY2": 3e-7, "E_Xt0": 5e-3, "E_Yt0": 5e-3}
+    slopes = {
+        f"{name}_1": value * rng.normal(0.0, 0.12) / (SEVEN_N[-1] - SEVEN_N[0])
+        for name, value in sizes.items()
+    }
+    geometry = {
+        "E_XX1": 5e-5,
+        "E_YY1": 5e-5,
+        "E_C0YX": 2e-5,
+        "E_YX2": 3e-7,
+        "E_XY2": 3e-7,
+        "E_Xt0": 5e-3,
+        "E_Yt0": 5e-3,
+    }
     truth = sizes | slopes | {name: rng.normal(0.0, sd) for name, sd in geometry.items()}
     alike = SECOND.without("circle-scale")
     campaign = alike.simulate(planned, seed=seed, parameters=truth).campaign
     if kind == "odd":
         order, odd = np.repeat(np.arange(7), 2)[1:], int(rng.integers(len(SEVEN_N)))
-        change = basis(np.deg2rad(angle))[:, :13] @ (ODD_UM * rng.standard_normal(13) / np.maximum(order, 1))
+        change = basis(np.deg2rad(angle))[:, :13] @ (
+            ODD_UM * rng.standard_normal(13) / np.maximum(order, 1)
+        )
         tests = list(campaign.tests)
         tests[odd] = tests[odd].with_reading_um(np.asarray(tests[odd].reading_um) + change)
         campaign = replace(campaign, tests=tuple(tests))
     row = dict[str, float]()
     for name, model in (("with", SECOND), ("without", alike)):
         nodes = HyperPosterior(model.bind(campaign), truncated=True).nodes(TOLERANCE)
-        (_, sd), (low, high) = nodes.moments(), nodes.quantiles(LEVELS, seed=1, components=COMPONENTS)
+        (_, sd), (low, high) = (
+            nodes.moments(),
+            nodes.quantiles(LEVELS, seed=1, components=COMPONENTS),
+        )
         for parameter in sizes:
             j = nodes.bound.names.index(parameter)
-            row |= {f"{name}/{parameter}/sd": sd[j], f"{name}/{parameter}/covered": low[j] <= truth[parameter] <= high[j]}
+            row |= {
+                f"{name}/{parameter}/sd": sd[j],
+                f"{name}/{parameter}/covered": low[j] <= truth[parameter] <= high[j],
+            }
     return row
 
 
@@ -262,16 +335,30 @@ def scales(effort: Effort) -> dict[str, Any]:
     """What a scale for every circle costs where all are alike, and gives where one is odd."""
     kinds = {"alike": CAMPAIGNS, "odd": CAMPAIGNS}
     rows = replicated(HERE / "scales.csv", seven_circles, kinds, effort, again=ODD_AGAIN)
-    names = [column.split("/")[1] for column in rows.columns if column.startswith("with/") and column.endswith("/sd")]
+    names = [
+        column.split("/")[1]
+        for column in rows.columns
+        if column.startswith("with/") and column.endswith("/sd")
+    ]
     found: dict[str, Any] = {"se": float(np.sqrt(SHARE * (1.0 - SHARE) / (len(names) * CAMPAIGNS)))}
     for kind, own in rows.groupby("kind"):
-        ratio = {name: float((own[f"with/{name}/sd"] / own[f"without/{name}/sd"]).median()) for name in names}
-        covered = {model: {name: float(own[f"{model}/{name}/covered"].mean()) for name in names} for model in ("with", "without")}
+        ratio = {
+            name: float((own[f"with/{name}/sd"] / own[f"without/{name}/sd"]).median())
+            for name in names
+        }
+        covered = {
+            model: {name: float(own[f"{model}/{name}/covered"].mean()) for name in names}
+            for model in ("with", "without")
+        }
         found[str(kind)] = {
             "campaigns": len(own),
             "ratio": ratio,
-            "pooled_ratio": float(np.median([own[f"with/{name}/sd"] / own[f"without/{name}/sd"] for name in names])),
-            "coverage": {model: float(np.mean(list(shares.values()))) for model, shares in covered.items()},
+            "pooled_ratio": float(
+                np.median([own[f"with/{name}/sd"] / own[f"without/{name}/sd"] for name in names])
+            ),
+            "coverage": {
+                model: float(np.mean(list(shares.values()))) for model, shares in covered.items()
+            },
             "by_compliance": covered,
         }
     return found
@@ -281,10 +368,14 @@ def measure(effort: Effort) -> dict[str, Any]:
     """Everything the page states."""
     ranks = all_ranks(KEPT, cases(), effort, {"quick": AGAIN})
     results = {kind: stated(case, validation(ranks, kind)) for kind, case in cases().items()}
-    of_default = all_ranks(KEPT_SECOND, of_second(), effort, {"quick": SECOND_AGAIN, "usual": 2 * SECOND_AGAIN})
+    of_default = all_ranks(
+        KEPT_SECOND, of_second(), effort, {"quick": SECOND_AGAIN, "usual": 2 * SECOND_AGAIN}
+    )
     right = [kind for kind, case in cases().items() if case.model == case.generator]
     return {
-        "second": {kind: stated(case, validation(of_default, kind)) for kind, case in of_second().items()},
+        "second": {
+            kind: stated(case, validation(of_default, kind)) for kind, case in of_second().items()
+        },
         "estimate": cost_of_estimate(of_default),
         "scales": scales(effort),
         "odd_um": ODD_UM,
@@ -313,9 +404,19 @@ def coverage_figure(results: dict[str, Any]) -> Figure:
         for offset, start, shape in ((-0.22, "C", "o"), (0.0, "slope", "^"), (0.22, "E", "s")):
             own = [share for name, share in case["coverage"].items() if _group(name) == start]
             colour = lb.figures.PALETTE[0 if right else 1]
-            axes.plot([k + offset] * len(own), own, shape, color=colour, markersize=4, alpha=0.75, linestyle="")
+            axes.plot(
+                [k + offset] * len(own),
+                own,
+                shape,
+                color=colour,
+                markersize=4,
+                alpha=0.75,
+                linestyle="",
+            )
         half = 3.0 * case["se_of_one"]
-        axes.fill_between([k - 0.42, k + 0.42], SHARE - half, min(SHARE + half, 1.0), color="#DADADA", linewidth=0)
+        axes.fill_between(
+            [k - 0.42, k + 0.42], SHARE - half, min(SHARE + half, 1.0), color="#DADADA", linewidth=0
+        )
     axes.axhline(SHARE, color="black", linewidth=0.8, linestyle="--")
     axes.set_xticks(range(len(found)), [_broken(case["words"]) for case in found.values()])
     axes.tick_params(axis="x", labelsize=7, rotation=35)

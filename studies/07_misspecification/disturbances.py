@@ -17,14 +17,24 @@ RANGE_N = FORCES_N[-1] - FORCES_N[0]
 MID_N = (FORCES_N[0] + FORCES_N[-1]) / 2.0
 READINGS = 360
 Edition = Literal["first", "second"]
-EDITIONS: dict[Edition, lb.HybridModel] = {"first": lb.HybridModel.first(degree=1), "second": lb.HybridModel.default(degree=1)}
+EDITIONS: dict[Edition, lb.HybridModel] = {
+    "first": lb.HybridModel.first(degree=1),
+    "second": lb.HybridModel.default(degree=1),
+}
 # τ is the form at order 1, and in the second edition at order 6.
 HYPER_UM: dict[Edition, dict[str, float]] = {
     "first": {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 2.0},
     "second": {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 0.5},
 }
 DIRECT = {"C_XXX": 5.5e-5, "C_YYY": 4.2e-5}  # mm/N
-PRIOR_SD = {"C_XXX": 1e-4, "C_XYX": 1e-5, "C_YYY": 1e-4, "C_CXY": 1e-7, "C_CYY": 1e-7, "C_CCY": 1e-9}  # mm, N, rad
+PRIOR_SD = {
+    "C_XXX": 1e-4,
+    "C_XYX": 1e-5,
+    "C_YYY": 1e-4,
+    "C_CXY": 1e-7,
+    "C_CYY": 1e-7,
+    "C_CCY": 1e-9,
+}  # mm, N, rad
 GEOMETRY_SD = {
     "E_XX1": 2e-4,
     "E_YX2": 1e-6,
@@ -118,10 +128,14 @@ KINDS = {
     "bar large, sorted, Drift": Kind(bar_um=6.0, drift_term=True),
     "bar large, random, Drift": Kind(bar_um=6.0, random_order=True, drift_term=True),
     "hysteresis, CW": Kind(hysteresis_um=2.0, hysteresis_um_per_kN=2.0),
-    "hysteresis, both, unstated": Kind(hysteresis_um=2.0, hysteresis_um_per_kN=2.0, both_ways=True, stated=False),
+    "hysteresis, both, unstated": Kind(
+        hysteresis_um=2.0, hysteresis_um_per_kN=2.0, both_ways=True, stated=False
+    ),
     "hysteresis, both, stated": Kind(hysteresis_um=2.0, hysteresis_um_per_kN=2.0, both_ways=True),
     "lost motion, CW": Kind(backlash_um=(2.0, 1.0), backlash_um_per_kN=(6.0, 2.0)),
-    "lost motion, both, stated": Kind(backlash_um=(2.0, 1.0), backlash_um_per_kN=(6.0, 2.0), both_ways=True),
+    "lost motion, both, stated": Kind(
+        backlash_um=(2.0, 1.0), backlash_um_per_kN=(6.0, 2.0), both_ways=True
+    ),
     "Student-t": Kind(degrees_of_freedom=3.0),
     "outliers": Kind(outliers=0.01),
     "saturation small": Kind(lost_N=15.0),
@@ -138,16 +152,22 @@ def simulated(kind: Kind, seed: int, edition: Edition) -> tuple[lb.Campaign, dic
     this edition of the model believes them."""
     rng = np.random.default_rng([seed, 0])
     plan = _plan(kind, rng)
-    loaded = replace(plan, tests=tuple(replace(t, force_N=actual_force_N(kind, t)) for t in plan.tests))
+    loaded = replace(
+        plan, tests=tuple(replace(t, force_N=actual_force_N(kind, t)) for t in plan.tests)
+    )
     truth = _truth(rng, edition)
     quiet = replace(EDITIONS[edition].without("hysteresis"), reference_force_N=MID_N)
-    made = quiet.simulate(loaded, seed=seed, parameters=truth, hyper_um=HYPER_UM[edition] | {"sigma": 0.0}).campaign
+    made = quiet.simulate(
+        loaded, seed=seed, parameters=truth, hyper_um=HYPER_UM[edition] | {"sigma": 0.0}
+    ).campaign
     heading = rng.uniform(0.0, 2.0 * np.pi)
     noise = np.random.default_rng([seed, 1])
     mean_warmth = float(np.mean([warmth(test) for test in plan.tests]))
     tests = []
     for used, own in zip(plan.tests, made.tests, strict=True):
-        added = added_um(kind, own, heading, mean_warmth) + _noise_um(kind, HYPER_UM[edition]["sigma"], len(own.angle_deg), noise)
+        added = added_um(kind, own, heading, mean_warmth) + _noise_um(
+            kind, HYPER_UM[edition]["sigma"], len(own.angle_deg), noise
+        )
         test = used.with_reading_um(own.reading_um + added)
         test = lb.mask_reversals(test) if kind.masked else test
         tests.append(test if kind.stated else replace(test, direction=None))
@@ -181,9 +201,13 @@ def added_um(kind: Kind, test: lb.CircularTest, heading: float, mean_warmth: flo
     since = np.array([np.mod(travel * (angle - quadrant), 360.0) for quadrant in QUADRANTS_DEG])
     spikes = kind.spike_um * np.exp(-since / SPIKE_DEG).sum(axis=0)
     smooth = travel * (kind.hysteresis_um + kind.hysteresis_um_per_kN * force * 1e-3) * 2.0 * x * y
-    moved = (warmth(test) - mean_warmth) * (kind.centre_um * (x * np.cos(heading) + y * np.sin(heading)) + kind.bar_um)
+    moved = (warmth(test) - mean_warmth) * (
+        kind.centre_um * (x * np.cos(heading) + y * np.sin(heading)) + kind.bar_um
+    )
     bent = kind.curvature_um * (force / FORCES_N[-1]) ** 2
-    return np.asarray(0.5 * (gaps[0] * lag_x * x + gaps[1] * lag_y * y) + spikes + smooth + moved + bent)
+    return np.asarray(
+        0.5 * (gaps[0] * lag_x * x + gaps[1] * lag_y * y) + spikes + smooth + moved + bent
+    )
 
 
 def _plan(kind: Kind, rng: np.random.Generator) -> lb.Campaign:
@@ -210,12 +234,19 @@ def _truth(rng: np.random.Generator, edition: Edition) -> dict[str, float]:
     """Compliances about the published ones, the rest within `NARROWER` of its prior, slopes of the prior's compliance or, in the
     second edition, of their own; C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0."""
     spread = np.array([rng.uniform(1.0 - DIRECT_SPREAD, 1.0 + DIRECT_SPREAD) for _ in DIRECT])
-    truth = {name: NARROWER * sd * rng.standard_normal() for name, sd in (PRIOR_SD | GEOMETRY_SD).items()}
-    truth |= {name: value * factor for (name, value), factor in zip(DIRECT.items(), spread, strict=True)}
+    truth = {
+        name: NARROWER * sd * rng.standard_normal() for name, sd in (PRIOR_SD | GEOMETRY_SD).items()
+    }
+    truth |= {
+        name: value * factor for (name, value), factor in zip(DIRECT.items(), spread, strict=True)
+    }
     truth["C_CCY"] = abs(truth["C_CCY"])
     own = {name: max(abs(truth[name]), sd / LEAST_SHARE) for name, sd in PRIOR_SD.items()}
     size = PRIOR_SD if edition == "first" else own
-    slopes = {name: NARROWER * SLOPE_SCALE * sd / RANGE_N * rng.standard_normal() for name, sd in size.items()}
+    slopes = {
+        name: NARROWER * SLOPE_SCALE * sd / RANGE_N * rng.standard_normal()
+        for name, sd in size.items()
+    }
     for name in (*DIRECT, "C_CCY"):
         steepest = 2.0 * truth[name] / RANGE_N
         slopes[name] = float(np.clip(slopes[name], -steepest, steepest))

@@ -34,16 +34,25 @@ STRONG = 3.0
 IMPROBABLE = 1e-3
 SENSITIVE = 0.05
 CHANCE = 0.005
-SAID_BEFOREHAND = {"hysteresis": "lost motion", "curvature": "curvature in force", "force": "force error", "drift": "drift"}
+SAID_BEFOREHAND = {
+    "hysteresis": "lost motion",
+    "curvature": "curvature in force",
+    "force": "force error",
+    "drift": "drift",
+}
 GROUPS = {
     "compliances": tuple(made.PRIOR_SD),
     "slopes": tuple(f"{name}_1" for name in made.PRIOR_SD),
     "geometry": tuple(made.GEOMETRY_SD),
 }
 NAMES = tuple(name for group in GROUPS.values() for name in group)
-UNITS = dict.fromkeys(("C_XXX", "C_XYX", "C_YYY"), (1e6, "nm/N")) | dict.fromkeys(("C_CXY", "C_CYY"), (1e9, "nrad/N"))
+UNITS = dict.fromkeys(("C_XXX", "C_XYX", "C_YYY"), (1e6, "nm/N")) | dict.fromkeys(
+    ("C_CXY", "C_CYY"), (1e9, "nrad/N")
+)
 UNITS |= {"C_CCY": (1e9, "µrad/(N m)")} | dict.fromkeys(("E_XX1", "E_YY1"), (1e6, "µm/m"))
-UNITS |= dict.fromkeys(("E_YX2", "E_XY2"), (1e9, "µm/m²")) | dict.fromkeys(("E_Xt0", "E_Yt0"), (1e3, "µm"))
+UNITS |= dict.fromkeys(("E_YX2", "E_XY2"), (1e9, "µm/m²")) | dict.fromkeys(
+    ("E_Xt0", "E_Yt0"), (1e3, "µm")
+)
 UNITS |= {"E_C0YX": (1e6, "µrad")}
 UNITS |= {f"{name}_1": (UNITS[name][0] * 1e3, f"{UNITS[name][1]} per kN") for name in made.PRIOR_SD}
 
@@ -58,7 +67,9 @@ def job(label: str, seed: int) -> dict[str, Any]:
     row["sensitive"] = sum(parts["prior"] > SENSITIVE for parts in fit.sensitivity.values())
     row["flagged"] = row["ln_b_drift"] = float("nan")
     if seed % BELONGING_EVERY == 1:
-        flags = lb.belonging({"own": kind.model("first")}, campaign, seed=seed, replicates=CIRCLES)["flag"]
+        flags = lb.belonging({"own": kind.model("first")}, campaign, seed=seed, replicates=CIRCLES)[
+            "flag"
+        ]
         row["flagged"] = flags.any()
     if seed % DRIFT_EVERY == 1 and not kind.drift_term:
         row["ln_b_drift"] = ln_b_drift(campaign)
@@ -77,7 +88,9 @@ def job_of_second(label: str, seed: int) -> dict[str, Any]:
     return row
 
 
-def analysed(model: lb.HybridModel, campaign: lb.Campaign, truth: dict[str, float], seed: int) -> tuple[dict[str, Any], Any]:
+def analysed(
+    model: lb.HybridModel, campaign: lb.Campaign, truth: dict[str, float], seed: int
+) -> tuple[dict[str, Any], Any]:
     """Errors, coverage and u of all parameters, and contradictions; and the fit."""
     posterior = lb.sample(model, campaign, sampler="independent", seed=seed)
     table = lb.summarize(posterior, ci_prob=CREDIBLE)
@@ -97,7 +110,9 @@ def ln_b_drift(campaign: lb.Campaign) -> float:
     """ln B of the first edition with drift over time against the one without."""
     believed = made.EDITIONS["first"]
     drifting = believed.with_term(lb.Drift("time"))
-    own, other = (lb.log_evidence(model, campaign, tolerance=1e-2) for model in (drifting, believed))
+    own, other = (
+        lb.log_evidence(model, campaign, tolerance=1e-2) for model in (drifting, believed)
+    )
     return lb.log_bayes_factor(own, other)[0]
 
 
@@ -106,11 +121,16 @@ def measure(effort: Effort) -> dict[str, Any]:
     kinds = dict.fromkeys(made.KINDS, CAMPAIGNS["first"])
     rows = replicated(HERE / "simulated.csv", job, kinds, effort, again={"quick": 1, "usual": 6})
     kinds = dict.fromkeys(ONE_WAY, CAMPAIGNS["second"]) | {"baseline": BASELINES}
-    second = replicated(HERE / "second.csv", job_of_second, kinds, effort, again={"quick": 1, "usual": 3})
+    second = replicated(
+        HERE / "second.csv", job_of_second, kinds, effort, again={"quick": 1, "usual": 3}
+    )
     baseline = rows[rows["kind"] == "baseline"]
     return {
         "campaigns": CAMPAIGNS["first"],
-        "judged": {"flagged": int(baseline["flagged"].count()), "drift": int(baseline["ln_b_drift"].count())},
+        "judged": {
+            "flagged": int(baseline["flagged"].count()),
+            "drift": int(baseline["ln_b_drift"].count()),
+        },
         "hyper_um": made.HYPER_UM["first"],
         "direct_nm_per_N": {name: value * 1e6 for name, value in made.DIRECT.items()},
         "direct_spread": made.DIRECT_SPREAD,
@@ -119,7 +139,8 @@ def measure(effort: Effort) -> dict[str, Any]:
         "circle_min": made.CIRCLE_S / 60.0,
         "warm_up_h": made.WARM_UP_S / 3600.0,
         "drift_length_um_per_h": lb.Drift("time").length_um,
-        "warmed_by_the_end": 1.0 - float(np.exp(-(len(made.FORCES_N) - 1) * made.CIRCLE_S / made.WARM_UP_S)),
+        "warmed_by_the_end": 1.0
+        - float(np.exp(-(len(made.FORCES_N) - 1) * made.CIRCLE_S / made.WARM_UP_S)),
         "spike_deg": made.SPIKE_DEG,
         "outlier_um": made.OUTLIER_UM,
         "knee_N": made.KNEE_N,
@@ -139,7 +160,11 @@ def measure(effort: Effort) -> dict[str, Any]:
             "hyper_um": made.HYPER_UM["second"],
             "unlikely_below": unlikely_below(CAMPAIGNS["second"]),
             "se_of_one": se_of_one(CAMPAIGNS["second"]),
-            "as_few_baselines": float(second.query(f"kind == 'baseline' and seed < {CAMPAIGNS['second']}")["in_C_CYY"].mean()),
+            "as_few_baselines": float(
+                second.query(f"kind == 'baseline' and seed < {CAMPAIGNS['second']}")[
+                    "in_C_CYY"
+                ].mean()
+            ),
             "kinds": of_second(second, rows),
         },
     }
@@ -151,11 +176,17 @@ def of_second(rows: pd.DataFrame, first: pd.DataFrame) -> dict[str, Any]:
     found = {}
     for label in ONE_WAY:
         own = rows[rows["kind"] == label]
-        found[label] = judged(own, baseline) | {"note": share(own["note"]), "centre": share(own["centre"])}
+        found[label] = judged(own, baseline) | {
+            "note": share(own["note"]),
+            "centre": share(own["centre"]),
+        }
         if not found[label]["holds"]:
             found[label] |= {"verdict": verdict(label, found[label]["worst"]["name"])}
     old = first[first["kind"] == "baseline"]
-    ratio = {name: float(np.median(baseline[f"u_{name}"]) / np.median(old[f"u_{name}"])) for name in NAMES}
+    ratio = {
+        name: float(np.median(baseline[f"u_{name}"]) / np.median(old[f"u_{name}"]))
+        for name in NAMES
+    }
     return found | {"baseline": found["baseline"] | {"over_first": ratio}}
 
 
@@ -170,9 +201,16 @@ def said_beforehand(*, timed: bool) -> dict[str, list[str]]:
     """Sentences on what circles of one direction cannot tell, by what they are about: in every result, whatever the readings."""
     campaign, _ = made.simulated(made.KINDS["baseline"], 0, "first")
     if not timed:
-        campaign = replace(campaign, tests=tuple(replace(test, time_s=None) for test in campaign.tests))
-    warnings = lb.fit_in_words(lb.sample(made.EDITIONS["first"], campaign, sampler="independent", seed=0))["warnings"]
-    return {what: [text for text in warnings if word in text.lower()] for what, word in SAID_BEFOREHAND.items()}
+        campaign = replace(
+            campaign, tests=tuple(replace(test, time_s=None) for test in campaign.tests)
+        )
+    warnings = lb.fit_in_words(
+        lb.sample(made.EDITIONS["first"], campaign, sampler="independent", seed=0)
+    )["warnings"]
+    return {
+        what: [text for text in warnings if word in text.lower()]
+        for what, word in SAID_BEFOREHAND.items()
+    }
 
 
 def unlikely_below(count: int) -> float:
@@ -196,19 +234,28 @@ def judged(rows: pd.DataFrame, baseline: pd.DataFrame) -> dict[str, Any]:
     found = {
         "holds": holds,
         "silent": float(said.mean()) < 0.5,
-        "coverage": {group: mean_and_se(held[list(names)].mean(axis=1)) for group, names in GROUPS.items()},
+        "coverage": {
+            group: mean_and_se(held[list(names)].mean(axis=1)) for group, names in GROUPS.items()
+        },
         "worst": {"name": worst, **every[worst]},
-        "parameters": {name: {"coverage": found["coverage"]["share"], "rms": found["rms"]} for name, found in every.items()},
+        "parameters": {
+            name: {"coverage": found["coverage"]["share"], "rms": found["rms"]}
+            for name, found in every.items()
+        },
         "wider": float(np.exp(np.mean(np.log(wider)))),
         "noticed": share(said),
-        "reasons": {name: float(rows[name].mean()) for name in ("misfit", "contradiction", "hyper")},
+        "reasons": {
+            name: float(rows[name].mean()) for name in ("misfit", "contradiction", "hyper")
+        },
     }
     if "flagged" not in rows:
         return found
     return found | {
         "sensitive": float(rows["sensitive"].mean()),
         "flagged": share(rows["flagged"].dropna()),
-        "drift_found": share(rows["ln_b_drift"].dropna() > STRONG) if rows["ln_b_drift"].notna().any() else None,
+        "drift_found": share(rows["ln_b_drift"].dropna() > STRONG)
+        if rows["ln_b_drift"].notna().any()
+        else None,
     }
 
 
@@ -250,11 +297,21 @@ def draw(results: dict[str, Any]) -> Figure:
     kinds = results["kinds"]
     figure = Figure(figsize=(10.0, 7.4), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(19, 4), sharey=True)
-    coverage = np.array([[kind["parameters"][name]["coverage"] for name in NAMES] for kind in kinds.values()])
+    coverage = np.array(
+        [[kind["parameters"][name]["coverage"] for name in NAMES] for kind in kinds.values()]
+    )
     image = left.imshow(coverage, cmap="cividis", vmin=0.0, vmax=1.0, aspect="auto")
     for (i, j), value in np.ndenumerate(coverage):
         if value < results["unlikely_below"]:
-            left.text(j, i, f"{100 * value:.0f}", ha="center", va="center", fontsize=8, color="w" if value < 0.5 else "k")
+            left.text(
+                j,
+                i,
+                f"{100 * value:.0f}",
+                ha="center",
+                va="center",
+                fontsize=8,
+                color="w" if value < 0.5 else "k",
+            )
     left.set_xticks(range(len(NAMES)), [shown(name) for name in NAMES], rotation=90, fontsize=8)
     left.set_yticks(range(len(kinds)), list(kinds), fontsize=8)
     for edge in family_edges(list(kinds)):
@@ -267,8 +324,12 @@ def draw(results: dict[str, Any]) -> Figure:
     right.set_xlim(0.0, 100.0)
     right.set_xlabel("campaigns with a\nmisfit reported (%)", fontsize=8)
     right.tick_params(labelsize=8)
-    left.set_title("campaigns whose 95 % interval holds the truth (number: %, where unlikely low)", fontsize=9)
-    figure.colorbar(image, ax=left, location="bottom", shrink=0.5, aspect=40).set_label("coverage (1)", fontsize=8)
+    left.set_title(
+        "campaigns whose 95 % interval holds the truth (number: %, where unlikely low)", fontsize=9
+    )
+    figure.colorbar(image, ax=left, location="bottom", shrink=0.5, aspect=40).set_label(
+        "coverage (1)", fontsize=8
+    )
     return figure
 
 

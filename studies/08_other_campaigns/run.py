@@ -36,11 +36,17 @@ RANKS_AGAIN: dict[Effort, int] = {"quick": 10, "usual": 40, "write": CALIBRATED}
 def predicted() -> dict[str, Any]:
     """Verdict and expected sd of every parameter (no slopes) at the hyper-parameters' prior median."""
     found = {}
-    cases = [(MODEL, plan) for plan in (one_radius(), two_radii(), both_directions(), three_planes())]
+    cases = [
+        (MODEL, plan) for plan in (one_radius(), two_radii(), both_directions(), three_planes())
+    ]
     for model, plan in (*cases, everything()):
         result = lb.identify(model, plan)
         found[plan.name] = {
-            name: {"verdict": entry.verdict, "sd": entry.sd, "ball_form": entry.confounding["BallForm"]}
+            name: {
+                "verdict": entry.verdict,
+                "sd": entry.sd,
+                "ball_form": entry.confounding["BallForm"],
+            }
             for name, entry in result.parameters.items()
             if not name.endswith("_1")
         }
@@ -52,11 +58,20 @@ def calibration(effort: Effort) -> dict[str, Any]:
     model, plan = everything()
     with executor() as pool:
         result = lb.validate(
-            model, plan, replicates=RANKS_AGAIN[effort], draws=DRAWS, prob=BAND, sampler="independent", seed=8, executor=pool
+            model,
+            plan,
+            replicates=RANKS_AGAIN[effort],
+            draws=DRAWS,
+            prob=BAND,
+            sampler="independent",
+            seed=8,
+            executor=pool,
         )
     if result.failures:
         sys.exit(f"08_other_campaigns: {result.failures[0]}")
-    made = pd.DataFrame(result.ranks.astype(float), columns=list(result.names)).assign(kind="everything")
+    made = pd.DataFrame(result.ranks.astype(float), columns=list(result.names)).assign(
+        kind="everything"
+    )
     rows = kept(
         HERE / "ranks.csv",
         made.assign(seed=range(len(made))),
@@ -66,8 +81,15 @@ def calibration(effort: Effort) -> dict[str, Any]:
         astray=ASTRAY,
     )
     ranks = rows.drop(columns=["kind", "seed"])
-    full = lb.Validation(tuple(ranks.columns), ranks.to_numpy(dtype=int), DRAWS, "independent", BAND, ())
-    return {"replicates": full.replicates, "quantities": len(full.names), "outside": list(full.outside), "percent": 100.0 * BAND}
+    full = lb.Validation(
+        tuple(ranks.columns), ranks.to_numpy(dtype=int), DRAWS, "independent", BAND, ()
+    )
+    return {
+        "replicates": full.replicates,
+        "quantities": len(full.names),
+        "outside": list(full.outside),
+        "percent": 100.0 * BAND,
+    }
 
 
 def measure(effort: Effort) -> dict[str, Any]:
@@ -100,12 +122,23 @@ def two_radii_figure(found: dict[str, Any]) -> Figure:
     ratio = [two[name]["sd"] / one[name]["sd"] for name in names]
     figure = lb.figures.new_figure(7.2, 3.4)
     axes = figure.subplots()
-    colours = [lb.figures.PALETTE[0] if two[name]["verdict"] == "identified" else "#B0B0B0" for name in names]
+    colours = [
+        lb.figures.PALETTE[0] if two[name]["verdict"] == "identified" else "#B0B0B0"
+        for name in names
+    ]
     axes.bar(range(len(names)), ratio, color=colours)
     axes.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
-    axes.set_xticks(range(len(names)), [name.replace("C0YX", "C(0Y)X") for name in names], rotation=45, ha="right")
+    axes.set_xticks(
+        range(len(names)),
+        [name.replace("C0YX", "C(0Y)X") for name in names],
+        rotation=45,
+        ha="right",
+    )
     axes.set_ylabel("expected sd, two radii / one radius (1)")
-    axes.set_title("Ten circles of 150 mm against five of 150 and five of 100 mm (blue: identified)", fontsize=10)
+    axes.set_title(
+        "Ten circles of 150 mm against five of 150 and five of 100 mm (blue: identified)",
+        fontsize=10,
+    )
     return figure
 
 

@@ -13,7 +13,12 @@ import ldbb_bayes as lb
 
 # Machines with friction, of which the circles clockwise alone are analysed.
 CLOCKWISE = {"five clockwise": both_directions, "ten clockwise": mostly_clockwise}
-PLANS = {"one radius": one_radius, "two radii": two_radii, "both directions": both_directions, "three planes": three_planes}
+PLANS = {
+    "one radius": one_radius,
+    "two radii": two_radii,
+    "both directions": both_directions,
+    "three planes": three_planes,
+}
 SHOWN = ("E_C0YX", "E_YX2", "E_XY2", "C_XYX", "C_XXX")
 FIRST_SEED = 5000
 LEVEL = 0.95

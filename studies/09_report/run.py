@@ -35,18 +35,33 @@ def measure(effort: Effort) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "results"
         command = [sys.executable, "-m", "ldbb_bayes"]
-        subprocess.run([*command, "fit", str(CAMPAIGN), "--out", str(folder), "--quiet"], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run(
+            [*command, "fit", str(CAMPAIGN), "--out", str(folder), "--quiet"],
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
         seconds = []
         for _ in range(RUNS[effort]):
             start = time.perf_counter()
-            subprocess.run([*command, "report", str(folder), "--force", "--quiet"], check=True, stdout=subprocess.DEVNULL)
+            subprocess.run(
+                [*command, "report", str(folder), "--force", "--quiet"],
+                check=True,
+                stdout=subprocess.DEVNULL,
+            )
             seconds.append(time.perf_counter() - start)
         if effort == "write":
             picture(folder / "report.html")
-            subprocess.run([*command, "report", str(WORKBOOK), "--out", f"{name}/book", "--yes", "--quiet"], check=True)
+            subprocess.run(
+                [*command, "report", str(WORKBOOK), "--out", f"{name}/book", "--yes", "--quiet"],
+                check=True,
+            )
             with pypdfium2.PdfDocument(f"{name}/book/report.pdf") as sheets:
-                sheets[0].render(scale=1.25).to_pil().convert("P", palette=1, colors=64).save(HERE / "sheet_1.png", optimize=True)
-        return {"seconds": {"least": min(seconds), "most": max(seconds), "runs": len(seconds)}} | numbers(folder)
+                sheets[0].render(scale=1.25).to_pil().convert("P", palette=1, colors=64).save(
+                    HERE / "sheet_1.png", optimize=True
+                )
+        return {
+            "seconds": {"least": min(seconds), "most": max(seconds), "runs": len(seconds)}
+        } | numbers(folder)
 
 
 def numbers(folder: Path) -> dict[str, Any]:
@@ -54,7 +69,9 @@ def numbers(folder: Path) -> dict[str, Any]:
     posterior = lb.load(folder)
     budgets = lb.budgets(posterior)
     page = (folder / "report.html").read_text(encoding="utf-8")
-    paper = lb.sample(lb.HybridModel.paper(0), lb.read_campaign(CAMPAIGN), sampler="independent", seed=1)
+    paper = lb.sample(
+        lb.HybridModel.paper(0), lb.read_campaign(CAMPAIGN), sampler="independent", seed=1
+    )
     size = lb.contributions(paper).set_index("source")["peak_to_peak"]
     values = pd.read_csv(DATA / "published_tables" / "figure_values.csv")
     stated = values[values["figure"].isin(["9", "10"])].set_index("quantity")
@@ -62,23 +79,47 @@ def numbers(folder: Path) -> dict[str, Any]:
         "page_MB": len(page.encode()) / 1e6,
         "figures": page.count("<figure"),
         "tables": page.count("<table"),
-        "shares_sum_to_one": max(abs(sum(line.share for line in own.contributions) - 1.0) for own in budgets.values()) < 1e-9,
+        "shares_sum_to_one": max(
+            abs(sum(line.share for line in own.contributions) - 1.0) for own in budgets.values()
+        )
+        < 1e-9,
         "E_XX1_bar_length": budgets["E_XX1"].share("BarLength"),
         "peak_to_peak_um": {
-            name: {"found": float(size[name]), "printed": 1e3 * float(stated.loc[name, "printed_mm"])} for name in NAMES
+            name: {
+                "found": float(size[name]),
+                "printed": 1e3 * float(stated.loc[name, "printed_mm"]),
+            }
+            for name in NAMES
         },
     }
 
 
 def picture(page: Path) -> None:
     """The first screen, where a Chromium is installed."""
-    browser = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)
+    browser = next(
+        (
+            path
+            for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
+            if path
+        ),
+        None,
+    )
     if browser is None:
         print("no Chromium here: first_screen.png stays as it is")
         return
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--disable-background-networking"]
+    options = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--hide-scrollbars",
+        "--disable-background-networking",
+    ]
     shot = f"--screenshot={HERE / 'first_screen.png'}"
-    subprocess.run([browser, *options, f"--window-size={SCREEN}", shot, page.as_uri()], check=True, capture_output=True)
+    subprocess.run(
+        [browser, *options, f"--window-size={SCREEN}", shot, page.as_uri()],
+        check=True,
+        capture_output=True,
+    )
 
 
 def main() -> None:

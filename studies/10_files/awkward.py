@@ -35,7 +35,13 @@ def campaign() -> lb.Campaign:
     theta = np.deg2rad(angle)
     tests = []
     for k, pressure in enumerate(PRESSURES_BAR):
-        wave = 8.0 * np.cos(2.0 * theta) - (3.0 + k) * np.sin(theta) + 1.3 * np.cos(4.0 * theta + k) - 12.0 + 9.0 * k
+        wave = (
+            8.0 * np.cos(2.0 * theta)
+            - (3.0 + k) * np.sin(theta)
+            + 1.3 * np.cos(4.0 * theta + k)
+            - 12.0
+            + 9.0 * k
+        )
         tests.append(
             lb.CircularTest(
                 law.force_N(pressure),
@@ -88,14 +94,23 @@ class Writing:
 
     def table(self, test: lb.CircularTest) -> bytes:
         """The file of one test."""
-        angle, reading = self.angle(np.asarray(test.angle_deg)), self.reading(np.asarray(test.reading_um))
+        angle, reading = (
+            self.angle(np.asarray(test.angle_deg)),
+            self.reading(np.asarray(test.reading_um)),
+        )
         rows = []
         for a, r in zip(angle, reading, strict=True):
             cells = [f"{a:.{self.digits[0]}f}", f"{r:.{self.digits[1]}f}"]
             rows.append(self.row([self.cell(cell.replace(".", self.decimal)) for cell in cells]))
-        head = [] if self.header is None else [self.separator.join(self.row([self.cell(name) for name in self.header]))]
+        head = (
+            []
+            if self.header is None
+            else [self.separator.join(self.row([self.cell(name) for name in self.header]))]
+        )
         lines = [line.format(test=test) for line in self.above] + head
-        lines += [self.separator.join(cells) for cells in rows] + [line.format(test=test) for line in self.below]
+        lines += [self.separator.join(cells) for cells in rows] + [
+            line.format(test=test) for line in self.below
+        ]
         return self.end.join([*lines, ""]).encode(self.encoding)
 
     def with_units(self, *units: str) -> Writing:
@@ -106,14 +121,24 @@ class Writing:
 
     def files(self, suffix: str = ".csv") -> dict[str, bytes]:
         """One file a test, named by its force."""
-        return {f"{test.name} {test.pressure_bar:g} bar{suffix}": self.table(test) for test in campaign().tests}
+        return {
+            f"{test.name} {test.pressure_bar:g} bar{suffix}": self.table(test)
+            for test in campaign().tests
+        }
 
 
-def tidy(columns: Sequence[str], row: Callable[[lb.CircularTest, float, float], Sequence[str]], separator: str = ",") -> bytes:
+def tidy(
+    columns: Sequence[str],
+    row: Callable[[lb.CircularTest, float, float], Sequence[str]],
+    separator: str = ",",
+) -> bytes:
     """All tests in one table."""
     lines = [separator.join(columns)]
     for test in campaign().tests:
-        lines += [separator.join(row(test, a, r)) for a, r in zip(test.angle_deg, test.reading_um, strict=True)]
+        lines += [
+            separator.join(row(test, a, r))
+            for a, r in zip(test.angle_deg, test.reading_um, strict=True)
+        ]
     return "\n".join([*lines, ""]).encode()
 
 
@@ -142,7 +167,9 @@ def titled_sheet(book: Workbook) -> None:
     sheet.append([None, "test", "P (bar)", "theta (rad)", "rho (mm)", "remark"])
     for test in campaign().tests:
         for k, (a, r) in enumerate(zip(test.angles_rad(), test.reading_um, strict=True)):
-            sheet.append([None, test.name, test.pressure_bar, float(a), float(r) * 1e-3, "ok" if k else None])
+            sheet.append(
+                [None, test.name, test.pressure_bar, float(a), float(r) * 1e-3, "ok" if k else None]
+            )
 
 
 def numbered_sheets(book: Workbook) -> None:
@@ -160,30 +187,51 @@ def open_document() -> bytes:
     for test in campaign().tests:
         rows = [[f'string"><text:p>{name}</text:p>' for name in ("Winkel [°]", "Messwert [µm]")]]
         rows += [
-            [f'float" office:value="{float(x)!r}">' for x in row] for row in zip(test.angle_deg, test.reading_um, strict=True)
+            [f'float" office:value="{float(x)!r}">' for x in row]
+            for row in zip(test.angle_deg, test.reading_um, strict=True)
         ]
-        cells = ["".join(f'<table:table-cell office:value-type="{own}</table:table-cell>' for own in row) for row in rows]
+        cells = [
+            "".join(f'<table:table-cell office:value-type="{own}</table:table-cell>' for own in row)
+            for row in rows
+        ]
         filled = "".join(f"<table:table-row>{own}</table:table-row>" for own in cells)
         below = '<table:table-row table:number-rows-repeated="1048503"><table:table-cell/></table:table-row>'
-        sheets.append(f'<table:table table:name="{test.name} {test.pressure_bar:g} bar">{filled}{below}</table:table>')
-    names = "".join(f' xmlns:{own}="urn:oasis:names:tc:opendocument:xmlns:{own}:1.0"' for own in ("office", "table", "text"))
+        sheets.append(
+            f'<table:table table:name="{test.name} {test.pressure_bar:g} bar">{filled}{below}</table:table>'
+        )
+    names = "".join(
+        f' xmlns:{own}="urn:oasis:names:tc:opendocument:xmlns:{own}:1.0"'
+        for own in ("office", "table", "text")
+    )
     body = f"<office:body><office:spreadsheet>{''.join(sheets)}</office:spreadsheet></office:body>"
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
-        archive.writestr("META-INF/manifest.xml", '<m:manifest xmlns:m="urn:oasis:names:tc:opendocument:xmlns:manifest:1.0"/>')
-        archive.writestr("content.xml", f"<office:document-content{names}>{body}</office:document-content>")
+        archive.writestr(
+            "META-INF/manifest.xml",
+            '<m:manifest xmlns:m="urn:oasis:names:tc:opendocument:xmlns:manifest:1.0"/>',
+        )
+        archive.writestr(
+            "content.xml", f"<office:document-content{names}>{body}</office:document-content>"
+        )
     return stream.getvalue()
 
 
 def wide(angle: str, names: Sequence[str], separator: str = ",", decimal: str = ".") -> bytes:
     """All tests side by side, readings in mm."""
-    rows = zip(campaign().tests[0].angle_deg, *(test.reading_um for test in campaign().tests), strict=True)
-    lines = [separator.join([f"{a:g}", *(f"{r * 1e-3:.5f}" for r in readings)]).replace(".", decimal) for a, *readings in rows]
+    rows = zip(
+        campaign().tests[0].angle_deg, *(test.reading_um for test in campaign().tests), strict=True
+    )
+    lines = [
+        separator.join([f"{a:g}", *(f"{r * 1e-3:.5f}" for r in readings)]).replace(".", decimal)
+        for a, *readings in rows
+    ]
     return "\n".join([separator.join([angle, *names]), *lines, ""]).encode()
 
 
-def log(unit_s: float, digits: int, *, clockwise: bool = False, run_in_deg: float = 0.0) -> dict[str, bytes]:
+def log(
+    unit_s: float, digits: int, *, clockwise: bool = False, run_in_deg: float = 0.0
+) -> dict[str, bytes]:
     """Time and reading of circles run at constant feed, with run-in and run-out."""
     files = {}
     for test in campaign().tests:
@@ -193,9 +241,16 @@ def log(unit_s: float, digits: int, *, clockwise: bool = False, run_in_deg: floa
         reading = np.asarray(test.reading_um)[(-order if clockwise else order) % READINGS]
         seconds = np.deg2rad(step) * 150.0 / (FEED_MM_PER_MIN / 60.0) * (order + lead)
         lines = [f"{seconds[k] / unit_s:.{digits}f};{reading[k]:.2f}" for k in range(len(order))]
-        head = [f"Pressure: {test.pressure_bar:g} bar", f"Feed {FEED_MM_PER_MIN:g} mm/min", f"Overshoot {run_in_deg:g} deg", ""]
+        head = [
+            f"Pressure: {test.pressure_bar:g} bar",
+            f"Feed {FEED_MM_PER_MIN:g} mm/min",
+            f"Overshoot {run_in_deg:g} deg",
+            "",
+        ]
         unit = {1.0: "s", 1e-3: "ms"}[unit_s]
-        files[f"{test.name}.txt"] = "\n".join([*head, f"t ({unit});deviation (um)", *lines, ""]).encode()
+        files[f"{test.name}.txt"] = "\n".join(
+            [*head, f"t ({unit});deviation (um)", *lines, ""]
+        ).encode()
     return files
 
 
@@ -209,10 +264,15 @@ def by_the_clock(files: Mapping[str, bytes], *, twelve: bool = False) -> dict[st
         since = (86_390.0 + float(seconds)) % 86_400.0
         hour, rest = int(since // 3600), f"{int(since // 60) % 60:02d}:{since % 60.0:09.6f}"
         return (
-            f"{(hour + 11) % 12 + 1}:{rest} {'PM' if hour > 11 else 'AM'};{reading}" if twelve else f"{hour:02d}:{rest};{reading}"
+            f"{(hour + 11) % 12 + 1}:{rest} {'PM' if hour > 11 else 'AM'};{reading}"
+            if twelve
+            else f"{hour:02d}:{rest};{reading}"
         )
 
-    return {name: "\n".join(row(line) for line in content.decode().split("\n")).encode() for name, content in files.items()}
+    return {
+        name: "\n".join(row(line) for line in content.decode().split("\n")).encode()
+        for name, content in files.items()
+    }
 
 
 def laps(count: int) -> dict[str, bytes]:
@@ -222,7 +282,10 @@ def laps(count: int) -> dict[str, bytes]:
         lines = ["lap,angle_deg,reading_um"]
         for lap in range(count):
             off = 0.5 * (lap - (count - 1) / 2)
-            lines += [f"{lap + 1},{a:.4f},{r + off:.2f}" for a, r in zip(test.angle_deg, test.reading_um, strict=True)]
+            lines += [
+                f"{lap + 1},{a:.4f},{r + off:.2f}"
+                for a, r in zip(test.angle_deg, test.reading_um, strict=True)
+            ]
         files[f"{test.name} {test.pressure_bar:g} bar.csv"] = "\n".join([*lines, ""]).encode()
     return files
 
@@ -238,13 +301,20 @@ CASES: dict[str, Case] = {
     "03_tab": Case("tabs and decimal commas", Writing("\t", ",").files(".txt")),
     "04_bar": Case("vertical bars with blanks around them", Writing(" | ").files(".txt")),
     "05_blanks": Case(
-        "columns aligned with blanks", Writing(" ", cell=lambda cell: f"{cell:>14}", header=("angle", "reading")).files(".dat")
+        "columns aligned with blanks",
+        Writing(" ", cell=lambda cell: f"{cell:>14}", header=("angle", "reading")).files(".dat"),
     ),
     "06_utf8_mark": Case("a byte-order mark", Writing(encoding="utf-8-sig").files()),
-    "07_utf16": Case("UTF-16 with a mark, as spreadsheets' 'Unicode text'", Writing("\t", encoding="utf-16").files(".txt")),
-    "08_utf16_bare": Case("UTF-16, big-endian, no mark", Writing("\t", encoding="utf-16-be").files(".txt")),
+    "07_utf16": Case(
+        "UTF-16 with a mark, as spreadsheets' 'Unicode text'",
+        Writing("\t", encoding="utf-16").files(".txt"),
+    ),
+    "08_utf16_bare": Case(
+        "UTF-16, big-endian, no mark", Writing("\t", encoding="utf-16-be").files(".txt")
+    ),
     "09_windows": Case(
-        "Windows-1252 with µ and °", Writing(";", ",", ("Winkel [°]", "Abweichung [µm]"), encoding="cp1252").files()
+        "Windows-1252 with µ and °",
+        Writing(";", ",", ("Winkel [°]", "Abweichung [µm]"), encoding="cp1252").files(),
     ),
     "10_cr": Case("lines that end as on an old Macintosh", Writing(end="\r").files()),
     "11_trailing": Case(
@@ -254,7 +324,14 @@ CASES: dict[str, Case] = {
     "12_preamble": Case(
         "an instrument's lines above the table",
         Writing(
-            above=["LDBB log v2.1", "Operator: J. D.", "Pressure: {test.pressure_bar:g} bar", "Radius 150 mm", "", "--- data ---"]
+            above=[
+                "LDBB log v2.1",
+                "Operator: J. D.",
+                "Pressure: {test.pressure_bar:g} bar",
+                "Radius 150 mm",
+                "",
+                "--- data ---",
+            ]
         ).files(),
     ),
     "13_units_below": Case(
@@ -263,30 +340,47 @@ CASES: dict[str, Case] = {
     ),
     "14_words": Case(
         "German headers, millimetres",
-        Writing(";", ",", ("Winkel in Grad", "Messwert in mm"), reading=lambda r: r * 1e-3, digits=(4, 5)).files(),
+        Writing(
+            ";",
+            ",",
+            ("Winkel in Grad", "Messwert in mm"),
+            reading=lambda r: r * 1e-3,
+            digits=(4, 5),
+        ).files(),
     ),
     "15_brackets": Case(
         "units in brackets, readings in nanometres",
-        Writing(header=("theta (deg)", "rho {nm}"), reading=lambda r: r * 1e3, digits=(3, 0)).files(),
+        Writing(
+            header=("theta (deg)", "rho {nm}"), reading=lambda r: r * 1e3, digits=(3, 0)
+        ).files(),
     ),
-    "16_radians": Case("radians", Writing(header=("angle_rad", "reading_um"), angle=np.deg2rad, digits=(10, 2)).files()),
+    "16_radians": Case(
+        "radians",
+        Writing(header=("angle_rad", "reading_um"), angle=np.deg2rad, digits=(10, 2)).files(),
+    ),
     "17_gon": Case(
         "gon, and the header does not say so",
         Writing(header=("angle", "reading_um"), angle=lambda a: a / 0.9, digits=(6, 2)).files(),
         ("--angle-unit", "gon"),
     ),
     "18_inch": Case(
-        "inches", Writing(header=("angle (deg)", "deviation (in)"), reading=lambda r: r / 25_400.0, digits=(4, 9)).files()
+        "inches",
+        Writing(
+            header=("angle (deg)", "deviation (in)"), reading=lambda r: r / 25_400.0, digits=(4, 9)
+        ).files(),
     ),
     "19_distances": Case(
         "distances of the balls instead of deviations",
-        Writing(header=("angle (deg)", "radius (mm)"), reading=lambda r: 150.0 + r * 1e-3, digits=(4, 5)).files(),
+        Writing(
+            header=("angle (deg)", "radius (mm)"), reading=lambda r: 150.0 + r * 1e-3, digits=(4, 5)
+        ).files(),
     ),
     "20_no_header": Case("no header at all", Writing(header=None).files(".txt")),
     "21_other_columns": Case(
         "other columns between, angle last",
         Writing(
-            header=("angle_deg", "reading_um"), row=lambda c: ["A7", c[1], "21.4" if c[1][-1].isdigit() else "temperature", c[0]]
+            header=("angle_deg", "reading_um"),
+            row=lambda c: ["A7", c[1], "21.4" if c[1][-1].isdigit() else "temperature", c[0]],
         ).files(),
     ),
     "22_tidy_psi": Case(
@@ -294,7 +388,12 @@ CASES: dict[str, Case] = {
         {
             "all.csv": tidy(
                 ["run", "P (psi)", "angle_deg", "reading_um"],
-                lambda t, a, r: [t.name, f"{t.pressure_bar / 0.0689475729317831:.9f}", f"{a:g}", f"{r:.2f}"],
+                lambda t, a, r: [
+                    t.name,
+                    f"{t.pressure_bar / 0.0689475729317831:.9f}",
+                    f"{a:g}",
+                    f"{r:.2f}",
+                ],
             )
         },
     ),
@@ -309,7 +408,9 @@ CASES: dict[str, Case] = {
     ),
     "24_log": Case("readings over time in s, with feed and run-in", log(1.0, 7, run_in_deg=45.0)),
     "25_log_ms": Case(
-        "over time in ms, clockwise from 0°", log(1e-3, 4, clockwise=True), ("--start-deg", "0", "--direction", "CW")
+        "over time in ms, clockwise from 0°",
+        log(1e-3, 4, clockwise=True),
+        ("--start-deg", "0", "--direction", "CW"),
     ),
     "26_laps": Case("three laps of each circle, to be averaged", laps(3), ("--laps", "average")),
     "27_thousands": Case(
@@ -322,32 +423,53 @@ CASES: dict[str, Case] = {
             cell=lambda c: c if not c[-1].isdigit() else f"{float(c):,.1f}",
         ).files(),
     ),
-    "28_workbook": Case("a workbook, one sheet a test, one of them empty", {"book.xlsx": workbook(one_sheet_a_test)}),
-    "29_titled_workbook": Case("a workbook with a title, an empty column, remarks", {"book.xlsx": workbook(titled_sheet)}),
+    "28_workbook": Case(
+        "a workbook, one sheet a test, one of them empty", {"book.xlsx": workbook(one_sheet_a_test)}
+    ),
+    "29_titled_workbook": Case(
+        "a workbook with a title, an empty column, remarks", {"book.xlsx": workbook(titled_sheet)}
+    ),
     "30_quotes": Case("every cell in quotes", Writing(cell=lambda cell: f'"{cell}"').files()),
     "31_turned": Case(
         "angles counted clockwise from the second axis",
         Writing(angle=turned).files(),
         ("--angle-sign", "-1", "--angle-offset-deg", "90"),
     ),
-    "32_sign": Case("a longer bar counts as negative", Writing(reading=lambda r: -r).files(), ("--sign", "-1")),
-    "33_footer": Case("lines below the table", Writing(below=["", "end of file", "checked: yes"]).files()),
+    "32_sign": Case(
+        "a longer bar counts as negative", Writing(reading=lambda r: -r).files(), ("--sign", "-1")
+    ),
+    "33_footer": Case(
+        "lines below the table", Writing(below=["", "end of file", "checked: yes"]).files()
+    ),
     "34_comments": Case(
-        "comments above the table", Writing(above=["# exported from the bar", "# force = {test.force_N:.6f} N"]).files()
+        "comments above the table",
+        Writing(above=["# exported from the bar", "# force = {test.force_N:.6f} N"]).files(),
     ),
     "35_exponents": Case(
-        "Fortran exponents", Writing(cell=lambda c: c if not c[-1].isdigit() else f"{float(c):.8E}".replace("E", "D")).files()
+        "Fortran exponents",
+        Writing(
+            cell=lambda c: c if not c[-1].isdigit() else f"{float(c):.8E}".replace("E", "D")
+        ).files(),
     ),
-    "36_minus": Case("a typographic minus sign", Writing(cell=lambda c: c.replace("-", "−")).files()),
+    "36_minus": Case(
+        "a typographic minus sign", Writing(cell=lambda c: c.replace("-", "−")).files()
+    ),
     "37_clock": Case("over time of day, past midnight", by_the_clock(log(1.0, 6, run_in_deg=45.0))),
     "38_twelve_hours": Case(
-        "over time of day with AM and PM, past midnight", by_the_clock(log(1.0, 6, run_in_deg=45.0), twelve=True)
+        "over time of day with AM and PM, past midnight",
+        by_the_clock(log(1.0, 6, run_in_deg=45.0), twelve=True),
     ),
     "39_wide": Case(
         "one table with a column for each test, decimal commas",
         {
             "all.csv": wide(
-                "Winkel [°]", [f"{t.name} {t.pressure_bar:g} bar [mm]".replace(".", ",") for t in campaign().tests], ";", ","
+                "Winkel [°]",
+                [
+                    f"{t.name} {t.pressure_bar:g} bar [mm]".replace(".", ",")
+                    for t in campaign().tests
+                ],
+                ";",
+                ",",
             )
         },
     ),
@@ -367,11 +489,15 @@ CASES: dict[str, Case] = {
     "42_markdown": Case(
         "a table as it is written in notes",
         {
-            name: ("| angle_deg | reading_um |\n|---|---|\n" + content.decode().split("\n", 1)[1]).encode()
+            name: (
+                "| angle_deg | reading_um |\n|---|---|\n" + content.decode().split("\n", 1)[1]
+            ).encode()
             for name, content in Writing(" | ", row=lambda c: ["", *c, ""]).files(".md").items()
         },
     ),
-    "43_open_document": Case("an OpenDocument workbook, one sheet a test", {"book.ods": open_document()}),
+    "43_open_document": Case(
+        "an OpenDocument workbook, one sheet a test", {"book.ods": open_document()}
+    ),
 }
 
 
@@ -380,7 +506,14 @@ def main() -> None:
     if len(sys.argv) != 2:
         sys.exit("give the folder to write")
     root = Path(sys.argv[1])
-    lines = ["# Awkward files", "", "All import to one campaign.", "", "| folder | awkward | options |", "|---|---|---|"]
+    lines = [
+        "# Awkward files",
+        "",
+        "All import to one campaign.",
+        "",
+        "| folder | awkward | options |",
+        "|---|---|---|",
+    ]
     for name, case in CASES.items():
         folder = root / name
         folder.mkdir(parents=True, exist_ok=True)

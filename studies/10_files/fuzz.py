@@ -141,7 +141,9 @@ def written() -> dict[str, bytes]:
         posterior = lb.sample(model, campaign, seed=1, walkers=48, rule=rule)
         lb.save(posterior, place / "posterior.nc")
         for command, options in (("compare", ()), ("design", ("--tests", "4"))):
-            done = CliRunner().invoke(app, [command, str(place / "campaign"), "--out", str(place / command), *options])
+            done = CliRunner().invoke(
+                app, [command, str(place / "campaign"), "--out", str(place / command), *options]
+            )
             assert done.exit_code == 0, done.output
         return {
             "campaign": (place / "campaign" / "campaign.toml").read_bytes(),
@@ -168,10 +170,28 @@ def read_posterior(path: Path) -> object:
 
 def readers(own: Mapping[str, bytes]) -> dict[str, Reader]:
     """All of them, with what `written` wrote; shares add to one."""
-    texts = [content for case in awkward.CASES.values() for file, content in case.files.items() if not file.endswith("xlsx")]
-    texts += [case.content for case in malformed.CASES.values() if case.file.endswith("csv") and len(case.content) < 20_000]
-    books = [content for case in awkward.CASES.values() for file, content in case.files.items() if file.endswith("xlsx")]
-    books += [case.content for case in malformed.CASES.values() if case.file.endswith("xlsx") and len(case.content) < 20_000]
+    texts = [
+        content
+        for case in awkward.CASES.values()
+        for file, content in case.files.items()
+        if not file.endswith("xlsx")
+    ]
+    texts += [
+        case.content
+        for case in malformed.CASES.values()
+        if case.file.endswith("csv") and len(case.content) < 20_000
+    ]
+    books = [
+        content
+        for case in awkward.CASES.values()
+        for file, content in case.files.items()
+        if file.endswith("xlsx")
+    ]
+    books += [
+        case.content
+        for case in malformed.CASES.values()
+        if case.file.endswith("xlsx") and len(case.content) < 20_000
+    ]
     tidy = b"test,force_N,angle_deg,reading_um\n" + b"".join(
         b"%d,%d,%d,1.5\n" % (k // 36, 36 + k // 36, 10 * (k % 36)) for k in range(72)
     )
@@ -183,10 +203,14 @@ def readers(own: Mapping[str, bytes]) -> dict[str, Reader]:
         "import, workbook": Reader("light 1 bar.xlsx", books, lb.import_campaign, 0.04),
         "layout": Reader("layout.toml", [layout], lb.read_layout, 0.10),
         "tidy table": Reader("tidy.csv", [tidy], lb.read_campaign, 0.15),
-        "campaign.toml": Reader("campaign.toml", [own.get("campaign", b"")], read_campaign_toml, 0.08),
+        "campaign.toml": Reader(
+            "campaign.toml", [own.get("campaign", b"")], read_campaign_toml, 0.08
+        ),
         "model": Reader("model.toml", [model], read_model, 0.08),
         "truths": Reader("truths.toml", [truths], read_truths, 0.06),
-        "comparison": Reader("comparison.json", [own.get("comparison", b"")], read_comparison, 0.02),
+        "comparison": Reader(
+            "comparison.json", [own.get("comparison", b"")], read_comparison, 0.02
+        ),
         "design": Reader("design.json", [own.get("design", b"")], read_design, 0.02),
         "posterior": Reader("posterior.nc", [own.get("posterior", b"")], read_posterior, 0.01),
     }
@@ -238,7 +262,9 @@ def mutated_workbook(raw: bytes, rng: np.random.Generator) -> bytes:
             names = old.namelist()
             chosen = names[int(rng.integers(len(names)))]
             for name in names:
-                new.writestr(name, mutated(old.read(name), rng) if name == chosen else old.read(name))
+                new.writestr(
+                    name, mutated(old.read(name), rng) if name == chosen else old.read(name)
+                )
     except (zipfile.BadZipFile, RuntimeError):
         return mutated(raw, rng)
     return stream.getvalue()
@@ -268,7 +294,9 @@ def fuzz(name: str, inputs: int, seed: int, own: Mapping[str, bytes]) -> Finding
             except lb.InputError as error:
                 refused += 1
                 if "\n" in str(error) or len(str(error)) > 1500:
-                    wrong.append(f"input {k}: a message of {len(str(error))} signs: {str(error)[:200]!r}")
+                    wrong.append(
+                        f"input {k}: a message of {len(str(error))} signs: {str(error)[:200]!r}"
+                    )
             except Exception as error:  # noqa: BLE001
                 wrong.append(f"input {k}: {type(error).__name__}: {str(error)[:200]}")
                 keep(name, k, content)
@@ -296,7 +324,9 @@ def _largest_mb() -> float:
     """Of this process since it began; what getrusage says holds the process it was started from."""
     status = Path("/proc/self/status")
     said = re.search(r"VmHWM:\s+(\d+) kB", status.read_text()) if status.is_file() else None
-    return (float(said[1]) if said else float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)) / 1024.0
+    return (
+        float(said[1]) if said else float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    ) / 1024.0
 
 
 def _too_long(*_: object) -> None:
@@ -310,14 +340,19 @@ def fuzz_all(inputs: int, seed: int, names: Sequence[str], workers: int = 2) -> 
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context, max_tasks_per_child=1) as pool:
         total = sum(known[name].share for name in names)
-        jobs = [pool.submit(fuzz, name, round(inputs * known[name].share / total), seed, own) for name in names]
+        jobs = [
+            pool.submit(fuzz, name, round(inputs * known[name].share / total), seed, own)
+            for name in names
+        ]
         for job in jobs:
             yield job.result()
 
 
 def main() -> None:
     """Fuzz and say what was found; exit code 1 when anything was."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--inputs", type=int, default=INPUTS)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--reader", action="append", choices=list(readers({})))

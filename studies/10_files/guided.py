@@ -20,7 +20,10 @@ READERS = ("import, text", "import, workbook", "layout", "tidy table", "campaign
 # Of memory, with what libFuzzer itself gathers (1 kB an input with pandas, which without it stays flat): `fuzz.py` measures.
 LIMIT_S, LIMIT_MB, LONGEST = 2, 1000, 20_000
 # What libFuzzer says at the end.
-_SAID = {"inputs": r"stat::number_of_executed_units:\s+(\d+)", "largest_mb": r"stat::peak_rss_mb:\s+(\d+)"}
+_SAID = {
+    "inputs": r"stat::number_of_executed_units:\s+(\d+)",
+    "largest_mb": r"stat::peak_rss_mb:\s+(\d+)",
+}
 
 
 def hunt(name: str, corpus: Path, seconds: int) -> None:
@@ -28,7 +31,12 @@ def hunt(name: str, corpus: Path, seconds: int) -> None:
     import atheris
 
     with atheris.instrument_imports(
-        include=["ldbb_bayes.campaign", "ldbb_bayes.campaign", "ldbb_bayes.files", "ldbb_bayes.model.specification"]
+        include=[
+            "ldbb_bayes.campaign",
+            "ldbb_bayes.campaign",
+            "ldbb_bayes.files",
+            "ldbb_bayes.model.specification",
+        ]
     ):
         import ldbb_bayes.campaign.folder
         import ldbb_bayes.campaign.importing
@@ -51,9 +59,22 @@ def hunt(name: str, corpus: Path, seconds: int) -> None:
         except lb.InputError:
             return
 
-    options = [f"-max_total_time={seconds}", f"-timeout={LIMIT_S}", f"-rss_limit_mb={LIMIT_MB}", f"-max_len={LONGEST}"]
+    options = [
+        f"-max_total_time={seconds}",
+        f"-timeout={LIMIT_S}",
+        f"-rss_limit_mb={LIMIT_MB}",
+        f"-max_len={LONGEST}",
+    ]
     atheris.Setup(
-        [sys.argv[0], *options, "-print_final_stats=1", "-seed=1", f"-artifact_prefix={corpus}/found-", str(corpus)], one
+        [
+            sys.argv[0],
+            *options,
+            "-print_final_stats=1",
+            "-seed=1",
+            f"-artifact_prefix={corpus}/found-",
+            str(corpus),
+        ],
+        one,
     )
     atheris.Fuzz()
 
@@ -73,23 +94,40 @@ def hunted(name: str, seconds: int) -> dict[str, Any]:
     """What libFuzzer found: inputs run, lines' edges first and last, what was wrong."""
     with tempfile.TemporaryDirectory() as corpus:
         done = subprocess.run(
-            [sys.executable, __file__, "--reader", name, "--corpus", corpus, "--seconds", str(seconds)],
+            [
+                sys.executable,
+                __file__,
+                "--reader",
+                name,
+                "--corpus",
+                corpus,
+                "--seconds",
+                str(seconds),
+            ],
             capture_output=True,
             text=True,
             errors="replace",
             check=False,
         )
         covered = [int(value) for value in re.findall(r"cov: (\d+)", done.stderr)]
-        numbers = {key: int(match[1]) if (match := re.search(sign, done.stderr)) else 0 for key, sign in _SAID.items()}
+        numbers = {
+            key: int(match[1]) if (match := re.search(sign, done.stderr)) else 0
+            for key, sign in _SAID.items()
+        }
         wrong = sorted(path.name for path in Path(corpus).glob("found-*"))
         said = [] if done.returncode == 0 else done.stderr.strip().splitlines()[-25:]
-    edges = {"edges_at_first": covered[0] if covered else 0, "edges_at_last": covered[-1] if covered else 0}
+    edges = {
+        "edges_at_first": covered[0] if covered else 0,
+        "edges_at_last": covered[-1] if covered else 0,
+    }
     return {"reader": name, "seconds": seconds, **numbers, **edges, "wrong": wrong, "said": said}
 
 
 def main() -> None:
     """Hunt through all readers one after the other."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--seconds", type=int, default=600, help="of each reader")
     parser.add_argument("--write", action="store_true", help="write guided.json")
     parser.add_argument("--reader", choices=READERS, help=argparse.SUPPRESS)

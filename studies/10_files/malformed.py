@@ -76,13 +76,21 @@ def put(cell: str, value: object) -> Callable[[Workbook], None]:
 
 
 def labelled(label: str) -> list[list[object]]:
-    return [["test", "force_N", "angle_deg", "reading_um"], *([label, 36, 5 * k, k % 7] for k in range(72))]
+    return [
+        ["test", "force_N", "angle_deg", "reading_um"],
+        *([label, 36, 5 * k, k % 7] for k in range(72)),
+    ]
 
 
-def repacked(raw: bytes, change: Callable[[str, bytes], bytes | None], extra: dict[str, bytes] | None = None) -> bytes:
+def repacked(
+    raw: bytes, change: Callable[[str, bytes], bytes | None], extra: dict[str, bytes] | None = None
+) -> bytes:
     """A workbook with its parts changed (None: left out) and others added."""
     stream = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(raw)) as old, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as new:
+    with (
+        zipfile.ZipFile(io.BytesIO(raw)) as old,
+        zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as new,
+    ):
         for part in old.infolist():
             content = change(part.filename, old.read(part))
             if content is not None:
@@ -94,7 +102,9 @@ def repacked(raw: bytes, change: Callable[[str, bytes], bytes | None], extra: di
 
 def bomb(raw: bytes) -> bytes:
     """A last part of a quarter of a megabyte, a thousand times as much unpacked by its entry in the list of parts."""
-    content = bytearray(repacked(raw, lambda name, own: own, {"xl/big.xml": random.Random(1).randbytes(2**18)}))
+    content = bytearray(
+        repacked(raw, lambda name, own: own, {"xl/big.xml": random.Random(1).randbytes(2**18)})
+    )
     struct.pack_into("<I", content, content.rfind(b"PK\x01\x02") + 24, 2**28 + 2**20)
     return bytes(content)
 
@@ -102,22 +112,35 @@ def bomb(raw: bytes) -> bytes:
 def compound(name: str, content: bytes) -> bytes:
     """A compound file of one stream, as old workbooks and those with a password are."""
     size, no, end = len(content) // 512, 0xFFFFFFFF, 0xFFFFFFFE
-    chain = struct.pack(f"<{size + 2}I", 0xFFFFFFFD, end, *range(3, size + 2), end).ljust(512, b"\xff")
+    chain = struct.pack(f"<{size + 2}I", 0xFFFFFFFD, end, *range(3, size + 2), end).ljust(
+        512, b"\xff"
+    )
 
     def entry(name: str, kind: int, child: int, start: int, size: int) -> bytes:
         text = name.encode("utf-16-le") + bytes(2)
-        return struct.pack("<64sHBBIII16xIQQIQ", text, len(text), kind, 1, no, no, child, 0, 0, 0, start, size)
+        return struct.pack(
+            "<64sHBBIII16xIQQIQ", text, len(text), kind, 1, no, no, child, 0, 0, 0, start, size
+        )
 
     directory = entry("Root Entry", 5, 1, end, 0) + entry(name, 2, no, 2, len(content)) + bytes(256)
     signs = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-    head = struct.pack("<8s16xHHHHH6x10I", signs, 62, 3, 0xFFFE, 9, 6, 0, 1, 1, 0, 4096, end, 0, end, 0, 0)
+    head = struct.pack(
+        "<8s16xHHHHH6x10I", signs, 62, 3, 0xFFFE, 9, 6, 0, 1, 1, 0, 4096, end, 0, end, 0, 0
+    )
     return head.ljust(512, b"\xff") + chain + directory + content
 
 
 # The beginning of a sheet, and that it is encrypted.
-LOCKED = struct.pack("<HHHHHHII", 0x809, 16, 0x600, 5, 0, 1997, 0, 6) + struct.pack("<HHHHH48x", 0x2F, 54, 1, 1, 1)
+LOCKED = struct.pack("<HHHHHHII", 0x809, 16, 0x600, 5, 0, 1997, 0, 6) + struct.pack(
+    "<HHHHH48x", 0x2F, 54, 1, 1, 1
+)
 BOOK = sheet(lambda book: None)
-LOG = ["Pressure 1 bar", "t (s);reading (um)", *(f"{0.3 * k:.2f};{k % 7}.5" for k in range(100)), ""]
+LOG = [
+    "Pressure 1 bar",
+    "t (s);reading (um)",
+    *(f"{0.3 * k:.2f};{k % 7}.5" for k in range(100)),
+    "",
+]
 TIDY = ["test,force_N,angle_deg,reading_um", *(f"a,36,{5 * k},{k % 5}.5" for k in range(72)), ""]
 
 
@@ -138,34 +161,61 @@ CASES: dict[str, Malformed] = {
     "03_header_alone": Malformed("a header and no row", LINES[0].encode(), (NAME, "table")),
     "04_words": Malformed("prose", b"This is a letter.\nIt has no table.\n" * 9, (NAME, "table")),
     "05_one_column": Malformed(
-        "readings without angles", "\n".join(line.split(",")[1] for line in LINES).encode(), (NAME, "table")
+        "readings without angles",
+        "\n".join(line.split(",")[1] for line in LINES).encode(),
+        (NAME, "table"),
     ),
-    "06_eight_rows": Malformed("too few readings", "\n".join(LINES[:9]).encode(), (NAME, "at least 9")),
+    "06_eight_rows": Malformed(
+        "too few readings", "\n".join(LINES[:9]).encode(), (NAME, "at least 9")
+    ),
     "07_arc": Malformed("a quarter of a circle", "\n".join(LINES[:20]).encode(), (NAME, "180°")),
-    "08_word_in_row": Malformed("a word for a reading", with_line(40, "195.0,missing"), (NAME, "line 40", "'missing'")),
+    "08_word_in_row": Malformed(
+        "a word for a reading", with_line(40, "195.0,missing"), (NAME, "line 40", "'missing'")
+    ),
     "09_empty_cell": Malformed("an empty cell", with_line(40, "195.0,"), (NAME, "line 40")),
     "10_nan": Malformed("nan", with_line(40, "195.0,nan"), (NAME, "line 40", "'nan'")),
     "11_infinite": Malformed("infinity", with_line(40, "195.0,inf"), (NAME, "line 40", "'inf'")),
-    "12_overflow": Malformed("a number beyond all doubles", with_line(40, "195.0,1e999"), (NAME, "line 40", "'1e999'")),
-    "13_short_row": Malformed("a cell missing", with_line(40, "195.0"), (NAME, "line 40", "2 cells")),
-    "14_long_row": Malformed("a cell too many", with_line(40, "195.0,1.0,2.0"), (NAME, "line 40", "2 cells")),
+    "12_overflow": Malformed(
+        "a number beyond all doubles", with_line(40, "195.0,1e999"), (NAME, "line 40", "'1e999'")
+    ),
+    "13_short_row": Malformed(
+        "a cell missing", with_line(40, "195.0"), (NAME, "line 40", "2 cells")
+    ),
+    "14_long_row": Malformed(
+        "a cell too many", with_line(40, "195.0,1.0,2.0"), (NAME, "line 40", "2 cells")
+    ),
     "15_comma_comma": Malformed(
         "decimal commas between commas",
         "\n".join([LINES[0], *(line.replace(".", ",") for line in LINES[1:])]).encode(),
         (NAME, "semicolons"),
     ),
-    "16_mixed_decimal": Malformed("points, then commas", with_line(40, '195.0,"1,5"'), (NAME, "line 40", "decimal mark")),
-    "17_two_marks": Malformed(
-        "1.234.5", Writing(";").table(TEST).decode().replace("195.0000;", "195.0.00;").encode(), (NAME, "line 41", "angle")
+    "16_mixed_decimal": Malformed(
+        "points, then commas", with_line(40, '195.0,"1,5"'), (NAME, "line 40", "decimal mark")
     ),
-    "18_open_quote": Malformed("a quote never closed", with_line(40, '195.0,"1.5'), (NAME, "line 40", "quotes")),
+    "17_two_marks": Malformed(
+        "1.234.5",
+        Writing(";").table(TEST).decode().replace("195.0000;", "195.0.00;").encode(),
+        (NAME, "line 41", "angle"),
+    ),
+    "18_open_quote": Malformed(
+        "a quote never closed", with_line(40, '195.0,"1.5'), (NAME, "line 40", "quotes")
+    ),
     "19_underscore": Malformed("1_000", with_line(40, "195.0,1_000"), (NAME, "line 40", "'1_000'")),
     "20_hex": Malformed("0x1F", with_line(40, "195.0,0x1F"), (NAME, "line 40", "'0x1F'")),
-    "21_hidden_word": Malformed("a row of words in the middle", with_line(40, "pause,here"), (NAME, "line 40", "'pause'")),
-    "22_two_tables": Malformed("two tables below each other", (PLAIN + PLAIN).encode(), (NAME, f"line {READINGS + 2}")),
-    "23_no_load": Malformed("no force, no pressure", PLAIN.encode(), ("table.csv", "force or pressure"), "table.csv"),
+    "21_hidden_word": Malformed(
+        "a row of words in the middle", with_line(40, "pause,here"), (NAME, "line 40", "'pause'")
+    ),
+    "22_two_tables": Malformed(
+        "two tables below each other", (PLAIN + PLAIN).encode(), (NAME, f"line {READINGS + 2}")
+    ),
+    "23_no_load": Malformed(
+        "no force, no pressure", PLAIN.encode(), ("table.csv", "force or pressure"), "table.csv"
+    ),
     "24_force_changes": Malformed(
-        "force changes in one test", tidy(40, "a,37,195,1.5"), ("all.csv", "'a'", "same in all rows"), "all.csv"
+        "force changes in one test",
+        tidy(40, "a,37,195,1.5"),
+        ("all.csv", "'a'", "same in all rows"),
+        "all.csv",
     ),
     "25_negative_force": Malformed(
         "a force below zero",
@@ -175,19 +225,26 @@ CASES: dict[str, Malformed] = {
     ),
     "26_direction": Malformed(
         "a direction nobody knows",
-        "\n".join(["angle_deg,reading_um,direction", *(f"{5 * k},{k % 5}.5,west" for k in range(72))]).encode(),
+        "\n".join(
+            ["angle_deg,reading_um,direction", *(f"{5 * k},{k % 5}.5,west" for k in range(72))]
+        ).encode(),
         (NAME, "WEST"),
     ),
     "27_both_directions": Malformed(
         "two directions in one test",
         "\n".join(
-            ["angle_deg,reading_um,direction", *(f"{5 * k},{k % 5}.5,{'CW' if k % 2 else 'CCW'}" for k in range(72))]
+            [
+                "angle_deg,reading_um,direction",
+                *(f"{5 * k},{k % 5}.5,{'CW' if k % 2 else 'CCW'}" for k in range(72)),
+            ]
         ).encode(),
         (NAME, "CCW, CW"),
     ),
     "28_two_readings": Malformed(
         "two columns that may be the reading",
-        "\n".join(["angle_deg,reading_um,deviation_um", *(f"{5 * k},{k % 5}.5,1.5" for k in range(72))]).encode(),
+        "\n".join(
+            ["angle_deg,reading_um,deviation_um", *(f"{5 * k},{k % 5}.5,1.5" for k in range(72))]
+        ).encode(),
         (NAME, "line 1", "--reading-column"),
     ),
     "29_no_reading": Malformed(
@@ -216,11 +273,21 @@ CASES: dict[str, Malformed] = {
         (NAME, "unit"),
     ),
     "34_column_asked": Malformed(
-        "a column asked for that is not there", PLAIN.encode(), (NAME, "'rho'"), NAME, ("--reading-column", "rho")
+        "a column asked for that is not there",
+        PLAIN.encode(),
+        (NAME, "'rho'"),
+        NAME,
+        ("--reading-column", "rho"),
     ),
-    "35_column_number": Malformed("column 9 of 2", PLAIN.encode(), (NAME, "1 to 2"), NAME, ("--reading-column", "9")),
+    "35_column_number": Malformed(
+        "column 9 of 2", PLAIN.encode(), (NAME, "1 to 2"), NAME, ("--reading-column", "9")
+    ),
     "36_header_line": Malformed(
-        "a header line that is blank", PLAIN.encode(), (NAME, "line 900"), NAME, ("--header-line", "900")
+        "a header line that is blank",
+        PLAIN.encode(),
+        (NAME, "line 900"),
+        NAME,
+        ("--header-line", "900"),
     ),
     "37_binary": Malformed("noise", bytes(range(256)) * 40, (NAME, "line 2", "text")),
     "38_not_utf8": Malformed(
@@ -230,48 +297,95 @@ CASES: dict[str, Malformed] = {
         NAME,
         ("--encoding", "utf-8"),
     ),
-    "39_unknown_encoding": Malformed("an encoding nobody knows", PLAIN.encode(), ("'klingon'",), NAME, ("--encoding", "klingon")),
-    "40_odd_utf16": Malformed("UTF-16 that ends in half a sign", PLAIN.encode("utf-16") + b"x", (NAME, "utf-16")),
-    "41_long_line": Malformed("a line of 200 000 signs", with_line(40, "1," * 100_000), (NAME, "line 40", "signs")),
+    "39_unknown_encoding": Malformed(
+        "an encoding nobody knows", PLAIN.encode(), ("'klingon'",), NAME, ("--encoding", "klingon")
+    ),
+    "40_odd_utf16": Malformed(
+        "UTF-16 that ends in half a sign", PLAIN.encode("utf-16") + b"x", (NAME, "utf-16")
+    ),
+    "41_long_line": Malformed(
+        "a line of 200 000 signs", with_line(40, "1," * 100_000), (NAME, "line 40", "signs")
+    ),
     "42_old_workbook": Malformed(
-        "half a binary XLS", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(2000), ("book.xls", "cut"), "book.xls"
+        "half a binary XLS",
+        b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(2000),
+        ("book.xls", "cut"),
+        "book.xls",
     ),
     "43_time_back": Malformed(
-        "time runs back", log((50, "3.00;1.5")), ("log.csv", "time must increase"), "log.csv", ("--feed-mm-per-min", "2000")
+        "time runs back",
+        log((50, "3.00;1.5")),
+        ("log.csv", "time must increase"),
+        "log.csv",
+        ("--feed-mm-per-min", "2000"),
     ),
-    "44_no_feed": Malformed("a log without its feed", log(), ("log.csv", "--feed-mm-per-min"), "log.csv"),
+    "44_no_feed": Malformed(
+        "a log without its feed", log(), ("log.csv", "--feed-mm-per-min"), "log.csv"
+    ),
     "45_short_log": Malformed(
-        "a log that ends before half a turn", log(), ("log.csv", "half a turn"), "log.csv", ("--feed-mm-per-min", "100")
+        "a log that ends before half a turn",
+        log(),
+        ("log.csv", "half a turn"),
+        "log.csv",
+        ("--feed-mm-per-min", "100"),
     ),
     "46_averaged_arc": Malformed(
         "laps to be averaged that turn back",
-        "\n".join(["angle_deg,reading_um", *(f"{5 * k if k < 160 else 1600 - 5 * k},{k % 5}.5" for k in range(180))]).encode(),
+        "\n".join(
+            [
+                "angle_deg,reading_um",
+                *(f"{5 * k if k < 160 else 1600 - 5 * k},{k % 5}.5" for k in range(180)),
+            ]
+        ).encode(),
         (NAME, "one direction"),
         NAME,
         ("--laps", "average"),
     ),
     "47_formula": Malformed(
-        "a formula that was never calculated", sheet(put("B40", "=B39+1")), ("book.xlsx", "'36 N'", "line 40"), "book.xlsx"
+        "a formula that was never calculated",
+        sheet(put("B40", "=B39+1")),
+        ("book.xlsx", "'36 N'", "line 40"),
+        "book.xlsx",
     ),
-    "48_error_cell": Malformed("an error value", sheet(put("B40", "#DIV/0!")), ("book.xlsx", "line 40"), "book.xlsx"),
+    "48_error_cell": Malformed(
+        "an error value", sheet(put("B40", "#DIV/0!")), ("book.xlsx", "line 40"), "book.xlsx"
+    ),
     "49_date": Malformed(
         "a number the spreadsheet took for a date",
         sheet(put("B40", date(2026, 3, 4))),
         ("book.xlsx", "line 40", "date"),
         "book.xlsx",
     ),
-    "50_truth_value": Malformed("TRUE for a reading", sheet(put("B40", True)), ("book.xlsx", "line 40", "'True'"), "book.xlsx"),
+    "50_truth_value": Malformed(
+        "TRUE for a reading",
+        sheet(put("B40", True)),
+        ("book.xlsx", "line 40", "'True'"),
+        "book.xlsx",
+    ),
     "51_password": Malformed(
-        "a workbook with a password", compound("EncryptedPackage", bytes(4096)), ("book.xlsx", "password"), "book.xlsx"
+        "a workbook with a password",
+        compound("EncryptedPackage", bytes(4096)),
+        ("book.xlsx", "password"),
+        "book.xlsx",
     ),
     "51_old_password": Malformed(
-        "an old one with a password", compound("Workbook", LOCKED.ljust(4096, b"\0")), ("book.xls", "password"), "book.xls"
+        "an old one with a password",
+        compound("Workbook", LOCKED.ljust(4096, b"\0")),
+        ("book.xls", "password"),
+        "book.xls",
     ),
-    "52_cut_workbook": Malformed("half a workbook", BOOK[: len(BOOK) // 2], ("book.xlsx", "damaged"), "book.xlsx"),
+    "52_cut_workbook": Malformed(
+        "half a workbook", BOOK[: len(BOOK) // 2], ("book.xlsx", "damaged"), "book.xlsx"
+    ),
     "52_cut_old_workbook": Malformed(
-        "a cut binary XLS", compound("Workbook", LOCKED.ljust(4096, b"\0"))[:637], ("book.xls", "cut"), "book.xls"
+        "a cut binary XLS",
+        compound("Workbook", LOCKED.ljust(4096, b"\0"))[:637],
+        ("book.xls", "cut"),
+        "book.xls",
     ),
-    "53_not_a_workbook": Malformed("a table called .xlsx", PLAIN.encode(), ("book.xlsx", "damaged"), "book.xlsx"),
+    "53_not_a_workbook": Malformed(
+        "a table called .xlsx", PLAIN.encode(), ("book.xlsx", "damaged"), "book.xlsx"
+    ),
     "54_other_zip": Malformed(
         "a zip of something else",
         repacked(BOOK, lambda name, own: None, {"letter.txt": b"x"}),
@@ -292,16 +406,33 @@ CASES: dict[str, Malformed] = {
     ),
     "59_far_cell": Malformed(
         "a cell in the last corner of a sheet",
-        repacked(BOOK, lambda name, own: own.replace(b'r="A40"', b'r="XFD1048576"', 1) if name.endswith("sheet1.xml") else own),
+        repacked(
+            BOOK,
+            lambda name, own: (
+                own.replace(b'r="A40"', b'r="XFD1048576"', 1)
+                if name.endswith("sheet1.xml")
+                else own
+            ),
+        ),
         ("book.xlsx", "cell XFD1048576"),
         "book.xlsx",
     ),
     "60_sheet_asked": Malformed(
-        "a sheet asked for that is not there", BOOK, ("book.xlsx", "'40 N'"), "book.xlsx", ("--sheets", "40 N")
+        "a sheet asked for that is not there",
+        BOOK,
+        ("book.xlsx", "'40 N'"),
+        "book.xlsx",
+        ("--sheets", "40 N"),
     ),
-    "61_sheets_of_text": Malformed("sheets asked of a text file", PLAIN.encode(), (NAME, "workbook"), NAME, ("--sheets", "a")),
-    "62_zero_radius": Malformed("a radius of zero", PLAIN.encode(), ("radius_mm",), NAME, ("--radius-mm", "0")),
-    "63_header_again": Malformed("the header once more below five rows", with_line(7, LINES[0]), (NAME, "line 7")),
+    "61_sheets_of_text": Malformed(
+        "sheets asked of a text file", PLAIN.encode(), (NAME, "workbook"), NAME, ("--sheets", "a")
+    ),
+    "62_zero_radius": Malformed(
+        "a radius of zero", PLAIN.encode(), ("radius_mm",), NAME, ("--radius-mm", "0")
+    ),
+    "63_header_again": Malformed(
+        "the header once more below five rows", with_line(7, LINES[0]), (NAME, "line 7")
+    ),
     "64_label_formula": Malformed(
         "a formula for the name of the test, never calculated",
         workbook(lambda book: [book.active.append(row) for row in labelled('="T"&"0"')] and None),
@@ -309,14 +440,27 @@ CASES: dict[str, Malformed] = {
         "book.xlsx",
     ),
     "65_thousands": Malformed(
-        "a force of 1,000 N", b"Force: 1,000 N\n" + PLAIN.encode(), ("own.csv", "line 1", "--forces-N"), "own.csv"
+        "a force of 1,000 N",
+        b"Force: 1,000 N\n" + PLAIN.encode(),
+        ("own.csv", "line 1", "--forces-N"),
+        "own.csv",
     ),
     "66_not_distances": Malformed(
-        "deviations said to be distances", PLAIN.encode(), (NAME, "--zero"), NAME, ("--zero", "distance")
+        "deviations said to be distances",
+        PLAIN.encode(),
+        (NAME, "--zero"),
+        NAME,
+        ("--zero", "distance"),
     ),
     "67_other_radius": Malformed(
         "distances 5 mm off the radius",
-        "\n".join(["angle_deg,reading_mm", *(f"{5 * k},{155 + 0.001 * (k % 7):.3f}" for k in range(72)), ""]).encode(),
+        "\n".join(
+            [
+                "angle_deg,reading_mm",
+                *(f"{5 * k},{155 + 0.001 * (k % 7):.3f}" for k in range(72)),
+                "",
+            ]
+        ).encode(),
         (NAME, "--radius-mm"),
     ),
     "68_two_senses": Malformed(

@@ -33,15 +33,24 @@ def imported(folder: Path, case: awkward.Case) -> dict[str, Any]:
     for name, content in case.files.items():
         (folder / name).write_bytes(content)
     files = [str(folder / name) for name in case.files]
-    done = CliRunner().invoke(app, ["import", *files, "--out", str(folder / "campaign"), *case.options])
+    done = CliRunner().invoke(
+        app, ["import", *files, "--out", str(folder / "campaign"), *case.options]
+    )
     if done.exit_code:
         sys.exit(f"10_files: {case.what}: {done.output}")
     off: dict[str, list[float]] = {"angle_deg": [], "reading_um": [], "force_N": []}
-    for test, own in zip(lb.read_campaign(folder / "campaign").tests, awkward.campaign().tests, strict=True):
+    for test, own in zip(
+        lb.read_campaign(folder / "campaign").tests, awkward.campaign().tests, strict=True
+    ):
         order = np.argsort(np.mod(np.round(test.angle_deg, 3), 360.0))
-        angle = np.mod(np.asarray(test.angle_deg)[order] - np.asarray(own.angle_deg) + 180.0, 360.0) - 180.0
+        angle = (
+            np.mod(np.asarray(test.angle_deg)[order] - np.asarray(own.angle_deg) + 180.0, 360.0)
+            - 180.0
+        )
         off["angle_deg"].append(float(np.abs(angle).max()))
-        off["reading_um"].append(float(np.abs(np.asarray(test.reading_um)[order] - np.asarray(own.reading_um)).max()))
+        off["reading_um"].append(
+            float(np.abs(np.asarray(test.reading_um)[order] - np.asarray(own.reading_um)).max())
+        )
         off["force_N"].append(abs(float(test.force_N or 0.0) - float(own.force_N or 0.0)))
     return {
         "what": case.what,
@@ -55,7 +64,9 @@ def refused(folder: Path, case: malformed.Malformed) -> dict[str, Any]:
     """The message, without the folder; whether it names what it should; whether anything was written."""
     (folder / case.file).write_bytes(case.content)
     start = time.perf_counter()
-    done = CliRunner().invoke(app, ["import", str(folder / case.file), "--out", str(folder / "campaign"), *case.options])
+    done = CliRunner().invoke(
+        app, ["import", str(folder / case.file), "--out", str(folder / "campaign"), *case.options]
+    )
     said = " ".join(done.output.split()).replace(f"{folder}/", "").removeprefix("ldbb-bayes: ")
     return {
         "what": case.what,
@@ -79,7 +90,10 @@ def measure() -> dict[str, Any]:
     return {
         "awkward": good,
         "malformed": bad,
-        "largest": {unit: max(own[unit] for own in good.values()) for unit in ("angle_deg", "reading_um", "force_N")},
+        "largest": {
+            unit: max(own[unit] for own in good.values())
+            for unit in ("angle_deg", "reading_um", "force_N")
+        },
         "tests": len(awkward.PRESSURES_BAR),
         "readings": awkward.READINGS,
         "fuzz": json.loads((HERE / "fuzz.json").read_text(encoding="utf-8")),

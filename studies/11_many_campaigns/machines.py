@@ -27,7 +27,10 @@ SPREAD_SCALE, REPEATABILITY = 0.3, 0.01
 HYPER_UM = {"sigma": 0.15, "delta": 0.4, "kappa": 0.3, "tau": 3.0}
 MODEL = lb.HybridModel.first(degree=1)
 PLAN = lb.Plan(
-    tuple(lb.CircularTest(force_N=force, angle_deg=np.arange(READINGS) * 360.0 / READINGS) for force in FORCES_N),
+    tuple(
+        lb.CircularTest(force_N=force, angle_deg=np.arange(READINGS) * 360.0 / READINGS)
+        for force in FORCES_N
+    ),
     name="seven forces",
 )
 # What differs from campaign to campaign; the mount and the force's gain are the bar's and added below.
@@ -48,12 +51,24 @@ class Bar:
 
     def measured(self, compliances: Mapping[str, float], rng: np.random.Generator) -> lb.Campaign:
         """A campaign on a machine of these compliances; slopes and geometric errors are drawn from their priors."""
-        others = {name: sd * rng.standard_normal() for name, sd in PRIOR_SD.items() if name not in COMPLIANCES}
+        others = {
+            name: sd * rng.standard_normal()
+            for name, sd in PRIOR_SD.items()
+            if name not in COMPLIANCES
+        }
         truth = {**compliances, **others}
-        felt = {name: value * (1.0 + self.gain) if name.startswith("C_") else value for name, value in truth.items()}
-        made = EACH.simulate(PLAN, seed=int(rng.integers(2**31)), parameters=felt, hyper_um=HYPER_UM).campaign
+        felt = {
+            name: value * (1.0 + self.gain) if name.startswith("C_") else value
+            for name, value in truth.items()
+        }
+        made = EACH.simulate(
+            PLAN, seed=int(rng.integers(2**31)), parameters=felt, hyper_um=HYPER_UM
+        ).campaign
         tests = [
-            test.with_reading_um(np.asarray(test.reading_um) + self.mount_um_per_bar * float(test.pressure_bar or 0.0))
+            test.with_reading_um(
+                np.asarray(test.reading_um)
+                + self.mount_um_per_bar * float(test.pressure_bar or 0.0)
+            )
             for test in made.tests
         ]
         return replace(made, tests=tuple(tests))
@@ -84,7 +99,9 @@ def row_of(campaign: lb.Campaign) -> dict[str, Any]:
 def usual(rng: np.random.Generator) -> dict[str, float]:
     """A kind of machine: direct compliances as machines have them, the others from their priors."""
     return {
-        name: USUAL[name] * rng.uniform(0.7, 1.3) if name in USUAL else PRIOR_SD[name] * rng.standard_normal()
+        name: USUAL[name] * rng.uniform(0.7, 1.3)
+        if name in USUAL
+        else PRIOR_SD[name] * rng.standard_normal()
         for name in COMPLIANCES
     }
 
@@ -93,9 +110,14 @@ def fleet(seed: int) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Rows of a fleet of machines, and its truth: means, spreads, machines."""
     rng = np.random.default_rng([11, seed])
     bar, mean = Bar(rng), usual(rng)
-    spread = {name: SPREAD_SCALE * PRIOR_SD[name] * abs(rng.standard_normal()) for name in COMPLIANCES}
+    spread = {
+        name: SPREAD_SCALE * PRIOR_SD[name] * abs(rng.standard_normal()) for name in COMPLIANCES
+    }
     machines = {
-        f"M{m:02d}": {name: mean[name] + spread[name] * rng.standard_normal() for name in COMPLIANCES} for m in range(MACHINES)
+        f"M{m:02d}": {
+            name: mean[name] + spread[name] * rng.standard_normal() for name in COMPLIANCES
+        }
+        for m in range(MACHINES)
     }
     rows = [
         row_of(replace(bar.measured(own, rng), name=f"{machine}-{k}", machine_id=machine))
@@ -105,16 +127,23 @@ def fleet(seed: int) -> tuple[pd.DataFrame, dict[str, Any]]:
     return pd.DataFrame(rows), {"mean": mean, "spread": spread, "machines": machines}
 
 
-def months(seed: int, *, before: int, after: int, change: float, parameter: str = "C_XXX") -> pd.DataFrame:
+def months(
+    seed: int, *, before: int, after: int, change: float, parameter: str = "C_XXX"
+) -> pd.DataFrame:
     """Rows of one machine, a campaign a month; after ``before`` of them one compliance changes by the share ``change``."""
     rng = np.random.default_rng([12, seed])
     bar, level = Bar(rng), usual(rng)
     rows = []
     for month in range(before + after):
-        own = {name: value + REPEATABILITY * PRIOR_SD[name] * rng.standard_normal() for name, value in level.items()}
+        own = {
+            name: value + REPEATABILITY * PRIOR_SD[name] * rng.standard_normal()
+            for name, value in level.items()
+        }
         if month >= before:
             own[parameter] += change * level[parameter]
         date = f"{2024 + month // 12}-{month % 12 + 1:02d}-05"
-        campaign = replace(bar.measured(own, rng), name=f"month {month + 1:02d}", machine_id="VMC 07", date=date)
+        campaign = replace(
+            bar.measured(own, rng), name=f"month {month + 1:02d}", machine_id="VMC 07", date=date
+        )
         rows.append(row_of(campaign))
     return pd.DataFrame(rows)

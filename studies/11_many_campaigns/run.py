@@ -32,18 +32,35 @@ def pooled(seed: int) -> dict[str, float]:
     """A fleet: which true means, spreads and machines lie in their 95 % intervals, and their errors in units of u."""
     rows, truth = fleet(seed)
     found = lb.population(rows)
-    row: dict[str, float] = {"pareto k": found.pareto_k, "not belonging": sum(own.flag for own in found.machine.values())}
+    row: dict[str, float] = {
+        "pareto k": found.pareto_k,
+        "not belonging": sum(own.flag for own in found.machine.values()),
+    }
     for name, own in found.parameters.items():
         row[f"mean {name}"] = (own.mean.mean - truth["mean"][name]) / own.mean.sd
-        row[f"spread {name}"] = own.spread.interval[0] <= truth["spread"][name] <= own.spread.interval[1]
-        row[f"mean inside {name}"] = own.mean.interval[0] <= truth["mean"][name] <= own.mean.interval[1]
+        row[f"spread {name}"] = (
+            own.spread.interval[0] <= truth["spread"][name] <= own.spread.interval[1]
+        )
+        row[f"mean inside {name}"] = (
+            own.mean.interval[0] <= truth["mean"][name] <= own.mean.interval[1]
+        )
         machines = [
-            (one.estimate[name].interval[0] <= truth["machines"][machine][name] <= one.estimate[name].interval[1])
+            (
+                one.estimate[name].interval[0]
+                <= truth["machines"][machine][name]
+                <= one.estimate[name].interval[1]
+            )
             for machine, one in found.machine.items()
         ]
         row[f"machines inside {name}"] = float(np.mean(machines))
-        alone = [(one.alone[name].mean - truth["machines"][machine][name]) ** 2 for machine, one in found.machine.items()]
-        shrunk = [(one.estimate[name].mean - truth["machines"][machine][name]) ** 2 for machine, one in found.machine.items()]
+        alone = [
+            (one.alone[name].mean - truth["machines"][machine][name]) ** 2
+            for machine, one in found.machine.items()
+        ]
+        shrunk = [
+            (one.estimate[name].mean - truth["machines"][machine][name]) ** 2
+            for machine, one in found.machine.items()
+        ]
         row[f"error {name}"] = float(np.sqrt(np.mean(shrunk) / np.mean(alone)))
     return row
 
@@ -70,7 +87,11 @@ def measure(effort: Effort) -> dict[str, Any]:
     """All kinds."""
     kinds = {"fleet": FLEETS, "loosened": SERIES, "quiet": QUIET}
     rows = replicated(HERE / "simulated.csv", job, kinds, effort, again=AGAIN)
-    return {"setting": setting(), "population": population(rows[rows["kind"] == "fleet"]), "trend": found_when(rows)}
+    return {
+        "setting": setting(),
+        "population": population(rows[rows["kind"] == "fleet"]),
+        "trend": found_when(rows),
+    }
 
 
 def setting() -> dict[str, Any]:
@@ -100,10 +121,14 @@ def population(rows: pd.DataFrame) -> dict[str, Any]:
         found[what.split()[0]] = {
             "coverage": float(each.mean()),
             "error": float(each.std(ddof=1) / np.sqrt(len(each))),
-            "by_parameter": {str(name).rsplit(" ", 1)[1]: float(value) for name, value in own.mean().items()},
+            "by_parameter": {
+                str(name).rsplit(" ", 1)[1]: float(value) for name, value in own.mean().items()
+            },
         }
     errors = rows.filter(regex="^error C_").mean()
-    found["error_ratio"] = {str(name).rsplit(" ", 1)[1]: float(value) for name, value in errors.items()}
+    found["error_ratio"] = {
+        str(name).rsplit(" ", 1)[1]: float(value) for name, value in errors.items()
+    }
     found["flagged_share"] = float(rows["not belonging"].gt(0).mean())
     found["flagged_error"] = counting_error(int(rows["not belonging"].gt(0).sum()), len(rows))
     return found
@@ -131,7 +156,10 @@ def found_when(rows: pd.DataFrame) -> dict[str, Any]:
 def draw(results: dict[str, Any]) -> Mapping[str, Figure]:
     """The control chart of one loosened machine, and coverage by parameter."""
     rows = months(SHOWN, before=BEFORE, after=5, change=CHANGE, parameter=PARAMETER)
-    return {"control_chart": lb.control_chart(lb.trend(rows)), "coverage": coverage(results["population"])}
+    return {
+        "control_chart": lb.control_chart(lb.trend(rows)),
+        "coverage": coverage(results["population"]),
+    }
 
 
 @lb.figures.styled
@@ -141,12 +169,22 @@ def coverage(population: dict[str, Any]) -> Figure:
     axes = figure.add_subplot()
     names = list(population["mean"]["by_parameter"])
     places = np.arange(len(names))
-    for k, (what, label) in enumerate((("mean", "mean of the population"), ("spread", "spread"), ("machines", "machines"))):
+    for k, (what, label) in enumerate(
+        (("mean", "mean of the population"), ("spread", "spread"), ("machines", "machines"))
+    ):
         own = population[what]["by_parameter"]
         heights = [100.0 * own[name] for name in names]
-        axes.plot(places + 0.2 * (k - 1), heights, "os^"[k], color=lb.figures.PALETTE[k], label=label)
+        axes.plot(
+            places + 0.2 * (k - 1), heights, "os^"[k], color=lb.figures.PALETTE[k], label=label
+        )
     band = 100.0 * np.sqrt(0.95 * 0.05 / FLEETS)
-    axes.axhspan(95.0 - 2.0 * band, 95.0 + 2.0 * band, color="#E3E3E3", lw=0.0, label="two standard errors of counting fleets")
+    axes.axhspan(
+        95.0 - 2.0 * band,
+        95.0 + 2.0 * band,
+        color="#E3E3E3",
+        lw=0.0,
+        label="two standard errors of counting fleets",
+    )
     axes.axhline(95.0, color="#8C8C8C", lw=0.8)
     axes.set_xticks(places, names)
     axes.set_ylabel("inside the 95 % interval (%)")

@@ -65,17 +65,25 @@ FAMILIES: dict[str, Disturbances] = {
     "travel": Disturbances(travel=(0.05, 0.10)),
     "odd circle": Disturbances(odd_um=3.0),
     "angle lag": Disturbances(lag_deg=(0.1, 0.3), filtered=9),
-    "both ways": Disturbances(both_ways=True, spikes_um=3.0, lost_um=2.0, lost_um_per_kN=0.5, mismatch_um=3.0),
-    "warm-up, seals": Disturbances(warm_up_um=2.0, friction_um=0.5, friction_um_per_kN=0.5, lost_um_per_kN=0.5),
+    "both ways": Disturbances(
+        both_ways=True, spikes_um=3.0, lost_um=2.0, lost_um_per_kN=0.5, mismatch_um=3.0
+    ),
+    "warm-up, seals": Disturbances(
+        warm_up_um=2.0, friction_um=0.5, friction_um_per_kN=0.5, lost_um_per_kN=0.5
+    ),
     "stiff": Disturbances(compliance=(5e-6, 1e-5)),
     "soft": Disturbances(compliance=(1e-4, 2e-4)),
 }
 # What certificates state, and machines of which they are true.
-CERTIFIED = lb.Instrument(work=lb.Ball(grade="G10"), tool=lb.Ball(grade="G10"), bar_U_um=1.0, mount_U_percent=2.0)
+CERTIFIED = lb.Instrument(
+    work=lb.Ball(grade="G10"), tool=lb.Ball(grade="G10"), bar_U_um=1.0, mount_U_percent=2.0
+)
 _G20 = lb.Instrument(work=lb.Ball(grade="G20"), tool=lb.Ball(grade="G20"))
 STATED: dict[str, Disturbances] = {
     "mild, G20 stated": Disturbances(stated=_G20),
-    "mild, certificates": Disturbances(grade="G10", length_um=0.5, mount_percent=1.0, stated=CERTIFIED),
+    "mild, certificates": Disturbances(
+        grade="G10", length_um=0.5, mount_percent=1.0, stated=CERTIFIED
+    ),
     "drives, drift, well planned": Disturbances(
         grade="G10",
         length_um=0.5,
@@ -111,7 +119,11 @@ class Machine:
     @property
     def truth(self) -> dict[str, float]:
         """Parameters by name."""
-        return {**self.compliance, **{f"{name}_1": value for name, value in self.slope.items()}, **self.geometry}
+        return {
+            **self.compliance,
+            **{f"{name}_1": value for name, value in self.slope.items()},
+            **self.geometry,
+        }
 
     def secant(self, name: str, force_N: float) -> float:
         """C_XXX or C_YYY as the deflection along the axis over the bar's force, in the middle of the travel [mm/N]."""
@@ -133,7 +145,9 @@ def ball(rng: np.random.Generator, decay: float, sphericity_um: float, lobe: boo
         size = np.where(rng.integers(2, 6) == _ORDERS, 1.0, 0.0)
     form = size * np.exp(2j * np.pi * rng.random(len(_ORDERS)))
     angle = np.linspace(0.0, 2.0 * np.pi, 1440)
-    return np.asarray(form * sphericity_um * 1e-3 / np.ptp((form @ np.exp(1j * np.outer(_ORDERS, angle))).real))
+    return np.asarray(
+        form * sphericity_um * 1e-3 / np.ptp((form @ np.exp(1j * np.outer(_ORDERS, angle))).real)
+    )
 
 
 def draw_machine(family: Disturbances, rng: np.random.Generator) -> Machine:
@@ -150,7 +164,9 @@ def draw_machine(family: Disturbances, rng: np.random.Generator) -> Machine:
     }
     span = LARGEST_N - FORCES_N[0]
     plain = not (family.own_load or family.contact[1])
-    slope = {name: value * rng.normal(0.0, 0.12) / span * plain for name, value in compliance.items()}
+    slope = {
+        name: value * rng.normal(0.0, 0.12) / span * plain for name, value in compliance.items()
+    }
     geometry = {
         "E_XX1": rng.normal(0.0, 5e-5),
         "E_YX2": rng.normal(0.0, 3e-7),
@@ -161,7 +177,10 @@ def draw_machine(family: Disturbances, rng: np.random.Generator) -> Machine:
         "E_Yt0": rng.normal(0.0, 5e-3),
     }
     grades = [str(rng.choice(family.lobe)) if family.lobe else family.grade for _ in range(2)]
-    forms = [ball(rng, family.form_decay, GRADES_UM[g] * rng.uniform(0.5, 1.0), bool(family.lobe)) for g in grades]
+    forms = [
+        ball(rng, family.form_decay, GRADES_UM[g] * rng.uniform(0.5, 1.0), bool(family.lobe))
+        for g in grades
+    ]
     contact, own_load = rng.uniform(*family.contact, 2), rng.normal(0.0, family.own_load, 2)
     travel = rng.uniform(*family.travel, (2, 2)) * rng.choice([-1.0, 1.0], (2, 2))
     instrument = {
@@ -178,7 +197,9 @@ def draw_machine(family: Disturbances, rng: np.random.Generator) -> Machine:
     return Machine(compliance, slope, geometry, *load, pair, *forms, instrument)  # type: ignore[arg-type]
 
 
-def deflection_mm(machine: Machine, force_N: float, bar_N: float, angle: Array) -> tuple[Array, Array]:
+def deflection_mm(
+    machine: Machine, force_N: float, bar_N: float, angle: Array
+) -> tuple[Array, Array]:
     """Displacement of the tool along X and Y, (n,) each, under a bar force at the angles of the undeflected bar; ``bar_N``: the
     force that the linear springs' slopes see."""
     lever = bar_N - MIDDLE_N
@@ -192,9 +213,18 @@ def deflection_mm(machine: Machine, force_N: float, bar_N: float, angle: Array) 
         for k, name in enumerate(("C_XXX", "C_YYY")):
             linear, quadratic = machine.travel[k]
             place = np.array([x, y])[k] / RADIUS_MM
-            axial.append(c[name] * (1.0 + linear * place + quadratic * (place**2 - 0.5)) * machine.axial_force(k, load[k]))
+            axial.append(
+                c[name]
+                * (1.0 + linear * place + quadratic * (place**2 - 0.5))
+                * machine.axial_force(k, load[k])
+            )
         turn = c["C_CXY"] * load[0] + c["C_CYY"] * load[1] + c["C_CCY"] * x * load[1]
-        moved = np.array([axial[0] + c["C_XYX"] * load[1] - x * (1.0 - np.cos(turn)), axial[1] + x * np.sin(turn)])
+        moved = np.array(
+            [
+                axial[0] + c["C_XYX"] * load[1] - x * (1.0 - np.cos(turn)),
+                axial[1] + x * np.sin(turn),
+            ]
+        )
     return moved[0], moved[1]
 
 
@@ -204,22 +234,34 @@ def trace_mm(machine: Machine, force_N: float, angle: Array) -> Array:
     rigid = geometric_reading_mm(setup.machine(), setup.tests[0].circle, angle, machine.geometry)
     dx, dy = deflection_mm(machine, force_N, force_N, angle)
     distance = RADIUS_MM + rigid
-    return np.asarray(np.hypot(distance * np.cos(angle) + dx, distance * np.sin(angle) + dy) - RADIUS_MM)
+    return np.asarray(
+        np.hypot(distance * np.cos(angle) + dx, distance * np.sin(angle) + dy) - RADIUS_MM
+    )
 
 
-def simulate(family: Disturbances, seed: int, forces_N: tuple[float, ...] = FORCES_N) -> tuple[lb.Campaign, Machine]:
+def simulate(
+    family: Disturbances, seed: int, forces_N: tuple[float, ...] = FORCES_N
+) -> tuple[lb.Campaign, Machine]:
     """A campaign of one machine, with what its certificates state, and the machine."""
     rng = np.random.default_rng(seed)
     machine = draw_machine(family, rng)
     ways = ("CW", "CCW") if family.both_ways else ("CW",)
     runs = [(force, way) for force in forces_N for way in ways]
-    order = np.random.default_rng([seed, 1]).permutation(len(runs)) if family.shuffled else np.arange(len(runs))
+    order = (
+        np.random.default_rng([seed, 1]).permutation(len(runs))
+        if family.shuffled
+        else np.arange(len(runs))
+    )
     odd = int(rng.integers(len(runs))) if family.odd_um else -1
     drift = rng.normal(0.0, family.warm_up_um * 1e-3, 3)
-    sizes = {name: getattr(family, f"{name}_um") * 1e-3 for name in ("spikes", "lost", "mismatch", "friction")}
+    sizes = {
+        name: getattr(family, f"{name}_um") * 1e-3
+        for name in ("spikes", "lost", "mismatch", "friction")
+    }
     drive = {name: rng.normal(0.0, size, 2) for name, size in sizes.items()}
     rubbing, growing = (
-        rng.normal(0.0, per_kN * 1e-6, n) for per_kN, n in ((family.friction_um_per_kN, None), (family.lost_um_per_kN, 2))
+        rng.normal(0.0, per_kN * 1e-6, n)
+        for per_kN, n in ((family.friction_um_per_kN, None), (family.lost_um_per_kN, 2))
     )
     tests = []
     for k, (nominal, way) in enumerate(runs):
@@ -227,27 +269,45 @@ def simulate(family: Disturbances, seed: int, forces_N: tuple[float, ...] = FORC
         angle = np.linspace(0.0, 2.0 * np.pi, READINGS, endpoint=False)
         true = angle + machine.instrument["angle"] + sign * machine.instrument["lag"]
         reading = _reading(machine, nominal, true, rng)
-        reading += rng.normal(0.0, 0.4e-3) + rng.normal(0.0, 0.4e-3) * np.cos(angle) + rng.normal(0.0, 0.4e-3) * np.sin(angle)
+        reading += (
+            rng.normal(0.0, 0.4e-3)
+            + rng.normal(0.0, 0.4e-3) * np.cos(angle)
+            + rng.normal(0.0, 0.4e-3) * np.sin(angle)
+        )
         later = order[k] / max(len(runs) - 1, 1) - 0.5
         reading += (drift[0] + drift[1] * np.cos(angle) + drift[2] * np.sin(angle)) * later
         reading += _changes(angle, 0.25e-3, rng)
         lost = drive["lost"] + growing * nominal
         reading += _drives(angle, sign, drive | {"lost": lost}, rng) + sign * rubbing * nominal
         if k == odd:
-            reading += _changes(angle, family.odd_um * 1e-3, rng, highest=6) + family.odd_um * 1e-3 * rng.normal()
+            reading += (
+                _changes(angle, family.odd_um * 1e-3, rng, highest=6)
+                + family.odd_um * 1e-3 * rng.normal()
+            )
         if family.filtered:
             half = family.filtered // 2
             around = np.concatenate([reading[-half:], reading, reading[:half]])
             reading = np.convolve(around, np.ones(2 * half + 1) / (2 * half + 1), "valid")
-        noise = np.convolve(rng.normal(0.0, 0.12e-3, READINGS + 4), [0.5, 0.3, 0.2, 0.1, 0.05], "valid")
+        noise = np.convolve(
+            rng.normal(0.0, 0.12e-3, READINGS + 4), [0.5, 0.3, 0.2, 0.1, 0.05], "valid"
+        )
         reading_um = np.round((reading + noise) * 1e3 / RESOLUTION_UM) * RESOLUTION_UM
         both = family.both_ways
         tests.append(
             lb.CircularTest(
-                nominal, np.rad2deg(angle), reading_um, direction=way, name=f"f{nominal:03.0f}{'_' + way if both else ''}"
+                nominal,
+                np.rad2deg(angle),
+                reading_um,
+                direction=way,
+                name=f"f{nominal:03.0f}{'_' + way if both else ''}",
             )  # type: ignore[arg-type]
         )
-    of_all = {"radius_mm": RADIUS_MM, "resolution_um": RESOLUTION_UM, "name": f"seed {seed}", "instrument": family.stated}
+    of_all = {
+        "radius_mm": RADIUS_MM,
+        "resolution_um": RESOLUTION_UM,
+        "name": f"seed {seed}",
+        "instrument": family.stated,
+    }
     run = sorted(zip(order, tests, strict=True), key=lambda pair: pair[0])
     return lb.Campaign(tuple(test for _, test in run), **of_all), machine
 
@@ -256,7 +316,10 @@ def _reading(machine: Machine, nominal: float, angle: Array, rng: np.random.Gene
     """Geometry, springs, balls, length, mount and force as the bar applies it; ``angle`` is the true one."""
     share = nominal / LARGEST_N
     bow = 4.0 * share * (1.0 - share)
-    force = nominal * (1.0 + machine.instrument["gain"]) + LARGEST_N * bow * machine.instrument["force_curvature"]
+    force = (
+        nominal * (1.0 + machine.instrument["gain"])
+        + LARGEST_N * bow * machine.instrument["force_curvature"]
+    )
     force += rng.normal(0.0, 3.0)
     reading = trace_mm(machine, force, angle)
     turned = np.exp(1j * np.outer(angle, _ORDERS))
@@ -289,5 +352,7 @@ def _drives(angle: Array, sign: float, drive: dict[str, Array], rng: np.random.G
     total = total - 0.5 * drive["lost"] @ (along * np.sign(np.round(velocity, 12)))
     for k in range(4):
         since = np.remainder(-sign * (angle - 0.5 * np.pi * k), 2.0 * np.pi)
-        total = total + drive["spikes"][k % 2] * np.exp(-since / np.deg2rad(6.0)) * (1.0 + 0.1 * rng.normal())
+        total = total + drive["spikes"][k % 2] * np.exp(-since / np.deg2rad(6.0)) * (
+            1.0 + 0.1 * rng.normal()
+        )
     return np.asarray(total)

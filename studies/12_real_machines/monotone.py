@@ -30,13 +30,17 @@ Array = NDArray[Any]
 LAWS, COMPARED = ("degree 1", "degree 2", "monotone"), ("mild", "contact", "own load")
 DRAWS, KNOTS_N = 400, (150.0, 300.0, 450.0, 600.0)
 ORDERS = np.array([0, *(n for n in range(1, 13) for _ in range(2))])
-PRIOR = np.array([1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9, 2e-4, 1e-6, 1e-6, 2e-4, 5e-5, 0.02, 0.02])  # C and E of MODEL
+PRIOR = np.array(
+    [1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9, 2e-4, 1e-6, 1e-6, 2e-4, 5e-5, 0.02, 0.02]
+)  # C and E of MODEL
 COMPLIANCES = ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY")
 
 
 def basis(angle: Array) -> Array:
     """1, cos θ, sin θ, … sin 12θ, shape (n, 25)."""
-    return np.column_stack([np.cos(n * angle) if k % 2 or not n else np.sin(n * angle) for k, n in enumerate(ORDERS)])
+    return np.column_stack(
+        [np.cos(n * angle) if k % 2 or not n else np.sin(n * angle) for k, n in enumerate(ORDERS)]
+    )
 
 
 def _wrench(angle: Array) -> Array:
@@ -45,7 +49,9 @@ def _wrench(angle: Array) -> Array:
     return np.array([c * c, c * s, s * s, r * c * c * s, r * c * s * s, (r * c * s) ** 2])
 
 
-def laws_columns(law: str, force: float, angle: Array, estimate: dict[str, float], span: float) -> tuple[Array, Array, Array]:
+def laws_columns(
+    law: str, force: float, angle: Array, estimate: dict[str, float], span: float
+) -> tuple[Array, Array, Array]:
     """Columns (n, k) of C_XXX, C_YYY and what changes with force, their prior sd (k,), and C_XX, C_YY at this force (2, k)."""
     c, s = np.cos(angle), np.sin(angle)
     wrench, columns, sd, along = _wrench(angle), [], [], []
@@ -53,13 +59,22 @@ def laws_columns(law: str, force: float, angle: Array, estimate: dict[str, float
         size, own = np.abs(u), abs(estimate[name])
         if law == "monotone":
             own_load = force * size
-            parts = [(own_load, 1e-4, force), (np.cbrt(own_load**2 * MIDDLE_N), own, np.cbrt(force**2 * MIDDLE_N))]
-            parts += [(np.maximum(own_load - knot, 0.0), 0.3 * own, max(force - knot, 0.0)) for knot in KNOTS_N]
+            parts = [
+                (own_load, 1e-4, force),
+                (np.cbrt(own_load**2 * MIDDLE_N), own, np.cbrt(force**2 * MIDDLE_N)),
+            ]
+            parts += [
+                (np.maximum(own_load - knot, 0.0), 0.3 * own, max(force - knot, 0.0))
+                for knot in KNOTS_N
+            ]
             parts = [(size * value, scale, at / force) for value, scale, at in parts]
         else:
             slope = force * size**2 * (force * size - MIDDLE_N) / LARGEST_N
             contact = np.cbrt(force**2 * MIDDLE_N) * size ** (5 / 3) - force * size**2
-            rest = [(slope, 0.2 * own, (force - MIDDLE_N) / LARGEST_N), (contact, 0.2 * own, np.cbrt(MIDDLE_N / force) - 1.0)]
+            rest = [
+                (slope, 0.2 * own, (force - MIDDLE_N) / LARGEST_N),
+                (contact, 0.2 * own, np.cbrt(MIDDLE_N / force) - 1.0),
+            ]
             parts = [(force * size**2, 1e-4, 1.0), *rest]
         for value, scale, at in parts:
             columns, sd, along = [*columns, value], [*sd, scale], [*along, at * np.eye(2)[axis]]
@@ -72,16 +87,36 @@ def laws_columns(law: str, force: float, angle: Array, estimate: dict[str, float
 
 
 def other_columns(
-    force: float, pressure: float, angle: Array, estimate: dict[str, float], hyper: dict[str, float], fitted: Array
+    force: float,
+    pressure: float,
+    angle: Array,
+    estimate: dict[str, float],
+    hyper: dict[str, float],
+    fitted: Array,
 ) -> tuple[Array, Array]:
     """Columns of the other compliances, geometry and nuisances of one circle, shape (n, k), and their prior sd (k,)."""
     c, s, r = np.cos(angle), np.sin(angle), RADIUS_MM
     wrench = _wrench(angle)
     yields = wrench.T @ np.array([estimate[name] for name in COMPLIANCES])
-    columns = [*(force * wrench[[1, 3, 4, 5]]), r * c * c, r * r * c * c * s, r * r * s * s * c, r * s * s, r * c * s, c, s]
+    columns = [
+        *(force * wrench[[1, 3, 4, 5]]),
+        r * c * c,
+        r * r * c * c * s,
+        r * r * s * s * c,
+        r * s * s,
+        r * c * s,
+        c,
+        s,
+    ]
     sd = [*PRIOR[[1, 3, 4, 5]], *PRIOR[6:]]
     bow = 4.0 * force / LARGEST_N * (1.0 - force / LARGEST_N)
-    columns += [np.ones_like(c), pressure * np.ones_like(c), bow * np.ones_like(c), force * yields, LARGEST_N * bow * yields]
+    columns += [
+        np.ones_like(c),
+        pressure * np.ones_like(c),
+        bow * np.ones_like(c),
+        force * yields,
+        LARGEST_N * bow * yields,
+    ]
     sd += [9.4e-3, 0.233e-3, 0.5e-3, 0.01, 0.01]
     columns, sd = [*columns, np.gradient(fitted, angle)], [*sd, np.deg2rad(0.1) * np.sqrt(2.0)]
     for u, name in ((c, "C_XXX"), (s, "C_YYY")):
@@ -101,14 +136,25 @@ def curves(campaign: lb.Campaign, law: str, hyper: dict[str, float]) -> Array:
     project, n = np.linalg.pinv(basis(angle)), len(angle)
     tests, names = campaign.tests, [test.name for test in campaign.tests]
     for k, test in enumerate(tests):
-        force, pressure, reading = campaign.forces_N[k], campaign.pressures_bar[k], test.readings_mm()
+        force, pressure, reading = (
+            campaign.forces_N[k],
+            campaign.pressures_bar[k],
+            test.readings_mm(),
+        )
         changing, sd, own = laws_columns(law, force, angle, estimate, span)
-        rest, rest_sd = other_columns(force, pressure, angle, estimate, hyper, basis(angle) @ (project @ reading))
+        rest, rest_sd = other_columns(
+            force, pressure, angle, estimate, hyper, basis(angle) @ (project @ reading)
+        )
         columns = project @ np.column_stack([changing * sd, rest * rest_sd])
         circle, order = hyper[f"lambda_{names[k]}"] * 1e-3, np.maximum(ORDERS, 1)
         noise = (hyper["sigma"] * 1e-3) ** 2 * np.where(ORDERS, 2.0, 1.0) / n
-        noise = noise + np.where(ORDERS < 2, hyper["delta"] * circle, hyper["kappa"] * circle / order) ** 2
-        random = 4.0 * project @ (_wrench(angle).T @ np.array([estimate[name] for name in COMPLIANCES]))
+        noise = (
+            noise
+            + np.where(ORDERS < 2, hyper["delta"] * circle, hyper["kappa"] * circle / order) ** 2
+        )
+        random = (
+            4.0 * project @ (_wrench(angle).T @ np.array([estimate[name] for name in COMPLIANCES]))
+        )
         inverse = np.linalg.inv(np.diag(noise) + np.outer(random, random))
         precision = precision + columns.T @ inverse @ columns
         shift = shift + columns.T @ inverse @ (project @ reading)
@@ -132,7 +178,9 @@ def _draws(mean: Array, root: Array, rows: slice, truncated: bool) -> Array:
     orthant = Orthant(np.tile(own, (DRAWS, 1)), np.tile(spread, (DRAWS, 1, 1)))
     white, exact = orthant.draw_spread(rng)
     if exact.mean() < 0.9:
-        raise lb.InputError(f"draws inside w ≥ 0 must be exact, got {exact.mean():.0%} of them. Take fewer knots.")
+        raise lb.InputError(
+            f"draws inside w ≥ 0 must be exact, got {exact.mean():.0%} of them. Take fewer knots."
+        )
     return np.asarray(own + white[exact] @ spread.T)
 
 
@@ -141,7 +189,12 @@ def truth(machine: Machine, force_N: Array) -> Array:
     found = []
     for k, name in enumerate(("C_XXX", "C_YYY")):
         share, own = machine.contact[k], machine.own_load[k]
-        law = 1.0 - share + share * np.cbrt(MIDDLE_N / force_N) + own * (force_N - MIDDLE_N) / LARGEST_N
+        law = (
+            1.0
+            - share
+            + share * np.cbrt(MIDDLE_N / force_N)
+            + own * (force_N - MIDDLE_N) / LARGEST_N
+        )
         found.append(machine.compliance[name] * law + machine.slope[name] * (force_N - MIDDLE_N))
     return np.array(found).T
 
@@ -151,14 +204,22 @@ def compared(kind: str, seed: int) -> list[dict[str, float | str]]:
     campaign, machine = simulate(FAMILIES[kind], seed)
     hyper = lb.identify(lb.HybridModel.default(1), campaign).hyper_um
     wanted, rows = truth(machine, campaign.forces_N), []
-    size, middle = np.array([machine.compliance["C_XXX"], machine.compliance["C_YYY"]]), len(wanted) // 2
+    size, middle = (
+        np.array([machine.compliance["C_XXX"], machine.compliance["C_YYY"]]),
+        len(wanted) // 2,
+    )
     for law in LAWS:
         drawn = curves(campaign, law, hyper)
         row: dict[str, float | str] = {"kind": kind, "seed": seed, "law": law}
-        for name, own, true in (("curve", drawn, wanted), ("change", drawn - drawn[:, [middle]], wanted - wanted[middle])):
+        for name, own, true in (
+            ("curve", drawn, wanted),
+            ("change", drawn - drawn[:, [middle]], wanted - wanted[middle]),
+        ):
             low, high = np.quantile(own, [0.025, 0.975], axis=0)
             seen = [k for k in range(len(wanted)) if name == "curve" or k != middle]
-            row[f"{name}/error"] = float(np.sqrt(np.mean(((own.mean(axis=0) - true) / size)[seen] ** 2)))
+            row[f"{name}/error"] = float(
+                np.sqrt(np.mean(((own.mean(axis=0) - true) / size)[seen] ** 2))
+            )
             row[f"{name}/covered"] = float(((low <= true) & (true <= high))[seen].mean())
             row[f"{name}/half_width"] = float((0.5 * (high - low) / size)[seen].mean())
         rows.append(row)
@@ -169,5 +230,14 @@ if __name__ == "__main__":
     import pandas as pd
 
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 3
-    table = pd.DataFrame([row for kind in COMPARED for seed in range(count) for row in compared(kind, seed)])
-    print(table.drop(columns="seed").groupby(["kind", "law"], sort=False).mean().mul(100.0).round(1).to_string())
+    table = pd.DataFrame(
+        [row for kind in COMPARED for seed in range(count) for row in compared(kind, seed)]
+    )
+    print(
+        table.drop(columns="seed")
+        .groupby(["kind", "law"], sort=False)
+        .mean()
+        .mul(100.0)
+        .round(1)
+        .to_string()
+    )

@@ -20,7 +20,12 @@ from ldbb_bayes.analysis.aliases import degeneracies
 from ldbb_bayes.analysis.identifiability import hyper_nodes, parameters_of, uncertainty_with
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import Fit
-from ldbb_bayes.inference.predictive import centre_shift, compliance_curves, effects, predictive_checks
+from ldbb_bayes.inference.predictive import (
+    centre_shift,
+    compliance_curves,
+    effects,
+    predictive_checks,
+)
 from ldbb_bayes.model.hybrid import information_of
 
 HERE = Path(__file__).resolve().parent
@@ -56,19 +61,33 @@ def analysed(kind: str, seed: int) -> dict[str, float]:
         beta, phi = nodes.draw(DRAWS, np.random.default_rng(seed))
         low, high = np.quantile(beta, LEVELS, axis=0)
         checks = predictive_checks(bound, phi, beta, np.random.default_rng(seed))
-        fit = Fit(0.0, {}, 0.0, 0.0, 0.0, 0.0, (), checks, {}, *effects(bound, phi.mean(axis=0), checks))
-        row |= {f"{edition}/misfit": bool(fit.misfits), f"{edition}/centre": bool(centre_shift(bound, mean))}
-        verdicts = parameters_of(bound, information_of(bound, phi.mean(axis=0)), degeneracies(bound), mean)
+        fit = Fit(
+            0.0, {}, 0.0, 0.0, 0.0, 0.0, (), checks, {}, *effects(bound, phi.mean(axis=0), checks)
+        )
+        row |= {
+            f"{edition}/misfit": bool(fit.misfits),
+            f"{edition}/centre": bool(centre_shift(bound, mean)),
+        }
+        verdicts = parameters_of(
+            bound, information_of(bound, phi.mean(axis=0)), degeneracies(bound), mean
+        )
         for j, name in enumerate(NAMES):
-            row[f"{edition}/{name}/error"], row[f"{edition}/{name}/u"] = (mean[j] - truth[j]) / sd[j], sd[j]
+            row[f"{edition}/{name}/error"], row[f"{edition}/{name}/u"] = (
+                (mean[j] - truth[j]) / sd[j],
+                sd[j],
+            )
             row[f"{edition}/{name}/covered"] = low[j] <= truth[j] <= high[j]
             row[f"{edition}/{name}/confounded"] = verdicts[name].verdict == "confounded"
-        curves = compliance_curves(bound, phi[::4], beta[::4], np.array(ENDS), np.random.default_rng(seed))
+        curves = compliance_curves(
+            bound, phi[::4], beta[::4], np.array(ENDS), np.random.default_rng(seed)
+        )
         for name in CURVES:
             own = curves[:, :, [label.label for label in bound.compliances].index(name)]
             for k, force in enumerate(ENDS):
                 least, most = np.quantile(own[:, k], LEVELS)
-                row[f"{edition}/{name} at {force:.0f} N/covered"] = least <= machine.secant(name, force) <= most
+                row[f"{edition}/{name} at {force:.0f} N/covered"] = (
+                    least <= machine.secant(name, force) <= most
+                )
         if kind == "mild, certificates" and edition == "second":
             row |= foretold(campaign)
     if "foretold/E_XX1" not in row:
@@ -91,13 +110,23 @@ def of_family(rows: pd.DataFrame) -> dict[str, Any]:
         covered = {name: float(rows[f"{edition}/{name}/covered"].mean()) for name in NAMES}
         far = np.array([rows[f"{edition}/{name}/error"].abs() > FAR for name in NAMES])
         inside = np.array([rows[f"{edition}/{name}/covered"] > 0 for name in NAMES])
-        announced = np.array([(rows[f"{edition}/{n}/confounded"] > 0) | (rows[f"{edition}/misfit"] > 0) for n in NAMES])
+        announced = np.array(
+            [
+                (rows[f"{edition}/{n}/confounded"] > 0) | (rows[f"{edition}/misfit"] > 0)
+                for n in NAMES
+            ]
+        )
         worst = min(covered, key=covered.__getitem__)
         unannounced = {
-            name: int(count) for name, count in zip(NAMES, (far & ~announced).sum(axis=1).tolist(), strict=True) if count
+            name: int(count)
+            for name, count in zip(NAMES, (far & ~announced).sum(axis=1).tolist(), strict=True)
+            if count
         }
         found[edition] = {
-            "coverage": {group: float(np.mean([covered[name] for name in names])) for group, names in GROUPS.items()},
+            "coverage": {
+                group: float(np.mean([covered[name] for name in names]))
+                for group, names in GROUPS.items()
+            },
             "by_parameter": covered,
             "worst": worst,
             "worst_coverage": covered[worst],
@@ -107,13 +136,22 @@ def of_family(rows: pd.DataFrame) -> dict[str, Any]:
             "marked": float(announced.mean()),
             "rest_coverage": float(inside[~announced].mean()) if not announced.all() else None,
             "curve": {
-                f"{force:.0f}": float(np.mean([rows[f"{edition}/{name} at {force:.0f} N/covered"].mean() for name in CURVES]))
+                f"{force:.0f}": float(
+                    np.mean(
+                        [
+                            rows[f"{edition}/{name} at {force:.0f} N/covered"].mean()
+                            for name in CURVES
+                        ]
+                    )
+                )
                 for force in ENDS
             },
             "alarms": float(rows[f"{edition}/misfit"].mean()),
             "centre": float(rows[f"{edition}/centre"].mean()),
         }
-    found["wider"] = {name: float((rows[f"second/{name}/u"] / rows[f"first/{name}/u"]).median()) for name in NAMES}
+    found["wider"] = {
+        name: float((rows[f"second/{name}/u"] / rows[f"first/{name}/u"]).median()) for name in NAMES
+    }
     return found
 
 
@@ -123,8 +161,13 @@ def measure(effort: Effort) -> dict[str, Any]:
     rows = replicated(HERE / "campaigns.csv", analysed, kinds, effort, again=AGAIN)
     families = {kind: of_family(rows[rows["kind"] == kind]) for kind in kinds}
     certified = rows[rows["kind"] == "mild, certificates"]
-    share = {name: float((certified[f"second/{name}/u"] / certified[f"foretold/{name}"]).median()) for name in CALIBRATED}
-    mild = {name: float(rows[rows["kind"] == "mild"][f"second/{name}/u"].median()) for name in NAMES}
+    share = {
+        name: float((certified[f"second/{name}/u"] / certified[f"foretold/{name}"]).median())
+        for name in CALIBRATED
+    }
+    mild = {
+        name: float(rows[rows["kind"] == "mild"][f"second/{name}/u"].median()) for name in NAMES
+    }
     left = {name: float(certified[f"second/{name}/u"].median()) for name in NAMES}
     return {
         "campaigns": CAMPAIGNS,
@@ -147,10 +190,19 @@ def coverage_figure(families: dict[str, Any]) -> Figure:
     figure = lb.figures.new_figure(10.0, 4.6)
     pair = figure.subplots(1, 2)
     for k, (axes, edition) in enumerate(zip(pair, ("first", "second"), strict=True)):
-        values = np.array([[own[edition]["by_parameter"][name] for name in NAMES] for own in families.values()])
+        values = np.array(
+            [[own[edition]["by_parameter"][name] for name in NAMES] for own in families.values()]
+        )
         image = axes.imshow(100.0 * values, vmin=0.0, vmax=100.0, cmap="RdYlBu", aspect="auto")
-        axes.set_xticks(range(len(NAMES)), [name.replace("C0YX", "C(0Y)X") for name in NAMES], rotation=90, fontsize=6)
-        axes.set_yticks(range(len(families)), list(families) if k == 0 else [""] * len(families), fontsize=7)
+        axes.set_xticks(
+            range(len(NAMES)),
+            [name.replace("C0YX", "C(0Y)X") for name in NAMES],
+            rotation=90,
+            fontsize=6,
+        )
+        axes.set_yticks(
+            range(len(families)), list(families) if k == 0 else [""] * len(families), fontsize=7
+        )
         axes.set_title(f"{edition} edition", fontsize=10)
         axes.grid(visible=False)
     figure.colorbar(image, ax=list(pair), label="95 % intervals that cover (%)")

@@ -20,12 +20,16 @@ from typing import Any
 from urllib.parse import urlsplit
 
 
-def ask(method: str, address: str, path: str = "", record: Any = None) -> tuple[http.client.HTTPResponse, bytes]:
+def ask(
+    method: str, address: str, path: str = "", record: Any = None
+) -> tuple[http.client.HTTPResponse, bytes]:
     """An answer and its content."""
     own = urlsplit(address)
     headers = {} if method == "GET" else {"Origin": f"http://{own.netloc}"}
     with closing(http.client.HTTPConnection(own.netloc, timeout=300)) as link:
-        link.request(method, own.path + path, None if record is None else json.dumps(record), headers)
+        link.request(
+            method, own.path + path, None if record is None else json.dumps(record), headers
+        )
         answer = link.getresponse()
         return answer, answer.read()
 
@@ -35,7 +39,9 @@ def memory_mb(process: int) -> float:
     parents: dict[int, list[int]] = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
-            parents.setdefault(int(stat.read_text().rpartition(")")[2].split()[1]), []).append(int(stat.parent.name))
+            parents.setdefault(int(stat.read_text().rpartition(")")[2].split()[1]), []).append(
+                int(stat.parent.name)
+            )
     tree, total = [process], 0
     for own in tree:
         tree += parents.get(own, [])
@@ -74,7 +80,9 @@ def main(sessions: int) -> None:
                     ask("GET", other, "state?tab=1")
                 time.sleep(0.2)
             fits.append(time.monotonic() - begun)
-        print(f"a fit {statistics.median(fits):.1f} s; memory while one of {sessions} fits: {highest:.0f} MB at most")
+        print(
+            f"a fit {statistics.median(fits):.1f} s; memory while one of {sessions} fits: {highest:.0f} MB at most"
+        )
         sliders, best = [], []
         for tab in tabs:
             ask("GET", tab, "part/plan")

@@ -57,8 +57,14 @@ def _nuisances(bound: BoundModel) -> _Nuisances:
             columns = np.einsum("rkq,rs->rkqs", term.values, np.eye(tests)).reshape(tests, SIZE, -1)
         values.append(columns)
         sd.append(np.repeat(term.sd, copies))
-        owner.append(np.full(columns.shape[2], len(hypers) if term.hyper is None else hypers.index(term.hyper)))
-    return _Nuisances(np.concatenate(values, axis=2), np.concatenate(sd), np.concatenate(owner), noise)
+        owner.append(
+            np.full(
+                columns.shape[2], len(hypers) if term.hyper is None else hypers.index(term.hyper)
+            )
+        )
+    return _Nuisances(
+        np.concatenate(values, axis=2), np.concatenate(sd), np.concatenate(owner), noise
+    )
 
 
 def _integrated() -> Callable[[Any, Any], Any]:
@@ -76,7 +82,9 @@ def _integrated() -> Callable[[Any, Any], Any]:
     def backward(saved: tuple[Any, Any], cotangent: Any) -> tuple[Any, Any]:
         inverse_root, white = saved
         solved = inverse_root.T @ white
-        return -0.5 * cotangent * (inverse_root.T @ inverse_root + jnp.outer(solved, solved)), cotangent * solved
+        return -0.5 * cotangent * (
+            inverse_root.T @ inverse_root + jnp.outer(solved, solved)
+        ), cotangent * solved
 
     integrated = jax.custom_vjp(lambda matrix, vector: forward(matrix, vector)[0])
     integrated.defvjp(forward, backward)
@@ -109,7 +117,9 @@ def _uniform_log_likelihood(bound: BoundModel) -> Callable[[Any, Any], Any]:
     rows = residual[:, main].ravel()
     design = (factor[:, main, None] * bound.interest[:, main]).reshape(len(rows), -1)
     shared = columns[:, main][:, :, linked].reshape(len(rows), -1)
-    kinds, kind = np.unique(np.round(weight[:, main].reshape(len(rows), -1), 9), axis=0, return_inverse=True)
+    kinds, kind = np.unique(
+        np.round(weight[:, main].reshape(len(rows), -1), 9), axis=0, return_inverse=True
+    )
     count = np.bincount(kind).astype(float)
     gram = np.stack([(shared[kind == k].T @ shared[kind == k]).ravel() for k in range(len(kinds))])
     q = shared.shape[1]
@@ -131,7 +141,10 @@ def _uniform_log_likelihood(bound: BoundModel) -> Callable[[Any, Any], Any]:
     square_columns, crossed = by_kind(own_columns**2), by_kind(own_columns * residual[:, alone])
 
     readings = np.array([test.readings for test in bound.reduced])
-    outside_ss, outside = float(sum(test.residual_ss for test in bound.reduced)), float((readings - SIZE).sum())
+    outside_ss, outside = (
+        float(sum(test.residual_ss for test in bound.reduced)),
+        float((readings - SIZE).sum()),
+    )
     constant = -0.5 * _LOG_2PI * readings.sum()
     integrated = _integrated()
 
@@ -152,8 +165,14 @@ def _uniform_log_likelihood(bound: BoundModel) -> Callable[[Any, Any], Any]:
         own_square = (own_sd * scale[own_owner]) ** 2
         inflation = 1.0 + own_square * (square_columns / own_variance).sum(axis=0)
         explained = own_square * (crossed / own_variance).sum(axis=0) ** 2 / inflation
-        apart = (own_count * jnp.log(own_variance) + square_rows / own_variance).sum() + (jnp.log(inflation) - explained).sum()
-        return constant + together - 0.5 * (apart + outside * jnp.log(square[sigma]) + outside_ss / square[sigma])
+        apart = (own_count * jnp.log(own_variance) + square_rows / own_variance).sum() + (
+            jnp.log(inflation) - explained
+        ).sum()
+        return (
+            constant
+            + together
+            - 0.5 * (apart + outside * jnp.log(square[sigma]) + outside_ss / square[sigma])
+        )
 
     return log_likelihood
 
@@ -178,15 +197,21 @@ class ReducedDensity:
         import jax
 
         if bound.model.prior.flat:
-            raise InputError("the prior must be proper for a peer, got a flat one. Use the default preset.")
+            raise InputError(
+                "the prior must be proper for a peer, got a flat one. Use the default preset."
+            )
         jax.config.update("jax_enable_x64", True)
         self.bound = bound
         if not all(test.is_orthogonal for test in bound.reduced):
-            raise InputError("tests must be uniform circles for a peer, got another sampling. Leave the peers out.")
+            raise InputError(
+                "tests must be uniform circles for a peer, got another sampling. Leave the peers out."
+            )
         self._log_likelihood = _uniform_log_likelihood(bound)
         hyper = bound.hyper_prior
         at_lower = hyper.log_density(hyper.lower) + 0.5 * ((hyper.lower / hyper.scale) ** 2).sum()
-        self._constant = float(at_lower - np.log(bound.prior_sd).sum() - 0.5 * _LOG_2PI * len(bound.names))
+        self._constant = float(
+            at_lower - np.log(bound.prior_sd).sum() - 0.5 * _LOG_2PI * len(bound.names)
+        )
         self._second_order: Callable[[Any], Any] | None = None
 
     def __call__(self, x: Any) -> Any:
@@ -214,7 +239,9 @@ class ReducedDensity:
         size = len(self.bound.names) + len(self.bound.hyper_prior.names)
 
         def second_order(x: Any) -> tuple[Any, Any, Any]:
-            hessian = jax.lax.map(lambda direction: jax.jvp(gradient, (x,), (direction,))[1], jnp.eye(size))
+            hessian = jax.lax.map(
+                lambda direction: jax.jvp(gradient, (x,), (direction,))[1], jnp.eye(size)
+            )
             return self(x), gradient(x), hessian
 
         self._second_order = jax.jit(second_order).lower(jnp.zeros(size)).compile()
@@ -251,7 +278,12 @@ class ReducedDensity:
 
     def _origin(self) -> Array:
         hyper = self.bound.hyper_prior
-        return np.concatenate([np.zeros(len(self.bound.names)), hyper.free(hyper.quantile(np.full(len(hyper.names), 0.5)))])
+        return np.concatenate(
+            [
+                np.zeros(len(self.bound.names)),
+                hyper.free(hyper.quantile(np.full(len(hyper.names), 0.5))),
+            ]
+        )
 
     def _evaluate(self, x: Array) -> tuple[Array, Array, Array]:
         if self._second_order is None:
@@ -287,7 +319,9 @@ def check(bound: BoundModel, *, points: int = 24, seed: int = 1, tolerance: floa
         package = np.where(np.isfinite(package), package + bound.log_prob_truncation_prior, np.nan)
     difference = float(np.nanmax(np.abs(np.array([evaluate(point) for point in x]) - package)))
     if not difference < tolerance:
-        raise RuntimeError(f"the JAX density differs from the package's by {difference:.2g}, more than {tolerance:g}.")
+        raise RuntimeError(
+            f"the JAX density differs from the package's by {difference:.2g}, more than {tolerance:g}."
+        )
     return difference
 
 
@@ -312,7 +346,9 @@ class ReducedNuts:
 
     def __init__(self, bound: BoundModel, *, whitened: bool, draws: int = 2000) -> None:
         if bound.truncation.active:
-            raise InputError('the model must be without truncation, got it on. Use HybridModel.without("truncation").')
+            raise InputError(
+                'the model must be without truncation, got it on. Use HybridModel.without("truncation").'
+            )
         self.whitened, self.draws, self.chains = whitened, draws, 4
         self.warmup = 200 if whitened else 1000
         self.density = ReducedDensity(bound)
@@ -330,7 +366,9 @@ class ReducedNuts:
             over_chains = jax.jit(jax.vmap(self._one_chain, in_axes=(0, 0, None, None)))
         else:
             over_chains = jax.jit(
-                lambda keys, starts, centre, root: jax.lax.map(lambda own: self._one_chain(*own, centre, root), (keys, starts))
+                lambda keys, starts, centre, root: jax.lax.map(
+                    lambda own: self._one_chain(*own, centre, root), (keys, starts)
+                )
             )
         self._compiled = over_chains.lower(
             keys, jnp.zeros((self.chains, size)), jnp.zeros(size), jnp.zeros((size, size))
@@ -362,7 +400,9 @@ class ReducedNuts:
             target_accept_prob=0.7,
         )
         state = kernel.init(key, self.warmup, start, (), {})
-        state = jax.lax.fori_loop(0, self.warmup, lambda _, state: kernel.sample(state, (), {}), state)
+        state = jax.lax.fori_loop(
+            0, self.warmup, lambda _, state: kernel.sample(state, (), {}), state
+        )
 
         def draw(state: Any, _: Any) -> tuple[Any, Any]:
             state = kernel.sample(state, (), {})
@@ -393,11 +433,21 @@ def nested_log_evidence(
         x = mode + root @ point
         if truncated and not bound.truncation.holds(density.split(x[None])[0])[0]:
             return -np.inf
-        return float(evaluate(x)) + constant + 0.5 * (freedom + 1) * float(np.log1p(point**2 / freedom).sum())
+        return (
+            float(evaluate(x))
+            + constant
+            + 0.5 * (freedom + 1) * float(np.log1p(point**2 / freedom).sum())
+        )
 
     rng = np.random.default_rng(seed)
     sampler = dynesty.NestedSampler(
-        log_density, lambda level: stdtrit(freedom, level), size, nlive=live_points, bound="single", sample="rwalk", rstate=rng
+        log_density,
+        lambda level: stdtrit(freedom, level),
+        size,
+        nlive=live_points,
+        bound="single",
+        sample="rwalk",
+        rstate=rng,
     )
     sampler.run_nested(dlogz=dlogz, print_progress=False)
     return float(sampler.results["logz"][-1]), float(sampler.results["logzerr"][-1])
@@ -419,7 +469,11 @@ def bridged_log_evidence(bound: BoundModel, chain: Array, *, seed: int) -> tuple
         beta, free = points[:, :p], points[:, p:]
         target = bound.log_prior(beta) + bound.hyper_prior.log_density_of_free(free)
         target = target + bound.log_likelihood(bound.hyper_prior.phi(free), beta)
-        return target + 0.5 * (_LOG_2PI * x.shape[2] + (standard**2).sum(axis=1)) + np.log(np.diag(root)).sum()
+        return (
+            target
+            + 0.5 * (_LOG_2PI * x.shape[2] + (standard**2).sum(axis=1))
+            + np.log(np.diag(root)).sum()
+        )
 
     of_draws = log_ratio(own, np.linalg.solve(root, (own - mean).T).T)
 
@@ -430,10 +484,15 @@ def bridged_log_evidence(bound: BoundModel, chain: Array, *, seed: int) -> tuple
     share = effective / (effective + len(white))
     for _ in range(1000):
         before = ratio
-        above, below = proposed / (share * proposed + (1 - share) * ratio), 1.0 / (share * drawn + (1 - share) * ratio)
+        above, below = (
+            proposed / (share * proposed + (1 - share) * ratio),
+            1.0 / (share * drawn + (1 - share) * ratio),
+        )
         ratio = above.mean() / below.mean()
         if abs(np.log(ratio / before)) < 1e-10:
             break
     effective = float(diagnose(below.reshape(len(chain), -1, 1))[0, 0])
-    variance = above.var() / above.mean() ** 2 / len(above) + below.var() / below.mean() ** 2 / effective
+    variance = (
+        above.var() / above.mean() ** 2 / len(above) + below.var() / below.mean() ** 2 / effective
+    )
     return shift + float(np.log(ratio)), float(np.sqrt(variance))

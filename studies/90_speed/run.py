@@ -24,7 +24,9 @@ from pathlib import Path
 from typing import Any
 
 # One thread and one core for everybody: XLA's threads wait by spinning, which can double the CPU seconds of NUTS.
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1")
+os.environ.setdefault(
+    "XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+)
 
 import arviz_stats.base
 import numpy as np
@@ -111,7 +113,9 @@ def simulated(circles: int, readings: int) -> lb.Campaign:
     """Circles from 36 to 742 N of so many readings each."""
     angle = np.arange(readings) * 360.0 / readings
     forces = np.linspace(36.0, 742.0, circles)
-    plan = lb.Plan(tuple(lb.CircularTest(force, angle, pressure_bar=force / 126.0) for force in forces))
+    plan = lb.Plan(
+        tuple(lb.CircularTest(force, angle, pressure_bar=force / 126.0) for force in forces)
+    )
     return MODEL.simulate(plan, seed=2, parameters=TRUTH, hyper_um=HYPER_UM).campaign
 
 
@@ -127,7 +131,9 @@ def has(name: str) -> bool:
 def sampler_alone(bound: BoundModel, sampler: str, ess: float, seed: int) -> Array:
     """From the bound model to the draws: search for the modes, nodes, proposals, burn-in and diagnostics included."""
     start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
-    _, beta, phi = run_sampler(sampler, start, rule=lb.StoppingRule(ess=ess), seed=np.random.SeedSequence(seed))
+    _, beta, phi = run_sampler(
+        sampler, start, rule=lb.StoppingRule(ess=ess), seed=np.random.SeedSequence(seed)
+    )
     return np.concatenate([beta, phi], axis=2)
 
 
@@ -135,7 +141,10 @@ def whole_sample(model: lb.HybridModel, campaign: lb.Campaign, sampler: str, see
     """`lb.sample` at its defaults, all that it computes included."""
     posterior = lb.sample(model, campaign, sampler=sampler, seed=seed)["posterior"]
     bound = model.bind(campaign)
-    return np.stack([posterior[str(name)].to_numpy() for name in (*bound.names, *bound.hyper_prior.names)], axis=-1)
+    return np.stack(
+        [posterior[str(name)].to_numpy() for name in (*bound.names, *bound.hyper_prior.names)],
+        axis=-1,
+    )
 
 
 def runners(campaign: lb.Campaign, size: Size, *, whole: bool) -> dict[str, Runner]:
@@ -147,10 +156,14 @@ def runners(campaign: lb.Campaign, size: Size, *, whole: bool) -> dict[str, Runn
         for sampler in SAMPLERS:
             for target in dict.fromkeys([size.ess, default] if whole else [size.ess]):
                 name = f"{sampler}{ending}" + ("" if target == size.ess else ", default target")
-                found[name] = Runner(bool(ending), sampler, target, partial(sampler_alone, bound, sampler, target))
+                found[name] = Runner(
+                    bool(ending), sampler, target, partial(sampler_alone, bound, sampler, target)
+                )
             if whole:
                 run = partial(whole_sample, model, campaign, sampler)
-                found[f"lb.sample, {sampler}{ending}"] = Runner(bool(ending), f'lb.sample(…, sampler="{sampler}")', default, run)
+                found[f"lb.sample, {sampler}{ending}"] = Runner(
+                    bool(ending), f'lb.sample(…, sampler="{sampler}")', default, run
+                )
     if has("numpyro"):
         bound = MODEL.without("truncation").bind(campaign)
         for name, whitened in NUTS.items():
@@ -165,8 +178,18 @@ def race(campaign: lb.Campaign, size: Size, *, whole: bool) -> dict[str, Any]:
     models = {True: MODEL, False: MODEL.without("truncation")}
     exact = {truncated: lb.marginals(model, campaign) for truncated, model in models.items()}
     everyone = runners(campaign, size, whole=whole)
-    columns = ("cpu", "wall", "min_bulk_ess", "per_cpu", "per_wall", "worst_mean_z", "worst_sd_error")
-    rows: dict[str, dict[str, list[float]]] = {name: {column: [] for column in columns} for name in everyone}
+    columns = (
+        "cpu",
+        "wall",
+        "min_bulk_ess",
+        "per_cpu",
+        "per_wall",
+        "worst_mean_z",
+        "worst_sd_error",
+    )
+    rows: dict[str, dict[str, list[float]]] = {
+        name: {column: [] for column in columns} for name in everyone
+    }
     names = list(everyone)
     for repeat in range(size.repeats):
         first = repeat % len(names)
@@ -174,17 +197,32 @@ def race(campaign: lb.Campaign, size: Size, *, whole: bool) -> dict[str, Any]:
             runner = everyone[name]
             chain, took = clocked(partial(runner.run, repeat + 1))
             mean, sd = (exact[runner.truncated][column].to_numpy() for column in ("mean", "sd"))
-            ess, flat = bulk_ess(chain, shuffled="independent" in runner.what), chain.reshape(-1, chain.shape[2])
+            ess, flat = (
+                bulk_ess(chain, shuffled="independent" in runner.what),
+                chain.reshape(-1, chain.shape[2]),
+            )
             z = np.abs(flat.mean(axis=0) - mean) / (sd / np.sqrt(ess))
             error = np.abs(flat.std(axis=0) / sd - 1.0)
-            values = (took.cpu, took.wall, ess.min(), ess.min() / took.cpu, ess.min() / took.wall, z.max(), error.max())
+            values = (
+                took.cpu,
+                took.wall,
+                ess.min(),
+                ess.min() / took.cpu,
+                ess.min() / took.wall,
+                z.max(),
+                error.max(),
+            )
             for column, value in zip(columns, values, strict=True):
                 rows[name][column].append(float(value))
-            say(f"{len(campaign.tests)} circles, repeat {repeat + 1}, {name}: {ess.min() / took.cpu:,.0f} per CPU second")
+            say(
+                f"{len(campaign.tests)} circles, repeat {repeat + 1}, {name}: {ess.min() / took.cpu:,.0f} per CPU second"
+            )
     return summed_up(everyone, rows)
 
 
-def summed_up(everyone: Mapping[str, Runner], rows: Mapping[str, Mapping[str, list[float]]]) -> dict[str, Any]:
+def summed_up(
+    everyone: Mapping[str, Runner], rows: Mapping[str, Mapping[str, list[float]]]
+) -> dict[str, Any]:
     """Medians and quartiles of each row, and of its ratio to the best NUTS in the same repeat."""
     known = [name for name in NUTS if name in rows]
     best = max(known, key=lambda name: float(np.median(rows[name]["per_cpu"])), default=None)
@@ -193,8 +231,13 @@ def summed_up(everyone: Mapping[str, Runner], rows: Mapping[str, Mapping[str, li
         ratios = {}
         if best is not None and not everyone[name].truncated:
             pairs = {"cpu_ratio": "per_cpu", "wall_ratio": "per_wall"}
-            ratios = {key: spread(np.divide(row[own], rows[best][own])) for key, own in pairs.items()}
-        about = {key: getattr(everyone[name], key) for key in ("what", "truncated", "target", "compilation")}
+            ratios = {
+                key: spread(np.divide(row[own], rows[best][own])) for key, own in pairs.items()
+            }
+        about = {
+            key: getattr(everyone[name], key)
+            for key in ("what", "truncated", "target", "compilation")
+        }
         worst = {key: max(row[key]) for key in ("worst_mean_z", "worst_sd_error")}
         summed = {key: spread(values) for key, values in row.items() if key not in worst}
         found[name] = about | summed | worst | ratios | {"reference": name == best}
@@ -206,8 +249,13 @@ def bulk_ess(chain: Array, *, shuffled: bool) -> Array:
     N / Σ n², for ArviZ sees only neighbours that are the same."""
     ess = partial(arviz_stats.base.array_stats.ess, chain_axis=0, draw_axis=1, method="bulk")
     columns = [np.ascontiguousarray(chain[..., j]) for j in range(chain.shape[2])]
-    times = [np.unique(own, return_counts=True)[1].astype(float) if shuffled else np.ones(own.size) for own in columns]
-    return np.array([float(ess(own)) * own.size / (n @ n) for own, n in zip(columns, times, strict=True)])
+    times = [
+        np.unique(own, return_counts=True)[1].astype(float) if shuffled else np.ones(own.size)
+        for own in columns
+    ]
+    return np.array(
+        [float(ess(own)) * own.size / (n @ n) for own, n in zip(columns, times, strict=True)]
+    )
 
 
 def kernel(campaigns: Mapping[str, lb.Campaign], rounds: int) -> dict[str, dict[str, Any]]:
@@ -225,20 +273,29 @@ def kernel(campaigns: Mapping[str, lb.Campaign], rounds: int) -> dict[str, dict[
             "conditional": partial(bound.given, phi),
             "draw": partial(given.draw, rng),
         }
-    taken: dict[str, dict[str, list[float]]] = {name: {what: [] for what in own} for name, own in calls.items()}
+    taken: dict[str, dict[str, list[float]]] = {
+        name: {what: [] for what in own} for name, own in calls.items()
+    }
     for _ in range(rounds + 1):
         for name, own in calls.items():
             for what, call in own.items():
                 taken[name][what].append(clocked(call)[1].cpu / CHUNK * 1e6)
-    return {name: {what: spread(values[1:]) for what, values in own.items()} for name, own in taken.items()}
+    return {
+        name: {what: spread(values[1:]) for what, values in own.items()}
+        for name, own in taken.items()
+    }
 
 
 def cost_of_readings(size: Size) -> dict[str, dict[str, Any]]:
     """By readings a circle, all in turn: CPU µs of the kernel, CPU seconds of the sampler, of `lb.sample` (once), of reducing one
     circle and of least squares on it."""
     campaigns = {str(n): simulated(len(recovered().tests), n) for n in size.readings}
-    found: dict[str, dict[str, Any]] = {n: {"kernel": row["evidence"]} for n, row in kernel(campaigns, size.rounds).items()}
-    taken: dict[str, dict[str, list[float]]] = {n: {"independent": [], "reduce": [], "lstsq": []} for n in campaigns}
+    found: dict[str, dict[str, Any]] = {
+        n: {"kernel": row["evidence"]} for n, row in kernel(campaigns, size.rounds).items()
+    }
+    taken: dict[str, dict[str, list[float]]] = {
+        n: {"independent": [], "reduce": [], "lstsq": []} for n in campaigns
+    }
     for seed in range(min(size.repeats, 3)):
         for n, campaign in campaigns.items():
             bound = MODEL.without("truncation").bind(campaign)
@@ -267,19 +324,30 @@ def evidence(size: Size) -> list[dict[str, Any]]:
     rows = []
     for degree in size.degrees:
         for truncated in (False, True):
-            model = lb.HybridModel.first(degree) if truncated else lb.HybridModel.first(degree).without("truncation")
+            model = (
+                lb.HybridModel.first(degree)
+                if truncated
+                else lb.HybridModel.first(degree).without("truncation")
+            )
             bound = model.bind(recovered())
-            ways: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {"nodes": (5, partial(by_nodes, model))}
+            ways: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
+                "nodes": (5, partial(by_nodes, model))
+            }
             if has("dynesty") and has("jax"):
                 density = peers.ReducedDensity(bound)
                 density.prepare()
-                ways["dynesty"] = (1, lambda seed, density=density: peers.nested_log_evidence(density, seed=seed))
+                ways["dynesty"] = (
+                    1,
+                    lambda seed, density=density: peers.nested_log_evidence(density, seed=seed),
+                )
             if has("numpyro") and not truncated:
                 nuts = peers.ReducedNuts(bound, whitened=True)
                 nuts.prepare()
                 ways["bridge on NUTS"] = (
                     3,
-                    lambda seed, bound=bound, nuts=nuts: peers.bridged_log_evidence(bound, nuts.run(seed), seed=seed),
+                    lambda seed, bound=bound, nuts=nuts: peers.bridged_log_evidence(
+                        bound, nuts.run(seed), seed=seed
+                    ),
                 )
             exact: tuple[float, float] = (np.nan, np.nan)
             for way, (repeats, work) in ways.items():
@@ -287,9 +355,13 @@ def evidence(size: Size) -> list[dict[str, Any]]:
                 value, error = runs[0][0]
                 exact = (value, error) if way == "nodes" else exact
                 apart = abs(value - exact[0]) / float(np.hypot(error, exact[1]))
-                seconds = {key: spread([asdict(took)[key] for _, took in runs]) for key in ("cpu", "wall")}
+                seconds = {
+                    key: spread([asdict(took)[key] for _, took in runs]) for key in ("cpu", "wall")
+                }
                 found = {"value": value, "error": error, "apart": apart, "runs": repeats}
-                rows.append({"degree": degree, "truncated": truncated, "way": way, **found, **seconds})
+                rows.append(
+                    {"degree": degree, "truncated": truncated, "way": way, **found, **seconds}
+                )
                 say(f"evidence, degree {degree}, {way}: {value:.4f} ± {error:.4f}")
     return rows
 
@@ -320,7 +392,10 @@ def peak_of(ess: float, readings: int, what: str) -> dict[str, float]:
         "lstsq": lambda: least_squares(angle, reading),
     }
     works |= {sampler: partial(sampler_alone, bound, sampler, ess, 1) for sampler in SAMPLERS}
-    works |= {name: lambda name=name: peers.ReducedNuts(bound, whitened=NUTS[name]).run(1) for name in NUTS}
+    works |= {
+        name: lambda name=name: peers.ReducedNuts(bound, whitened=NUTS[name]).run(1)
+        for name in NUTS
+    }
     before = peak_mb()
     with threadpool_limits(1):
         works[what]()
@@ -329,7 +404,9 @@ def peak_of(ess: float, readings: int, what: str) -> dict[str, float]:
 
 def peak_mb() -> float:
     """Of this process so far, by Linux."""
-    (kilobytes,) = re.findall(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text(encoding="ascii"))
+    (kilobytes,) = re.findall(
+        r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text(encoding="ascii")
+    )
     return float(kilobytes) / 1024.0
 
 
@@ -340,19 +417,36 @@ def aims(results: dict[str, Any]) -> list[dict[str, Any]]:
     least = min(per_phi)
     growth = max(value / per_phi[least] / (n / least) for n, value in per_phi.items() if n != least)
     table = [
-        ("independent draws against the best NUTS, per CPU second", 4.0, rows["independent"]["cpu_ratio"]["median"], "times"),
-        ("`joint` against the best NUTS, per CPU second", 1.0, rows["joint"]["cpu_ratio"]["median"], "times"),
+        (
+            "independent draws against the best NUTS, per CPU second",
+            4.0,
+            rows["independent"]["cpu_ratio"]["median"],
+            "times",
+        ),
+        (
+            "`joint` against the best NUTS, per CPU second",
+            1.0,
+            rows["joint"]["cpu_ratio"]["median"],
+            "times",
+        ),
     ]
     for sampler in reversed(SAMPLERS):
         found = rows[f"{sampler}, truncated"]["per_cpu"]["median"]
-        table.append((f"`{sampler}` with truncation, effective draws per CPU second", 20_000.0, found, ""))
+        table.append(
+            (f"`{sampler}` with truncation, effective draws per CPU second", 20_000.0, found, "")
+        )
     stated = [
         {"what": what, "aim": f"≥ {aim:,g} {unit}".strip(), "found": found, "reached": found >= aim}
         for what, aim, found, unit in table
     ]
     own = kernels["recovered"]["evidence"]["median"]
     stated.append(
-        {"what": "kernel on the recovered experiment, µs for each φ", "aim": "≤ 6", "found": own, "reached": own <= 6.0}
+        {
+            "what": "kernel on the recovered experiment, µs for each φ",
+            "aim": "≤ 6",
+            "found": own,
+            "reached": own <= 6.0,
+        }
     )
     what = f"kernel's growth up to {max(per_phi)} circles over that of their number"
     return [*stated, {"what": what, "aim": "≤ 1", "found": growth, "reached": growth <= 1.0}]
@@ -380,7 +474,9 @@ def measure(size: Size) -> dict[str, Any]:
         results["kernel"] = kernel({"recovered": recovered()} | campaigns, size.rounds)
         results["race"] = race(recovered(), size, whole=True)
         fewer = replace(size, repeats=min(size.repeats, 3))
-        results["circles"] = {str(n): race(campaigns[str(n)], fewer, whole=False) for n in size.circles}
+        results["circles"] = {
+            str(n): race(campaigns[str(n)], fewer, whole=False) for n in size.circles
+        }
         results["readings"] = cost_of_readings(size)
         results["evidence"] = evidence(size)
     results["cpu_seconds"] = sum(os.times()[:4])
@@ -389,19 +485,35 @@ def measure(size: Size) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, and write results.json and the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--quick", action="store_true", help="small sizes")
-    parser.add_argument("--restate", action="store_true", help="write the page from the results that are kept")
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for results.json and README.md")
+    parser.add_argument(
+        "--restate", action="store_true", help="write the page from the results that are kept"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=HERE, help="folder for results.json and README.md"
+    )
     options = parser.parse_args()
     missing = [name for name in ("numpyro", "dynesty") if not has(name)]
     if options.out == HERE and not options.restate and (options.quick or missing):
-        lacks = f"; {' and '.join(missing)} must be installed: pip install '.[bench]'" if missing else ""
-        parser.error(f"small or partial results must not replace those kept here: give --out FOLDER{lacks}")
+        lacks = (
+            f"; {' and '.join(missing)} must be installed: pip install '.[bench]'"
+            if missing
+            else ""
+        )
+        parser.error(
+            f"small or partial results must not replace those kept here: give --out FOLDER{lacks}"
+        )
     for name in missing * (not options.restate):
         say(f"{name} is not installed, its rows are left out: pip install '.[bench]'")
     target = options.out / "results.json"
-    results = json.loads(target.read_text("utf-8")) if options.restate else measure(QUICK if options.quick else FULL)
+    results = (
+        json.loads(target.read_text("utf-8"))
+        if options.restate
+        else measure(QUICK if options.quick else FULL)
+    )
     options.out.mkdir(parents=True, exist_ok=True)
     target.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     if not missing or options.restate:

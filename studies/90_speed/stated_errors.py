@@ -20,16 +20,29 @@ TOLERANCE, FINER = 1e-2, 1e-3
 def campaign_of(seed: int) -> tuple[lb.HybridModel, lb.Campaign]:
     """2 to 40 tests, degree 0 to 2, arcs, clocked balls, strong and absent form, discrepancy near zero, truncation off and on."""
     rng = np.random.default_rng(seed)
-    count, degree, arc = int(np.exp(rng.uniform(np.log(2.0), np.log(41.0)))), int(rng.integers(0, 3)), rng.random() < 0.4
+    count, degree, arc = (
+        int(np.exp(rng.uniform(np.log(2.0), np.log(41.0)))),
+        int(rng.integers(0, 3)),
+        rng.random() < 0.4,
+    )
     tests = []
     for force in np.round(np.sort(rng.uniform(30.0, 750.0, count))):
         readings, span = int(rng.integers(30, 90)), rng.uniform(200.0, 330.0) if arc else 360.0
         angle = arc * rng.uniform(0.0, 360.0) + np.arange(readings) * span / readings
         work, tool = (45.0 * rng.integers(0, 4, 2) * (seed % 3 == 0)).tolist()
-        tests.append(lb.CircularTest(float(force), angle, name=f"t{len(tests)}", work_ball_deg=work, tool_ball_deg=tool))
+        tests.append(
+            lb.CircularTest(
+                float(force), angle, name=f"t{len(tests)}", work_ball_deg=work, tool_ball_deg=tool
+            )
+        )
     plan = lb.Campaign(tuple(tests))
     model = lb.HybridModel.first(min(degree, plan.force_levels - 1))
-    choices = {"tau": (0.0, 0.3, 15.0), "kappa": (0.0, 0.02, 0.5), "delta": (0.0, 0.3, 2.0), "sigma": (0.05, 0.3)}
+    choices = {
+        "tau": (0.0, 0.3, 15.0),
+        "kappa": (0.0, 0.02, 0.5),
+        "delta": (0.0, 0.3, 2.0),
+        "sigma": (0.05, 0.3),
+    }
     hyper_um = {name: float(rng.choice(own)) for name, own in choices.items()}
     campaign = model.simulate(plan, seed=seed, hyper_um=hyper_um).campaign
     return (model if seed % 2 else model.without("truncation")), campaign
@@ -44,7 +57,9 @@ def reference(model: lb.HybridModel, campaign: lb.Campaign) -> float:
     def log_inside(index: NDArray[np.intp]) -> NDArray[np.float64]:
         parts = enumerate(np.array_split(index, -(-len(index) // 32)))
         orthants = ((k, density.given(fine.free[part])[1].orthant) for k, part in parts)
-        return np.concatenate([orthant.log_probability(FINER, seed=2 + k % 16)[0] for k, orthant in orthants])
+        return np.concatenate(
+            [orthant.log_probability(FINER, seed=2 + k % 16)[0] for k, orthant in orthants]
+        )
 
     if density.truncated:
         fine = fine.times(log_inside, FINER / 10.0)
@@ -60,7 +75,10 @@ def stated(seed: int) -> list[tuple[float, float]]:
     models = [model, model.fixing(*some)] if model.degree == 1 else [model]
     found = [nodes.evidence for nodes in Evidences(campaign, tolerance=TOLERANCE).of(*models)]
     exact = [reference(own, campaign) for own in models]
-    return [(abs(own.log_value - value) / own.error, own.error) for own, value in zip(found, exact, strict=True)]
+    return [
+        (abs(own.log_value - value) / own.error, own.error)
+        for own, value in zip(found, exact, strict=True)
+    ]
 
 
 def main() -> None:
@@ -71,7 +89,9 @@ def main() -> None:
         print(f"{seed:4d}  {rows[-1][0]:.2f} errors of {rows[-1][1]:.4f} nat", flush=True)
     ratio, error = np.array(rows).T
     within, small = float(np.mean(ratio <= 3.0)), float(np.mean(error <= 0.02))
-    print(f"within three errors: {within:.3f}; stated error at most 0.02 nat: {small:.3f}; largest ratio {ratio.max():.2f}")
+    print(
+        f"within three errors: {within:.3f}; stated error at most 0.02 nat: {small:.3f}; largest ratio {ratio.max():.2f}"
+    )
     if within < 0.99 or small < 0.95:
         sys.exit("The stated error does not hold.")
 

@@ -60,13 +60,17 @@ QUICK = Size(4, 8, 2, 60, (20,))
 def plant(folder: Path, size: Size) -> list[str]:
     """Write the campaigns; every so many one that is broken, in turn torn, without a file, misspelt, of one force, no number."""
     angles = np.arange(size.readings) * 360.0 / size.readings
-    plan = lb.Plan(tuple(lb.CircularTest(force_N=float(force), angle_deg=angles) for force in FORCES_N))
+    plan = lb.Plan(
+        tuple(lb.CircularTest(force_N=float(force), angle_deg=angles) for force in FORCES_N)
+    )
     every, broken = size.many // size.broken, []
     for i in range(size.many):
         made = MODEL.simulate(plan, seed=91_000 + i, parameters=TRUTH, hyper_um=HYPER_UM).campaign
         target = folder / f"{i:05d}"
         dated = f"20{10 + i // 336:02d}-{i % 336 // 28 + 1:02d}-{i % 28 + 1:02d}"
-        lb.write_campaign(replace(made, name=f"campaign {i}", machine_id=f"M{i % 50:02d}", date=dated), target)
+        lb.write_campaign(
+            replace(made, name=f"campaign {i}", machine_id=f"M{i % 50:02d}", date=dated), target
+        )
         if i % every == every - 1:
             _break(target, len(broken))
             broken.append(str(target))
@@ -87,17 +91,32 @@ def _break(folder: Path, kind: int) -> None:
         toml.write_text(re.sub(r"(force_N|pressure_bar) = .*", r"\1 = 3.0", text), encoding="utf-8")
     else:
         lines = first.read_text(encoding="utf-8").splitlines()
-        first.write_text("\n".join([*lines[:50], lines[50].split(",")[0] + ",broken", *lines[51:], ""]), encoding="utf-8")
+        first.write_text(
+            "\n".join([*lines[:50], lines[50].split(",")[0] + ",broken", *lines[51:], ""]),
+            encoding="utf-8",
+        )
 
 
 def batch(paths: list[str], out: Path, executor: str, workers: int) -> dict[str, Any]:
     """One batch, as a user starts it: seconds, campaigns a second, peak memory of every process, digest of the dataset."""
     listed = out.with_suffix(".txt")
     listed.write_text("\n".join(paths) + "\n", encoding="utf-8")
-    command = [sys.executable, "-m", "ldbb_bayes", "batch", f"@{listed}", "--out", str(out), "--executor", executor]
+    command = [
+        sys.executable,
+        "-m",
+        "ldbb_bayes",
+        "batch",
+        f"@{listed}",
+        "--out",
+        str(out),
+        "--executor",
+        executor,
+    ]
     start = time.perf_counter()
     with subprocess.Popen(
-        [*command, "--workers", str(workers), "--json", "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        [*command, "--workers", str(workers), "--json", "--quiet"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
     ) as process:
         peaks: dict[int, float] = {}
         while process.poll() is None:
@@ -119,7 +138,9 @@ def batch(paths: list[str], out: Path, executor: str, workers: int) -> dict[str,
         "journal_bytes": (out / "batch.sqlite").stat().st_size,
         "dataset_bytes": (out / "campaigns.parquet").stat().st_size,
     }
-    _say(f"{executor}, {workers} workers, {len(paths)} campaigns: {found['per_second']:.2f}/s, {found['worker_MB']:.0f} MB")
+    _say(
+        f"{executor}, {workers} workers, {len(paths)} campaigns: {found['per_second']:.2f}/s, {found['worker_MB']:.0f} MB"
+    )
     return found
 
 
@@ -156,7 +177,12 @@ def pooled(rows: pd.DataFrame, machines: int) -> dict[str, Any]:
             "start = time.perf_counter(); found = lb.population(rows, include_misfits=True); end = time.perf_counter()\n"
             "print(len(found.machine), end - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)\n"
         )
-        done = subprocess.run([sys.executable, "-c", code, str(stem), str(machines)], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, "-c", code, str(stem), str(machines)],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
     counted, seconds, megabytes = map(float, done.stdout.split())
     _say(f"population of {counted:.0f} machines: {seconds:.0f} s, {megabytes:.0f} MB")
     return {"machines": int(counted), "seconds": seconds, "MB": megabytes}
@@ -165,7 +191,9 @@ def pooled(rows: pd.DataFrame, machines: int) -> dict[str, Any]:
 def collected(out: Path, again: Path) -> float:
     """Rows a second that one process takes into a journal, of a row that a batch kept."""
     with closing(sqlite3.connect(out / "batch.sqlite")) as journal:
-        (text,) = journal.execute("SELECT row FROM campaigns WHERE status = 'done' LIMIT 1").fetchone()
+        (text,) = journal.execute(
+            "SELECT row FROM campaigns WHERE status = 'done' LIMIT 1"
+        ).fetchone()
     row, moments = json.loads(text), []
     paths = [str(again.parent / "campaigns"), *(f"copy {k}" for k in range(COLLECTED))]
     with mock.patch("ldbb_bayes.fleet.batch.fit_row", return_value=row):
@@ -180,17 +208,23 @@ def measure(size: Size, folder: Path) -> dict[str, Any]:
     paths = sorted(str(path) for path in (folder / "campaigns").iterdir())
     few = [path for path in paths if path not in broken][: size.few]
     runs = {
-        f"{executor} {workers} {len(chosen)}": batch(chosen, folder / f"{executor}-{workers}-{len(chosen)}", executor, workers)
+        f"{executor} {workers} {len(chosen)}": batch(
+            chosen, folder / f"{executor}-{workers}-{len(chosen)}", executor, workers
+        )
         for chosen, counts in ((few, (1, 2)), (paths, (2,)))
         for executor in ("process", "dask")
         for workers in counts
     }
     for run in runs.values():
-        run["reported"] = run.pop("failed") == (sorted(broken) if run["campaigns"] == size.many else [])
+        run["reported"] = run.pop("failed") == (
+            sorted(broken) if run["campaigns"] == size.many else []
+        )
     rows = lb.read_batch(folder / f"process-2-{size.many}")
     return {
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, {psutil.virtual_memory().total / 2**30:.0f} GiB",
-        "versions": {name: version(name) for name in ("numpy", "scipy", "pyarrow", "dask", "distributed")},
+        "versions": {
+            name: version(name) for name in ("numpy", "scipy", "pyarrow", "dask", "distributed")
+        },
         "tests": len(FORCES_N),
         "readings": size.readings,
         "few": size.few,
@@ -198,14 +232,18 @@ def measure(size: Size, folder: Path) -> dict[str, Any]:
         "broken": size.broken,
         "runs": runs,
         "scaling": {
-            executor: runs[f"{executor} 2 {size.few}"]["per_second"] / runs[f"{executor} 1 {size.few}"]["per_second"]
+            executor: runs[f"{executor} 2 {size.few}"]["per_second"]
+            / runs[f"{executor} 1 {size.few}"]["per_second"]
             for executor in ("process", "dask")
         },
         "same_dataset": {
-            str(count): len({run["dataset"] for run in runs.values() if run["campaigns"] == count}) == 1
+            str(count): len({run["dataset"] for run in runs.values() if run["campaigns"] == count})
+            == 1
             for count in (size.few, size.many)
         },
-        "collector": {"rows_per_second": collected(folder / f"process-2-{size.many}", folder / "again")},
+        "collector": {
+            "rows_per_second": collected(folder / f"process-2-{size.many}", folder / "again")
+        },
         "population": [pooled(rows[rows["status"] == "done"], count) for count in size.machines],
     }
 
@@ -226,18 +264,34 @@ def planned(results: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, and write results.json and the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--quick", action="store_true", help="a few small campaigns")
-    parser.add_argument("--campaigns", type=int, default=FULL.many, help="of the larger batches; the smaller have a tenth of it")
-    parser.add_argument("--out", type=Path, default=HERE, help="where results.json and README.md go")
-    parser.add_argument("--restate", action="store_true", help="write the page from the results that are kept")
+    parser.add_argument(
+        "--campaigns",
+        type=int,
+        default=FULL.many,
+        help="of the larger batches; the smaller have a tenth of it",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=HERE, help="where results.json and README.md go"
+    )
+    parser.add_argument(
+        "--restate", action="store_true", help="write the page from the results that are kept"
+    )
     options = parser.parse_args()
     target = options.out / "results.json"
     if options.restate:
         results = json.loads(target.read_text(encoding="utf-8"))
     else:
         with tempfile.TemporaryDirectory() as folder:
-            size = replace(FULL, many=options.campaigns, few=options.campaigns // 10, broken=max(options.campaigns // 50, 1))
+            size = replace(
+                FULL,
+                many=options.campaigns,
+                few=options.campaigns // 10,
+                broken=max(options.campaigns // 50, 1),
+            )
             results = measure(QUICK if options.quick else size, Path(folder))
         results["plan"] = planned(results)
     options.out.mkdir(parents=True, exist_ok=True)

@@ -42,9 +42,15 @@ MODEL = lb.HybridModel.default(1)
 HAS_PACKAGE = find_spec("ACBICI") is not None
 LEVELS = np.array([0.025, 0.975])
 PICKED = 36  # readings of a circle that the Gaussian process is given, and that all methods predict
-GEOMETRIC, RANGE_N = 7, 706.0  # geometric errors, the last columns of J; from the smallest force to the largest
+GEOMETRIC, RANGE_N = (
+    7,
+    706.0,
+)  # geometric errors, the last columns of J; from the smallest force to the largest
 DRAWS = 4000
-NOISE_UM, DISCREPANCY_UM2 = 1.0, 100.0  # scales of the half-normal priors of σ and of the variance of d
+NOISE_UM, DISCREPANCY_UM2 = (
+    1.0,
+    100.0,
+)  # scales of the half-normal priors of σ and of the variance of d
 SETUP_UM = MODEL.prior.delta_um  # of zero and centre from circle to circle
 STEP_RAD = 1e-4
 FEW = 12  # where the package samples everything
@@ -61,7 +67,9 @@ class Circle:
     log_density: Array
 
 
-Said = tuple[Array, Circle | None]  # intervals of the parameters, shape (2, p) [mm, N, rad], and of the new circle, if any
+Said = tuple[
+    Array, Circle | None
+]  # intervals of the parameters, shape (2, p) [mm, N, rad], and of the new circle, if any
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,16 +93,32 @@ class Readings:
     def budget(self, campaign: lb.Campaign, theta: Array, *, full: bool) -> tuple[Array, Array]:
         """What one standard uncertainty adds to the readings: of what all circles share (n, q), and of what each has for itself
         (n, k) [µm]. Circles that state no direction, and these all run the same way, lag as the angle's reference is off."""
-        sd, deflection = {own.name: own.sd for own in lb.uncertainties(campaign).assumed}, self.deflection(theta)
-        same, softness, largest = np.ones(len(deflection)), deflection / self.force, float(campaign.forces_N.max())
-        shared = [1e3 * sd["bar_length"] * same, 1e3 * sd["mount"] * self.pressure, sd["force_gain"] * deflection]
+        sd, deflection = (
+            {own.name: own.sd for own in lb.uncertainties(campaign).assumed},
+            self.deflection(theta),
+        )
+        same, softness, largest = (
+            np.ones(len(deflection)),
+            deflection / self.force,
+            float(campaign.forces_N.max()),
+        )
+        shared = [
+            1e3 * sd["bar_length"] * same,
+            1e3 * sd["mount"] * self.pressure,
+            sd["force_gain"] * deflection,
+        ]
         own = [sd["force_random"] * softness]
         if full:
             bow = 4.0 * self.force / largest * (1.0 - self.force / largest)
-            shared += [1e3 * sd["mount_curvature"] * bow, sd["force_curvature"] * largest * bow * softness]
+            shared += [
+                1e3 * sd["mount_curvature"] * bow,
+                sd["force_curvature"] * largest * bow * softness,
+            ]
             shared += [np.hypot(sd["angle_reference"], sd["angle_lag"]) * (self.turning @ theta)]
             form = {n: 1e3 * np.hypot(sd[f"work_form_{n}"], sd[f"tool_form_{n}"]) for n in (2, 3)}
-            shared += [size * wave(n * self.angle) for n, size in form.items() for wave in (np.cos, np.sin)]
+            shared += [
+                size * wave(n * self.angle) for n, size in form.items() for wave in (np.cos, np.sin)
+            ]
             own += [SETUP_UM * each for each in (same, np.cos(self.angle), np.sin(self.angle))]
         return np.column_stack(shared), np.column_stack(own)
 
@@ -113,16 +137,25 @@ def picked(test: lb.CircularTest, count: int = PICKED) -> NDArray[np.int64]:
     return np.arange(count) * len(test.angle_deg) // count
 
 
-def readings_of(campaign: lb.Campaign, tests: tuple[lb.CircularTest, ...], scale: Array, count: int | None = None) -> Readings:
+def readings_of(
+    campaign: lb.Campaign,
+    tests: tuple[lb.CircularTest, ...],
+    scale: Array,
+    count: int | None = None,
+) -> Readings:
     """So many readings of each of these tests, or all; J for slopes about mid-range of the campaign's forces."""
     middle = 0.5 * float(campaign.forces_N.min() + campaign.forces_N.max())
     parts = []
     for k, test in enumerate(tests):
         index = np.arange(len(test.angle_deg)) if count is None else picked(test, count)
         angle, force = np.deg2rad(test.angle_deg[index]), float(test.force_N or 0.0)
-        pressure = lb.ForceLaw().pressure_bar(force) if test.pressure_bar is None else test.pressure_bar
+        pressure = (
+            lb.ForceLaw().pressure_bar(force) if test.pressure_bar is None else test.pressure_bar
+        )
         before, columns, after = (
-            lb.hybrid_jacobian(campaign.machine(), test.circle, at, force, degree=1, reference_force_N=middle).to_numpy()
+            lb.hybrid_jacobian(
+                campaign.machine(), test.circle, at, force, degree=1, reference_force_N=middle
+            ).to_numpy()
             for at in (angle - STEP_RAD, angle, angle + STEP_RAD)
         )
         same = np.ones(len(index))
@@ -140,13 +173,17 @@ def readings_of(campaign: lb.Campaign, tests: tuple[lb.CircularTest, ...], scale
     return Readings(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def by_least_squares(campaign: lb.Campaign, new: lb.CircularTest | None = None, *, full: bool) -> Said:
+def by_least_squares(
+    campaign: lb.Campaign, new: lb.CircularTest | None = None, *, full: bool
+) -> Said:
     """Least squares of all readings on J, with the uncertainty that a budget after the GUM gives."""
     scale = MODEL.bind(campaign).prior_sd
     own = readings_of(campaign, campaign.tests, scale)
     inverse = np.linalg.pinv(own.jacobian, rcond=1e-12)
     theta = inverse @ own.reading
-    variance = float(np.sum((own.reading - own.jacobian @ theta) ** 2)) / (len(own.reading) - len(theta))
+    variance = float(np.sum((own.reading - own.jacobian @ theta) ** 2)) / (
+        len(own.reading) - len(theta)
+    )
     shared, its_own = own.budget(campaign, theta, full=full)
     of_tests = own.of_tests(its_own)
     propagated = inverse @ np.column_stack([shared, of_tests])
@@ -156,10 +193,18 @@ def by_least_squares(campaign: lb.Campaign, new: lb.CircularTest | None = None, 
         return interval, None
     there = readings_of(campaign, (new,), scale, PICKED)
     added, anew = there.budget(campaign, theta, full=full)
-    apart = there.jacobian @ propagated - np.column_stack([added, np.zeros((len(added), of_tests.shape[1]))])
-    square = variance * (1.0 + ((there.jacobian @ inverse) ** 2).sum(axis=1)) + (apart**2).sum(axis=1) + (anew**2).sum(axis=1)
+    apart = there.jacobian @ propagated - np.column_stack(
+        [added, np.zeros((len(added), of_tests.shape[1]))]
+    )
+    square = (
+        variance * (1.0 + ((there.jacobian @ inverse) ** 2).sum(axis=1))
+        + (apart**2).sum(axis=1)
+        + (anew**2).sum(axis=1)
+    )
     mean, sd = there.jacobian @ theta, np.sqrt(square)
-    return interval, Circle(mean + norm.ppf(LEVELS)[:, None] * sd, norm.logpdf(there.reading, mean, sd))
+    return interval, Circle(
+        mean + norm.ppf(LEVELS)[:, None] * sd, norm.logpdf(there.reading, mean, sd)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +215,9 @@ class Linear:
     columns: Array
 
     @classmethod
-    def of(cls, campaign: lb.Campaign, scale: Array, count: int, *, full: bool) -> tuple[Linear, Array]:
+    def of(
+        cls, campaign: lb.Campaign, scale: Array, count: int, *, full: bool
+    ) -> tuple[Linear, Array]:
         """Of so many readings of each test; and the θ about which errors of force and angle are linear."""
         own = readings_of(campaign, campaign.tests, scale, count)
         theta = np.linalg.lstsq(own.jacobian, own.reading, rcond=1e-12)[0]
@@ -197,13 +244,19 @@ def calibrator(linear: Linear, *, integrated: bool) -> Any:
         def logLikelihood_vect(self) -> float:
             covariance = self.covd(self.xExp, self.xExp) + gram
             covariance[np.diag_indices_from(covariance)] += self.expSTD**2
-            return float(self.gaussianLogLikelihood(self.yExp, np.zeros(len(covariance)), covariance))
+            return float(
+                self.gaussianLogLikelihood(self.yExp, np.zeros(len(covariance)), covariance)
+            )
 
     gram = columns @ columns.T
     found = (Integrated if integrated else ACBICI.discrepancyCalibrator)(Model(), name="d")
-    found.storeExperimentalData(np.column_stack([linear.readings.places(), linear.readings.reading]))
+    found.storeExperimentalData(
+        np.column_stack([linear.readings.places(), linear.readings.reading])
+    )
     found.setExperimentalSTDPrior(ACBICI.HalfNormal(mu=0.0, sigma=NOISE_UM))
-    found.replaceHyperparameterPrior(label=r"$\lambda_d$", prior=ACBICI.HalfNormal(mu=0.0, sigma=DISCREPANCY_UM2))
+    found.replaceHyperparameterPrior(
+        label=r"$\lambda_d$", prior=ACBICI.HalfNormal(mu=0.0, sigma=DISCREPANCY_UM2)
+    )
     found.setDefaultHyperparametersPriors()
     return found
 
@@ -214,21 +267,42 @@ def scales_of(found: Any, seed: int) -> Array:
     def log_density(u: Array) -> float:
         return float(found.logPosterior(np.exp(u)) + u.sum())
 
-    starts, options = [np.log([length, 0.5, 0.3]) for length in LENGTHS], {"xatol": 0.02, "fatol": 0.02}
-    found_modes = [minimize(lambda u: -log_density(u), start, method="Nelder-Mead", options=options) for start in starts]
+    starts, options = (
+        [np.log([length, 0.5, 0.3]) for length in LENGTHS],
+        {"xatol": 0.02, "fatol": 0.02},
+    )
+    found_modes = [
+        minimize(lambda u: -log_density(u), start, method="Nelder-Mead", options=options)
+        for start in starts
+    ]
     mode = min(found_modes, key=lambda own: own.fun).x
     step, each = 0.1 * np.eye(3), range(3)
     four = ((1, 1), (1, -1), (-1, 1), (-1, -1))
-    hessian = [[sum(a * b * log_density(mode + a * step[i] + b * step[j]) for a, b in four) / 0.04 for j in each] for i in each]
+    hessian = [
+        [
+            sum(a * b * log_density(mode + a * step[i] + b * step[j]) for a, b in four) / 0.04
+            for j in each
+        ]
+        for i in each
+    ]
     curvature, vectors = np.linalg.eigh(-np.array(hessian))
     white = SPREAD * multivariate_normal(np.zeros(3), seed=seed).rvs(PROPOSED)
     proposed = mode + white / np.sqrt(np.maximum(curvature, LEAST_CURVATURE)) @ vectors.T
-    log_weight = np.array([log_density(u) for u in proposed]) + 0.5 * (white**2).sum(axis=1) / SPREAD**2
+    log_weight = (
+        np.array([log_density(u) for u in proposed]) + 0.5 * (white**2).sum(axis=1) / SPREAD**2
+    )
     share = np.cumsum(np.exp(log_weight - log_weight.max()))
     return np.exp(proposed[np.searchsorted(share / share[-1], (np.arange(USED) + 0.5) / USED)])
 
 
-def by_process(campaign: lb.Campaign, new: lb.CircularTest | None = None, *, seed: int, full: bool, count: int = PICKED) -> Said:
+def by_process(
+    campaign: lb.Campaign,
+    new: lb.CircularTest | None = None,
+    *,
+    seed: int,
+    full: bool,
+    count: int = PICKED,
+) -> Said:
     """Kennedy and O'Hagan's calibration: the linear part and the three scales integrated out."""
     scale = MODEL.bind(campaign).prior_sd
     linear, theta = Linear.of(campaign, scale, count, full=full)
@@ -240,7 +314,11 @@ def by_process(campaign: lb.Campaign, new: lb.CircularTest | None = None, *, see
     each, p, rng = DRAWS // USED, len(scale), np.random.default_rng(seed)
     for scales in chosen:
         found.storePHE(scales)
-        covariance = found.covd(found.xExp, found.xExp) + linear.columns @ linear.columns.T + scales[2] ** 2 * np.eye(found.nExp)
+        covariance = (
+            found.covd(found.xExp, found.xExp)
+            + linear.columns @ linear.columns.T
+            + scales[2] ** 2 * np.eye(found.nExp)
+        )
         factor = cho_factor(covariance, lower=True)
         solved, parameters = cho_solve(factor, linear.readings.reading), linear.columns[:, :p]
         given = np.eye(p) - parameters.T @ cho_solve(factor, parameters)
@@ -248,11 +326,18 @@ def by_process(campaign: lb.Campaign, new: lb.CircularTest | None = None, *, see
         if there is not None:
             added, anew = there.budget(campaign, theta, full=full)
             known = np.column_stack([there.jacobian, added])
-            columns = np.column_stack([known, np.zeros((len(known), linear.columns.shape[1] - known.shape[1]))])
+            columns = np.column_stack(
+                [known, np.zeros((len(known), linear.columns.shape[1] - known.shape[1]))]
+            )
             places = there.places()
             across = found.covd(found.xExp, places) + linear.columns @ columns.T
             prior = scales[1] + (columns**2).sum(axis=1) + (anew**2).sum(axis=1) + scales[2] ** 2
-            circles.append((across.T @ solved, np.sqrt(prior - (across * cho_solve(factor, across)).sum(axis=0))))
+            circles.append(
+                (
+                    across.T @ solved,
+                    np.sqrt(prior - (across * cho_solve(factor, across)).sum(axis=0)),
+                )
+            )
     interval = np.quantile(np.concatenate(drawn), LEVELS, axis=0) * scale
     if there is None:
         return interval, None
@@ -267,7 +352,12 @@ def as_it_stands(campaign: lb.Campaign, *, seed: int) -> dict[str, float]:
     linear, _ = Linear.of(campaign, scale, FEW, full=False)
     start = time.process_time()
     sink = io.StringIO()
-    with tempfile.TemporaryDirectory() as folder, chdir(folder), redirect_stdout(sink), redirect_stderr(sink):
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        chdir(folder),
+        redirect_stdout(sink),
+        redirect_stderr(sink),
+    ):
         np.random.seed(seed)  # noqa: NPY002 ; the package draws from NumPy's global state
         found = calibrator(linear, integrated=False)
         found.mcmcCalibration(nsteps=ALL_STEPS, burn=ALL_BURNT, nwalkers=ALL_WALKERS)
@@ -311,11 +401,18 @@ def averaged(campaign: lb.Campaign, new: lb.CircularTest | None = None, *, seed:
     return _ours(tuple(kinds), campaign, new, seed)
 
 
-def _ours(models: tuple[lb.HybridModel, ...], campaign: lb.Campaign, new: lb.CircularTest | None, seed: int) -> Said:
+def _ours(
+    models: tuple[lb.HybridModel, ...],
+    campaign: lb.Campaign,
+    new: lb.CircularTest | None,
+    seed: int,
+) -> Said:
     """Independent draws of each model as its posterior probability says."""
     weighed = Evidences(campaign).of(*models)
     rng, names = np.random.default_rng(seed), MODEL.bind(campaign).names
-    counts = rng.multinomial(DRAWS, probabilities(np.array([nodes.evidence.log_value for nodes in weighed])))
+    counts = rng.multinomial(
+        DRAWS, probabilities(np.array([nodes.evidence.log_value for nodes in weighed]))
+    )
     drawn, circles = [], []
     for nodes, count in zip(weighed, counts.tolist(), strict=True):
         if count:
@@ -332,17 +429,26 @@ def _ours(models: tuple[lb.HybridModel, ...], campaign: lb.Campaign, new: lb.Cir
 
 
 def _new_circle(
-    nodes: Nodes, campaign: lb.Campaign, new: lb.CircularTest, beta: Array, phi: Array, rng: np.random.Generator
+    nodes: Nodes,
+    campaign: lb.Campaign,
+    new: lb.CircularTest,
+    beta: Array,
+    phi: Array,
+    rng: np.random.Generator,
 ) -> tuple[Array, Array]:
     """Mean and sd of every picked reading of the new circle, each (draws, n) [µm], given β, φ and shared nuisances drawn."""
-    bound = BoundModel(nodes.bound.model, replace(campaign, tests=(*campaign.tests, new)), pilot=campaign)
+    bound = BoundModel(
+        nodes.bound.model, replace(campaign, tests=(*campaign.tests, new)), pilot=campaign
+    )
     hyper, known = bound.hyper_prior, nodes.bound.hyper_prior.names
     scales = hyper.quantile(rng.random((len(phi), len(hyper.names))))
     scales[:, [hyper.names.index(name) for name in known]] = phi
     angle = np.deg2rad(new.angle_deg[picked(new)])
     turned = basis(angle) * 1e3
     shared = draw_shared(nodes.bound, phi, beta, rng)
-    mean = (machine_coefficients(bound, beta)[:, -1] + shared @ shared_columns(bound)[-1].T) @ turned.T
+    mean = (
+        machine_coefficients(bound, beta)[:, -1] + shared @ shared_columns(bound)[-1].T
+    ) @ turned.T
     square = (scales[:, [hyper.names.index("sigma")]] * 1e3) ** 2
     for columns, sd in _own(bound, scales, len(campaign.tests)):
         square = square + sd**2 @ ((turned @ columns) ** 2).T

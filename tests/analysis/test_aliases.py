@@ -11,7 +11,13 @@ from campaigns import clocked, plan
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.aliases import Degeneracy, StandingKind, cures, degeneracies, standing_degeneracies
+from ldbb_bayes.analysis.aliases import (
+    Degeneracy,
+    StandingKind,
+    cures,
+    degeneracies,
+    standing_degeneracies,
+)
 from ldbb_bayes.inference.predictive import in_order_of_force, shared_terms
 from ldbb_bayes.machine.chain import geometric_reading_mm, wrench_jacobian, wrench_names
 from ldbb_bayes.report.wording import alias_sentences, cure_words, statement
@@ -24,15 +30,24 @@ def found(campaign: lb.Campaign, degree: int = 1) -> dict[str, set[str]]:
 
 def two_radii() -> lb.Campaign:
     two = plan(work_deg=40.0, tool_deg=-65.0)
-    return replace(two, tests=tuple(replace(t, radius_mm=r) for t, r in zip(two.tests, (150, 100, 150, 100), strict=True)))
+    return replace(
+        two,
+        tests=tuple(
+            replace(t, radius_mm=r) for t, r in zip(two.tests, (150, 100, 150, 100), strict=True)
+        ),
+    )
 
 
 def test_recovered_experiment(recovered: lb.Campaign) -> None:
     expected = {
-        "form_cos2": {"E_XX1", "E_YY1"}, "form_sin2": {"E_C0YX"}, "form_cos3": {"E_XY2", "E_Xt0"},
-        "form_sin3": {"E_YX2", "E_Yt0"}, "bar_length": {"E_XX1", "E_YY1"}, "mount": {"C_XXX", "C_YYY"},
+        "form_cos2": {"E_XX1", "E_YY1"},
+        "form_sin2": {"E_C0YX"},
+        "form_cos3": {"E_XY2", "E_Xt0"},
+        "form_sin3": {"E_YX2", "E_Yt0"},
+        "bar_length": {"E_XX1", "E_YY1"},
+        "mount": {"C_XXX", "C_YYY"},
         "force_gain": {"C_XXX", "C_YYY", "C_CXY", "C_CCY"},
-    }  # fmt: skip
+    }
     assert found(recovered) == expected
     assert found(recovered, 0).keys() == expected.keys()
 
@@ -66,7 +81,9 @@ def exact_change_um(campaign: lb.Campaign, degeneracy: Degeneracy, degree: int =
         machine, force = campaign.machine(), float(test.force_N or 0.0)
         labels = [name.label for name in wrench_names(machine)]
         wrench = wrench_jacobian(machine, test.circle, angle)
-        total = geometric_reading_mm(machine, test.circle, angle, {n: v for n, v in change.items() if n.startswith("E_")})
+        total = geometric_reading_mm(
+            machine, test.circle, angle, {n: v for n, v in change.items() if n.startswith("E_")}
+        )
         for name, value in change.items():
             form = re.fullmatch(r"(work_|tool_)?form_(cos|sin)(\d+)", name)
             if name.startswith("C_"):
@@ -75,36 +92,62 @@ def exact_change_um(campaign: lb.Campaign, degeneracy: Degeneracy, degree: int =
                 assert degree == ""
                 total = total + value * force * lever * wrench[:, labels.index(stem)]
             elif form:
-                psi = {"work_": test.work_ball_deg, "tool_": test.tool_ball_deg - 180.0, None: test.work_ball_deg}[form[1]]
+                psi = {
+                    "work_": test.work_ball_deg,
+                    "tool_": test.tool_ball_deg - 180.0,
+                    None: test.work_ball_deg,
+                }[form[1]]
                 phase = int(form[3]) * (angle - np.deg2rad(psi))
                 total = total + value * (np.cos(phase) if form[2] == "cos" else np.sin(phase))
             elif name.startswith("bar_length"):
-                total = total + value * (1.0 if name == "bar_length" or float(name.split("_")[-1]) == test.radius_mm else 0.0)
+                total = total + value * (
+                    1.0
+                    if name == "bar_length" or float(name.split("_")[-1]) == test.radius_mm
+                    else 0.0
+                )
             elif name == "mount":
                 total = total + value * pressure
             elif name == "force_gain":
-                total = total + value * force * (wrench[:, [labels.index(c) for c in kept]] @ estimate)
+                total = total + value * force * (
+                    wrench[:, [labels.index(c) for c in kept]] @ estimate
+                )
         largest = max(largest, float(np.abs(total).max()))
     return largest * 1e3
 
 
 @pytest.mark.parametrize("degree", [0, 1])
-@pytest.mark.parametrize("which", ["recovered", "two balls", "one ball", "two radii", "arcs", "one force"])
-def test_every_statement_holds_in_the_exact_model(recovered: lb.Campaign, which: str, degree: int) -> None:
+@pytest.mark.parametrize(
+    "which", ["recovered", "two balls", "one ball", "two radii", "arcs", "one force"]
+)
+def test_every_statement_holds_in_the_exact_model(
+    recovered: lb.Campaign, which: str, degree: int
+) -> None:
     """No reading moves by more than the linearisation error of changes this small and a tenth of the resolution."""
     campaign = {
-        "recovered": recovered, "two balls": clocked(((0.0, 0.0), (180.0, 180.0))),
-        "one ball": clocked(((0.0, 0.0), (45.0, 0.0), (90.0, 0.0))), "two radii": two_radii(),
-        "arcs": plan((30, 40, 50, 30), arc_deg=230.0), "one force": plan((40,), forces_N=(300.0,)),
-    }[which]  # fmt: skip
+        "recovered": recovered,
+        "two balls": clocked(((0.0, 0.0), (180.0, 180.0))),
+        "one ball": clocked(((0.0, 0.0), (45.0, 0.0), (90.0, 0.0))),
+        "two radii": two_radii(),
+        "arcs": plan((30, 40, 50, 30), arc_deg=230.0),
+        "one force": plan((40,), forces_N=(300.0,)),
+    }[which]
     if which == "one force" and degree:
         return
     every = degeneracies(lb.HybridModel.first(degree).bind(campaign))
     assert every
     for degeneracy in every:
         change = exact_change_um(campaign, degeneracy, degree)
-        assert change < 0.05 * exact_change_um(campaign, replace(degeneracy, combination=lead_of(degeneracy)), degree) + 1e-6
-        assert change / max(degeneracy.prior_sds, 1.0) < 0.1 * campaign.resolution_um, statement(degeneracy)
+        assert (
+            change
+            < 0.05
+            * exact_change_um(
+                campaign, replace(degeneracy, combination=lead_of(degeneracy)), degree
+            )
+            + 1e-6
+        )
+        assert change / max(degeneracy.prior_sds, 1.0) < 0.1 * campaign.resolution_um, statement(
+            degeneracy
+        )
         assert change == pytest.approx(degeneracy.change_um, rel=0.03, abs=2e-3)
 
 
@@ -145,7 +188,10 @@ def test_cures_are_found_by_trying() -> None:
         return dict(zip(names, map(cure_words, every, cures(bound, every)), strict=True))
 
     cure = cure_of(clocked(((0.0, 0.0),)), 1)
-    assert cure["form_cos2"] == "Clocking both balls (0/45/90°), a second radius or a calibration of the balls' form."
+    assert (
+        cure["form_cos2"]
+        == "Clocking both balls (0/45/90°), a second radius or a calibration of the balls' form."
+    )
     assert cure["bar_length"] == "A calibration of the bar's length."
     assert cure["mount"] == "A measurement of the mount's deflection."
     one = cure_of(clocked(((0.0, 0.0), (45.0, 0.0), (90.0, 0.0))), 1)
@@ -153,7 +199,9 @@ def test_cures_are_found_by_trying() -> None:
     lonely = cure_of(plan((40,), forces_N=(300.0,)), 0)
     assert lonely["form_cos4"].startswith("Other force levels")
     assert "force levels" not in lonely["form_cos2"]
-    assert "Other force levels" in cure_of(plan((40, 40), forces_N=(390.0, 390.1)), 0)["C_XXX+E_XX1"]
+    assert (
+        "Other force levels" in cure_of(plan((40, 40), forces_N=(390.0, 390.1)), 0)["C_XXX+E_XX1"]
+    )
 
 
 def test_what_the_model_leaves_out_is_said_too(recovered: lb.Campaign) -> None:
@@ -171,9 +219,13 @@ def test_what_no_reading_sees_has_no_partner(readings: int) -> None:
     for degeneracy in degeneracies(lb.HybridModel.first(1).bind(campaign)):
         largest = max(abs(change) for change in degeneracy.combination.values())
         assert largest < 1.0
-        assert exact_change_um(campaign, replace(degeneracy, combination=lead_of(degeneracy))) > 0.024
+        assert (
+            exact_change_um(campaign, replace(degeneracy, combination=lead_of(degeneracy))) > 0.024
+        )
     bare = degeneracies(lb.HybridModel.first(1).without("ball-form").bind(plan((24,) * 4)))
-    assert {name for d in bare if d.term == "BallForm" for name in d.parameters}.isdisjoint({"C_XXX", "C_YYY", "C_CCY"})
+    assert {name for d in bare if d.term == "BallForm" for name in d.parameters}.isdisjoint(
+        {"C_XXX", "C_YYY", "C_CCY"}
+    )
 
 
 def lead_of(degeneracy: Degeneracy) -> dict[str, float]:
@@ -193,8 +245,13 @@ def test_both_directions_at_the_same_forces_show_friction() -> None:
     angle = np.arange(40) * 9.0
 
     def notes(pairs: tuple[tuple[float, str], ...]) -> bool:
-        bound = lb.HybridModel.first(0).bind(lb.Campaign(tuple(lb.CircularTest(f, angle, direction=d) for f, d in pairs)))
-        return any(own.kind == StandingKind.FRICTION for own in standing_degeneracies(bound, degeneracies(bound)))
+        bound = lb.HybridModel.first(0).bind(
+            lb.Campaign(tuple(lb.CircularTest(f, angle, direction=d) for f, d in pairs))
+        )
+        return any(
+            own.kind == StandingKind.FRICTION
+            for own in standing_degeneracies(bound, degeneracies(bound))
+        )
 
     assert notes(((36.0, "CW"), (742.0, "CW")))
     assert notes(((36.0, "CW"), (742.0, "CCW")))
@@ -204,11 +261,21 @@ def test_both_directions_at_the_same_forces_show_friction() -> None:
 def test_a_drift_in_the_order_of_force_looks_like_compliance(recovered: lb.Campaign) -> None:
     """F, F cos θ and F sin θ are sums of columns that these compliances and `Position` have."""
     bound = lb.HybridModel.default(1).bind(recovered)
-    (drift,) = (own.parameters for own in standing_degeneracies(bound, ()) if own.kind == StandingKind.DRIFT)
-    parts = [part.values for part in shared_terms(bound.nuisance_columns) if part.names[0].startswith("position_")]
-    own = np.concatenate([bound.interest[:, :, [bound.names.index(name) for name in drift]], *parts], axis=2).reshape(-1, 8)
+    (drift,) = (
+        own.parameters for own in standing_degeneracies(bound, ()) if own.kind == StandingKind.DRIFT
+    )
+    parts = [
+        part.values
+        for part in shared_terms(bound.nuisance_columns)
+        if part.names[0].startswith("position_")
+    ]
+    own = np.concatenate(
+        [bound.interest[:, :, [bound.names.index(name) for name in drift]], *parts], axis=2
+    ).reshape(-1, 8)
     like = np.einsum("t,jk->tkj", recovered.forces_N, np.eye(25)[:3]).reshape(-1, 3)
-    np.testing.assert_allclose(own @ np.linalg.lstsq(own, like, rcond=1e-12)[0], like, atol=1e-9 * like.max())
+    np.testing.assert_allclose(
+        own @ np.linalg.lstsq(own, like, rcond=1e-12)[0], like, atol=1e-9 * like.max()
+    )
     assert "Drift" in lb.identify(bound.model, recovered).parameters["C_CXY"].partners
 
 
@@ -216,15 +283,25 @@ def test_orders_of_force() -> None:
     """Where Spearman's rank correlation is significant: one in twenty that chance gives. Times go before the list."""
     rng = np.random.default_rng(1)
     for order in [np.arange(7), np.arange(7)[::-1], *(rng.permutation(7) for _ in range(30))]:
-        run = [lb.CircularTest(50.0 + k**2, np.arange(30) * 12.0, np.ones(30), time_s=60.0 * j) for j, k in enumerate(order)]
-        for tests in ([replace(test, time_s=None) for test in run], sorted(run, key=lambda test: test.force_N)):
+        run = [
+            lb.CircularTest(50.0 + k**2, np.arange(30) * 12.0, np.ones(30), time_s=60.0 * j)
+            for j, k in enumerate(order)
+        ]
+        for tests in (
+            [replace(test, time_s=None) for test in run],
+            sorted(run, key=lambda test: test.force_N),
+        ):
             found = in_order_of_force(lb.HybridModel.paper(0).bind(lb.Campaign(tuple(tests))))
             assert found == (stats.spearmanr(order, np.arange(7)).pvalue < 0.05)
 
 
 def test_another_machine_and_plane() -> None:
     """Found numerically, not written out: a machine of the other order in another plane."""
-    campaign = lb.Campaign(tuple(lb.CircularTest(f, np.arange(40) * 9.0) for f in (100.0, 400.0)), topology="wXFYZt", plane="YZ")
+    campaign = lb.Campaign(
+        tuple(lb.CircularTest(f, np.arange(40) * 9.0) for f in (100.0, 400.0)),
+        topology="wXFYZt",
+        plane="YZ",
+    )
     names = found(campaign, 0)
     assert names["bar_length"] == {"E_YY1", "E_ZZ1"}
     assert names["form_cos2"] == {"E_YY1", "E_ZZ1"}

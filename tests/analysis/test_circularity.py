@@ -20,7 +20,9 @@ QUIET = HYPER_UM | {"tau": 0.05, "delta": 0.05, "kappa": 0.05}
 
 def second_harmonic(trace: np.ndarray) -> tuple[float, float]:
     """cos 2θ and sin 2θ of a trace, by the discrete Fourier sum."""
-    return float(2.0 * (trace * np.cos(2 * ANGLE)).mean()), float(2.0 * (trace * np.sin(2 * ANGLE)).mean())
+    return float(2.0 * (trace * np.cos(2 * ANGLE)).mean()), float(
+        2.0 * (trace * np.sin(2 * ANGLE)).mean()
+    )
 
 
 @pytest.mark.parametrize("topology", ["wCAFYXZSt", "wYFXZt"])
@@ -36,10 +38,19 @@ def test_the_machines_path(topology: str) -> None:
     assert sorted(set(table["force_N"])) == [0.0, 36.0, 300.0, 520.0, 742.0]
     machine, circle = campaign.machine(), campaign.tests[0].circle
     compliances = {name: value for name, value in truth.items() if name.startswith("C_")}
-    errors = {name: value for name, value in truth.items() if name.startswith("E_") and name[3] != "t"}
+    errors = {
+        name: value for name, value in truth.items() if name.startswith("E_") and name[3] != "t"
+    }
 
     def exact_um(force_N: float, errors: dict[str, float]) -> np.ndarray:
-        return 1e3 * exact_reading_mm(machine, circle, ANGLE, force_N=force_N, compliances=compliances, geometric_errors=errors)
+        return 1e3 * exact_reading_mm(
+            machine,
+            circle,
+            ANGLE,
+            force_N=force_N,
+            compliances=compliances,
+            geometric_errors=errors,
+        )
 
     one = exact_um(0.0, {next(n for n in names if n.startswith("E_C0")): 1e-6})
     for force in (0.0, 300.0, 742.0):
@@ -74,13 +85,23 @@ def fitted() -> tuple[lb.Campaign, Any]:
 
 @pytest.fixture(scope="module")
 def both_ways() -> tuple[lb.Campaign, Any]:
-    tests = tuple(replace(test, direction=way, name=f"{way}{k}") for way in ("CW", "CCW") for k, test in enumerate(plan().tests))
+    tests = tuple(
+        replace(test, direction=way, name=f"{way}{k}")
+        for way in ("CW", "CCW")
+        for k, test in enumerate(plan().tests)
+    )
     model = lb.HybridModel.first(0)
     campaign = model.simulate(replace(plan(), tests=tests), seed=3, hyper_um=QUIET).campaign
     # Lost motion: clockwise 2 µm of cos θ and 3 µm of sin 2θ more than the mean path, the other way as much less.
-    lost = [2.0 * np.cos(test.angles_rad()) + 3.0 * np.sin(2 * test.angles_rad()) for test in campaign.tests]
+    lost = [
+        2.0 * np.cos(test.angles_rad()) + 3.0 * np.sin(2 * test.angles_rad())
+        for test in campaign.tests
+    ]
     pairs = zip(campaign.tests, lost, strict=True)
-    moved = [test.with_reading_um(test.reading_um + (own if test.direction == "CW" else -own)) for test, own in pairs]
+    moved = [
+        test.with_reading_um(test.reading_um + (own if test.direction == "CW" else -own))
+        for test, own in pairs
+    ]
     campaign = replace(campaign, tests=tuple(moved))
     return campaign, lb.sample(model, campaign, seed=1, sampler="independent")
 
@@ -91,24 +112,50 @@ def test_both_directions(both_ways: tuple[lb.Campaign, Any]) -> None:
     _, pairs = circularity.measured_circularity(posterior)
     assert list(pairs.index) == [f"CW{k} + CCW{k}" for k in range(4)]
     for k in range(4):
-        one, other = (next(t for t in campaign.tests if t.name == f"{way}{k}") for way in ("CW", "CCW"))
+        one, other = (
+            next(t for t in campaign.tests if t.name == f"{way}{k}") for way in ("CW", "CCW")
+        )
         angle = np.concatenate([one.angles_rad(), other.angles_rad()])
         reading = np.concatenate([one.reading_um, other.reading_um])  # type: ignore[list-item]
-        fitted = np.linalg.lstsq(np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)]), reading, rcond=None)[0]
+        fitted = np.linalg.lstsq(
+            np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)]),
+            reading,
+            rcond=None,
+        )[0]
         rest = reading - fitted[1] * np.cos(angle) - fitted[2] * np.sin(angle)
         assert pairs.loc[f"CW{k} + CCW{k}", "G_b"] == pytest.approx(np.ptp(rest))
         assert pairs.loc[f"CW{k} + CCW{k}", "D"] == pytest.approx(fitted[0])
-        assert pairs.loc[f"CW{k} + CCW{k}", "G_b_minimum_zone"] <= pairs.loc[f"CW{k} + CCW{k}", "G_b"] + 1e-9
+        assert (
+            pairs.loc[f"CW{k} + CCW{k}", "G_b_minimum_zone"]
+            <= pairs.loc[f"CW{k} + CCW{k}", "G_b"] + 1e-9
+        )
     table = circularity.circularity(posterior, [520.0]).set_index("quantity")
     assert set(table.index) >= {"G_b", "D", "G"}
     # One direction alone lacks the lost motion: 2 (2 cos θ + 3 sin 2θ) between the two ways.
     assert table.loc["G_b", "median"] > table.loc["G", "median"] + 1.0
-    assert table.loc["G_b", "ci_low"] < pairs.loc["CW2 + CCW2", "G_b"] < table.loc["G_b", "ci_high"] + 2.0
+    assert (
+        table.loc["G_b", "ci_low"]
+        < pairs.loc["CW2 + CCW2", "G_b"]
+        < table.loc["G_b", "ci_high"] + 2.0
+    )
 
 
 # Peak to peak at 742 N [mm], as the text beside Figs. 9 and 10 states it.
-COMPLIANCES = {"C_XXX": "0.045", "C_YYY": "0.034", "C_XYX": "0.00058", "C_CXY": "0.0022", "C_CYY": "0.0014", "C_CCY": "0.0045"}
-ERRORS = {"E_XX1": "0.019", "E_YY1": "0.014", "E_YX2": "0.0074", "E_XY2": "0.012", "E_C0YX": "0.00017"}
+COMPLIANCES = {
+    "C_XXX": "0.045",
+    "C_YYY": "0.034",
+    "C_XYX": "0.00058",
+    "C_CXY": "0.0022",
+    "C_CYY": "0.0014",
+    "C_CCY": "0.0045",
+}
+ERRORS = {
+    "E_XX1": "0.019",
+    "E_YY1": "0.014",
+    "E_YX2": "0.0074",
+    "E_XY2": "0.012",
+    "E_C0YX": "0.00017",
+}
 OFFSETS = {"E_Xt0": "0.0076", "E_Yt0": "0.0012"}
 
 
@@ -132,26 +179,40 @@ def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> No
     group = posterior["posterior"]
     # The draws that the table uses, evenly picked.
     pick = np.linspace(0, group["C_XXX"].size - 1, min(2000, group["C_XXX"].size)).astype(int)
-    mean = {str(name): float(group[name].to_numpy().ravel()[pick].mean()) for name in group.data_vars}
+    mean = {
+        str(name): float(group[name].to_numpy().ravel()[pick].mean()) for name in group.data_vars
+    }
     lever = force - 389.0
-    at = {name: sum(mean[name + suffix] * lever**k for k, suffix in enumerate(("", "_1", "_2"))) for name in COMPLIANCES}
+    at = {
+        name: sum(mean[name + suffix] * lever**k for k, suffix in enumerate(("", "_1", "_2")))
+        for name in COMPLIANCES
+    }
     errors = {name: mean[name] for name in ERRORS}
     machine, circle = campaign.machine(), campaign.tests[0].circle
 
     def exact_um(compliances: dict[str, float], errors: dict[str, float]) -> np.ndarray:
-        return 1e3 * exact_reading_mm(machine, circle, ANGLE, force_N=force, compliances=compliances, geometric_errors=errors)
+        return 1e3 * exact_reading_mm(
+            machine, circle, ANGLE, force_N=force, compliances=compliances, geometric_errors=errors
+        )
 
     truths = {
-        circularity.TOGETHER: exact_um(at, errors), circularity.COMPLIANCE: exact_um(at, {}),
+        circularity.TOGETHER: exact_um(at, errors),
+        circularity.COMPLIANCE: exact_um(at, {}),
         circularity.GEOMETRY: exact_um({}, errors),
-        "C_XXX": exact_um({"C_XXX": at["C_XXX"]}, {}), "C_CCY": exact_um({"C_CCY": at["C_CCY"]}, {}),
+        "C_XXX": exact_um({"C_XXX": at["C_XXX"]}, {}),
+        "C_CCY": exact_um({"C_CCY": at["C_CCY"]}, {}),
         "E_XY2": exact_um({}, {"E_XY2": mean["E_XY2"]}),
-    }  # fmt: skip
+    }
     for source, trace in truths.items():
         assert found.loc[source, "maximum"] == pytest.approx(trace.max(), abs=0.01), source
         assert found.loc[source, "minimum"] == pytest.approx(trace.min(), abs=0.01), source
-    each = sum(group["C_XXX" + suffix].to_numpy().ravel()[pick] * lever**k for k, suffix in enumerate(("", "_1", "_2")))
-    assert found.loc["C_XXX", "peak_to_peak"] == pytest.approx(np.ptp(exact_um({"C_XXX": np.median(each)}, {})), abs=0.01)
+    each = sum(
+        group["C_XXX" + suffix].to_numpy().ravel()[pick] * lever**k
+        for k, suffix in enumerate(("", "_1", "_2"))
+    )
+    assert found.loc["C_XXX", "peak_to_peak"] == pytest.approx(
+        np.ptp(exact_um({"C_XXX": np.median(each)}, {})), abs=0.01
+    )
 
 
 @pytest.mark.parametrize(("order", "amplitude"), [(2, 5.0), (3, 1.5), (7, 0.2)])
@@ -165,10 +226,14 @@ def test_lobes(order: int, amplitude: float) -> None:
     assert (zone.mean, zone.upper) == pytest.approx((12.0, 12.0 + amplitude), rel=1e-3)
 
 
-def true_width(centre: np.ndarray, angle: np.ndarray, deviation_um: np.ndarray, radius_um: float = 1.5e5) -> float:
+def true_width(
+    centre: np.ndarray, angle: np.ndarray, deviation_um: np.ndarray, radius_um: float = 1.5e5
+) -> float:
     """Distances of points in the plane from a centre: largest less smallest."""
     away = radius_um + deviation_um
-    return float(np.ptp(np.hypot(away * np.cos(angle) - centre[0], away * np.sin(angle) - centre[1])))
+    return float(
+        np.ptp(np.hypot(away * np.cos(angle) - centre[0], away * np.sin(angle) - centre[1]))
+    )
 
 
 def test_minimum_zone_by_search() -> None:
@@ -176,13 +241,20 @@ def test_minimum_zone_by_search() -> None:
     rng = np.random.default_rng(4)
     for k in range(30):
         angle = np.sort(rng.uniform(0.0, 2 * np.pi, 60)) if k % 2 else ANGLE[::6]
-        trace = sum(rng.normal(0.0, 5.0 / n) * np.cos(n * angle + rng.uniform(0.0, 6.0)) for n in range(1, 9))
+        trace = sum(
+            rng.normal(0.0, 5.0 / n) * np.cos(n * angle + rng.uniform(0.0, 6.0))
+            for n in range(1, 9)
+        )
         trace = trace + rng.normal(0.0, 0.3, len(angle))
         searched = np.zeros(2)
         for _ in range(3):
             options = {"xatol": 1e-9, "fatol": 1e-9, "maxiter": 4000}
-            searched = minimize(true_width, searched, args=(angle, trace), method="Nelder-Mead", options=options).x
-        assert circularity.minimum_zone_width(angle, trace) == pytest.approx(true_width(searched, angle, trace), abs=1e-3)
+            searched = minimize(
+                true_width, searched, args=(angle, trace), method="Nelder-Mead", options=options
+            ).x
+        assert circularity.minimum_zone_width(angle, trace) == pytest.approx(
+            true_width(searched, angle, trace), abs=1e-3
+        )
 
 
 def test_zone_refused() -> None:

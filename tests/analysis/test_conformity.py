@@ -14,7 +14,14 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import conformity
-from ldbb_bayes.analysis.conformity import Decision, Reason, ReasonKind, Use, normal_conformity, state_of
+from ldbb_bayes.analysis.conformity import (
+    Decision,
+    Reason,
+    ReasonKind,
+    Use,
+    normal_conformity,
+    state_of,
+)
 from ldbb_bayes.analysis.identifiability import Verdict
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, campaign_of, curves_of, fit_of
@@ -33,39 +40,60 @@ def test_half_at_the_mean_and_95_percent_at_1_64_u(posterior: Any) -> None:
     table = lb.summarize(posterior)
     for name in ("C_XXX", "C_YYY"):
         mean, sd = table.loc[name, ["mean", "sd"]]
-        for upper, expected in ((mean, 0.5), (mean + 1.645 * sd, 0.95), (mean - 1.645 * sd, 0.05), (mean + 3.0 * sd, 0.99865)):
+        for upper, expected in (
+            (mean, 0.5),
+            (mean + 1.645 * sd, 0.95),
+            (mean - 1.645 * sd, 0.05),
+            (mean + 3.0 * sd, 0.99865),
+        ):
             found = lb.conformity(posterior, {name: lb.Tolerance(upper=upper)})[name]
             assert found.probability == pytest.approx(expected, abs=0.02), (name, expected)
             assert found.guard_band == pytest.approx(1.6449 * sd, rel=1e-3)
         draws = posterior["posterior"][name].values.ravel()
         low, high = mean - 0.5 * sd, mean + 1.2 * sd
         found = lb.conformity(posterior, {name: lb.Tolerance(low, high)})[name]
-        assert found.probability == pytest.approx(((draws >= low) & (draws <= high)).mean(), abs=1e-12)
+        assert found.probability == pytest.approx(
+            ((draws >= low) & (draws <= high)).mean(), abs=1e-12
+        )
 
 
 def test_normal_tail_beyond_the_draws(posterior: Any) -> None:
     mean, sd = lb.summarize(posterior).loc["C_XXX", ["mean", "sd"]]
-    far = [lb.conformity(posterior, {"C_XXX": lb.Tolerance(upper=mean + k * sd)})["C_XXX"].probability for k in (6.0, -6.0)]
+    far = [
+        lb.conformity(posterior, {"C_XXX": lb.Tolerance(upper=mean + k * sd)})["C_XXX"].probability
+        for k in (6.0, -6.0)
+    ]
     np.testing.assert_allclose([1.0 - far[0], far[1]], stats.norm.sf(6.0), rtol=1e-5)
     assert 1.0 - far[0] > 0.0
 
 
 def test_decisions_by_the_guard_band() -> None:
     tolerance = lb.Tolerance(upper=60e-6)
-    for inside, decision in ((1.7, Decision.CONFORMS), (1.6, Decision.NOT_DECIDED), (-1.6, Decision.NOT_DECIDED)):
+    for inside, decision in (
+        (1.7, Decision.CONFORMS),
+        (1.6, Decision.NOT_DECIDED),
+        (-1.6, Decision.NOT_DECIDED),
+    ):
         found = normal_conformity("mm/N", 60e-6 - inside * 2e-6, 2e-6, tolerance)
         assert found.decision == decision
         assert found.probability == pytest.approx(stats.norm.cdf(inside))
         assert (found.decision == Decision.CONFORMS) == (found.mean < 60e-6 - found.guard_band)
-    assert normal_conformity("mm/N", 60e-6 + 3.4e-6, 2e-6, tolerance).decision == Decision.DOES_NOT_CONFORM
+    assert (
+        normal_conformity("mm/N", 60e-6 + 3.4e-6, 2e-6, tolerance).decision
+        == Decision.DOES_NOT_CONFORM
+    )
     both = normal_conformity("rad", 10e-6, 4e-6, lb.Tolerance(-20e-6, 20e-6), confidence=0.995)
-    assert both.probability == pytest.approx(stats.norm(10.0, 4.0).cdf(20.0) - stats.norm(10.0, 4.0).cdf(-20.0))
+    assert both.probability == pytest.approx(
+        stats.norm(10.0, 4.0).cdf(20.0) - stats.norm(10.0, 4.0).cdf(-20.0)
+    )
     assert both.decision == Decision.NOT_DECIDED
 
 
 def test_texts_are_limits_with_their_units() -> None:
     limits = TABLES["tolerances"]["limits"]
-    found = conformity.tolerances_in(conformity.quantities_of(MODEL.bind(CAMPAIGN)), {name: text for name, text, *_ in limits})
+    found = conformity.tolerances_in(
+        conformity.quantities_of(MODEL.bind(CAMPAIGN)), {name: text for name, text, *_ in limits}
+    )
     for (name, own), (_, _, kept, *ends) in zip(found.items(), limits, strict=True):
         assert (name, own.ends) == (kept, pytest.approx(tuple(ends)))
 
@@ -79,18 +107,32 @@ def test_stiffness_and_path_at_a_force(posterior: Any) -> None:
     force = 500.0
     curve = curves_of(posterior, np.array([force]))[:, 0, 0]
     found = lb.conformity(
-        posterior, {"stiffness_X": "18 N/µm", "C_XXX": "60 nm/N", "G": "20 µm", "E_XX1": "1 mm/m"}, force_N=force
+        posterior,
+        {"stiffness_X": "18 N/µm", "C_XXX": "60 nm/N", "G": "20 µm", "E_XX1": "1 mm/m"},
+        force_N=force,
     )
     assert found["stiffness_X"].probability == pytest.approx((1.0 / curve >= 18e3).mean(), abs=0.01)
     assert found["C_XXX"].mean == pytest.approx(curve.mean(), rel=1e-9)
     table = lb.circularity(posterior, [force]).set_index("quantity")
     assert found["G"].mean == pytest.approx(table.loc["G", "mean"] * 1e-3, rel=1e-9)
     assert (found["G"].force_N, found["E_XX1"].force_N) == (force, None)
-    for far in (-5.0, 0.0, float("nan"), 0.09 * CAMPAIGN.forces_N.min(), 1.6 * CAMPAIGN.forces_N.max()):
-        with pytest.raises(InputError, match=rf"force_N \(--force-N\) must be a force from .* tested from .* got {far}"):
+    for far in (
+        -5.0,
+        0.0,
+        float("nan"),
+        0.09 * CAMPAIGN.forces_N.min(),
+        1.6 * CAMPAIGN.forces_N.max(),
+    ):
+        with pytest.raises(
+            InputError,
+            match=rf"force_N \(--force-N\) must be a force from .* tested from .* got {far}",
+        ):
             lb.conformity(posterior, {"C_XXX": "60 nm/N"}, force_N=far)
     middle = lb.conformity(posterior, {"C_XXX": "60 nm/N"})["C_XXX"]
-    assert (middle.mean, middle.force_N) == (pytest.approx(lb.summarize(posterior).loc["C_XXX", "mean"]), 389.0)
+    assert (middle.mean, middle.force_N) == (
+        pytest.approx(lb.summarize(posterior).loc["C_XXX", "mean"]),
+        389.0,
+    )
 
 
 def test_campaigns_have_tolerances(tmp_path: Path) -> None:
@@ -102,22 +144,43 @@ def test_campaigns_have_tolerances(tmp_path: Path) -> None:
     fitted = lb.sample(MODEL.with_degree(0), again, sampler="independent")
     assert campaign_of(fitted).tolerances == campaign.tolerances
     assert lb.conformity(fitted).keys() == campaign.tolerances.keys()
-    toml = (tmp_path / "campaign" / "campaign.toml").read_text(encoding="utf-8").replace('"60 nm/N"', "60")
+    toml = (
+        (tmp_path / "campaign" / "campaign.toml")
+        .read_text(encoding="utf-8")
+        .replace('"60 nm/N"', "60")
+    )
     (tmp_path / "campaign" / "campaign.toml").write_text(toml, encoding="utf-8")
-    refuses(r"campaign\.toml: 'C_XXX' in \[tolerance\] must be a valid string, got 60", lb.read_campaign, tmp_path / "campaign")
+    refuses(
+        r"campaign\.toml: 'C_XXX' in \[tolerance\] must be a valid string, got 60",
+        lb.read_campaign,
+        tmp_path / "campaign",
+    )
 
 
 def test_may_the_numbers_be_used(posterior: Any) -> None:
     fit, verdicts = fit_of(posterior), lb.verdicts(posterior)
-    assert state_of(replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX", "C_YYY")).use == Use.CAN_BE_USED
-    weak = {"E_C0YX": replace(verdicts["E_C0YX"], verdict=Verdict.CONFOUNDED, partners=("BallForm",), contraction=0.4)}
-    squareness = state_of(replace(fit, concerns=(), sensitivity={}), verdicts | weak, ("C_XXX", "E_C0YX"))
+    assert (
+        state_of(replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX", "C_YYY")).use
+        == Use.CAN_BE_USED
+    )
+    weak = {
+        "E_C0YX": replace(
+            verdicts["E_C0YX"], verdict=Verdict.CONFOUNDED, partners=("BallForm",), contraction=0.4
+        )
+    }
+    squareness = state_of(
+        replace(fit, concerns=(), sensitivity={}), verdicts | weak, ("C_XXX", "E_C0YX")
+    )
     assert squareness.use == Use.WITH_RESERVATION
     assert squareness.reasons == (Reason(ReasonKind.NOT_DETERMINED, ("E_C0YX",), ("BallForm",)),)
     for kind in (ConcernKind.NOT_CONVERGED, ConcernKind.TRUNCATION):
         refused = state_of(replace(fit, concerns=(Concern(kind, 1.0, 2.0),)), verdicts, ())
         assert refused.use == Use.DO_NOT_USE
         assert refused.reasons[0].kind == kind
-    open_sign: Any = SimpleNamespace(within_tolerance=True, sign="depends on assumptions that the readings allow")
-    found = state_of(replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX",), comparison=open_sign)
+    open_sign: Any = SimpleNamespace(
+        within_tolerance=True, sign="depends on assumptions that the readings allow"
+    )
+    found = state_of(
+        replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX",), comparison=open_sign
+    )
     assert [own.kind for own in found.reasons] == [ReasonKind.OPEN_SIGN]

@@ -15,7 +15,15 @@ from oracle import Oracle, OracleTest
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import candidates
-from ldbb_bayes.analysis.candidates import Space, States, bind_tests, foreseen_by, grid_of_tests, running_order, templates
+from ldbb_bayes.analysis.candidates import (
+    Space,
+    States,
+    bind_tests,
+    foreseen_by,
+    grid_of_tests,
+    running_order,
+    templates,
+)
 from ldbb_bayes.analysis.design import _limits
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import Gaussian
@@ -50,15 +58,22 @@ def six(pilot: lb.Campaign) -> lb.Design:
 
 @pytest.mark.parametrize(
     ("degree", "forces", "shares", "efficiency"),
-    [(0, (36.0, 742.0), (0.4547, 0.5453), 0.725), (1, (36.0, 386.4, 742.0), (0.2959, 0.3513, 0.3528), 0.804)],
+    [
+        (0, (36.0, 742.0), (0.4547, 0.5453), 0.725),
+        (1, (36.0, 386.4, 742.0), (0.2959, 0.3513, 0.3528), 0.804),
+    ],
 )
-def test_the_paper_preset(degree: int, forces: tuple[float, ...], shares: tuple[float, ...], efficiency: float) -> None:
+def test_the_paper_preset(
+    degree: int, forces: tuple[float, ...], shares: tuple[float, ...], efficiency: float
+) -> None:
     """D-optimal shares over 36 to 742 N on a 1 N grid, the certificate there, and what the paper's seven levels are worth."""
     seven = plan((60,) * 7, forces_N=(36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0))
     found = lb.design(lb.HybridModel.paper(degree), seven, tests=7, against={"seven": seven})
     support = found.shares.groupby((found.shares["force_N"] / 100.0).round())
     np.testing.assert_allclose(support["share"].sum(), shares, atol=1e-4)
-    centre = support.apply(lambda own: np.average(own["force_N"], weights=own["share"]), include_groups=False)
+    centre = support.apply(
+        lambda own: np.average(own["force_N"], weights=own["share"]), include_groups=False
+    )
     np.testing.assert_allclose(centre, forces, atol=0.35)
     assert len(found.sensitivity) == 707
     parameters = 13 if degree == 0 else 19
@@ -79,15 +94,25 @@ def test_information_against_the_dense_oracle(pilot: lb.Campaign) -> None:
     ]
     law = pilot.force_law
     stated = [
-        (t.force_N, law.pressure_bar(t.force_N), *map(np.deg2rad, (t.angle_deg, t.work_ball_deg, t.tool_ball_deg)), t.radius_mm)
+        (
+            t.force_N,
+            law.pressure_bar(t.force_N),
+            *map(np.deg2rad, (t.angle_deg, t.work_ball_deg, t.tool_ball_deg)),
+            t.radius_mm,
+        )
         for t in tests
     ]
-    own = [OracleTest(f, p, angle, np.zeros(30), work, tool, radius) for f, p, angle, work, tool, radius in stated]
+    own = [
+        OracleTest(f, p, angle, np.zeros(30), work, tool, radius)
+        for f, p, angle, work, tool, radius in stated
+    ]
     dense = Oracle(own, 1, terms=("form", "length", "mount", "setup", "discrepancy"))
     _, _, covariance = dense.given(PHI)
     p = len(dense.names)
     prior = Gaussian.of(np.zeros((1, p)), dense.sd[None] ** 2)
-    found = Space(model, pilot, LEVELS).forecast(tests, states=States(PHI[None], np.zeros((1, p)), prior))
+    found = Space(model, pilot, LEVELS).forecast(
+        tests, states=States(PHI[None], np.zeros((1, p)), prior)
+    )
     assert list(found.expected) == dense.names
     sd = np.array([entry.sd for entry in found.expected.values()])
     np.testing.assert_allclose(sd, np.sqrt(np.diag(covariance)), rtol=1e-7)
@@ -95,7 +120,14 @@ def test_information_against_the_dense_oracle(pilot: lb.Campaign) -> None:
     assert found.information_gain == pytest.approx(gain, abs=1e-6)
 
 
-def dense_sd(model: lb.HybridModel, campaign: lb.Campaign, tests: Sequence[lb.CircularTest], name: str, *, times: float) -> float:
+def dense_sd(
+    model: lb.HybridModel,
+    campaign: lb.Campaign,
+    tests: Sequence[lb.CircularTest],
+    name: str,
+    *,
+    times: float,
+) -> float:
     """Posterior sd of a parameter at PHI, every test run so often, by inverting the whole precision matrix."""
     information = information_of(bind_tests(model, campaign, tests, keep=False), PHI)
     rows, k = information.rows(), information.names.index(name)
@@ -103,21 +135,32 @@ def dense_sd(model: lb.HybridModel, campaign: lb.Campaign, tests: Sequence[lb.Ci
     return float(np.sqrt(covariance[k, k]) * information.scale[k])
 
 
-def test_hysteresis_counts_for_every_design_that_could_have_both_ways(clockwise: lb.Campaign) -> None:
+def test_hysteresis_counts_for_every_design_that_could_have_both_ways(
+    clockwise: lb.Campaign,
+) -> None:
     """Expected and least sd of C_XYX by dense matrices: circles of one direction show it no better than the friction does."""
     plain = LINEAR.without("truncation")
-    both = lb.design(plain, clockwise, tests=6, forces_N=THREE, directions=("CW", "CCW"), parameters=["C_XYX"])
+    both = lb.design(
+        plain, clockwise, tests=6, forces_N=THREE, directions=("CW", "CCW"), parameters=["C_XYX"]
+    )
     assert {test.direction for test in both.tests} == {"CW", "CCW"}
     space = Space(plain, foreseen_by(clockwise, templates(clockwise, ("CW", "CCW"))), THREE)
     p = len(space.bound.names)
-    states = States(PHI[None], np.zeros((1, p)), Gaussian.of(np.zeros((1, p)), space.bound.prior_sd[None] ** 2))
+    states = States(
+        PHI[None], np.zeros((1, p)), Gaussian.of(np.zeros((1, p)), space.bound.prior_sd[None] ** 2)
+    )
     sd = {}
     for ways in ("CW", "CCW", ""):
         tests = tuple(replace(test, direction=ways) for test in both.tests) if ways else both.tests
         found = space.forecast(tests, states=states)
-        entry, sd[ways] = found.expected["C_XYX"], dense_sd(plain, space.pilot, tests, "C_XYX", times=1.0)
+        entry, sd[ways] = (
+            found.expected["C_XYX"],
+            dense_sd(plain, space.pilot, tests, "C_XYX", times=1.0),
+        )
         assert entry.sd == pytest.approx(sd[ways], rel=1e-9)
-        assert entry.floor_sd == pytest.approx(dense_sd(plain, space.pilot, tests, "C_XYX", times=1e6), rel=1e-3)
+        assert entry.floor_sd == pytest.approx(
+            dense_sd(plain, space.pilot, tests, "C_XYX", times=1e6), rel=1e-3
+        )
         assert _limits(space, tests, found).one_way == ({"XY": ways} if ways else {})
     # F s sin 2θ of 1 µm/kN is 2 µm/kN of C_XYX: with one sd of 2 µm/kN / 2 a friction of 2e-6 mm/N stays in it.
     hidden = 2e-6 * 1e-5 / np.hypot(2e-6, 1e-5)
@@ -139,7 +182,9 @@ def arcs() -> lb.Campaign:
 
 
 @pytest.mark.parametrize("criterion", ["eig", "a", "i", "discriminate"])
-def test_the_search_and_the_forecast_agree(pilot: lb.Campaign, arcs: lb.Campaign, criterion: str) -> None:
+def test_the_search_and_the_forecast_agree(
+    pilot: lb.Campaign, arcs: lb.Campaign, criterion: str
+) -> None:
     """The criterion by the search's compact rows against explicit covariances, arcs and clockings included, at the same φ."""
     for campaign, augment in ((pilot, False), (arcs, True)):
         space = Space(LINEAR, campaign, LEVELS[::4], BOTH[:3], criterion=criterion, augment=augment)
@@ -151,13 +196,17 @@ def test_the_search_and_the_forecast_agree(pilot: lb.Campaign, arcs: lb.Campaign
             own = [information.names.index(name) for name in space.chosen]
             c = information.covariance()[np.ix_(own, own)]
             s = np.linalg.eigvalsh(np.linalg.inv(c))
-            rows = np.array([bound.compliance_at(f) * bound.scale for f in np.linspace(36.0, 742.0, 33)])
+            rows = np.array(
+                [bound.compliance_at(f) * bound.scale for f in np.linspace(36.0, 742.0, 33)]
+            )
             unit = bound.scale[:6, None]
             values.append(
                 {
                     "eig": lambda c=c: -np.linalg.slogdet(c)[1],
                     "a": lambda c=c: -np.trace(c) / len(c),
-                    "i": lambda c=c, r=rows, u=unit: -np.mean([np.diag((x / u) @ c @ (x / u).T) for x in r[:, :, :12]]),
+                    "i": lambda c=c, r=rows, u=unit: (
+                        -np.mean([np.diag((x / u) @ c @ (x / u).T) for x in r[:, :, :12]])
+                    ),
                     "discriminate": lambda s=s: 0.25 * ((s - 1.0) ** 2 / s).sum(),
                 }[criterion]()
             )
@@ -165,15 +214,23 @@ def test_the_search_and_the_forecast_agree(pilot: lb.Campaign, arcs: lb.Campaign
         assert value_of(space, tests) == pytest.approx(np.mean(values), rel=1e-6)
         counts = np.zeros(len(space.tests))
         counts[[0, 1, 2, 7]] = 1.0
-        assert space.search.objective.value(counts) == pytest.approx(value_of(space, tests), rel=1e-9)
+        assert space.search.objective.value(counts) == pytest.approx(
+            value_of(space, tests), rel=1e-9
+        )
 
 
 def test_what_does_not_matter(pilot: lb.Campaign) -> None:
     """How F0 is given, for criterion i; whole turns; the pilot's rule for balls, and a common turn of all tests. Arcs do."""
     given = replace(LINEAR, reference_force_N=389.0)
-    values = [value_of(s := Space(m, pilot, (200.0, 389.0, 742.0), criterion="i"), s.tests) for m in (LINEAR, given)]
+    values = [
+        value_of(s := Space(m, pilot, (200.0, 389.0, 742.0), criterion="i"), s.tests)
+        for m in (LINEAR, given)
+    ]
     assert values[0] == pytest.approx(values[1], rel=1e-6)
-    plain, space = Space(LINEAR, pilot, LEVELS), Space(LINEAR, pilot, LEVELS, ((0, 0), (360, 0), (45, 90), (405, 450)))
+    plain, space = (
+        Space(LINEAR, pilot, LEVELS),
+        Space(LINEAR, pilot, LEVELS, ((0, 0), (360, 0), (45, 90), (405, 450))),
+    )
     assert space.clockings_deg == ((0.0, 0.0), (45.0, 90.0))
     turned = grid_of_tests(space.templates, LEVELS[::3], ((45.0, 90.0),), space.radii_mm)
     still = grid_of_tests(plain.templates, LEVELS[::3], ((0.0, 0.0),), plain.radii_mm)
@@ -190,17 +247,23 @@ def test_a_design_of_six(six: lb.Design, pilot: lb.Campaign) -> None:
     assert (min(forces), max(forces), six.compared[1].name) == (36.0, 742.0, "its own")
     for name, entry in six.expected.items():
         assert 0.0 < entry.floor_sd < entry.untruncated_sd <= entry.prior_sd * (1 + 1e-9), name
-        assert entry.sd <= entry.untruncated_sd * (1 + 5e-3)  # 512 points for each of 16 states: 1e-3 off with some versions
+        assert entry.sd <= entry.untruncated_sd * (
+            1 + 5e-3
+        )  # 512 points for each of 16 states: 1e-3 off with some versions
     said = " ".join(design_sentences(six))
     assert "Run 6 circles" in said
     assert "looks exactly like +13.3 µrad of E_C(0Y)X. Cure: Clocking both balls" in said
     table = six.expected_table().set_index("parameter")
-    assert table.loc["C_CCY", ["sd", "baseline_sd"]].tolist() == [own["C_CCY"].sd for own in (six.expected, six.baseline)]
+    assert table.loc["C_CCY", ["sd", "baseline_sd"]].tolist() == [
+        own["C_CCY"].sd for own in (six.expected, six.baseline)
+    ]
 
 
 def test_read_back(six: lb.Design, pilot: lb.Campaign, tmp_path: Path) -> None:
     """design.json holds every finding: sentences and numbers of a design read back are the same; its tests are in the plan."""
-    (tmp_path / "design.json").write_text(json_text({"schema": 1, **with_words(six)}), encoding="utf-8")
+    (tmp_path / "design.json").write_text(
+        json_text({"schema": 1, **with_words(six)}), encoding="utf-8"
+    )
     back = lb.read_design(tmp_path)
     assert json_text(back.as_dict()) == json_text(six.as_dict())
     assert design_sentences(back) == design_sentences(six)
@@ -213,25 +276,41 @@ def test_the_best_of_few(pilot: lb.Campaign) -> None:
     """Against every design of four tests among five levels."""
     space = Space(LINEAR, pilot, LEVELS[::3])
     found = space.search.of_number(4)
-    every = [np.bincount(chosen, minlength=5).astype(float) for chosen in combinations_with_replacement(range(5), 4)]
+    every = [
+        np.bincount(chosen, minlength=5).astype(float)
+        for chosen in combinations_with_replacement(range(5), 4)
+    ]
     assert found.value == pytest.approx(max(map(space.search.objective.value, every)), rel=1e-9)
     assert found.efficiency <= 1.0 + 1e-9
 
 
 @pytest.mark.parametrize(
     ("clockings", "changes"),
-    [([(0, 0), (45, 0), (90, 0)], 0), ([(0, 0), (0, 45), (0, 90)], 2), ([*product((0, 45, 90), repeat=2)], 6)],
+    [
+        ([(0, 0), (45, 0), (90, 0)], 0),
+        ([(0, 0), (0, 45), (0, 90)], 2),
+        ([*product((0, 45, 90), repeat=2)], 6),
+    ],
 )
 def test_order_of_clockings(clockings: list[tuple[float, float]], changes: int) -> None:
     """By hand: blocks of the work ball, in them of the tool ball, there and back; all tests are run."""
     tests = [
-        lb.CircularTest(f, np.arange(36) * 10.0, work_ball_deg=w, tool_ball_deg=t) for w, t in clockings for f in (50.0, 90.0)
+        lb.CircularTest(f, np.arange(36) * 10.0, work_ball_deg=w, tool_ball_deg=t)
+        for w, t in clockings
+        for f in (50.0, 90.0)
     ]
     for seed in range(5):
         run = running_order(tests, np.random.default_rng(seed))
-        assert sum(one.work_ball_deg != other.work_ball_deg for one, other in pairwise(run)) == len(dict(clockings)) - 1
-        assert sum(one.tool_ball_deg != other.tool_ball_deg for one, other in pairwise(run)) == changes
-        assert {(t.work_ball_deg, t.tool_ball_deg, t.force_N) for t in run} == {(*c, f) for c in clockings for f in (50.0, 90.0)}
+        assert (
+            sum(one.work_ball_deg != other.work_ball_deg for one, other in pairwise(run))
+            == len(dict(clockings)) - 1
+        )
+        assert (
+            sum(one.tool_ball_deg != other.tool_ball_deg for one, other in pairwise(run)) == changes
+        )
+        assert {(t.work_ball_deg, t.tool_ball_deg, t.force_N) for t in run} == {
+            (*c, f) for c in clockings for f in (50.0, 90.0)
+        }
 
 
 def test_set_ups_are_run_one_after_the_other() -> None:
@@ -260,13 +339,20 @@ def test_a_certificate_may_fail(pilot: lb.Campaign, monkeypatch: pytest.MonkeyPa
 
 def test_a_plan_for_a_model_with_drift(pilot: lb.Campaign) -> None:
     """At the pilot's pace, or at its mean temperature; the plan is one that the model can be asked about."""
-    timed = replace(pilot, tests=tuple(replace(t, time_s=600.0 * k, temperature_C=20.0 + k) for k, t in enumerate(pilot.tests)))
+    timed = replace(
+        pilot,
+        tests=tuple(
+            replace(t, time_s=600.0 * k, temperature_C=20.0 + k) for k, t in enumerate(pilot.tests)
+        ),
+    )
     found = lb.design(LINEAR.with_term(lb.Drift("time")), timed, tests=5, forces_N=THREE)
     assert found.certificate.holds
     assert found.limits.drift
     assert [test.time_s for test in found.plan().tests] == [0.0, 600.0, 1200.0, 1800.0, 2400.0]
     assert lb.identify(found.model, found.plan()).parameters
-    warm = lb.design(LINEAR.with_term(lb.Drift("temperature")), timed.plan(), tests=5, forces_N=THREE)
+    warm = lb.design(
+        LINEAR.with_term(lb.Drift("temperature")), timed.plan(), tests=5, forces_N=THREE
+    )
     assert {test.temperature_C for test in warm.plan().tests} == {21.5}
 
 
@@ -282,7 +368,10 @@ def test_augmenting(pilot: lb.Campaign) -> None:
     """Two tests on top of the pilot's own: no wider than without them."""
     more = lb.design(LINEAR, pilot, tests=2, forces_N=LEVELS[::3], augment=True)
     alone = Space(LINEAR, pilot, LEVELS).forecast(pilot.tests).expected
-    assert all(entry.untruncated_sd <= alone[name].untruncated_sd * (1 + 1e-6) for name, entry in more.expected.items())
+    assert all(
+        entry.untruncated_sd <= alone[name].untruncated_sd * (1 + 1e-6)
+        for name, entry in more.expected.items()
+    )
     assert "Run 2 more circles" in design_sentences(more)[0]
 
 
@@ -290,8 +379,9 @@ def test_what_forces_cannot_do(pilot: lb.Campaign) -> None:
     """E_C(0Y)X looks like the 2-lobe form: the alias is named, and what cures it; and it does."""
     options = {"tests": 6, "criterion": "c", "parameters": ("E_C(0Y)X",), "forces_N": THREE}
     found = lb.design(LINEAR, pilot, **options)
-    assert "2-lobe form (sin 2θ) looks exactly like +13.3 µrad of E_C(0Y)X. Cure: Clocking both balls" in " ".join(
-        design_notes(found)
+    assert (
+        "2-lobe form (sin 2θ) looks exactly like +13.3 µrad of E_C(0Y)X. Cure: Clocking both balls"
+        in " ".join(design_notes(found))
     )
     assert found.expected["E_C0YX"].floor_sd > 8e-6
     cured = lb.design(LINEAR, pilot, **options, clockings_deg=BOTH)
@@ -302,9 +392,16 @@ def test_what_forces_cannot_do(pilot: lb.Campaign) -> None:
 def test_finding_a_slope(pilot: lb.Campaign) -> None:
     """Designed for it, larger slopes are found more often, and more often than by a design for everything."""
     options = {"tests": 6, "forces_N": LEVELS[::3], "parameters": ("C_XYX_1",)}
-    small, large = (lb.design(LINEAR, pilot, criterion="discriminate", slope_size=size, **options) for size in (1.0, 2.0))
+    small, large = (
+        lb.design(LINEAR, pilot, criterion="discriminate", slope_size=size, **options)
+        for size in (1.0, 2.0)
+    )
     plain = lb.design(LINEAR, pilot, tests=6, forces_N=LEVELS[::3], slope_size=2.0)
-    power = [own.discrimination.power["C_XYX_1"] for own in (small, large, plain) if own.discrimination is not None]
+    power = [
+        own.discrimination.power["C_XYX_1"]
+        for own in (small, large, plain)
+        if own.discrimination is not None
+    ]
     assert power[1] > max(power[0], power[2])
     assert not large.certificate.is_global
 
@@ -321,7 +418,9 @@ def test_the_paper_preset_takes_sigma_from_the_pilot(pilot: lb.Campaign) -> None
 def test_designs_that_leave_something_undetermined(pilot: lb.Campaign) -> None:
     """Two levels do not determine a linear compliance under flat priors: no efficiency, no u, no number that looks like one."""
     two = pilot.without("f300", "f520").plan()
-    found = lb.design(lb.HybridModel.paper(1), pilot, tests=5, forces_N=LEVELS, against={"two": two})
+    found = lb.design(
+        lb.HybridModel.paper(1), pilot, tests=5, forces_N=LEVELS, against={"two": two}
+    )
     assert found.compared[1].efficiency == 0.0
     assert not found.compared[1].determined
     record = json.loads(json_text(found.as_dict()))
@@ -347,10 +446,16 @@ def test_templates_are_the_pilots_in_equal_steps(rng: np.random.Generator) -> No
         lb.CircularTest(200.0, np.arange(72) * 5.0, plane="YZ", setup=4, direction="CCW"),
     ]
     campaign = lb.Campaign(tuple(tests), topology="wFXYZt")
-    own = [(t.plane, t.setup, t.direction, t.circle.centre_mm[0], len(t.angle_deg)) for t in templates(campaign)]
+    own = [
+        (t.plane, t.setup, t.direction, t.circle.centre_mm[0], len(t.angle_deg))
+        for t in templates(campaign)
+    ]
     assert own == [("XY", 1, None, 5.0, 36), ("YZ", 4, "CW", 0.0, 72), ("YZ", 4, "CCW", 0.0, 72)]
     known = foreseen_by(campaign, templates(campaign))
-    assert [(test.plane, test.direction) for test in known.foreseen] == [("YZ", "CCW"), ("YZ", "CW")]
+    assert [(test.plane, test.direction) for test in known.foreseen] == [
+        ("YZ", "CCW"),
+        ("YZ", "CW"),
+    ]
     assert foreseen_by(known, templates(campaign)) is known
 
 
@@ -363,16 +468,26 @@ def test_foreseen_parameters_do_not_change_what_is_known(clockwise: lb.Campaign)
     assert wide[0] == pytest.approx(found[0], abs=1e-8)
     assert {"C_ZZZ", "C_AYY", "E_ZZ1", "E_Yt0_2"} < set(more.names)
     index = [more.names.index(name) for name in alone.names]
-    np.testing.assert_allclose(wide_given.mean[0][index], given.mean[0], atol=1e-9 * alone.scale.max())
+    np.testing.assert_allclose(
+        wide_given.mean[0][index], given.mean[0], atol=1e-9 * alone.scale.max()
+    )
     new = np.setdiff1d(np.arange(len(more.names)), index)
-    np.testing.assert_allclose(np.sqrt((wide_given.spread()[0] ** 2).sum(axis=1))[new], more.prior_sd[new], rtol=1e-6)
+    np.testing.assert_allclose(
+        np.sqrt((wide_given.spread()[0] ** 2).sum(axis=1))[new], more.prior_sd[new], rtol=1e-6
+    )
 
 
 def test_a_second_radius_against_one(pilot: lb.Campaign) -> None:
-    one, two = (Space(LINEAR, pilot, THREE, radii_mm=radii, parameters=["E_C0YX"]) for radii in ((), (150.0, 100.0)))
+    one, two = (
+        Space(LINEAR, pilot, THREE, radii_mm=radii, parameters=["E_C0YX"])
+        for radii in ((), (150.0, 100.0))
+    )
     shown = [space.tests_of(space.search.of_number(6)) for space in (one, two)]
     assert {test.radius_mm for test in shown[1]} == {150.0, 100.0}
-    single, both = (space.forecast(tests).expected["E_C0YX"] for space, tests in zip((one, two), shown, strict=True))
+    single, both = (
+        space.forecast(tests).expected["E_C0YX"]
+        for space, tests in zip((one, two), shown, strict=True)
+    )
     assert both.sd < 0.8 * single.sd
     # More circles of one radius would not help, more of two would.
     assert single.floor_sd > 0.9 * single.sd
@@ -386,27 +501,45 @@ def test_a_pilot_of_two_planes(clockwise: lb.Campaign) -> None:
     prior = replace(LINEAR.prior, overrides={"C_ZZZ": 2e-5})
     model = replace(LINEAR, prior=prior, fixed=("C_CCY_1",))
     found = lb.design(model, both, tests=6, forces_N=(200.0, 300.0, 400.0), seed=3)
-    assert set(zip(found.table["plane"], found.table["setup"], strict=True)) == {("XY", 1), ("YZ", 2)}
+    assert set(zip(found.table["plane"], found.table["setup"], strict=True)) == {
+        ("XY", 1),
+        ("YZ", 2),
+    }
     planned = found.plan(seed=1)
     assert sum(one.plane != other.plane for one, other in pairwise(planned.tests)) == 1
     bound = found.model.bind(planned)
     assert set(bound.names) == set(found.expected)
-    np.testing.assert_allclose(bound.prior_sd, [found.expected[name].prior_sd for name in bound.names], rtol=1e-12)
-    assert (bound.prior_sd[bound.names.index("C_ZZZ")], found.model.reference_force_N) == (2e-5, 389.0)
+    np.testing.assert_allclose(
+        bound.prior_sd, [found.expected[name].prior_sd for name in bound.names], rtol=1e-12
+    )
+    assert (bound.prior_sd[bound.names.index("C_ZZZ")], found.model.reference_force_N) == (
+        2e-5,
+        389.0,
+    )
     assert any("plane YZ" in sentence for sentence in design_sentences(found))
     steps = found.compared[0].tests
     assert set(zip(steps["plane"], steps["force_N"], strict=True)) >= {("XY", 200.0), ("YZ", 400.0)}
 
 
 def test_a_pilot_that_does_not_state_its_direction(pilot: lb.Campaign) -> None:
-    with pytest.raises(InputError, match=r"'f036' must state its direction, CW or CCW, as circles of plane XY"):
+    with pytest.raises(
+        InputError, match=r"'f036' must state its direction, CW or CCW, as circles of plane XY"
+    ):
         lb.design(LINEAR, pilot, tests=4, forces_N=THREE, directions=("CW", "CCW"))
-    assert {test.direction for test in Space(LINEAR, pilot, THREE, directions=("CW",)).tests} == {"CW"}
-    partly = replace(pilot, tests=tuple(replace(t, direction="CW" if k else None) for k, t in enumerate(pilot.tests)))
+    assert {test.direction for test in Space(LINEAR, pilot, THREE, directions=("CW",)).tests} == {
+        "CW"
+    }
+    partly = replace(
+        pilot,
+        tests=tuple(replace(t, direction="CW" if k else None) for k, t in enumerate(pilot.tests)),
+    )
     assert lb.identify(LINEAR, partly).parameters
     # What is foreseen is no part of the readings: the design is still one after these.
     told = replace(pilot, tests=tuple(replace(t, direction="CW") for t in pilot.tests))
-    assert lb.design(LINEAR, told, tests=4, forces_N=THREE, directions=("CW", "CCW")).pilot.sha256 == told.sha256
+    assert (
+        lb.design(LINEAR, told, tests=4, forces_N=THREE, directions=("CW", "CCW")).pilot.sha256
+        == told.sha256
+    )
 
 
 # Forecasts against simulation
@@ -418,7 +551,9 @@ def test_evidence_of_old_and_new_readings_together() -> None:
     old, new = rng.standard_normal((5, 3)), rng.standard_normal((6, 3))
     every = np.vstack([old, new])
     y = Gaussian.of(np.zeros(5), old @ old.T + np.eye(5)).draw(rng)
-    full, reduced = (Gaussian.of(np.zeros(11), seen @ seen.T + np.eye(11)) for seen in (every, every[:, :1]))
+    full, reduced = (
+        Gaussian.of(np.zeros(11), seen @ seen.T + np.eye(11)) for seen in (every, every[:, :1])
+    )
     three = Gaussian.of(np.zeros(3), np.ones(3))
     drawn = {}
     for there, size in ((True, 3), (False, 1)):
@@ -431,7 +566,10 @@ def test_evidence_of_old_and_new_readings_together() -> None:
     after = three.observe(every, np.zeros(11)).covariance[None, 1:, 1:]
     found = candidates.discrimination_of(after, ("a", "b"), size=1.0, before=before, threshold=1.0)
     assert found.augmented
-    for value, sample in ((found.expected_with, drawn[True]), (found.expected_without, drawn[False])):
+    for value, sample in (
+        (found.expected_with, drawn[True]),
+        (found.expected_without, drawn[False]),
+    ):
         assert value == pytest.approx(sample.mean(), abs=0.1)
     assert found.decisive_with == pytest.approx((drawn[True] > 1.0).mean(), abs=0.01)
     assert found.misleading_without == pytest.approx((drawn[False] > 1.0).mean(), abs=0.01)
@@ -450,13 +588,21 @@ def test_intervals_inside_the_truncation_against_simulation() -> None:
         _, given = model.bind(campaign).given(PHI[None])
         shift, inside, axes = given.orthant.moments()
         along = given.spread() @ np.swapaxes(axes, 1, 2)
-        variance = (given.spread() ** 2).sum(axis=2) + np.einsum("wpd,wde,wpe->wp", along, inside - np.eye(shift.shape[1]), along)
+        variance = (given.spread() ** 2).sum(axis=2) + np.einsum(
+            "wpd,wde,wpe->wp", along, inside - np.eye(shift.shape[1]), along
+        )
         found.append(variance[0])
     information = information_of(bound, PHI)
-    covariance = information.covariance()[np.ix_(information.own, information.own)] * np.outer(bound.scale, bound.scale)
+    covariance = information.covariance()[np.ix_(information.own, information.own)] * np.outer(
+        bound.scale, bound.scale
+    )
     states = 100
     beta = np.tile([truth.get(name, 0.0) for name in bound.names], (states, 1))
-    known = States(np.tile(PHI, (states, 1)), beta, Gaussian.of(np.zeros_like(beta), np.tile(bound.prior_sd**2, (states, 1))))
+    known = States(
+        np.tile(PHI, (states, 1)),
+        beta,
+        Gaussian.of(np.zeros_like(beta), np.tile(bound.prior_sd**2, (states, 1))),
+    )
     expected, error = candidates.narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 1)
     again, _ = candidates.narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 2)
     assert (np.abs(again - expected) <= 4.0 * np.sqrt(2.0) * error + 1e-12 * expected).all()
@@ -470,11 +616,23 @@ def test_intervals_inside_the_truncation_against_simulation() -> None:
     ("options", "message"),
     [
         *REFUSALS,
-        ({"model": lb.HybridModel.paper(1), "criterion": "discriminate"}, "criterion discriminate must have proper priors"),
-        ({"model": lb.HybridModel.paper(1), "tests": 2}, "tests must be enough to determine the parameters, got 2"),
-        ({"forces_N": range(36, 743), "clockings_deg": BOTH}, "a design must choose among 1 to 5000 candidates, got 6363"),
+        (
+            {"model": lb.HybridModel.paper(1), "criterion": "discriminate"},
+            "criterion discriminate must have proper priors",
+        ),
+        (
+            {"model": lb.HybridModel.paper(1), "tests": 2},
+            "tests must be enough to determine the parameters, got 2",
+        ),
+        (
+            {"forces_N": range(36, 743), "clockings_deg": BOTH},
+            "a design must choose among 1 to 5000 candidates, got 6363",
+        ),
         ({"against": {"equal steps": plan()}}, "against must not use the name 'equal steps'"),
-        ({"against": {"it": replace(plan(), topology="wXYFZt")}}, "it must be of the pilot's machine wCAFYXZSt"),
+        (
+            {"against": {"it": replace(plan(), topology="wXYFZt")}},
+            "it must be of the pilot's machine wCAFYXZSt",
+        ),
     ],
 )
 def test_refused(pilot: lb.Campaign, options: dict[str, object], message: str) -> None:

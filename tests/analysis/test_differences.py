@@ -24,18 +24,34 @@ PHI = np.array([HYPER_UM[name] * 1e-3 for name in (scale.name for scale in MODEL
 
 
 def campaign_of(
-    seed: int, *, radii_mm: tuple[float, ...] = (150.0,), model: lb.HybridModel = SIMULATED, **options: object
+    seed: int,
+    *,
+    radii_mm: tuple[float, ...] = (150.0,),
+    model: lb.HybridModel = SIMULATED,
+    **options: object,
 ) -> lb.Campaign:
     planned = plan(**options)
-    tests = [replace(test, radius_mm=r, name=f"{test.name} {r:g}") for r in radii_mm for test in planned.tests]
-    hyper = {name: value for name, value in HYPER_UM.items() if name in {scale.name for scale in model.scales}}
-    return model.simulate(replace(planned, tests=tuple(tests)), seed=seed, parameters=TRUTH, hyper_um=hyper).campaign
+    tests = [
+        replace(test, radius_mm=r, name=f"{test.name} {r:g}")
+        for r in radii_mm
+        for test in planned.tests
+    ]
+    hyper = {
+        name: value
+        for name, value in HYPER_UM.items()
+        if name in {scale.name for scale in model.scales}
+    }
+    return model.simulate(
+        replace(planned, tests=tuple(tests)), seed=seed, parameters=TRUTH, hyper_um=hyper
+    ).campaign
 
 
 @pytest.fixture(scope="module")
 def two() -> tuple[Any, Any]:
     campaigns = campaign_of(1), campaign_of(2, forces_N=(50.0, 200.0, 400.0, 800.0))
-    first, second = (lb.sample(MODEL, campaign, seed=1, sampler="independent") for campaign in campaigns)
+    first, second = (
+        lb.sample(MODEL, campaign, seed=1, sampler="independent") for campaign in campaigns
+    )
     return first, second
 
 
@@ -44,13 +60,19 @@ def test_independent_instruments(two: tuple[Any, Any]) -> None:
     table = lb.differences(first, second)
     one, other = (lb.summarize(posterior) for posterior in two)
     for name in ("E_XX1", "E_YX2", "C_XXX_1", "C_CCY_1"):
-        assert table.loc[name, "difference"] == pytest.approx(other.loc[name, "mean"] - one.loc[name, "mean"], rel=1e-6)
-        assert table.loc[name, "sd"] == pytest.approx(np.hypot(one.loc[name, "sd"], other.loc[name, "sd"]), rel=1e-3)
+        assert table.loc[name, "difference"] == pytest.approx(
+            other.loc[name, "mean"] - one.loc[name, "mean"], rel=1e-6
+        )
+        assert table.loc[name, "sd"] == pytest.approx(
+            np.hypot(one.loc[name, "sd"], other.loc[name, "sd"]), rel=1e-3
+        )
         half = 0.5 * (table.loc[name, "ci_high"] - table.loc[name, "ci_low"])
         assert half == pytest.approx(1.96 * table.loc[name, "sd"], rel=0.08)
         row = table.loc[name]
         assert row["ci_low"] < row["difference"] < row["ci_high"]
-        assert row["probability_of_increase"] == pytest.approx(stats.norm.cdf(row["difference"] / row["sd"]), abs=0.03)
+        assert row["probability_of_increase"] == pytest.approx(
+            stats.norm.cdf(row["difference"] / row["sd"]), abs=0.03
+        )
     # C is compared at the first one's reference force, 389 N; the second one's is 425 N.
     draws = second["posterior"]
     moved = (draws["C_XXX"] - 36.0 * draws["C_XXX_1"]).to_numpy()
@@ -83,11 +105,18 @@ def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
             covariance = np.eye(len(own)) * value["sigma"] ** 2
             for part in parts:
                 if isinstance(part, BasisNoise) or part.private:
-                    scaled = (own if isinstance(part, BasisNoise) else own @ part.values[r]) * part.sd * value[part.hyper]
+                    scaled = (
+                        (own if isinstance(part, BasisNoise) else own @ part.values[r])
+                        * part.sd
+                        * value[part.hyper]
+                    )
                     covariance = covariance + scaled @ scaled.T
             noises.append(covariance)
         shared.append(
-            [np.concatenate([own @ c.values[r] * c.sd * value[c.hyper] for c in columns], axis=1) for r, own in enumerate(turns)]
+            [
+                np.concatenate([own @ c.values[r] * c.sd * value[c.hyper] for c in columns], axis=1)
+                for r, own in enumerate(turns)
+            ]
         )
     every = np.concatenate([own for campaign in shared for own in campaign])
     jacobian, covariance = block_diag(*designs), every @ every.T + block_diag(*noises)
@@ -99,7 +128,9 @@ def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
 
 def together(bounds: list[BoundModel]) -> tuple[list[str], _Together]:
     names = [name for name in bounds[0].names if not name.startswith(("E_Xt", "E_Yt"))]
-    return names, _of_one_instrument(bounds, [PHI.copy(), PHI.copy()], [_reading(bound, names, 389.0) for bound in bounds])
+    return names, _of_one_instrument(
+        bounds, [PHI.copy(), PHI.copy()], [_reading(bound, names, 389.0) for bound in bounds]
+    )
 
 
 @pytest.mark.parametrize("work_deg", [0.0, 40.0])
@@ -116,17 +147,26 @@ def test_the_same_instrument(work_deg: float) -> None:
         sd = float(np.sqrt(apart @ covariance @ apart))
         assert found.sd[k] == pytest.approx(sd, rel=1e-5), name
         assert found.difference[k] == pytest.approx(apart @ mean, abs=1e-5 * sd), name
-        assert found.means[0, k] == pytest.approx(mean[i], abs=1e-5 * np.sqrt(covariance[i, i])), name
+        assert found.means[0, k] == pytest.approx(mean[i], abs=1e-5 * np.sqrt(covariance[i, i])), (
+            name
+        )
 
 
 def test_another_radius_is_another_length() -> None:
     """One length at 150 mm in both cancels, those of 150 and 100 mm do not."""
     first = MODEL.bind(campaign_of(1))
     same, shorter, both = (
-        together([first, MODEL.bind(campaign_of(2, radii_mm=radii))])[1] for radii in ((150.0,), (100.0,), (150.0, 100.0))
+        together([first, MODEL.bind(campaign_of(2, radii_mm=radii))])[1]
+        for radii in ((150.0,), (100.0,), (150.0, 100.0))
     )
     k = together([first, first])[0].index("E_XX1")
-    alone = float(np.sqrt(first.given(PHI[None])[1].covariance[0, first.names.index("E_XX1"), first.names.index("E_XX1")]))
+    alone = float(
+        np.sqrt(
+            first.given(PHI[None])[1].covariance[
+                0, first.names.index("E_XX1"), first.names.index("E_XX1")
+            ]
+        )
+    )
     assert same.sd[k] < 0.4 * np.sqrt(2.0) * alone
     assert shorter.sd[k] > 0.9 * np.sqrt(2.0) * alone
     assert both.sd[k] < 0.4 * shorter.sd[k]
@@ -150,17 +190,41 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
     for prior_sd in (2.0, 20.0):
         own, means = [], []
         for value, noise in ((3.0, 1.0), (-1.0, 1.5)):
-            scale, noises = np.array([1.0, prior_sd, prior_sd]), ({NOISE: np.diag([1.0, noise**2, noise**2])},)
-            own.append(Information(("E", "form", "length"), (OWN, "BallForm", "BarLength"), scale, False, (np.eye(3),), noises))
-            means.append(np.array([0.0, value, 0.5 * value]) * prior_sd**2 / (prior_sd**2 + noise**2))
+            scale, noises = (
+                np.array([1.0, prior_sd, prior_sd]),
+                ({NOISE: np.diag([1.0, noise**2, noise**2])},),
+            )
+            own.append(
+                Information(
+                    ("E", "form", "length"),
+                    (OWN, "BallForm", "BarLength"),
+                    scale,
+                    False,
+                    (np.eye(3),),
+                    noises,
+                )
+            )
+            means.append(
+                np.array([0.0, value, 0.5 * value]) * prior_sd**2 / (prior_sd**2 + noise**2)
+            )
         found = _conflict(["length", "form"], [["E", "form", "length"]] * 2, own, means)
-        assert found == ("form", pytest.approx(2.0 * 2.0 * stats.norm.sf(4.0 / np.hypot(1.0, 1.5)), rel=1e-6))
+        assert found == (
+            "form",
+            pytest.approx(2.0 * 2.0 * stats.norm.sf(4.0 / np.hypot(1.0, 1.5)), rel=1e-6),
+        )
 
 
 def test_refused(two: tuple[Any, Any]) -> None:
     constant = lb.HybridModel.first(0)
-    other = lb.sample(constant, constant.simulate(replace(plan(), topology="wYFXZt"), seed=1).campaign, sampler="independent")
+    other = lb.sample(
+        constant,
+        constant.simulate(replace(plan(), topology="wYFXZt"), seed=1).campaign,
+        sampler="independent",
+    )
     refuses("same topology", lb.differences, two[0], other)
     refuses("different readings", lb.differences, two[0], two[0])
-    flat = [lb.sample(lb.HybridModel.paper(0), campaign_of(seed), seed=1, sampler="independent") for seed in (1, 2)]
+    flat = [
+        lb.sample(lb.HybridModel.paper(0), campaign_of(seed), seed=1, sampler="independent")
+        for seed in (1, 2)
+    ]
     refuses("proper priors", lb.differences, *flat, same_instrument=True)

@@ -13,7 +13,14 @@ from campaigns import HYPER_UM, clocked, oracle_of, plan, simulated
 from oracle import Stated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.identifiability import Budget, budgets, hyper_nodes, lost_by_knowing, uncertainty_with, unseen_share
+from ldbb_bayes.analysis.identifiability import (
+    Budget,
+    budgets,
+    hyper_nodes,
+    lost_by_knowing,
+    uncertainty_with,
+    unseen_share,
+)
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.machine.chain import compliance_jacobian, geometric_jacobian, kept_compliances
 from ldbb_bayes.model.hybrid import information_of
@@ -25,12 +32,21 @@ LINEAR = lb.HybridModel.first(1)
 AT = np.linspace(0.1, 6.0, 37)
 
 
-def two(angle: float, *, readings: int = 100, noise: float = 1.0, sd: tuple[float, float] = (10.0, 2.0)) -> Information:
+def two(
+    angle: float, *, readings: int = 100, noise: float = 1.0, sd: tuple[float, float] = (10.0, 2.0)
+) -> Information:
     """E and a form whose columns enclose an angle [rad]."""
     rows = np.zeros((readings, 2))
     rows[:, 0] = 1.0
     rows[0::2, 1], rows[1::2, 1] = np.cos(angle) + np.sin(angle), np.cos(angle) - np.sin(angle)
-    return Information(("E", "form"), (OWN, "BallForm"), np.array(sd), False, (rows,), ({NOISE: noise**2 * np.eye(readings)},))
+    return Information(
+        ("E", "form"),
+        (OWN, "BallForm"),
+        np.array(sd),
+        False,
+        (rows,),
+        ({NOISE: noise**2 * np.eye(readings)},),
+    )
 
 
 # Two parameters
@@ -52,7 +68,9 @@ def test_two_parameters_in_closed_form() -> None:
 def test_near_collinear_designs_are_graded(angle: float) -> None:
     """The share of E's variance where priors outweigh readings falls as the columns come apart; nothing breaks."""
     information = two(angle)
-    expected = np.linalg.inv(np.diag([0.01, 0.25]) + information.design[0].T @ information.design[0])[0, 0]
+    expected = np.linalg.inv(
+        np.diag([0.01, 0.25]) + information.design[0].T @ information.design[0]
+    )[0, 0]
     assert information.variances()[0] * 100.0 == pytest.approx(expected, rel=1e-6)
     assert bool(unseen_share(information)[0] > 0.5) is (angle < 0.03)
     assert 0.5 < lost_by_knowing(information, ["BallForm"])[0] <= 1.0
@@ -81,10 +99,15 @@ def test_differences_are_not(recovered: lb.Campaign) -> None:
     """E_XX1 − E_YY1 is not confounded with the length, C_XXX − C_YYY not with the mount, though each of them is."""
     information = information_of(LINEAR.bind(recovered), PHI)
     every, names = np.diag(information.scale), list(information.names)
-    for first, second, term, least in (("E_XX1", "E_YY1", "BarLength", 0.5), ("C_XXX", "C_YYY", "Mount", 0.2)):
+    for first, second, term, least in (
+        ("E_XX1", "E_YY1", "BarLength", 0.5),
+        ("C_XXX", "C_YYY", "Mount", 0.2),
+    ):
         alone, other = every[names.index(first)], every[names.index(second)]
         known, unknown = information.covariance([term]), information.covariance()
-        lost = [1.0 - (step @ known @ step) / (step @ unknown @ step) for step in (alone, alone - other)]
+        lost = [
+            1.0 - (step @ known @ step) / (step @ unknown @ step) for step in (alone, alone - other)
+        ]
         assert lost[0] > least
         assert lost[1] < 1e-3
     assert lost_by_knowing(information, ["ForceError"])[names.index("C_XXX")] > 0.05
@@ -108,7 +131,9 @@ def test_verdicts_of_a_posterior(recovered: lb.Campaign) -> None:
     assert verdict_words(found["C_XYX"]) == "confounded with hysteresis (left out)"
     draws = tree["posterior"]["C_XXX"].to_numpy()
     assert found["C_XXX"].sd == pytest.approx(draws.std())
-    assert found["C_XXX"].contraction == pytest.approx(1.0 - draws.var() / tree["prior"]["C_XXX"].to_numpy().var())
+    assert found["C_XXX"].contraction == pytest.approx(
+        1.0 - draws.var() / tree["prior"]["C_XXX"].to_numpy().var()
+    )
 
 
 def test_what_the_prior_decides_is_called_so() -> None:
@@ -147,24 +172,39 @@ def test_clocking_both_balls_ends_the_alias() -> None:
 
 
 @pytest.mark.parametrize(
-    ("turn", "word"), [(0.0, "confounded"), (6e-7, "confounded"), (0.06, "confounded"), (5.0, "confounded"), (20.0, "identified")]
+    ("turn", "word"),
+    [
+        (0.0, "confounded"),
+        (6e-7, "confounded"),
+        (0.06, "confounded"),
+        (5.0, "confounded"),
+        (20.0, "identified"),
+    ],
 )
 def test_the_partner_is_always_named(turn: float, word: str) -> None:
     """From no clocking to enough of it: form holds most of the variance of E_C(0Y)X long before it is told apart, and after."""
     angle = np.arange(60) * 6.0
-    tests = [lb.CircularTest(f, angle, work_ball_deg=p, tool_ball_deg=p) for p in (0.0, turn) for f in (36.0, 390.0, 742.0)]
+    tests = [
+        lb.CircularTest(f, angle, work_ball_deg=p, tool_ball_deg=p)
+        for p in (0.0, turn)
+        for f in (36.0, 390.0, 742.0)
+    ]
     entry = lb.identify(LINEAR, lb.Campaign(tuple(tests))).parameters["E_C0YX"]
     assert entry.verdict == word
     assert entry.partners[0] == "BallForm"
     assert entry.confounding["BallForm"] > 0.5
 
 
-def test_readings_change_nothing_but_the_hyper_parameters(recovered: lb.Campaign, identified: lb.Identifiability) -> None:
+def test_readings_change_nothing_but_the_hyper_parameters(
+    recovered: lb.Campaign, identified: lb.Identifiability
+) -> None:
     assert identified.measured
     assert not lb.identify(LINEAR, recovered.plan()).measured
     exact = lb.marginals(LINEAR.without("truncation"), recovered, tolerance=1e-2)
     for name in ("C_XYX", "E_XX1", "E_C0YX"):
-        assert identified.parameters[name].mean == pytest.approx(exact.loc[name, "mean"], abs=0.3 * exact.loc[name, "sd"])
+        assert identified.parameters[name].mean == pytest.approx(
+            exact.loc[name, "mean"], abs=0.3 * exact.loc[name, "sd"]
+        )
         assert identified.parameters[name].sd == pytest.approx(exact.loc[name, "sd"], rel=0.25)
 
 
@@ -176,10 +216,15 @@ def test_matrices_by_the_oracle() -> None:
     gains = np.linalg.eigvalsh(np.linalg.inv(covariance / np.outer(oracle.sd, oracle.sd))) - 1.0
     assert found.effective_parameters == pytest.approx((gains / (1.0 + gains)).sum(), rel=1e-6)
     sd, own = np.sqrt(np.diag(covariance)), list(found.parameters)
-    np.testing.assert_allclose(found.correlation.loc[own, own], covariance / np.outer(sd, sd), atol=1e-6)
+    np.testing.assert_allclose(
+        found.correlation.loc[own, own], covariance / np.outer(sd, sd), atol=1e-6
+    )
     for entry in found.parameters.values():
         assert sum(entry.shares.values()) == pytest.approx(1.0, abs=1e-9)
-    expected = np.linalg.lstsq(oracle.J * oracle.sd, np.full(len(oracle.J), 9.4e-3), rcond=None)[0] * oracle.sd
+    expected = (
+        np.linalg.lstsq(oracle.J * oracle.sd, np.full(len(oracle.J), 9.4e-3), rcond=None)[0]
+        * oracle.sd
+    )
     np.testing.assert_allclose(found.alias["bar_length"], expected, atol=1e-9 * oracle.sd.max())
     assert found.alias.loc["E_XX1", "bar_length"] == pytest.approx(9.4e-3 / 150.0, rel=1e-6)
 
@@ -191,9 +236,16 @@ def test_certificates_by_the_oracle() -> None:
     phi = hyper_nodes(bound)[1][[0, 7, -1]]
     oracle = oracle_of(campaign, 1, stated=Stated(length_U_um=1.0))
     expected = weight @ [np.diag(oracle.given(own)[2]) for own in phi]
-    np.testing.assert_allclose(uncertainty_with(bound, lb.Instrument(bar_U_um=1.0), weight, phi), np.sqrt(expected), rtol=1e-6)
+    np.testing.assert_allclose(
+        uncertainty_with(bound, lb.Instrument(bar_U_um=1.0), weight, phi),
+        np.sqrt(expected),
+        rtol=1e-6,
+    )
     found = lb.identify(bound.model, campaign).certificates
-    for name, own in (("none of these", campaign), ("bar ± 1 µm", replace(campaign, instrument=lb.Instrument(bar_U_um=1.0)))):
+    for name, own in (
+        ("none of these", campaign),
+        ("bar ± 1 µm", replace(campaign, instrument=lb.Instrument(bar_U_um=1.0))),
+    ):
         sd = HyperPosterior(bound.model.bind(own), truncated=False).nodes(0.1).moments()[1]
         np.testing.assert_allclose(list(found[name].values()), sd, rtol=0.02)
 
@@ -203,9 +255,13 @@ def test_certificates_by_the_oracle() -> None:
 
 def value_of(pattern: str, radius: float, angle: np.ndarray) -> np.ndarray:
     """A printed pattern as numbers, by having Python read it."""
-    powers = re.sub("[²³⁴]", lambda found: f"**{'²³⁴'.index(found[0]) + 2}", pattern.replace("−", "-"))
+    powers = re.sub(
+        "[²³⁴]", lambda found: f"**{'²³⁴'.index(found[0]) + 2}", pattern.replace("−", "-")
+    )
     product = re.sub(r"(?<=\w) ?(?=[Rcs])", "*", powers)
-    return eval(product, {"R": radius, "c": np.cos(angle), "s": np.sin(angle)}) + np.zeros_like(angle)
+    return eval(product, {"R": radius, "c": np.cos(angle), "s": np.sin(angle)}) + np.zeros_like(
+        angle
+    )
 
 
 def test_patterns_say_what_the_columns_are() -> None:
@@ -216,13 +272,24 @@ def test_patterns_say_what_the_columns_are() -> None:
     kept = kept_compliances(machine, *circles)
     for plane in planes:
         small = lb.Circle(80.0, centre, plane)
-        names = [*(name.label for name in kept.names), *(entry.name for entry in found.geometric_errors)]
-        every = compliance_jacobian(machine, small, AT, kept.names), geometric_jacobian(machine, small, AT)
+        names = [
+            *(name.label for name in kept.names),
+            *(entry.name for entry in found.geometric_errors),
+        ]
+        every = (
+            compliance_jacobian(machine, small, AT, kept.names),
+            geometric_jacobian(machine, small, AT),
+        )
         columns = dict(zip(names, np.hstack(every).T, strict=True))
         for entry in (*found.compliances, *found.geometric_errors):
             shown = entry.pattern.get(plane)
             expected = np.zeros_like(AT) if shown is None else value_of(shown, 80.0, AT)
-            np.testing.assert_allclose(columns[entry.name], expected, rtol=1e-5, atol=1e-5 * max(1.0, np.abs(expected).max()))
+            np.testing.assert_allclose(
+                columns[entry.name],
+                expected,
+                rtol=1e-5,
+                atol=1e-5 * max(1.0, np.abs(expected).max()),
+            )
 
 
 AT_PHI = np.array([HYPER_UM[name] * 1e-3 for name in ("sigma", "delta", "kappa", "tau")])
@@ -241,7 +308,9 @@ def found(posterior: Any) -> dict[str, Budget]:
     return budgets(posterior)
 
 
-def test_shares_sum_to_one_and_give_back_the_variance(posterior: Any, found: dict[str, Budget]) -> None:
+def test_shares_sum_to_one_and_give_back_the_variance(
+    posterior: Any, found: dict[str, Budget]
+) -> None:
     """Nothing is divided by the sum: a source left out or counted twice would show."""
     table = lb.summarize(posterior)
     for name, budget in found.items():
@@ -264,14 +333,23 @@ def test_what_the_paper_needs_to_know(found: dict[str, Budget]) -> None:
     assert square.contributions[0].source == "form_sin2"
     # 1 mm of sin 2θ is R/2 times 13.3 mrad of squareness; the prior takes a little of it.
     assert 0.75 * 2.0 / 150.0 < (square.contributions[0].sensitivity or 0.0) <= 2.0 / 150.0
-    assert {line.kind for line in square.contributions if line.source in (NOISE, "Discrepancy", "SetupShift")} == {"A"}
+    assert {
+        line.kind
+        for line in square.contributions
+        if line.source in (NOISE, "Discrepancy", "SetupShift")
+    } == {"A"}
     assert found["E_XX1"].as_dict()["contributions"][0]["kind"] == "B"
 
 
 def test_the_sign_of_a_sensitivity(found: dict[str, Budget]) -> None:
     """Every reading one micrometre longer: how the estimate of a gain moves is the sensitivity to the bar's length."""
-    longer = replace(CAMPAIGN, tests=tuple(t.with_reading_um(np.asarray(t.reading_um) + 1.0) for t in CAMPAIGN.tests))
+    longer = replace(
+        CAMPAIGN,
+        tests=tuple(t.with_reading_um(np.asarray(t.reading_um) + 1.0) for t in CAMPAIGN.tests),
+    )
     one, other = (LINEAR.without("truncation").bind(c) for c in (CAMPAIGN, longer))
-    moved = (other.given(AT_PHI[None])[1].mean[0] - one.given(AT_PHI[None])[1].mean[0])[one.names.index("E_XX1")]
+    moved = (other.given(AT_PHI[None])[1].mean[0] - one.given(AT_PHI[None])[1].mean[0])[
+        one.names.index("E_XX1")
+    ]
     line = next(x for x in found["E_XX1"].contributions if x.source == "bar_length")
     assert line.sensitivity == pytest.approx(moved / 1e-3, rel=0.1)

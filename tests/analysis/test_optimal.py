@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ldbb_bayes.analysis import optimal
-from ldbb_bayes.analysis.optimal import Criterion, Determinant, LogBayesFactor, Objective, Search, Variance
+from ldbb_bayes.analysis.optimal import (
+    Criterion,
+    Determinant,
+    LogBayesFactor,
+    Objective,
+    Search,
+    Variance,
+)
 from ldbb_bayes.model.gaussian import Gaussian
 
 Array = NDArray[np.float64]
@@ -30,12 +37,18 @@ def polynomial(degree: int, x: Array) -> Array:
 
 @pytest.mark.parametrize(
     ("degree", "points"),
-    [(2, (-1.0, 0.0, 1.0)), (3, (-1.0, -(5**-0.5), 5**-0.5, 1.0)), (4, (-1.0, -((3 / 7) ** 0.5), 0.0, (3 / 7) ** 0.5, 1.0))],
+    [
+        (2, (-1.0, 0.0, 1.0)),
+        (3, (-1.0, -(5**-0.5), 5**-0.5, 1.0)),
+        (4, (-1.0, -((3 / 7) ** 0.5), 0.0, (3 / 7) ** 0.5, 1.0)),
+    ],
 )
 def test_polynomial_d(degree: int, points: tuple[float, ...]) -> None:
     """Equal shares at the extrema of a Legendre polynomial, found on a fine grid that holds them; the bound is p."""
     x = np.union1d(np.linspace(-1.0, 1.0, 2001), points)
-    found = optimal.optimal_shares(objective(polynomial(degree, x), Determinant(degree + 1)), 1.0, tolerance=1e-9)
+    found = optimal.optimal_shares(
+        objective(polynomial(degree, x), Determinant(degree + 1)), 1.0, tolerance=1e-9
+    )
     expected = np.where(np.isin(x, points), 1.0 / (degree + 1), 0.0)
     np.testing.assert_allclose(found.share, expected, atol=1e-6)
     assert found.bound == pytest.approx(degree + 1, abs=1e-6)
@@ -50,16 +63,28 @@ LINE, NONE = np.diag([1e-9, 1e-9, 1.0]), np.zeros((3, 3))
     [
         (Variance(np.eye(3)), NONE),
         (Variance(QUADRATIC), NONE),
-        *((own, LINE) for own in (Variance(np.eye(1)), Determinant(1), LogBayesFactor(1.0), LogBayesFactor(0.3))),
+        *(
+            (own, LINE)
+            for own in (
+                Variance(np.eye(1)),
+                Determinant(1),
+                LogBayesFactor(1.0),
+                LogBayesFactor(0.3),
+            )
+        ),
     ],
     ids=["A", "I", "c", "D_s", "ln B", "ln B small"],
 )
 def test_a_quarter_a_half_a_quarter(criterion: Criterion, prior: Array) -> None:
     """A and I for a quadratic; its discrimination from a line, whatever increasing function of the information is asked for."""
     x = np.linspace(-1.0, 1.0, 201)
-    wanted = Objective(polynomial(2, x)[None, :, None, :], prior[None], 1 if prior.any() else 3, criterion)
+    wanted = Objective(
+        polynomial(2, x)[None, :, None, :], prior[None], 1 if prior.any() else 3, criterion
+    )
     found = optimal.optimal_shares(wanted, 50.0, tolerance=1e-9)
-    np.testing.assert_allclose(found.share[[0, 100, 200]], (0.25, 0.5, 0.25), atol=1e-5 if prior.any() else 1e-6)
+    np.testing.assert_allclose(
+        found.share[[0, 100, 200]], (0.25, 0.5, 0.25), atol=1e-5 if prior.any() else 1e-6
+    )
     assert found.excess < 1e-6
 
 
@@ -72,13 +97,18 @@ def test_three_factors_in_fourteen_runs() -> None:
     assert np.exp(found.value / 10.0) / 14.0 == pytest.approx(0.4630447, abs=5e-8)
 
 
-@pytest.mark.parametrize(("tests", "determinant"), [(6, 256), (7, 960), (8, 2304), (9, 5184), (10, 9360)])
+@pytest.mark.parametrize(
+    ("tests", "determinant"), [(6, 256), (7, 960), (8, 2304), (9, 5184), (10, 9360)]
+)
 def test_three_by_three(tests: int, determinant: float) -> None:
     """Exact D-optimal designs of the full quadratic on a 3 × 3 grid (Box and Draper 1971; Mitchell 1974)."""
     a, b = (axis.ravel() for axis in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
     wanted = objective(np.column_stack([np.ones(9), a, b, a * b, a**2, b**2]), Determinant(6))
     rng = np.random.default_rng(1)
-    found = [optimal.exchange(wanted, np.bincount(rng.integers(9, size=tests), minlength=9), rng) for _ in range(30)]
+    found = [
+        optimal.exchange(wanted, np.bincount(rng.integers(9, size=tests), minlength=9), rng)
+        for _ in range(30)
+    ]
     assert np.exp(max(value for _, value in found)) == pytest.approx(determinant, rel=1e-9)
     assert all(counts.sum() == tests for counts, _ in found)
 
@@ -87,13 +117,17 @@ def test_elfving() -> None:
     """c-optimality for extrapolating a line from [−1, 1] to 2: shares 1/4 and 3/4 at the ends (Elfving 1952)."""
     x = np.linspace(-1.0, 1.0, 81)
     c = np.array([1.0, 2.0])
-    found = optimal.optimal_shares(objective(polynomial(1, x), Variance(np.outer(c, c))), 1.0, tolerance=1e-8)
+    found = optimal.optimal_shares(
+        objective(polynomial(1, x), Variance(np.outer(c, c))), 1.0, tolerance=1e-8
+    )
     np.testing.assert_allclose(found.share[[0, -1]], (0.25, 0.75), atol=1e-6)
     assert found.value == pytest.approx(-4.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
-    "criterion", [Determinant(3), Variance(np.diag([1.0, 2.0, 0.5])), LogBayesFactor(0.7)], ids=lambda c: type(c).__name__
+    "criterion",
+    [Determinant(3), Variance(np.diag([1.0, 2.0, 0.5])), LogBayesFactor(0.7)],
+    ids=lambda c: type(c).__name__,
 )
 def test_sensitivities_are_derivatives(criterion: Criterion) -> None:
     """∂Φ/∂n_i against central differences, nuisances and several hyper-parameters included."""
@@ -112,7 +146,9 @@ def test_expected_log_bayes_factor_by_simulation() -> None:
     """Φ of `LogBayesFactor` is half the difference of mean ln B with and without the slopes, by dense evidences."""
     rng = np.random.default_rng(5)
     rows = rng.standard_normal((8, 3))
-    expected = Objective(rows[None, :, None, :], np.eye(3)[None], 2, LogBayesFactor(1.0)).value(np.ones(8))
+    expected = Objective(rows[None, :, None, :], np.eye(3)[None], 2, LogBayesFactor(1.0)).value(
+        np.ones(8)
+    )
     full = Gaussian.of(np.zeros(8), rows @ rows.T + np.eye(8))
     reduced = Gaussian.of(np.zeros(8), rows[:, :1] @ rows[:, :1].T + np.eye(8))
     drawn = [truth.draw(rng, (20_000,)) for truth in (full, reduced)]
@@ -136,7 +172,10 @@ def test_neighbouring_forces_are_one_where_that_costs_nothing(apart: float) -> N
     """A parabola's middle is split over levels beside it, 2 N or 200 N apart: the first are run at one of them."""
     forces = np.array([100.0, 500.0 - apart, 500.0 + apart, 900.0])
     wanted = objective(polynomial(2, (forces - 500.0) / 400.0), Determinant(3))
-    best = max(wanted.value(np.array(own, dtype=float)) for own in ((2, 1, 1, 2), (2, 2, 0, 2), (2, 0, 2, 2)))
+    best = max(
+        wanted.value(np.array(own, dtype=float))
+        for own in ((2, 1, 1, 2), (2, 2, 0, 2), (2, 0, 2, 2))
+    )
     found = Search(wanted, forces, 1, 1).of_number(6)
     assert bool(found.counts[1] and found.counts[2]) is (apart == 100.0)
     assert np.exp((found.value - best) / 3.0) >= 1.0 - 1e-4

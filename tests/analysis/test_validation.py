@@ -19,7 +19,9 @@ CONSTANT = lb.HybridModel.first(0)
 
 
 def made(ranks: np.ndarray, draws: int = 99) -> Validation:
-    return Validation(tuple(f"q{k}" for k in range(ranks.shape[1])), ranks, draws, "independent", 0.99, ())
+    return Validation(
+        tuple(f"q{k}" for k in range(ranks.shape[1])), ranks, draws, "independent", 0.99, ()
+    )
 
 
 def test_uniform_ranks_are_calibrated_and_others_not() -> None:
@@ -31,7 +33,9 @@ def test_uniform_ranks_are_calibrated_and_others_not() -> None:
     assert made(shifted).outside == ("q3",)
     assert "the ranks of q3 leave the band" in validation_verdict(made(shifted))
     narrow = uniform.copy()
-    narrow[:, 5] = np.where(rng.random(300) < 0.3, np.where(rng.random(300) < 0.5, 0, 99), narrow[:, 5])
+    narrow[:, 5] = np.where(
+        rng.random(300) < 0.3, np.where(rng.random(300) < 0.5, 0, 99), narrow[:, 5]
+    )
     assert made(narrow).outside == ("q5",)
 
 
@@ -47,18 +51,36 @@ def test_executors_change_nothing() -> None:
     model = CONSTANT.without("truncation")
     arguments = {"replicates": 10, "draws": 9, "seed": 3}
     alone = lb.validate(model, CIRCLES, **arguments)
-    assert alone.names == (*model.bind(CIRCLES).names, "sigma", "delta", "kappa", "tau", LOG_LIKELIHOOD)
+    assert alone.names == (
+        *model.bind(CIRCLES).names,
+        "sigma",
+        "delta",
+        "kappa",
+        "tau",
+        LOG_LIKELIHOOD,
+    )
     with ThreadPoolExecutor(3) as threads:
-        np.testing.assert_array_equal(lb.validate(model, CIRCLES, executor=threads, **arguments).ranks, alone.ranks)
+        np.testing.assert_array_equal(
+            lb.validate(model, CIRCLES, executor=threads, **arguments).ranks, alone.ranks
+        )
     record = alone.as_dict()
-    assert (record["replicates"], record["band_probability"], "ranks" in record) == (10, 0.99, False)
+    assert (record["replicates"], record["band_probability"], "ranks" in record) == (
+        10,
+        0.99,
+        False,
+    )
     assert record["quantities"]["sigma"]["coverage"]["50"] == alone.coverage().loc["sigma", "50"]
 
 
-FLAT = ({"model": lb.HybridModel.paper(0)}, "validation must start from proper priors, got flat ones")
+FLAT = (
+    {"model": lb.HybridModel.paper(0)},
+    "validation must start from proper priors, got flat ones",
+)
 
 
-@pytest.mark.parametrize(("arguments", "message"), [*cases(__file__, "refusals.toml")["validate"], FLAT])
+@pytest.mark.parametrize(
+    ("arguments", "message"), [*cases(__file__, "refusals.toml")["validate"], FLAT]
+)
 def test_refused(arguments: dict, message: str) -> None:
     refuses(message, lb.validate, **({"model": CONSTANT, "plan": CIRCLES} | arguments))
 
@@ -70,12 +92,16 @@ def test_holds_with_the_probability_it_claims(replicates: int, draws: int, prob:
     every = np.array([ecdf(rng.integers(0, draws + 1, replicates), draws) for _ in range(4000)])
     share = np.mean(np.all((every >= lower) & (every <= upper), axis=1))
     error = np.sqrt(prob * (1.0 - prob) / 4000)
-    assert prob - 4.0 * error < share < prob + 4.0 * error + 0.03, "counts are whole: a little more than asked for"
+    assert prob - 4.0 * error < share < prob + 4.0 * error + 0.03, (
+        "counts are whole: a little more than asked for"
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("degree", "planned", "replicates"), [(1, CIRCLES, 200), (0, ARCS, 100)], ids=["linear, circles", "constant, arcs"]
+    ("degree", "planned", "replicates"),
+    [(1, CIRCLES, 200), (0, ARCS, 100)],
+    ids=["linear, circles", "constant, arcs"],
 )
 def test_quadrature_is_calibrated(degree: int, planned: lb.Campaign, replicates: int) -> None:
     found = lb.validate(lb.HybridModel.first(degree), planned, replicates=replicates, seed=11)
@@ -87,7 +113,9 @@ def test_emcee_is_calibrated_and_a_wrong_model_is_not() -> None:
     """Readings with a discrepancy that the model lacks: intervals far too narrow, and the ranks say so."""
     found = lb.validate(CONSTANT, CIRCLES, replicates=100, draws=49, sampler="joint", seed=12)
     assert found.calibrated, found.outside
-    found = lb.validate(CONSTANT.without("discrepancy"), CIRCLES, generator=CONSTANT, replicates=100, seed=13)
+    found = lb.validate(
+        CONSTANT.without("discrepancy"), CIRCLES, generator=CONSTANT, replicates=100, seed=13
+    )
     assert {"C_CXY", "C_CYY", LOG_LIKELIHOOD} & set(found.outside)
 
 

@@ -37,7 +37,10 @@ def test_units_at_the_edge() -> None:
         ({"angle_rad": ANGLE}, "angle_deg or angle_rad, got both"),
         ({"reading_um": READING[:-1]}, "36 angles and 35 readings"),
         ({"angle_deg": ANGLE[:8], "reading_um": READING[:8]}, "at least 9 readings, got 8"),
-        ({"reading_um": np.where(ANGLE == 30.0, np.nan, READING)}, "finite reading_um, got nan at reading 4"),
+        (
+            {"reading_um": np.where(ANGLE == 30.0, np.nan, READING)},
+            "finite reading_um, got nan at reading 4",
+        ),
         ({"angle_deg": ANGLE / 4}, "arc of at least 180°"),
         ({"force_N": 0.0}, "force_N must be greater than 0, got 0.0. Correct it"),
         ({"force_N": None}, "force or a pressure, got neither"),
@@ -52,20 +55,37 @@ def test_refused(changes: dict[str, object], message: str) -> None:
 
 
 def test_what_tests_leave_open_comes_from_the_campaign() -> None:
-    campaign = lb.Campaign((make(), make(force_N=742.0, radius_mm=100.0)), radius_mm=150.0, centre_mm=(1.0, 2.0))
+    campaign = lb.Campaign(
+        (make(), make(force_N=742.0, radius_mm=100.0)), radius_mm=150.0, centre_mm=(1.0, 2.0)
+    )
     first, second = campaign.tests
-    assert (first.radius_mm, second.radius_mm, first.circle.centre_mm) == (150.0, 100.0, (1.0, 2.0, 0.0))
+    assert (first.radius_mm, second.radius_mm, first.circle.centre_mm) == (
+        150.0,
+        100.0,
+        (1.0, 2.0, 0.0),
+    )
     assert first.pressure_bar == pytest.approx((36.0 + 14.2) / 126.04)
     assert lb.Campaign((make(force_N=None, pressure_bar=6.0),)).forces_N[0] == pytest.approx(742.04)
-    assert [t.name for t in lb.Campaign((make(), make(), make())).tests] == ["f036", "f036_2", "f036_3"]
+    assert [t.name for t in lb.Campaign((make(), make(), make())).tests] == [
+        "f036",
+        "f036_2",
+        "f036_3",
+    ]
 
 
 def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
     def levels(*forces: float) -> int:
         return lb.Campaign(tuple(make(force_N=force) for force in forces)).force_levels
 
-    assert (levels(400.0, 400.001), levels(400.0, 400.3, 400.6), levels(36.0, 37.0, 742.0)) == (1, 2, 3)
-    assert lb.preview(lb.Campaign((make(force_N=400.0), make(force_N=400.001)))).remarks[0].kind == "one force level"
+    assert (levels(400.0, 400.001), levels(400.0, 400.3, 400.6), levels(36.0, 37.0, 742.0)) == (
+        1,
+        2,
+        3,
+    )
+    assert (
+        lb.preview(lb.Campaign((make(force_N=400.0), make(force_N=400.001)))).remarks[0].kind
+        == "one force level"
+    )
     with pytest.raises(InputError, match="at least two force levels, got one"):
         lb.HybridModel.first(1).bind(lb.Campaign((make(force_N=400.0), make(force_N=400.001))))
 
@@ -78,7 +98,11 @@ def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
         ((make(name="a"), make(name="a")), {}, "'a' twice"),
         ((make(), make(reading_um=None, name="p")), {}, "got test 'p' without"),
         ((make(),), {"plane": "XZ"}, "plane must be one of"),
-        ((make(), make(plane="YZ")), {"topology": "wFYXt"}, "topology must hold the axes of plane YZ, got 'wFYXt' without Z"),
+        (
+            (make(), make(plane="YZ")),
+            {"topology": "wFYXt"},
+            "topology must hold the axes of plane YZ, got 'wFYXt' without Z",
+        ),
         ((make(),), {"frames_mm": {"W": (0.0, 0.0, 0.0)}}, "frames_mm must name linear axes"),
     ],
 )
@@ -92,7 +116,9 @@ def test_digest_is_of_the_data() -> None:
     campaign, nudged = lb.Campaign((first, second)), READING.copy()
     nudged[3] += 1e-9
     floats = make(time_s=20.0, work_ball_deg=45.0)
-    assert lb.Campaign((floats, second), name="other", feed_mm_per_min=1.0).sha256 == campaign.sha256
+    assert (
+        lb.Campaign((floats, second), name="other", feed_mm_per_min=1.0).sha256 == campaign.sha256
+    )
     different = [
         *(
             lb.Campaign((replace(first, **own), second))
@@ -118,7 +144,13 @@ def test_selection() -> None:
 
 
 @pytest.mark.parametrize(
-    ("angle", "arc"), [(ANGLE, 360.0), (np.linspace(-10, 210, 50), 220.0), (np.linspace(0, 720, 200), 360.0), (ANGLE[::4], 360.0)]
+    ("angle", "arc"),
+    [
+        (ANGLE, 360.0),
+        (np.linspace(-10, 210, 50), 220.0),
+        (np.linspace(0, 720, 200), 360.0),
+        (ANGLE[::4], 360.0),
+    ],
 )
 def test_arc(angle: np.ndarray, arc: float) -> None:
     assert make(angle_deg=angle, reading_um=np.zeros(len(angle))).arc_deg == pytest.approx(arc)
@@ -129,7 +161,9 @@ def test_arc(angle: np.ndarray, arc: float) -> None:
 
 def recording(start: float = -30.0, stop: float = 390.0) -> lb.CircularTest:
     angle = np.arange(start, stop)
-    return lb.CircularTest(force_N=36.0, angle_deg=angle, reading_um=np.sin(np.deg2rad(angle)), name="a")
+    return lb.CircularTest(
+        force_N=36.0, angle_deg=angle, reading_um=np.sin(np.deg2rad(angle)), name="a"
+    )
 
 
 def test_force_law_both_ways() -> None:
@@ -150,7 +184,12 @@ def test_reversal_points_are_masked() -> None:
 
 def test_arcs_may_run_through_zero() -> None:
     test = lb.mask_angles(recording(0.0, 360.0), [(350.0, 370.0), (100.0, 110.0)])
-    assert {355.0, 5.0, 105.0, 11.0, 99.0, 111.0, 349.0} & set(test.angle_deg) == {11.0, 99.0, 111.0, 349.0}
+    assert {355.0, 5.0, 105.0, 11.0, 99.0, 111.0, 349.0} & set(test.angle_deg) == {
+        11.0,
+        99.0,
+        111.0,
+        349.0,
+    }
     refuses("must leave readings", lb.mask_angles, recording(), [(0.0, 360.0)])
 
 
@@ -160,9 +199,17 @@ ROUND = {"harmonics_um": ((2, 0.21, 35.0), (3, 0.1, -20.0)), "U_um": 0.05}
 def test_certificates_go_where_the_campaign_goes() -> None:
     """And leave the digest of the readings as it is."""
     plain = lb.Campaign((recording(), replace(recording(), name="b")))
-    known = lb.Instrument(lb.Ball(grade="G20"), lb.Ball(**ROUND), bar_length_error_um=-0.4, bar_U_um=1.0, mount_U_percent=2.0)
+    known = lb.Instrument(
+        lb.Ball(grade="G20"),
+        lb.Ball(**ROUND),
+        bar_length_error_um=-0.4,
+        bar_U_um=1.0,
+        mount_U_percent=2.0,
+    )
     stated = replace(plain, instrument=known)
-    assert {own.instrument for own in (stated.plan(), stated.select(["b"]), stated.without("b"))} == {known}
+    assert {
+        own.instrument for own in (stated.plan(), stated.select(["b"]), stated.without("b"))
+    } == {known}
     assert (known.work.stated_sphericity_um, known.tool.stated_sphericity_um) == (0.5, None)
     assert stated.sha256 == plain.sha256
 
@@ -173,9 +220,15 @@ def test_certificates_go_where_the_campaign_goes() -> None:
         (lb.Ball, {"grade": "G21"}, "Did you mean 'G20'"),
         (lb.Ball, {"grade": "G20", "sphericity_um": 0.5}, "got both"),
         (lb.Ball, {"harmonics_um": [(2, 0.2, 35.0)]}, "harmonics_um alone"),
-        (lb.Ball, ROUND | {"harmonics_um": [(2, 0.2, 35.0), (2, 0.1, 0.0)]}, r"each order once, got \[2, 2\]"),
+        (
+            lb.Ball,
+            ROUND | {"harmonics_um": [(2, 0.2, 35.0), (2, 0.1, 0.0)]},
+            r"each order once, got \[2, 2\]",
+        ),
         (lb.Instrument, {"bar_length_error_um": 1.0}, "must come with its U_um"),
     ],
 )
-def test_certificates_that_cannot_be_are_refused(kind: type, stated: dict[str, Any], message: str) -> None:
+def test_certificates_that_cannot_be_are_refused(
+    kind: type, stated: dict[str, Any], message: str
+) -> None:
     refuses(message, kind, **stated)

@@ -40,8 +40,15 @@ def test_a_german_certificate(tmp_path: Path) -> None:
         "certificate": f"{NAME}Längenabweichung vom Nennmaß: Messwert",
     }
     named = f"{NAME}Prüfkraft: Kraft, Prüfkraft: Linearitätsabweichung"
-    assert found.fields("force") == {"U_percent": 0.5, "linearity_percent": 0.6, "certificate": named}
-    assert found.fields("ball") == {"sphericity_um": 0.15, "certificate": f"{NAME}Rundheitsabweichung / Roundness: Ebene 2"}
+    assert found.fields("force") == {
+        "U_percent": 0.5,
+        "linearity_percent": 0.6,
+        "certificate": named,
+    }
+    assert found.fields("ball") == {
+        "sphericity_um": 0.15,
+        "certificate": f"{NAME}Rundheitsabweichung / Roundness: Ebene 2",
+    }
     indication = changed(tmp_path, ("Längenabweichung vom Nennmaß", "Error of indication"))
     assert lb.read_dcc(indication).fields("bar")["length_error_um"] == 0.8
     length = changed(tmp_path, ("Längenabweichung vom Nennmaß", "Length"), (">0.8<", ">150000.8<"))
@@ -50,29 +57,62 @@ def test_a_german_certificate(tmp_path: Path) -> None:
 
 def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
     """In campaign.toml as by options; `check` names the certificates, and so does the campaign written again."""
-    tables = "".join(f'[{name}]\ndcc = "{SCHEIN.name}"\n' for name in ("bar", "force", "balls.work", "balls.tool"))
+    tables = "".join(
+        f'[{name}]\ndcc = "{SCHEIN.name}"\n'
+        for name in ("bar", "force", "balls.work", "balls.tool")
+    )
     (folder := tmp_path / "a").mkdir(), (plain := tmp_path / "b").mkdir()
     shutil.copy(SCHEIN, write(folder, TOML.replace("[[test]]", f"{tables}[[test]]", 1)))
     stated = lb.read_campaign(folder).instrument
-    ball = lb.Ball(sphericity_um=0.15, certificate=f"{NAME}Rundheitsabweichung / Roundness: Ebene 2")
-    bar, force = f"{NAME}Längenabweichung vom Nennmaß: Messwert", f"{NAME}Prüfkraft: Kraft, Prüfkraft: Linearitätsabweichung"
-    expected = lb.Instrument(ball, ball, -0.8, 0.6, None, 0.5, 0.6, bar_certificate=bar, force_certificate=force)
+    ball = lb.Ball(
+        sphericity_um=0.15, certificate=f"{NAME}Rundheitsabweichung / Roundness: Ebene 2"
+    )
+    bar, force = (
+        f"{NAME}Längenabweichung vom Nennmaß: Messwert",
+        f"{NAME}Prüfkraft: Kraft, Prüfkraft: Linearitätsabweichung",
+    )
+    expected = lb.Instrument(
+        ball, ball, -0.8, 0.6, None, 0.5, 0.6, bar_certificate=bar, force_certificate=force
+    )
     assert stated == expected
-    assert lb.read_campaign(lb.write_campaign(lb.read_campaign(folder), tmp_path / "c")).instrument == expected
-    options = [part for kind in ("bar", "force", "work-ball", "tool-ball") for part in (f"--{kind}-dcc", str(SCHEIN))]
-    shown = [CliRunner().invoke(app, ["check", *args]).stdout for args in ([str(folder)], [str(write(plain)), *options])]
+    assert (
+        lb.read_campaign(lb.write_campaign(lb.read_campaign(folder), tmp_path / "c")).instrument
+        == expected
+    )
+    options = [
+        part
+        for kind in ("bar", "force", "work-ball", "tool-ball")
+        for part in (f"--{kind}-dcc", str(SCHEIN))
+    ]
+    shown = [
+        CliRunner().invoke(app, ["check", *args]).stdout
+        for args in ([str(folder)], [str(write(plain)), *options])
+    ]
     tables = [text[text.index("What a fit assumes of the instrument") :] for text in shown]
     assert tables[0] == tables[1]
-    assert f"Certificate of the bar: {NAME}Längenabweichung vom Nennmaß: Messwert" in " ".join(tables[0].split())
-    assert lb.read_campaign(folder, certificates={"bar_U_um": 2.0}).instrument.bar_certificate is None
+    assert f"Certificate of the bar: {NAME}Längenabweichung vom Nennmaß: Messwert" in " ".join(
+        tables[0].split()
+    )
+    assert (
+        lb.read_campaign(folder, certificates={"bar_U_um": 2.0}).instrument.bar_certificate is None
+    )
     made = CliRunner().invoke(app, ["simulate", str(plain), "--out", str(tmp_path / "d"), *options])
     assert (made.exit_code, lb.read_campaign(tmp_path / "d").instrument) == (0, expected)
     refused = CliRunner().invoke(app, ["check", str(plain), *options, "--bar-U-um", "2"])
     assert refused.exit_code == 2
-    with pytest.raises(lb.InputError, match=r"\[bar\] must have U_um or take it from its dcc, got both"):
-        lb.read_campaign(write(folder, TOML.replace("[[test]]", f"[bar]\nU_um = 1.0\ndcc = '{SCHEIN.name}'\n[[test]]", 1)))
+    with pytest.raises(
+        lb.InputError, match=r"\[bar\] must have U_um or take it from its dcc, got both"
+    ):
+        lb.read_campaign(
+            write(
+                folder,
+                TOML.replace("[[test]]", f"[bar]\nU_um = 1.0\ndcc = '{SCHEIN.name}'\n[[test]]", 1),
+            )
+        )
     with pytest.raises(lb.InputError, match=r"\[bar\]: dcc must lie inside"):
-        lb.read_campaign(write(folder, TOML.replace("[[test]]", f"[bar]\ndcc = '{SCHEIN}'\n[[test]]", 1)))
+        lb.read_campaign(
+            write(folder, TOML.replace("[[test]]", f"[bar]\ndcc = '{SCHEIN}'\n[[test]]", 1))
+        )
 
 
 BOMB = '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "bb"><!ENTITY c "&b;&b;">]><a>&c;</a>'
@@ -95,6 +135,8 @@ def test_what_is_no_certificate_is_refused(content: bytes, message: str, tmp_pat
 
 
 @pytest.mark.parametrize(("old", "new", "kind", "message"), CASES["not_said"])
-def test_what_a_certificate_does_not_say(old: str, new: str, kind: str, message: str, tmp_path: Path) -> None:
+def test_what_a_certificate_does_not_say(
+    old: str, new: str, kind: str, message: str, tmp_path: Path
+) -> None:
     path = changed(tmp_path, (old, new))
     refuses(f"schein.xml: .*{message}", lambda: lb.read_dcc(path).fields(kind))

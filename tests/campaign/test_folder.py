@@ -47,19 +47,32 @@ def test_round_trip(tmp_path: Path) -> None:
 
 def test_certificates_are_read_and_written(root: Path, tmp_path: Path) -> None:
     """Those of the docs."""
-    blocks = re.findall(r"```toml\n(.*?)```", (root / "docs/reference/files.md").read_text("utf-8"), re.S)
+    blocks = re.findall(
+        r"```toml\n(.*?)```", (root / "docs/reference/files.md").read_text("utf-8"), re.S
+    )
     (block,) = [own for own in blocks if "[balls.work]" in own]
     stated = lb.read_campaign(write(tmp_path, TOML.replace("[[test]]", f"{block}[[test]]", 1)))
-    balls = lb.Ball(grade="G20"), lb.Ball(harmonics_um=((2, 0.21, 35.0), (3, 0.1, -10.0)), U_um=0.05)
+    balls = (
+        lb.Ball(grade="G20"),
+        lb.Ball(harmonics_um=((2, 0.21, 35.0), (3, 0.1, -10.0)), U_um=0.05),
+    )
     assert stated.instrument == lb.Instrument(*balls, -0.4, 1.0, 2.0, 1.0, 0.6, 1.5, 0.05)
     assert stated.mount == lb.MountCompensation(130.0 / 50.0)
-    back = lb.read_campaign(lb.write_campaign(stated, tmp_path / "c"), certificates={"tool": balls[0]})
+    back = lb.read_campaign(
+        lb.write_campaign(stated, tmp_path / "c"), certificates={"tool": balls[0]}
+    )
     assert back.instrument == replace(stated.instrument, tool=balls[0])
-    assert (back.mount, back.force_law, back.sha256) == (stated.mount, stated.force_law, stated.sha256)
+    assert (back.mount, back.force_law, back.sha256) == (
+        stated.mount,
+        stated.force_law,
+        stated.sha256,
+    )
 
 
 @given(reading=hnp.arrays(float, 12, elements=st.floats(-1e5, 1e5)), force=st.floats(1.0, 2000.0))
-def test_numbers_read_back_to_the_same_doubles(tmp_path_factory, reading: np.ndarray, force: float) -> None:
+def test_numbers_read_back_to_the_same_doubles(
+    tmp_path_factory, reading: np.ndarray, force: float
+) -> None:
     test = lb.CircularTest(force_N=force, angle_deg=np.arange(12) * 30.0 + 1e-9, reading_um=reading)
     campaign = lb.Campaign((test,))
     folder = lb.write_campaign(campaign, tmp_path_factory.mktemp("c") / "c")
@@ -84,7 +97,9 @@ def test_plans_come_back(tmp_path: Path) -> None:
 
 def test_radians_millimetres_bom_crlf_semicolons_and_decimal_commas(tmp_path: Path) -> None:
     rows = "\r\n".join(f"{float(np.deg2rad(a))!r},{a / 7e3!r}" for a in range(0, 360, 20))
-    (write(tmp_path) / "b.csv").write_bytes(b"\xef\xbb\xbfangle_rad,reading_mm\r\n" + rows.encode() + b"\r\n\r\n")
+    (write(tmp_path) / "b.csv").write_bytes(
+        b"\xef\xbb\xbfangle_rad,reading_mm\r\n" + rows.encode() + b"\r\n\r\n"
+    )
     first, second = lb.read_campaign(tmp_path).tests
     np.testing.assert_allclose(first.reading_um, second.reading_um)
     np.testing.assert_allclose(first.angle_deg, second.angle_deg)
@@ -100,16 +115,33 @@ def test_toml_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
 
 
 def rows(header: str, form: str, angles: Iterable[int]) -> str:
-    return header + "\n" + "\n".join(form.format(a=angle, tenth=angle / 10, r=f"{angle / 7:.3f}") for angle in angles)
+    return (
+        header
+        + "\n"
+        + "\n".join(
+            form.format(a=angle, tenth=angle / 10, r=f"{angle / 7:.3f}") for angle in angles
+        )
+    )
 
 
 WHOLE = [
-    ("", rows("angle_deg,reading_um", "{a},0,{a},5", range(0, 360, 20)), "with decimal commas separate the cells by semicolons"),
-    ("", rows("angle_deg;reading_um", "{a};{r}", range(0, 360, 20)).replace("20;2.857", "20;1,000"),
-     r"b\.csv, line 3: reading_um must be a finite number, got '1,000'"),
+    (
+        "",
+        rows("angle_deg,reading_um", "{a},0,{a},5", range(0, 360, 20)),
+        "with decimal commas separate the cells by semicolons",
+    ),
+    (
+        "",
+        rows("angle_deg;reading_um", "{a};{r}", range(0, 360, 20)).replace("20;2.857", "20;1,000"),
+        r"b\.csv, line 3: reading_um must be a finite number, got '1,000'",
+    ),
     ("", rows("angle_deg,reading_um", "{tenth},1", range(20)), "angle_deg must span more than 7°"),
-    ("", rows("angle_rad,reading_um", "{a},1", range(0, 360, 5)), "angle_rad must span at most 4 turns"),
-]  # fmt: skip
+    (
+        "",
+        rows("angle_rad,reading_um", "{a},1", range(0, 360, 5)),
+        "angle_rad must span at most 4 turns",
+    ),
+]
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [*CASES["csv_refused"], *WHOLE])
@@ -119,7 +151,10 @@ def test_csv_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
 
 def test_binary_and_missing(tmp_path: Path) -> None:
     write(tmp_path)
-    for content, got in ((bytes(range(256)), "text must be utf-8, got other bytes"), (b"angle_deg,\0\n1,2\n", "got binary data")):
+    for content, got in (
+        (bytes(range(256)), "text must be utf-8, got other bytes"),
+        (b"angle_deg,\0\n1,2\n", "got binary data"),
+    ):
         (tmp_path / "b.csv").write_bytes(content)
         refuses(got, lb.read_campaign, tmp_path)
     for path, options, message in (
@@ -141,19 +176,30 @@ def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
 def test_a_campaign_names_its_machine_and_date(tmp_path: Path) -> None:
     """Kept in the folder and in a fit, not part of the digest: they change no number."""
     plain = lb.read_campaign(lb.embedded_campaign())
-    labels = {key: f"{key} ÄÖ/7" for key in LABELS} | {"date": "2026-11-20T14:30", "ball_bar_calibrated": "2026-01-05"}
+    labels = {key: f"{key} ÄÖ/7" for key in LABELS} | {
+        "date": "2026-11-20T14:30",
+        "ball_bar_calibrated": "2026-01-05",
+    }
     named = replace(plain, **labels)
     back = lb.read_campaign(lb.write_campaign(named, tmp_path / "c"))
     assert ({key: getattr(back, key) for key in LABELS}, back.sha256) == (labels, plain.sha256)
     by_number = lb.write_campaign(replace(plain, serial_number="S 12"), tmp_path / "s")
-    assert (lb.read_campaign(by_number).machine_id, labels_of(by_number)["machine_id"]) == ("S 12", "S 12")
+    assert (lb.read_campaign(by_number).machine_id, labels_of(by_number)["machine_id"]) == (
+        "S 12",
+        "S 12",
+    )
     (tmp_path / "bare").mkdir()
     write(tmp_path / "bare", TOML.replace("[[test]]", 'serial_number = "S 12"\n[[test]]', 1))
     assert labels_of(tmp_path / "bare") == {"machine_id": "S 12"}
     toml = tmp_path / "c" / "campaign.toml"
     toml.write_text(toml.read_text().replace('"2026-11-20T14:30"', "2026-11-21"))
     assert lb.read_campaign(toml).date == "2026-11-21"
-    refuses(r"date must be valid, got '20\.11\.26': it should be a date as ISO 8601", replace, plain, date="20.11.26")
+    refuses(
+        r"date must be valid, got '20\.11\.26': it should be a date as ISO 8601",
+        replace,
+        plain,
+        date="20.11.26",
+    )
     refuses("machine_id must be valid", replace, plain, machine_id=" ")
 
 
@@ -166,19 +212,28 @@ def test_tidy_is_the_same_campaign(tmp_path: Path) -> None:
     lines = ["test,force_N,pressure_bar,work_ball_deg,angle_deg,reading_um,direction"]
     for test in campaign.tests:
         for angle, reading in zip(test.angle_deg, test.reading_um, strict=True):
-            lines.append(f"{test.name},{test.force_N},{test.pressure_bar},{test.work_ball_deg},{angle},{reading},")
+            lines.append(
+                f"{test.name},{test.force_N},{test.pressure_bar},{test.work_ball_deg},{angle},{reading},"
+            )
     path.write_text("\n".join(lines))
     assert lb.read_campaign(path).sha256 == campaign.sha256
     assert lb.read_campaign(path, radius_mm=100.0).tests[0].radius_mm == 100.0
     path.write_text(path.read_text().replace("f036,36.0", "f036,37.0", 1))
-    refuses(r"all\.csv: force_N must be the same in all rows of a test, got 36.0 to 37.0 in 'f036'", lb.read_campaign, path)
+    refuses(
+        r"all\.csv: force_N must be the same in all rows of a test, got 36.0 to 37.0 in 'f036'",
+        lb.read_campaign,
+        path,
+    )
 
 
 def test_tables_of_no_sensible_shape_are_refused_at_once(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     for content, said in (
         (",".join(["a"] * 2000) + "\n1\n", "at most 1000 columns, got 2000"),
-        ("angle_deg,reading_um\n1," + "1" * 99_000 + "x\n", "reading_um must be a finite number, got '1111"),
+        (
+            "angle_deg,reading_um\n1," + "1" * 99_000 + "x\n",
+            "reading_um must be a finite number, got '1111",
+        ),
     ):
         path.write_text(content)
         with pytest.raises(InputError, match=said) as refused:

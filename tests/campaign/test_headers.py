@@ -70,4 +70,6 @@ def test_radius_and_plane_in_a_name(name: str, radius: str, plane: str, number: 
 
 @pytest.mark.parametrize(("line", "names", "found"), CASES["directions"])
 def test_direction(line: str, names: str, found: str) -> None:
-    assert sorted(directions_said([(1, line)], names.split(", "))) == found.replace("none", "").split()
+    assert (
+        sorted(directions_said([(1, line)], names.split(", "))) == found.replace("none", "").split()
+    )

@@ -32,8 +32,18 @@ def lines(form: str = "{a},{r}.25", count: int = 72) -> list[str]:
 CIRCLE = lines()
 
 
-def table(path: Path, header: str = HEADER, rows: list[str] = CIRCLE, above: str = "", encoding: str = "utf-8") -> Path:
-    path.write_bytes("\n".join([*([above] if above else []), *([header] if header else []), *rows, ""]).encode(encoding))
+def table(
+    path: Path,
+    header: str = HEADER,
+    rows: list[str] = CIRCLE,
+    above: str = "",
+    encoding: str = "utf-8",
+) -> Path:
+    path.write_bytes(
+        "\n".join([*([above] if above else []), *([header] if header else []), *rows, ""]).encode(
+            encoding
+        )
+    )
     return path
 
 
@@ -48,10 +58,16 @@ def book(path: Path, sheets: dict[str, list[list[Any]]]) -> Path:
     return path
 
 
-SHEET = [["measured", datetime(2026, 3, 4), ""], ["angle", "reading um", "check"], *([5 * k, k % 7, "=B2*2"] for k in range(72))]
+SHEET = [
+    ["measured", datetime(2026, 3, 4), ""],
+    ["angle", "reading um", "check"],
+    *([5 * k, k % 7, "=B2*2"] for k in range(72)),
+]
 
 
-def imported(path: Path | list[Path], layout: dict[str, Any] | None = None, **campaign: Any) -> lb.Imported:
+def imported(
+    path: Path | list[Path], layout: dict[str, Any] | None = None, **campaign: Any
+) -> lb.Imported:
     return lb.import_campaign(path, layout=lb.Layout.model_validate(layout or {}), **campaign)
 
 
@@ -60,7 +76,9 @@ def told(found: lb.Imported) -> set[tuple[str, str]]:
 
 
 def loads_of(path: Path | list[Path], **layout: Any) -> list[tuple[str, float | None, str | None]]:
-    return [(test.name, test.force_N, test.direction) for test in imported(path, layout).campaign.tests]
+    return [
+        (test.name, test.force_N, test.direction) for test in imported(path, layout).campaign.tests
+    ]
 
 
 # ---- numbers, times, encodings
@@ -69,19 +87,39 @@ def loads_of(path: Path | list[Path], **layout: Any) -> list[tuple[str, float | 
 @pytest.mark.parametrize(("cells", "decimal", "values"), CASES["numbers"])
 def test_numbers(cells: list[str], decimal: str, values: list[float]) -> None:
     assert (decimal_mark("here", enumerate(cells, start=1)) or "") == decimal
-    np.testing.assert_allclose(numbers_of("here", "x", range(1, 9), cells, decimal or None), values, rtol=1e-15)
+    np.testing.assert_allclose(
+        numbers_of("here", "x", range(1, 9), cells, decimal or None), values, rtol=1e-15
+    )
 
 
 def test_what_is_no_number() -> None:
-    for cell in ("1,23,4.5", "12,34.5", "1_000", "0x10", "", "--1", "1e", "nan", "∞", "1.2.3", "12 30", "12'30", "0 36"):
-        refuses("here, line 3: x must be a finite number", numbers_of, "here", "x", [3], [cell], ".")
+    for cell in (
+        "1,23,4.5",
+        "12,34.5",
+        "1_000",
+        "0x10",
+        "",
+        "--1",
+        "1e",
+        "nan",
+        "∞",
+        "1.2.3",
+        "12 30",
+        "12'30",
+        "0 36",
+    ):
+        refuses(
+            "here, line 3: x must be a finite number", numbers_of, "here", "x", [3], [cell], "."
+        )
 
 
 @given(st.floats(-1e6, 1e6), st.sampled_from(".,"), st.integers(0, 6))
 def test_a_number_written_any_way_comes_back(value: float, decimal: str, digits: int) -> None:
     marks = str.maketrans({",": "," if decimal == "." else ".", ".": decimal})
     written = f"{value:,.{digits}f}".translate(marks)
-    assert numbers_of("here", "x", [1], [written], decimal)[0] == pytest.approx(round(value, digits), rel=1e-12, abs=1e-12)
+    assert numbers_of("here", "x", [1], [written], decimal)[0] == pytest.approx(
+        round(value, digits), rel=1e-12, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize(("cells", "since"), CASES["times_of_day"])
@@ -94,13 +132,19 @@ def test_times_of_day(cells: list[str], since: list[float]) -> None:
 @pytest.mark.parametrize("separator", list(",;\t|"))
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf", b"\xfe\xff"])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16-le", "utf-16-be", "cp1252"])
-def test_encodings_and_separators_are_found(encoding: str, mark: bytes, separator: str, tmp_path: Path) -> None:
+def test_encodings_and_separators_are_found(
+    encoding: str, mark: bytes, separator: str, tmp_path: Path
+) -> None:
     encoding = {b"\xef\xbb\xbf": "utf-8", b"\xfe\xff": "utf-16-be"}.get(mark, encoding)
     rows = [row.replace(",", separator) for row in CIRCLE]
     path = table(tmp_path / "own.csv", f"Winkel °{separator}Messwert µm", rows, "", encoding)
     path.write_bytes(mark + path.read_bytes())
     (sheet,) = read_sheets(path)
-    assert (sheet.encoding, sheet.separator, sheet.rows[0]) == (encoding, separator, (1, ["Winkel °", "Messwert µm"]))
+    assert (sheet.encoding, sheet.separator, sheet.rows[0]) == (
+        encoding,
+        separator,
+        (1, ["Winkel °", "Messwert µm"]),
+    )
 
 
 # ---- angles from time, laps
@@ -111,9 +155,13 @@ def test_log_over_time() -> None:
     turn = 2.0 * np.pi * 150.0 / (2000.0 / 60.0)
     assert turn == pytest.approx(28.2743, abs=1e-4)
     time = np.arange(0.0, 1.25 * turn, 0.01)
-    angle = angles_from_time(time, feed_mm_per_min=2000.0, radius_mm=150.0, start_deg=90.0, overshoot_deg=45.0, sense=-1)
+    angle = angles_from_time(
+        time, feed_mm_per_min=2000.0, radius_mm=150.0, start_deg=90.0, overshoot_deg=45.0, sense=-1
+    )
     assert angle[0] == pytest.approx(135.0)
-    assert angle[int(np.searchsorted(time, turn / 8.0 + turn / 4.0))] == pytest.approx(0.0, abs=0.13)
+    assert angle[int(np.searchsorted(time, turn / 8.0 + turn / 4.0))] == pytest.approx(
+        0.0, abs=0.13
+    )
     kept = on_the_circle(angle, start_deg=90.0, sense=-1)
     assert angle[kept].max() <= 90.0 + 0.07
     assert np.ptp(angle[kept]) == pytest.approx(360.0, abs=0.26)
@@ -131,7 +179,9 @@ def test_laps_are_averaged_at_the_same_angles(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("laps", "lead"), [(2, 0), (3, 9)])
-def test_laps_without_their_closing_reading_are_all_kept(laps: int, lead: int, tmp_path: Path) -> None:
+def test_laps_without_their_closing_reading_are_all_kept(
+    laps: int, lead: int, tmp_path: Path
+) -> None:
     """With and without run-in; times rounded to 0.01 s."""
     step = np.deg2rad(5.0) * 150.0 / (2000.0 / 60.0)
     rows = [f"{k * step:.2f},{(k - lead) % 7}.25" for k in range(72 * laps + lead)]
@@ -151,8 +201,12 @@ def test_the_layout_that_was_found_out_leaves_nothing_to_guess(tmp_path: Path) -
     (tmp_path / "layout.toml").write_text(layout_to_toml(first.layout), encoding="utf-8")
     again = lb.import_campaign(path, layout=lb.read_layout(tmp_path / "layout.toml"))
     assert (again.campaign.sha256, again.layout) == (first.campaign.sha256, first.layout)
-    assert {"separator", "decimal mark", "columns", "unit of the angle"} <= {own.what for own in first.assumptions}
-    assert {own.what for own in again.assumptions if own.place} == {"force_N", "radius_mm"}, "what the file says of its test"
+    assert {"separator", "decimal mark", "columns", "unit of the angle"} <= {
+        own.what for own in first.assumptions
+    }
+    assert {own.what for own in again.assumptions if own.place} == {"force_N", "radius_mm"}, (
+        "what the file says of its test"
+    )
     assert (first.campaign.tests[0].force_N, first.campaign.tests[0].radius_mm) == (238.0, 140.0)
     assert str(first).startswith("own 238N: 1 tests, 72 readings. Assumed")
     assert first.as_dict()["campaign"] == {"name": "own 238N", "tests": 1, "readings": 72}
@@ -161,12 +215,28 @@ def test_the_layout_that_was_found_out_leaves_nothing_to_guess(tmp_path: Path) -
 def test_what_is_given_is_not_assumed(tmp_path: Path) -> None:
     path = table(tmp_path / "own.csv", "a,b")
     entry = {"file": "own.csv", "pressure_bar": 3.0, "direction": "CW", "work_ball_deg": 45.0}
-    layout = {"columns": {"angle": "a", "reading": "b"}, "reading_unit": "nm", "angle_unit": "deg", "zero": "deviation"}
-    found = imported(path, layout | {"test": [entry]}, topology="wCAFYXZSt", plane="XY", radius_mm=150.0, resolution_um=0.1)
+    layout = {
+        "columns": {"angle": "a", "reading": "b"},
+        "reading_unit": "nm",
+        "angle_unit": "deg",
+        "zero": "deviation",
+    }
+    found = imported(
+        path,
+        layout | {"test": [entry]},
+        topology="wCAFYXZSt",
+        plane="XY",
+        radius_mm=150.0,
+        resolution_um=0.1,
+    )
     (test,) = found.campaign.tests
     assert (test.pressure_bar, test.direction, test.work_ball_deg) == (3.0, "CW", 45.0)
     np.testing.assert_allclose(test.reading_um, [1e-3 * (k % 7 + 0.25) for k in range(72)])
-    assert {own.what for own in found.assumptions} == {"mount", "force", "direction"}  # stated CW, the angles rise
+    assert {own.what for own in found.assumptions} == {
+        "mount",
+        "force",
+        "direction",
+    }  # stated CW, the angles rise
 
 
 DEEP = ("a = " + "[\n" * 5000, "valid TOML"), ("a." * 400 + "b = 1", "line 1")
@@ -183,7 +253,9 @@ def test_a_layout_of_last_week_does_not_speak_over_this_weeks_files_unheard(tmp_
     """The same names, other headers: what the files say counts; what was stated counts, and is told."""
     for week, force, sense in (("1", 36, "CCW"), ("2", 86, "CW")):
         (tmp_path / week).mkdir()
-        table(tmp_path / week / "T.csv", above=f"Force: {force} N\nDirection: {sense}\nRadius: 100 mm")
+        table(
+            tmp_path / week / "T.csv", above=f"Force: {force} N\nDirection: {sense}\nRadius: 100 mm"
+        )
     first = imported(tmp_path / "1" / "T.csv").layout.model_dump(by_alias=True, exclude_none=True)
     assert loads_of(tmp_path / "2" / "T.csv", **first) == [("T", 86.0, "CW")]
     stated = {"test": [{"file": "T.csv", "force_N": 36.0, "direction": "CCW"}]}
@@ -199,66 +271,134 @@ def test_a_layout_of_last_week_does_not_speak_over_this_weeks_files_unheard(tmp_
 def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
     entry = {"file": "a.csv", "force_N": 5.0, "direction": "CCW"}
     layout = lb.Layout.model_validate({"forces_N": [36.0, 742.0], "test": [entry]})
-    assert layout.with_given({"direction": "CW"}).test[0].stated() == {"file": "a.csv", "force_N": 5.0}
-    assert layout.with_given({"pressures_bar": [2.0, 3.0]}).test[0].stated() == {"file": "a.csv", "direction": "CCW"}
+    assert layout.with_given({"direction": "CW"}).test[0].stated() == {
+        "file": "a.csv",
+        "force_N": 5.0,
+    }
+    assert layout.with_given({"pressures_bar": [2.0, 3.0]}).test[0].stated() == {
+        "file": "a.csv",
+        "direction": "CCW",
+    }
     paths = [table(tmp_path / "a.csv"), table(tmp_path / "b.csv")]
     found = lb.import_campaign(paths, layout=layout.with_given({"pressures_bar": [2.0, 3.0]}))
-    assert [round(float(test.force_N or 0.0), 2) for test in found.campaign.tests] == [237.88, 363.92]
-    refuses("the angle must be one column", lb.Layout().with_given, {"columns": {"angle": ["A", "B"]}})
+    assert [round(float(test.force_N or 0.0), 2) for test in found.campaign.tests] == [
+        237.88,
+        363.92,
+    ]
+    refuses(
+        "the angle must be one column", lb.Layout().with_given, {"columns": {"angle": ["A", "B"]}}
+    )
 
 
 # ---- what is told
 
 
 @pytest.mark.parametrize(("header", "form", "above", "layout", "expected"), CASES["told"])
-def test_told(header: str, form: str, above: str, layout: dict[str, Any], expected: tuple[str, str], tmp_path: Path) -> None:
+def test_told(
+    header: str,
+    form: str,
+    above: str,
+    layout: dict[str, Any],
+    expected: tuple[str, str],
+    tmp_path: Path,
+) -> None:
     path = table(tmp_path / NAME, header, lines(form), above)
     assert tuple(expected) in told(imported(path, layout, plane="XY"))
 
 
-LEFT_ALONE = ("Raw data", "Temperature;compensated", "Resolution: 5", "Encoder resolution: 1 mm", "Machine;Date", "Plane: XY, YZ")
-SAID = {"Plane;YZ\nMachine: VMC 12\nDatum: 20.11.2026": ("YZ", True, 0.24, "VMC 12", "2026-11-20"),
-        "Plane: ZX\nReadings raw, not compensated for mount\nResolution 0.01 µm": ("ZX", False, 0.01, None, None),
-        **dict.fromkeys(LEFT_ALONE, ("XY", True, 0.24, None, None))}  # fmt: skip
+LEFT_ALONE = (
+    "Raw data",
+    "Temperature;compensated",
+    "Resolution: 5",
+    "Encoder resolution: 1 mm",
+    "Machine;Date",
+    "Plane: XY, YZ",
+)
+SAID = {
+    "Plane;YZ\nMachine: VMC 12\nDatum: 20.11.2026": ("YZ", True, 0.24, "VMC 12", "2026-11-20"),
+    "Plane: ZX\nReadings raw, not compensated for mount\nResolution 0.01 µm": (
+        "ZX",
+        False,
+        0.01,
+        None,
+        None,
+    ),
+    **dict.fromkeys(LEFT_ALONE, ("XY", True, 0.24, None, None)),
+}
 
 
 @pytest.mark.parametrize("above", SAID)
 def test_lines_above_say_what_was_measured(above: str, tmp_path: Path) -> None:
-    own = imported(table(tmp_path / NAME, "angle_deg;reading_um", lines("{a};{r}.25"), above)).campaign
-    assert (own.plane, own.mount.compensated, own.resolution_um, own.machine_id, own.date) == SAID[above]
+    own = imported(
+        table(tmp_path / NAME, "angle_deg;reading_um", lines("{a};{r}.25"), above)
+    ).campaign
+    assert (own.plane, own.mount.compensated, own.resolution_um, own.machine_id, own.date) == SAID[
+        above
+    ]
 
 
-CONTRADICTIONS = ("Plane: YZ\nPlane: ZX", "Readings raw\nCompensated: yes", "Date: 1.1.2026\nDate: 2.1.2026")
+CONTRADICTIONS = (
+    "Plane: YZ\nPlane: ZX",
+    "Readings raw\nCompensated: yes",
+    "Date: 1.1.2026\nDate: 2.1.2026",
+)
 
 
 @pytest.mark.parametrize(
-    ("above", "given"), [*((own, {}) for own in CONTRADICTIONS), ("Readings raw", {"mount": lb.MountCompensation(3.0)})]
+    ("above", "given"),
+    [
+        *((own, {}) for own in CONTRADICTIONS),
+        ("Readings raw", {"mount": lb.MountCompensation(3.0)}),
+    ],
 )
-def test_lines_above_that_contradict_are_refused(above: str, given: dict[str, Any], tmp_path: Path) -> None:
+def test_lines_above_that_contradict_are_refused(
+    above: str, given: dict[str, Any], tmp_path: Path
+) -> None:
     """Each other; and a deflection of the mount given without saying that the readings are raw."""
     refuses("must be said once", imported, table(tmp_path / NAME, above=above), **given)
 
 
 def test_what_is_given_wins_over_lines_above_and_is_told(tmp_path: Path) -> None:
     mount = lb.MountCompensation(3.0, compensated=False)
-    found = imported(table(tmp_path / NAME, above="Plane: YZ\nReadings compensated\nResolution 0.01 µm"), plane="XY", mount=mount)
-    assert (found.campaign.plane, found.campaign.mount, found.campaign.resolution_um) == ("XY", mount, 0.01)
-    assert told(found) >= {("plane", "XY, as given"), ("mount", "raw, as given"), ("resolution_um", "0.01 µm")}
-    same = imported(table(tmp_path / NAME, above="Plane: XY\nReadings raw"), plane="XY", mount=mount)
+    found = imported(
+        table(tmp_path / NAME, above="Plane: YZ\nReadings compensated\nResolution 0.01 µm"),
+        plane="XY",
+        mount=mount,
+    )
+    assert (found.campaign.plane, found.campaign.mount, found.campaign.resolution_um) == (
+        "XY",
+        mount,
+        0.01,
+    )
+    assert told(found) >= {
+        ("plane", "XY, as given"),
+        ("mount", "raw, as given"),
+        ("resolution_um", "0.01 µm"),
+    }
+    same = imported(
+        table(tmp_path / NAME, above="Plane: XY\nReadings raw"), plane="XY", mount=mount
+    )
     assert not {"plane", "mount"} & {own.what for own in same.assumptions}
 
 
 def test_names_say_plane_and_radius(tmp_path: Path) -> None:
     paths = [table(tmp_path / f"ZX_R100_{force}N.csv") for force in (36, 742)]
     found = imported(paths)
-    assert (found.campaign.plane, [test.radius_mm for test in found.campaign.tests]) == ("ZX", [100.0, 100.0])
+    assert (found.campaign.plane, [test.radius_mm for test in found.campaign.tests]) == (
+        "ZX",
+        [100.0, 100.0],
+    )
     assert told(found) >= {("plane", "ZX"), ("radius_mm", "100 mm")}
     assert found.unsaid == lb.import_campaign(paths, layout=found.layout).unsaid
     given = imported(paths, plane="XY", radius_mm=150.0)
     assert told(given) >= {("plane", "XY, as given"), ("radius_mm", "150 mm, as given")}
     assert (given.campaign.plane, given.campaign.tests[0].circle.radius_mm) == ("XY", 150.0)
     for above in ("Plane: YZ", "Radius: 150 mm"):
-        refuses("must be said once.*its name", imported, table(tmp_path / "ZX_R100_36N.csv", above=above))
+        refuses(
+            "must be said once.*its name",
+            imported,
+            table(tmp_path / "ZX_R100_36N.csv", above=above),
+        )
     refuses("which number does 'Test 2 350 N' mean", imported, table(tmp_path / "Test 2 350 N.csv"))
 
 
@@ -268,18 +408,46 @@ def test_names_say_plane_and_radius(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("header", "rows", "layout", "message"),
     [
-        *[(header, lines(form), layout, message) for header, form, layout, message in CASES["forms_refused"]],
-        (HEADER, [*lines("{a},{r}", 73), *lines("{a},{r}")[::-1]], {}, r"run one way in a test, got -360° after \+360°"),
-        ("test,angle_deg,reading_um", ["a," + CIRCLE[0], *lines(",{a},{r}")], {}, "line 3: rows must name their test"),
-        ("test,force_N,angle_deg,reading_um,work_ball_deg", [*lines("a,36,{a},{r},45", 30), *lines("a,36,{a},{r},50")[30:]], {},
-         "line 32: work_ball_deg must be the same in all rows of test 'a', got '50' after '45'"),
-        *[("", [*CIRCLE[:3], bad, *CIRCLE[4:]], {}, "line [34]") for bad in ("-,-", ",", "pause", "15.0", "15,-3,1")],
-        *[(HEADER, [*CIRCLE[:5], f"25,{bad}", *CIRCLE[6:]], {}, r"line 7: reading \(column") for bad in ("---", "NaN", "")],
-        *[(HEADER, [*CIRCLE[:3], f"{bad},{bad}", *CIRCLE[3:]], {}, "line 5") for bad in ("NaN", "n/a", "#DIV/0!", "paused")],
+        *[
+            (header, lines(form), layout, message)
+            for header, form, layout, message in CASES["forms_refused"]
+        ],
+        (
+            HEADER,
+            [*lines("{a},{r}", 73), *lines("{a},{r}")[::-1]],
+            {},
+            r"run one way in a test, got -360° after \+360°",
+        ),
+        (
+            "test,angle_deg,reading_um",
+            ["a," + CIRCLE[0], *lines(",{a},{r}")],
+            {},
+            "line 3: rows must name their test",
+        ),
+        (
+            "test,force_N,angle_deg,reading_um,work_ball_deg",
+            [*lines("a,36,{a},{r},45", 30), *lines("a,36,{a},{r},50")[30:]],
+            {},
+            "line 32: work_ball_deg must be the same in all rows of test 'a', got '50' after '45'",
+        ),
+        *[
+            ("", [*CIRCLE[:3], bad, *CIRCLE[4:]], {}, "line [34]")
+            for bad in ("-,-", ",", "pause", "15.0", "15,-3,1")
+        ],
+        *[
+            (HEADER, [*CIRCLE[:5], f"25,{bad}", *CIRCLE[6:]], {}, r"line 7: reading \(column")
+            for bad in ("---", "NaN", "")
+        ],
+        *[
+            (HEADER, [*CIRCLE[:3], f"{bad},{bad}", *CIRCLE[3:]], {}, "line 5")
+            for bad in ("NaN", "n/a", "#DIV/0!", "paused")
+        ],
         *[(HEADER, [*CIRCLE[:n], HEADER, *CIRCLE[n:]], {}, f"line {n + 2}") for n in (1, 5, 8, 12)],
     ],
-)  # fmt: skip
-def test_refused(header: str, rows: list[str], layout: dict[str, Any], message: str, tmp_path: Path) -> None:
+)
+def test_refused(
+    header: str, rows: list[str], layout: dict[str, Any], message: str, tmp_path: Path
+) -> None:
     refuses(message, imported, table(tmp_path / NAME, header, rows), layout)
 
 
@@ -288,7 +456,9 @@ def test_refused(header: str, rows: list[str], layout: dict[str, Any], message: 
 
 @pytest.mark.parametrize("units", ["°;µm;-", "°;µm;°C", "Grad;µm;"])
 def test_units_below_the_names_of_which_one_is_none(units: str, tmp_path: Path) -> None:
-    (test,) = imported(table(tmp_path / NAME, "Winkel;Messwert;T", [units, *lines("{a};{r};21")])).campaign.tests
+    (test,) = imported(
+        table(tmp_path / NAME, "Winkel;Messwert;T", [units, *lines("{a};{r};21")])
+    ).campaign.tests
     np.testing.assert_allclose(test.reading_um, [k % 7 for k in range(72)])
     assert test.arc_deg > 350.0
 
@@ -296,7 +466,9 @@ def test_units_below_the_names_of_which_one_is_none(units: str, tmp_path: Path) 
 def test_our_own_tables_import_as_they_read(tmp_path: Path, root: Path) -> None:
     """Columns that hold one value a test among them; names like f036 say the force."""
     header = "test,force_N,angle_deg,reading_um,direction,work_ball_deg,radius_mm,setup,plane,temperature_C,time_s"
-    rows = lines("a,36,{a},{r},CW,45,120,2,XY,20.5,0") + lines("b,742,{a},{r},CCW,90,150,1,XY,21,600")
+    rows = lines("a,36,{a},{r},CW,45,120,2,XY,20.5,0") + lines(
+        "b,742,{a},{r},CCW,90,150,1,XY,21,600"
+    )
     path = table(tmp_path / "all.csv", header, rows)
     found = imported(path, name="all")
     assert found.campaign.sha256 == lb.read_campaign(path).sha256
@@ -305,86 +477,177 @@ def test_our_own_tables_import_as_they_read(tmp_path: Path, root: Path) -> None:
     again = imported(sorted((root / "data" / "recovered_experiment").glob("f*.csv"))).campaign
     assert again.forces_N.tolist() == shipped.forces_N.tolist()
     for own, test in zip(again.tests, shipped.tests, strict=True):
-        np.testing.assert_array_equal([own.angle_deg, own.reading_um], [test.angle_deg, test.reading_um])
+        np.testing.assert_array_equal(
+            [own.angle_deg, own.reading_um], [test.angle_deg, test.reading_um]
+        )
 
 
-def test_marks_that_may_be_of_thousands_bare_columns_and_commas_between_blanks(tmp_path: Path) -> None:
-    path = table(tmp_path / NAME, "angle_deg;reading_nm", lines("{a};12,{k}10", 10) + lines("{a};12,{k}0")[10:])
-    assert any("thousands" in own.because for own in imported(path).assumptions if own.what == "decimal mark")
+def test_marks_that_may_be_of_thousands_bare_columns_and_commas_between_blanks(
+    tmp_path: Path,
+) -> None:
+    path = table(
+        tmp_path / NAME,
+        "angle_deg;reading_nm",
+        lines("{a};12,{k}10", 10) + lines("{a};12,{k}0")[10:],
+    )
+    assert any(
+        "thousands" in own.because
+        for own in imported(path).assumptions
+        if own.what == "decimal mark"
+    )
     assert imported(path, {"decimal": "."}).campaign.tests[0].reading_um[0] == pytest.approx(12.010)
     path = table(tmp_path / NAME, "", lines("{k},{a},{r}.25"))
-    assert imported(path, {"columns": {"angle": 2, "reading": 3}}).campaign.tests[0].reading_um[1] == 1.25
-    assert imported(table(tmp_path / "b 36N.txt", "", lines("{a},0 {r},25"))).campaign.tests[0].reading_um[1] == 1.25
+    assert (
+        imported(path, {"columns": {"angle": 2, "reading": 3}}).campaign.tests[0].reading_um[1]
+        == 1.25
+    )
+    assert (
+        imported(table(tmp_path / "b 36N.txt", "", lines("{a},0 {r},25")))
+        .campaign.tests[0]
+        .reading_um[1]
+        == 1.25
+    )
 
 
 def test_names_of_files_and_labels(tmp_path: Path) -> None:
     """What cannot stand in a file's name is replaced; a label that two files share comes behind the file's name."""
     found = imported(table(tmp_path / "36,5 N (1).csv"))
     assert [(test.name, test.force_N) for test in found.campaign.tests] == [("36_5 N _1_", 36.5)]
-    paths = [table(tmp_path / f"{name}.csv", "angle;36 N;238 N", lines("{a};{r};{q}")) for name in ("CW", "CCW")]
+    paths = [
+        table(tmp_path / f"{name}.csv", "angle;36 N;238 N", lines("{a};{r};{q}"))
+        for name in ("CW", "CCW")
+    ]
     assert [own[0] for own in loads_of(paths)] == ["36 N", "238 N", "CCW 36 N", "CCW 238 N"]
-    refuses("tests must bear different names, got 'a 36N' twice", imported, [table(tmp_path / NAME)] * 2)
+    refuses(
+        "tests must bear different names, got 'a 36N' twice", imported, [table(tmp_path / NAME)] * 2
+    )
 
 
 def test_a_label_before_its_file(tmp_path: Path) -> None:
     """Both entries speak; the label's word counts; one force for a file of several tests is refused."""
-    path = table(tmp_path / "all.csv", "test,angle_deg,reading_um", [f"{label},{line}" for label in "ab" for line in CIRCLE])
+    path = table(
+        tmp_path / "all.csv",
+        "test,angle_deg,reading_um",
+        [f"{label},{line}" for label in "ab" for line in CIRCLE],
+    )
     loads = [{"file": "a", "force_N": 36.0}, {"file": "b", "force_N": 742.0, "direction": "CW"}]
     found = imported(path, {"test": [{"file": "all.csv", "direction": "CCW"}, *loads]})
-    assert [(test.force_N, test.direction) for test in found.campaign.tests] == [(36.0, "CCW"), (742.0, "CW")]
+    assert [(test.force_N, test.direction) for test in found.campaign.tests] == [
+        (36.0, "CCW"),
+        (742.0, "CW"),
+    ]
     assert "[[test]] not used" not in {own.what for own in found.assumptions}
-    refuses("must be of one test, got several in it", imported, path, {"test": [{"file": "all.csv", "force_N": 36.0}]})
+    refuses(
+        "must be of one test, got several in it",
+        imported,
+        path,
+        {"test": [{"file": "all.csv", "force_N": 36.0}]},
+    )
 
 
 @pytest.mark.parametrize(("header", "expected"), CASES["columns"])
-def test_a_column_for_each_force(header: str, expected: list[tuple[str, float, str]], tmp_path: Path) -> None:
+def test_a_column_for_each_force(
+    header: str, expected: list[tuple[str, float, str]], tmp_path: Path
+) -> None:
     path = table(tmp_path / "wide.csv", header, lines("{a};0.00{r};0.0{q}"))
     found = imported(path)
-    assert loads_of(path) == [(name, force, direction or None) for name, force, direction in expected]
-    np.testing.assert_allclose(found.campaign.tests[1].reading_um, [10 * (k % 5) for k in range(72)], atol=1e-12)
+    assert loads_of(path) == [
+        (name, force, direction or None) for name, force, direction in expected
+    ]
+    np.testing.assert_allclose(
+        found.campaign.tests[1].reading_um, [10 * (k % 5) for k in range(72)], atol=1e-12
+    )
     assert lb.import_campaign(path, layout=found.layout).campaign.sha256 == found.campaign.sha256
 
 
 # ---- workbooks
 
-RADII = [("Radius:", "100 mm"), ("Radius", "100 mm"), ("Radius:", None, "100 mm"), ("Messradius:", "100,0 mm"),
-         ("Radius [mm]", 100), ("Radius:", 100, "mm"), ("Radius: 100 mm",)]  # fmt: skip
+RADII = [
+    ("Radius:", "100 mm"),
+    ("Radius", "100 mm"),
+    ("Radius:", None, "100 mm"),
+    ("Messradius:", "100,0 mm"),
+    ("Radius [mm]", 100),
+    ("Radius:", 100, "mm"),
+    ("Radius: 100 mm",),
+]
 
 
 @pytest.mark.parametrize("colon", ["", ":"])
-@pytest.mark.parametrize("listed", [[], [("Blatt", "Kraft [N]", "Drehsinn"), ("36 N", 36, "GUZS"), ("742 N", 742, "gegen UZS")]])
+@pytest.mark.parametrize(
+    "listed",
+    [[], [("Blatt", "Kraft [N]", "Drehsinn"), ("36 N", 36, "GUZS"), ("742 N", 742, "gegen UZS")]],
+)
 @pytest.mark.parametrize("radius", RADII)
 def test_labels_and_values_of_an_overview_are_read_above_and_below_its_list(
     radius: tuple[Any], listed: list[Any], colon: str, tmp_path: Path
 ) -> None:
-    said = {"Maschine": "VMC 12", "Messgerät": "LDBB", "kalibriert am": "1.2.2026", "Vorschub": "2000 mm/min", "Ort": "Halle 3",
-            "Kraftmessgerät": "Kistler 9317"}  # fmt: skip
+    said = {
+        "Maschine": "VMC 12",
+        "Messgerät": "LDBB",
+        "kalibriert am": "1.2.2026",
+        "Vorschub": "2000 mm/min",
+        "Ort": "Halle 3",
+        "Kraftmessgerät": "Kistler 9317",
+    }
     pairs = [(label + colon, value) for label, value in said.items()]
-    overview = [*pairs[:2], radius, *listed, *pairs[2:], *([] if listed else [("Richtung" + colon, "UZS")])]
-    own = imported(book(tmp_path / "b.xlsx", {"Info": overview, "36 N": SHEET, "742 N": SHEET})).campaign
-    assert [own.machine_id, own.ball_bar, own.ball_bar_calibrated, own.feed_mm_per_min, own.place, own.force_device] == [
-        "VMC 12", "LDBB", "2026-02-01", 2000.0, "Halle 3", "Kistler 9317"]  # fmt: skip
-    assert [(test.radius_mm, test.direction) for test in own.tests] == [(100.0, "CCW" if listed else "CW")] * 2
+    overview = [
+        *pairs[:2],
+        radius,
+        *listed,
+        *pairs[2:],
+        *([] if listed else [("Richtung" + colon, "UZS")]),
+    ]
+    own = imported(
+        book(tmp_path / "b.xlsx", {"Info": overview, "36 N": SHEET, "742 N": SHEET})
+    ).campaign
+    assert [
+        own.machine_id,
+        own.ball_bar,
+        own.ball_bar_calibrated,
+        own.feed_mm_per_min,
+        own.place,
+        own.force_device,
+    ] == ["VMC 12", "LDBB", "2026-02-01", 2000.0, "Halle 3", "Kistler 9317"]
+    assert [(test.radius_mm, test.direction) for test in own.tests] == [
+        (100.0, "CCW" if listed else "CW")
+    ] * 2
 
 
 def test_what_is_not_understood_or_contradicts_the_force_law_is_told(tmp_path: Path) -> None:
-    overview = [("Radius", "hundert"), ("Vorschub", "langsam"), ("Richtung", "CW und CCW"), ("Prüfkraft:", "238 N")]
+    overview = [
+        ("Radius", "hundert"),
+        ("Vorschub", "langsam"),
+        ("Richtung", "CW und CCW"),
+        ("Prüfkraft:", "238 N"),
+    ]
     path = book(tmp_path / "b.xlsx", {"Info": overview, "A": SHEET, "B": SHEET})
     found = imported(path, {"forces_N": [112.0, 2.0], "pressures_bar": [1.0, 2.0]}).assumptions
     because = {own.what: own.because for own in found if not own.place}
     for line, key in enumerate(("radius_mm", "feed_mm_per_min", "direction"), start=1):
-        assert re.fullmatch(f"line {line} of .* says {key.split('_')[0]}, not understood", because[key])
+        assert re.fullmatch(
+            f"line {line} of .* says {key.split('_')[0]}, not understood", because[key]
+        )
     (unused,) = (own.because for own in found if own.value == "taken for no test")
     assert re.fullmatch("line 4 of .* says 238 N outside the list of tests", unused)
-    assert ("2 N at 2 bar", "of the pressures the force law makes 237.9 N") in {(own.value, own.because) for own in found}
+    assert ("2 N at 2 bar", "of the pressures the force law makes 237.9 N") in {
+        (own.value, own.because) for own in found
+    }
 
 
 def test_one_force_for_each_sheet(tmp_path: Path) -> None:
     path = book(tmp_path / "two.xlsx", {"Versuch 1": SHEET, "Versuch 2": SHEET})
     expected = [("Versuch 1", 36.0, None), ("Versuch 2", 742.0, None)]
     assert loads_of(path, forces_N=[36.0, 742.0]) == expected
-    each = {"test": [{"file": f"Versuch {k}", "force_N": force} for k, force in ((1, 36.0), (2, 742.0))]}
+    each = {
+        "test": [{"file": f"Versuch {k}", "force_N": force} for k, force in ((1, 36.0), (2, 742.0))]
+    }
     assert loads_of(path, **each) == expected
-    refuses(r"--forces-N must hold one number for each test, got 1 for 2 tests", loads_of, path, forces_N=[36.0])
+    refuses(
+        r"--forces-N must hold one number for each test, got 1 for 2 tests",
+        loads_of,
+        path,
+        forces_N=[36.0],
+    )
     senses = book(tmp_path / "cw and ccw.xlsx", {"36 N CW": SHEET, "36 N CCW": SHEET})
     assert loads_of(senses) == [("36 N CW", 36.0, "CW"), ("36 N CCW", 36.0, "CCW")]

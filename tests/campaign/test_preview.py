@@ -20,7 +20,9 @@ def several() -> lb.Campaign:
     tests = [
         lb.CircularTest(100.0, ANGLE, plane="XY", direction="CW", time_s=0.0),
         lb.CircularTest(400.0, ANGLE, plane="XY", direction="CCW", radius_mm=100.0, time_s=60.0),
-        lb.CircularTest(400.0, ANGLE, plane="YZ", direction="CW", setup=2, centre_z_mm=-30.0, time_s=120.0),
+        lb.CircularTest(
+            400.0, ANGLE, plane="YZ", direction="CW", setup=2, centre_z_mm=-30.0, time_s=120.0
+        ),
     ]
     return lb.Campaign(tuple(tests), frames_mm={"Y": (0.0, -200.0, 350.0)})
 
@@ -36,7 +38,9 @@ def test_what_a_fit_will_assume() -> None:
         "Tests record times; drift over them is in the model only with --drift time.",
     ):
         assert words in said
-    assert [r.values for r in seen.remarks if r.kind is RemarkKind.ONE_WAY] == [{"compliance": "C_YZY", "plane": "YZ"}]
+    assert [r.values for r in seen.remarks if r.kind is RemarkKind.ONE_WAY] == [
+        {"compliance": "C_YZY", "plane": "YZ"}
+    ]
     assert seen.as_dict()["tests"][2]["centre_mm"] == [0.0, 0.0, -30.0]
 
 
@@ -44,14 +48,20 @@ def test_the_step_of_the_readout_is_found(rng: np.random.Generator) -> None:
     """Rounded readings give their step, with an offset and on a wide circle too; a fine readout, or its digits, none."""
     reading = 40.0 * np.cos(np.deg2rad(2.0 * np.arange(720.0))) + 0.3 * rng.standard_normal(720)
     for step in (0.01, 0.24, 1.0):
-        assert resolution_of(step * np.rint(reading / step) + 0.077) == pytest.approx(step, rel=1e-6)
+        assert resolution_of(step * np.rint(reading / step) + 0.077) == pytest.approx(
+            step, rel=1e-6
+        )
     assert resolution_of(reading) is None
     assert resolution_of(np.round(reading, 4)) is None
 
 
 def test_steps_spikes_and_gaps_are_counted(rng: np.random.Generator) -> None:
-    angle = np.concatenate([np.arange(0.0, 100.0, 0.5), np.arange(110.0, 200.0, 0.5), np.arange(215.0, 360.0, 0.5)])
-    reading = np.round(5.0 * np.cos(np.deg2rad(2.0 * angle)) + 0.2 * rng.standard_normal(angle.size), 1)
+    angle = np.concatenate(
+        [np.arange(0.0, 100.0, 0.5), np.arange(110.0, 200.0, 0.5), np.arange(215.0, 360.0, 0.5)]
+    )
+    reading = np.round(
+        5.0 * np.cos(np.deg2rad(2.0 * angle)) + 0.2 * rng.standard_normal(angle.size), 1
+    )
     reading[[40, 300]] += (30.0, -25.0)
     (seen,) = lb.preview(lb.Campaign((lb.CircularTest(100.0, angle, reading),))).tests
     assert seen.spikes == 2
@@ -65,7 +75,12 @@ def test_steps_spikes_and_gaps_are_counted(rng: np.random.Generator) -> None:
 
 def odd(**changes: object) -> lb.Campaign:
     angle = np.arange(0.0, 360.0, 1.0)
-    fields = {"force_N": 300.0, "angle_deg": angle, "reading_um": 0.1 * np.sin(37 * np.deg2rad(angle)), "name": "a"} | changes
+    fields = {
+        "force_N": 300.0,
+        "angle_deg": angle,
+        "reading_um": 0.1 * np.sin(37 * np.deg2rad(angle)),
+        "name": "a",
+    } | changes
     return lb.Campaign((lb.CircularTest(**fields),))  # type: ignore[arg-type]
 
 
@@ -91,21 +106,39 @@ def test_preview_notices_spikes_copies_and_units() -> None:
     reading = campaign.tests[1].reading_um.copy()
     reading[100] += 50.0
     a, b, c, d = campaign.tests
-    seen = lb.preview(lb.Campaign((a, b.with_reading_um(reading), c, d.with_reading_um(c.reading_um))))
+    seen = lb.preview(
+        lb.Campaign((a, b.with_reading_um(reading), c, d.with_reading_um(c.reading_um)))
+    )
     (remark,) = seen.tests[1].remarks
-    assert re.fullmatch(r"reading 101 at 50° stands \+(4[89]|5[012])\.\d µm off its neighbours", remark_words(remark))
-    assert "Tests f520 and f742 hold the same readings: a file read twice?" in map(remark_words, seen.remarks)
-    for forces, largest in (((0.036, 0.3, 0.52, 0.742), "0.742"), ((36.0, 300.0, 520.0, 5e4), "5e+04")):
+    assert re.fullmatch(
+        r"reading 101 at 50° stands \+(4[89]|5[012])\.\d µm off its neighbours",
+        remark_words(remark),
+    )
+    assert "Tests f520 and f742 hold the same readings: a file read twice?" in map(
+        remark_words, seen.remarks
+    )
+    for forces, largest in (
+        ((0.036, 0.3, 0.52, 0.742), "0.742"),
+        ((36.0, 300.0, 520.0, 5e4), "5e+04"),
+    ):
         remarks = map(remark_words, lb.preview(plan(forces_N=forces)).remarks)
-        assert any(f"the largest force is {largest} N: check the unit" in words for words in remarks)
+        assert any(
+            f"the largest force is {largest} N: check the unit" in words for words in remarks
+        )
 
 
 @pytest.mark.parametrize("step", [1.0, 5.0, 10.0])
-def test_a_step_of_the_path_is_no_drift_and_a_spike_is_one_reading(step: float, rng: np.random.Generator) -> None:
+def test_a_step_of_the_path_is_no_drift_and_a_spike_is_one_reading(
+    step: float, rng: np.random.Generator
+) -> None:
     """Last and first reading are a step apart: where the path is steep they differ without any drift."""
     angle = np.arange(20.0, 380.0, step)
     for drift, expected in ((0.0, []), (60.0, [RemarkKind.OPEN]), (0.0, [RemarkKind.SPIKES])):
-        reading = 40.0 * np.cos(np.deg2rad(2.0 * angle + 30.0)) + 0.3 * rng.standard_normal(angle.size) + drift * angle / 360.0
+        reading = (
+            40.0 * np.cos(np.deg2rad(2.0 * angle + 30.0))
+            + 0.3 * rng.standard_normal(angle.size)
+            + drift * angle / 360.0
+        )
         if RemarkKind.SPIKES in expected:
             reading[7] += 900.0
         (seen,) = lb.preview(lb.Campaign((lb.CircularTest(300.0, angle, reading),))).tests
@@ -115,40 +148,60 @@ def test_a_step_of_the_path_is_no_drift_and_a_spike_is_one_reading(step: float, 
     assert seen.remarks[0].values["off_um"] == pytest.approx(900.0, abs=3.0)
 
 
-@pytest.mark.parametrize(("radius_mm", "asked"), [(0.15, [0.15]), (100_000.0, [100_000.0]), (50.0, []), (1350.0, [])])
+@pytest.mark.parametrize(
+    ("radius_mm", "asked"), [(0.15, [0.15]), (100_000.0, [100_000.0]), (50.0, []), (1350.0, [])]
+)
 def test_a_radius_that_no_bar_has_is_asked_about(radius_mm: float, asked: list[float]) -> None:
-    seen = lb.preview(lb.Campaign((lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0)),), radius_mm=radius_mm))
+    seen = lb.preview(
+        lb.Campaign((lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0)),), radius_mm=radius_mm)
+    )
     assert [own.values["value"] for own in seen.remarks if own.kind is RemarkKind.UNIT] == asked
 
 
 def test_preview_is_silent_on_a_good_campaign() -> None:
     """Read as they come, and to the resolution that is stated."""
     campaign = simulated(plan((720,) * 4))
-    rounded = [test.with_reading_um(0.24 * np.rint(test.reading_um / 0.24)) for test in campaign.tests]
+    rounded = [
+        test.with_reading_um(0.24 * np.rint(test.reading_um / 0.24)) for test in campaign.tests
+    ]
     for good in (campaign, lb.Campaign(tuple(rounded))):
         assert all(test.remarks == () for test in lb.preview(good).tests)
 
 
 # Standard uncertainties of the model, and of certificates [mm, N, rad].
 TAKEN = {
-    "work_form_2": (2.5e-3 / 24**0.5, 0.5e-3 / 24**0.5), "work_form_3": (2.5e-3 / 24**0.5, 0.5e-3 / 24**0.5),
-    "tool_form_2": (2.5e-3 / 24**0.5, 0.025e-3), "tool_form_3": (2.5e-3 / 24**0.5, 2.5e-3 / 24**0.5),
-    "bar_length": (9.4e-3, 1e-3), "mount": (0.233e-3, 0.0233e-3), "mount_curvature": (0.5e-3, 0.5e-3),
-    "force_gain": (0.01, 0.005), "force_curvature": (0.01, 0.006 / 3**0.5), "force_random": (4.0, 1.5),
-    "angle_reference": (np.deg2rad(0.1), np.deg2rad(0.025)), "angle_lag": (np.deg2rad(0.1), np.deg2rad(0.025)),
-}  # fmt: skip
+    "work_form_2": (2.5e-3 / 24**0.5, 0.5e-3 / 24**0.5),
+    "work_form_3": (2.5e-3 / 24**0.5, 0.5e-3 / 24**0.5),
+    "tool_form_2": (2.5e-3 / 24**0.5, 0.025e-3),
+    "tool_form_3": (2.5e-3 / 24**0.5, 2.5e-3 / 24**0.5),
+    "bar_length": (9.4e-3, 1e-3),
+    "mount": (0.233e-3, 0.0233e-3),
+    "mount_curvature": (0.5e-3, 0.5e-3),
+    "force_gain": (0.01, 0.005),
+    "force_curvature": (0.01, 0.006 / 3**0.5),
+    "force_random": (4.0, 1.5),
+    "angle_reference": (np.deg2rad(0.1), np.deg2rad(0.025)),
+    "angle_lag": (np.deg2rad(0.1), np.deg2rad(0.025)),
+}
 
 
 def test_what_is_taken_for_granted_is_what_a_fit_has() -> None:
     balls = lb.Ball(grade="G20"), lb.Ball(harmonics_um=((2, 0.21, 35.0),), U_um=0.05)
-    stated, model = lb.Instrument(*balls, -0.4, 2.0, 2.0, 1.0, 0.6, 1.5, 0.05), lb.HybridModel.default()
+    stated, model = (
+        lb.Instrument(*balls, -0.4, 2.0, 2.0, 1.0, 0.6, 1.5, 0.05),
+        lb.HybridModel.default(),
+    )
     for k, instrument in enumerate((lb.Instrument(), stated)):
         campaign = replace(plan(work_deg=45.0, tool_deg=30.0), instrument=instrument)
         assumed = lb.uncertainties(campaign).assumed
         expected = pytest.approx({name: sd[k] for name, sd in TAKEN.items()}, rel=1e-12)
         assert {own.name: own.sd for own in assumed} == expected
-        assert {own.name for own in assumed if not own.stated} == ({"mount_curvature", "tool_form_3"} if k else TAKEN.keys())
-        found = [own for term in model.nuisances for own in term.columns(model.bind(campaign).setting)]
+        assert {own.name for own in assumed if not own.stated} == (
+            {"mount_curvature", "tool_form_3"} if k else TAKEN.keys()
+        )
+        found = [
+            own for term in model.nuisances for own in term.columns(model.bind(campaign).setting)
+        ]
         sds = {}
         for own in (own for own in found if isinstance(own, lb.Columns)):
             sds |= dict(zip(own.names, own.sd if own.stated is None else own.stated, strict=True))

@@ -27,7 +27,11 @@ def campaign() -> lb.Campaign:
     """ρ = 5 µm sin 2θ about a centre 3 µm off, both ways: G and G_b are 10 µm, the squareness 10 µm in 150 mm."""
     angle = np.arange(0.0, 360.0, 5.0)
     reading = 5.0 * np.sin(np.deg2rad(2.0 * angle)) + 3.0 * np.cos(np.deg2rad(angle))
-    return lb.Campaign(tuple(lb.CircularTest(300.0, angle, reading, name=way, direction=way) for way in ("CW", "CCW")))  # type: ignore[arg-type]
+    return lb.Campaign(
+        tuple(
+            lb.CircularTest(300.0, angle, reading, name=way, direction=way) for way in ("CW", "CCW")
+        )
+    )  # type: ignore[arg-type]
 
 
 def test_header_and_features(path: Path) -> None:
@@ -48,7 +52,10 @@ def test_header_and_features(path: Path) -> None:
     found = [(own.name, own.value, own.unit, own.run, own.analysis) for own in record.features]
     assert found[0] == ("AF_CIRCULARITY", pytest.approx(9.0), "µm", "CW", "")
     assert found[1] == ("AF_SQUARENESS", -12.5, "µm/m", "", "RENISHAW_DIAGNOSTICS")
-    assert [own[:3] for own in found[2:]] == [("AF_CIRCULARITY", 9.5, "µm"), ("AF_NEW", 1.0, "UT_NEW")]
+    assert [own[:3] for own in found[2:]] == [
+        ("AF_CIRCULARITY", 9.5, "µm"),
+        ("AF_NEW", 1.0, "UT_NEW"),
+    ]
     assert "AF_NEW" in str(record)
     assert lb.BallbarRecord.from_dict(record.as_dict()) == record
 
@@ -56,7 +63,11 @@ def test_header_and_features(path: Path) -> None:
 def test_beside_the_readings(path: Path, campaign: lb.Campaign) -> None:
     table = lb.compare_record(lb.read_b5r(path), campaign)
     assert list(table.index) == ["CW"] * 3 + ["CCW"] * 2 + ["CW + CCW"]
-    assert list(table["feature"]) == ["AF_CIRCULARITY CW", *["AF_SQUARENESS", "AF_CIRCULARITY"] * 2, "AF_CIRCULARITY"]
+    assert list(table["feature"]) == [
+        "AF_CIRCULARITY CW",
+        *["AF_SQUARENESS", "AF_CIRCULARITY"] * 2,
+        "AF_CIRCULARITY",
+    ]
     round_ones = table[table["quantity"] != "squareness"]
     assert round_ones["measured"].to_numpy() == pytest.approx(10.0, abs=0.05)
     assert list(round_ones["quantity"]) == ["G", "G", "G", "G_b"]
@@ -68,10 +79,15 @@ def test_beside_the_readings(path: Path, campaign: lb.Campaign) -> None:
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("angle;reading", "must be XML"), ("<a/>", "got <A> without"), ("<a>" * 200, "nested at most"),
-        (TEXT.replace("<TEST_DOCUMENT>", '<!DOCTYPE t [<!ENTITY e "x">]><TEST_DOCUMENT>'), "no document type"),
+        ("angle;reading", "must be XML"),
+        ("<a/>", "got <A> without"),
+        ("<a>" * 200, "nested at most"),
+        (
+            TEXT.replace("<TEST_DOCUMENT>", '<!DOCTYPE t [<!ENTITY e "x">]><TEST_DOCUMENT>'),
+            "no document type",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_none(path: Path, text: str, why: str) -> None:
     path.write_text(text, encoding="utf-8")
     refuses(why, lb.read_b5r, path)
@@ -89,5 +105,7 @@ def test_imported_with_the_tables(path: Path, campaign: lb.Campaign, tmp_path: P
     shown = CliRunner().invoke(app, [*files, str(tmp_path / "c")])
     assert shown.exit_code == 0
     assert "x.b5r, plane XY, R = 150 mm, beside the readings" in shown.stdout
-    record = json.loads(CliRunner().invoke(app, [*files, str(tmp_path / "d"), "--json"]).stdout)["records"][0]
+    record = json.loads(CliRunner().invoke(app, [*files, str(tmp_path / "d"), "--json"]).stdout)[
+        "records"
+    ][0]
     assert (record["file"], record["features"][0]["unit"]) == ("x.b5r", "µm")

@@ -34,7 +34,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plan of three circles."""
-    return lb.write_campaign(plan((40,) * 3, forces_N=(36.0, 400.0, 742.0)), tmp_path_factory.mktemp("plan") / "p")
+    return lb.write_campaign(
+        plan((40,) * 3, forces_N=(36.0, 400.0, 742.0)), tmp_path_factory.mktemp("plan") / "p"
+    )
 
 
 @pytest.fixture

@@ -44,11 +44,18 @@ class Tab:
 
     def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, str]:
         """Status and text of an answer; headers of None are left out."""
-        usual = {"Host": f"127.0.0.1:{self.port}"} | ({} if method == "GET" else {"Origin": f"http://127.0.0.1:{self.port}"})
+        usual = {"Host": f"127.0.0.1:{self.port}"} | (
+            {} if method == "GET" else {"Origin": f"http://127.0.0.1:{self.port}"}
+        )
         given = usual | {name.replace("_", "-"): own for name, own in headers.items()}
         body = json.dumps(body) if isinstance(body, dict) else body
         with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)) as link:
-            link.request(method, path if path.startswith("/") else self.base + path, body, {k: v for k, v in given.items() if v})
+            link.request(
+                method,
+                path if path.startswith("/") else self.base + path,
+                body,
+                {k: v for k, v in given.items() if v},
+            )
             answer = link.getresponse()
             self.headers = {name.lower(): own for name, own in answer.getheaders()}
             return answer.status, answer.read().decode("utf-8", "replace")
@@ -79,7 +86,13 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Tab, Path]
         patch.setattr(server, "LOOK_S", 0.1)
         patch.setattr(server, "MOST_SESSIONS", 60)
         port = listener.getsockname()[1]
-        settings = uvicorn.Config(server.application(TOKEN, port), http="h11", ws="none", log_level="critical", backlog=512)
+        settings = uvicorn.Config(
+            server.application(TOKEN, port),
+            http="h11",
+            ws="none",
+            log_level="critical",
+            backlog=512,
+        )
         running = uvicorn.Server(settings)
         thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]})
         thread.start()
@@ -113,17 +126,35 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
     for own in imported.assumptions:
         assert own.value in page.replace("&#39;", "'")
     assert page.count("<polyline") == 6
-    assert tab.ask("POST", "say", {"bar_U_um": "1,5", "topology": "wXYFZSt", "nonsense": "1"})[0] == 200
+    assert (
+        tab.ask("POST", "say", {"bar_U_um": "1,5", "topology": "wXYFZSt", "nonsense": "1"})[0]
+        == 200
+    )
     page = tab.ask("GET", "part/understood")[1]
     assert "± 1.5 µm" in page
     tab.ask(
-        "POST", "say", {"bar_U_um": "1,5", "bar_length_error_um": "-0,8", "tolerance": "C_XXX=60,5 nm/N", "topology": "wXYFZSt"}
+        "POST",
+        "say",
+        {
+            "bar_U_um": "1,5",
+            "bar_length_error_um": "-0,8",
+            "tolerance": "C_XXX=60,5 nm/N",
+            "topology": "wXYFZSt",
+        },
     )
     assert "−0.8 ± 1.5 µm" in tab.ask("GET", "part/understood")[1]
     assert "machine wXYFZSt" in page
     tab.ask("POST", "say", {"language": "de"})
     page = tab.ask("GET", "part/understood")[1]
-    assert all(said in page for said in ("der Name &#39;f036&#39;", "0,24 µm", "Maschine wXYFZSt", "C-Gestell (wXYFZSt)"))
+    assert all(
+        said in page
+        for said in (
+            "der Name &#39;f036&#39;",
+            "0,24 µm",
+            "Maschine wXYFZSt",
+            "C-Gestell (wXYFZSt)",
+        )
+    )
 
 
 @pytest.mark.parametrize(
@@ -131,7 +162,10 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
     [
         ({"radius_mm": "wide"}, "--radius-mm must be a number"),
         ({"force_U_percent": "1000"}, "--force-U-percent must be at least 1e-06 and at most 100"),
-        ({"mount_um_per_bar": "nan"}, "--mount-um-per-bar must be at least 0 and at most 1000, got nan"),
+        (
+            {"mount_um_per_bar": "nan"},
+            "--mount-um-per-bar must be at least 0 and at most 1000, got nan",
+        ),
         ({"force_N": "9999"}, "Choose one within what was tested"),
         ({"balls": "G7"}, "must be one of G3, G5"),
         ({"tolerance": "C_XXX"}, "--tolerance must be"),
@@ -146,13 +180,19 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
         ({"radius_mm": "1.000"}, "without marks between thousands"),
     ],
 )
-def test_what_cannot_be_is_refused_with_the_cure(tab: Tab, said: dict[str, str], message: str) -> None:
-    tab.holding(RECOVERED / "f036.csv", RECOVERED / "f742.csv", RECOVERED / "f364.csv").ask("POST", "say", said)
+def test_what_cannot_be_is_refused_with_the_cure(
+    tab: Tab, said: dict[str, str], message: str
+) -> None:
+    tab.holding(RECOVERED / "f036.csv", RECOVERED / "f742.csv", RECOVERED / "f364.csv").ask(
+        "POST", "say", said
+    )
     page = tab.ask("GET", "part/understood")[1]
     assert message in page
     assert 'role="alert"' in page
     name, *_ = said
-    assert re.findall(r'id="say-(\w+)"[^>]*aria-invalid', page) == ([] if name == "bar_dcc" else [name])  # no file to choose
+    assert re.findall(r'id="say-(\w+)"[^>]*aria-invalid', page) == (
+        [] if name == "bar_dcc" else [name]
+    )  # no file to choose
     assert str(RECOVERED.parent) not in page
 
 
@@ -162,7 +202,9 @@ def test_certificates_are_worth_what_identify_says(house: tuple[Tab, Path], tab:
     found = worker.answer(worker.worth, str(folder), {})
     asked = lb.identify(lb.HybridModel.default(degree=1), lb.read_campaign(RECOVERED)).certificates
     row = next(own for own in found["effects"]["bar"]["rows"] if own["name"] == "E_XX1")
-    assert row["share"] == pytest.approx(asked["bar ± 1 µm"]["E_XX1"] / asked["none of these"]["E_XX1"], abs=1e-3)
+    assert row["share"] == pytest.approx(
+        asked["bar ± 1 µm"]["E_XX1"] / asked["none of these"]["E_XX1"], abs=1e-3
+    )
     assert f"→ {row['after']} µm/m" in tab.ask("GET", "part/worth")[1]
 
 
@@ -173,7 +215,9 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / worker.RESULT).mkdir()
     campaign = replace(lb.read_campaign(RECOVERED), date="2026-11-20", operator="A")
     lb.write_campaign(campaign, folder / worker.RESULT / "campaign")
-    (folder / worker.RESULT / "summary.json").write_text(json.dumps({"parameters": {"C_XXX": {"sd": 3.4e-6}}}))
+    (folder / worker.RESULT / "summary.json").write_text(
+        json.dumps({"parameters": {"C_XXX": {"sd": 3.4e-6}}})
+    )
     return folder
 
 
@@ -186,7 +230,10 @@ def test_a_plan_expects_what_a_design_expects_of_the_same_circles(fitted: Path) 
     assert row["share"] == pytest.approx(designed.baseline["C_XXX"].sd / 3.4e-6, abs=1e-3)
     settled = designed.compared[0].discrimination
     assert settled is not None
-    assert (settled.threshold, found["settle"]["linear"]) == (DECISIVE, pytest.approx(settled.decisive_with))
+    assert (settled.threshold, found["settle"]["linear"]) == (
+        DECISIVE,
+        pytest.approx(settled.decisive_with),
+    )
     quick = worker.answer(worker.forecast, str(fitted), {"circles": 6, "levels": 6, "fine": False})
     assert quick["settle"]["linear"] == pytest.approx(found["settle"]["linear"], abs=0.05)
     best = worker.answer(worker.forecast, str(fitted), {"circles": 6, "best": True})
@@ -205,9 +252,13 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
         "hourly": 60,
     }
     found = worker.answer(worker.plan, str(fitted), asked)
-    assert {(own["work"], own["radius"]) for own in found["tests"]} == {(w, r) for w in ("0", "45") for r in ("100", "150")}
+    assert {(own["work"], own["radius"]) for own in found["tests"]} == {
+        (w, r) for w in ("0", "45") for r in ("100", "150")
+    }
     every = worker.answer(worker.forecast, str(fitted), asked | {"circles": 24})["tests"]
-    assert len({(own["force"], own["work"], own["radius"]) for own in every}) == 24  # each force with each kind
+    assert (
+        len({(own["force"], own["work"], own["radius"]) for own in every}) == 24
+    )  # each force with each kind
     work, radius = ([own[key] for own in found["tests"]] for key in ("work", "radius"))
     turns, changes = (sum(a != b for a, b in pairwise(own)) for own in (work, radius))
     assert (found["changes"], found["turns"]) == (changes, turns)
@@ -215,16 +266,28 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
     plan = lb.read_campaign(fitted / "plan")
     assert plan.is_plan
     assert (plan.date, plan.operator) == (None, None)  # of the campaign before
-    assert [f"{test.force_N:.4g}" for test in plan.tests] == [own["force"] for own in found["tests"]]
-    one = worker.answer(worker.forecast, str(fitted), {"circles": 3, "levels": 1, "work": 3, "tool": 3})
+    assert [f"{test.force_N:.4g}" for test in plan.tests] == [
+        own["force"] for own in found["tests"]
+    ]
+    one = worker.answer(
+        worker.forecast, str(fitted), {"circles": 3, "levels": 1, "work": 3, "tool": 3}
+    )
     assert {own["force"] for own in one["tests"]} == {"742"}
-    assert {(own["work"], own["tool"]) for own in one["tests"]} == {("0", "0"), ("45", "45"), ("90", "90")}
+    assert {(own["work"], own["tool"]) for own in one["tests"]} == {
+        ("0", "0"),
+        ("45", "45"),
+        ("90", "90"),
+    }
     assert one["turns"] == 4
     few = worker.answer(worker.forecast, str(fitted), {"circles": 6, "work": 6, "radius": 100})
-    assert {own["radius"] for own in few["tests"]} == {"100", "150"}  # not one radius with every position first
+    assert {own["radius"] for own in few["tests"]} == {
+        "100",
+        "150",
+    }  # not one radius with every position first
     refused = {"circles": 0}, {"low": 700, "high": 100}, {"turn": "x"}
     assert all(
-        "Move its slider" in (own := worker.answer(worker.plan, str(fitted), asked)["refused"]) or "Lower it" in own
+        "Move its slider" in (own := worker.answer(worker.plan, str(fitted), asked)["refused"])
+        or "Lower it" in own
         for asked in refused
     )
 
@@ -234,9 +297,11 @@ def test_both_languages_say_the_same_things() -> None:
     free = {"labels", "what", "phrases", "instrument", "choices"}
     assert english.keys() == german.keys()
     for key in english.keys() - free - {"decimal"}:
-        pairs = [(english[key], german[key])] if isinstance(english[key], str) else [
-            (english[key][own], german[key][own]) for own in english[key] | german[key]
-        ]  # fmt: skip
+        pairs = (
+            [(english[key], german[key])]
+            if isinstance(english[key], str)
+            else [(english[key][own], german[key][own]) for own in english[key] | german[key]]
+        )
         for one, other in pairs:
             assert set(re.findall(r"\{\w+\}", one)) == set(re.findall(r"\{\w+\}", other))
     assert worker.FIELDS.keys() - {"language"} <= german["labels"].keys()
@@ -269,7 +334,9 @@ def test_both_languages_say_the_same_things() -> None:
         ("PUT", "files/large.csv", {"Content_Length": str(2**30)}, 413),
     ],
 )
-def test_only_the_page_may_ask(tab: Tab, method: str, path: str, headers: dict[str, str], status: int) -> None:
+def test_only_the_page_may_ask(
+    tab: Tab, method: str, path: str, headers: dict[str, str], status: int
+) -> None:
     got, text = tab.ask(method, path, **headers)
     assert got == status
     assert text
@@ -292,18 +359,27 @@ def test_only_the_page_may_ask(tab: Tab, method: str, path: str, headers: dict[s
         ("%E6%BC%A2" * 120, "漢" * 40),
     ],
 )
-def test_names_of_files_lead_nowhere(house: tuple[Tab, Path], tab: Tab, sent: str, kept: str | None) -> None:
+def test_names_of_files_lead_nowhere(
+    house: tuple[Tab, Path], tab: Tab, sent: str, kept: str | None
+) -> None:
     status, _ = tab.ask("PUT", f"files/{sent}", b"1;2")
     folder = house[1] / tab.base.split("/")[-2]
     assert status == (422 if kept is None else 200)
-    assert [own.name for own in folder.rglob("*") if own.is_file()] == ([] if kept is None else [kept])
+    assert [own.name for own in folder.rglob("*") if own.is_file()] == (
+        [] if kept is None else [kept]
+    )
     assert not (house[1] / "escaped.csv").exists()
 
 
 def test_what_is_too_large_is_refused_and_nothing_is_kept(tab: Tab) -> None:
     piece = b"0" * 2**20
     with suppress(ConnectionError):  # refused while it is still being sent
-        assert tab.ask("PUT", "files/long.csv", (piece for _ in range(70)), Transfer_Encoding="chunked")[0] == 413
+        assert (
+            tab.ask(
+                "PUT", "files/long.csv", (piece for _ in range(70)), Transfer_Encoding="chunked"
+            )[0]
+            == 413
+        )
     assert tab.state()["files"] == 0
     assert tab.ask("POST", "say", "x" * 2**18)[0] == 422
     assert tab.ask("POST", "say", b"[1]")[0] == 422
@@ -323,23 +399,33 @@ def test_what_is_on_its_way_is_not_read(tab: Tab) -> None:
         page = tab.ask("GET", "part/understood")[1]
         link.send(whole[5000:])
         assert link.getresponse().status == 200
-    assert ("3 circles" in page, "4 circles" in tab.ask("GET", "part/understood")[1]) == (True, True)
+    assert ("3 circles" in page, "4 circles" in tab.ask("GET", "part/understood")[1]) == (
+        True,
+        True,
+    )
 
 
 def test_forces_are_given_in_the_order_that_is_shown(house: tuple[Tab, Path], tab: Tab) -> None:
     for name in ("10.csv", "2.csv", "1.txt", "bare"):
         tab.ask("PUT", f"files/{name}", (RECOVERED / "f036.csv").read_bytes())
     listed = re.findall(r'data-remove="([^*"]+)"', tab.ask("GET", "part/files")[1])
-    found = worker.answer(worker.understand, str(house[1] / tab.base.split("/")[-2]), {"forces_N": "10;20,5;30;40"})
+    found = worker.answer(
+        worker.understand, str(house[1] / tab.base.split("/")[-2]), {"forces_N": "10;20,5;30;40"}
+    )
     shown = [(own["name"], own["force"]) for own in found["tests"]]
-    assert shown == [*zip((own.partition(".")[0] for own in listed), ("10", "20.5", "30", "40"), strict=True)]
+    assert shown == [
+        *zip((own.partition(".")[0] for own in listed), ("10", "20.5", "30", "40"), strict=True)
+    ]
 
 
 def test_what_holds_no_table_is_left_out(tab: Tab) -> None:
     """A scan or a picture among the readings stops nothing; alone it is refused."""
     for name, start in (("scan.pdf", b"%PDF-1.7\n\xe2\xe3"), ("photo.jpg", b"\xff\xd8\xff\xe0")):
         tab.ask("PUT", f"files/{name}", start + bytes(range(256)))
-        assert "what the file is" in (page := tab.ask("GET", "part/understood")[1]) or name == "photo.jpg", page
+        assert (
+            "what the file is" in (page := tab.ask("GET", "part/understood")[1])
+            or name == "photo.jpg"
+        ), page
     page = tab.holding(*RECOVERED.glob("f*.csv")).ask("GET", "part/understood")[1]
     assert ("6 circles" in page, "it holds no table" in page) == (True, True)
 
@@ -366,7 +452,9 @@ def test_what_no_longer_applies_is_forgotten(tab: Tab) -> None:
     assert ('role="alert"' in page, 'value="A"' in page) == (False, True)
 
 
-def test_a_question_that_hangs_takes_no_other_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_question_that_hangs_takes_no_other_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The time of an answer counts from where it begins."""
     monkeypatch.setattr(server, "ANSWER_S", 8.0)
 
@@ -412,7 +500,10 @@ def test_no_text_becomes_code(tab: Tab) -> None:
         if field.kind != "choice":
             tab.ask("POST", "say", {name: script})
             pages += [tab.ask("GET", "part/understood")[1]]
-    pages += [tab.ask("POST", "plan", {"circles": script, "directions": script})[1], tab.ask("GET", "")[1]]
+    pages += [
+        tab.ask("POST", "plan", {"circles": script, "directions": script})[1],
+        tab.ask("GET", "")[1],
+    ]
     for page in pages:
         assert "<script>alert" not in page
         assert "49" not in re.findall(r"&#39;(\d+)", page)
@@ -462,13 +553,17 @@ def test_a_killed_worker_loses_nothing(house: tuple[Tab, Path], tab: Tab) -> Non
     assert "Nothing was lost" in tab.ask("GET", "part/fit")[1]
     tab.ask("POST", "fit")
     until(lambda: processes("ldbb_bayes.cli.worker"))
-    assert [own.name for own in (house[1] / tab.base.split("/")[-2] / "job").rglob("f*.csv")]  # a copy of its own
+    assert [
+        own.name for own in (house[1] / tab.base.split("/")[-2] / "job").rglob("f*.csv")
+    ]  # a copy of its own
     assert json.loads(tab.ask("POST", "cancel")[1])["outcome"] == {"cancelled": True}
     until(lambda: not processes("ldbb_bayes.cli.worker"), 10)
     assert tab.state()["files"] == 7
 
 
-def test_a_fit_of_a_silent_page_gives_way(house: tuple[Tab, Path], tab: Tab, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_of_a_silent_page_gives_way(
+    house: tuple[Tab, Path], tab: Tab, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(server, "ABANDONED_S", 1.0)
     other = house[0].opened()
     for own in (tab, other):
@@ -502,7 +597,9 @@ def test_the_command_prints_an_address_and_leaves_nothing(tmp_path: Path) -> Non
     started = [sys.executable, "-m", "ldbb_bayes", "app", "--no-browser"]
     own = {**os.environ, "TMPDIR": str(tmp_path)}
     for way, code in ((signal.SIGKILL, -9), (signal.SIGHUP, 0), (signal.SIGINT, 0)):
-        with subprocess.Popen(started, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=own) as running:
+        with subprocess.Popen(
+            started, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=own
+        ) as running:
             assert running.stdout is not None
             address = running.stdout.readline().strip()
             port, base = re.fullmatch(r"http://127\.0\.0\.1:(\d+)(/[\w-]{20,}/)", address).groups()  # type: ignore[union-attr]
@@ -511,11 +608,15 @@ def test_the_command_prints_an_address_and_leaves_nothing(tmp_path: Path) -> Non
             running.send_signal(way)
             _, said = running.communicate(timeout=20)
         assert running.returncode == code
-        assert "Traceback" not in said or way == signal.SIGKILL  # of a process of Python's own that was just being started
+        assert (
+            "Traceback" not in said or way == signal.SIGKILL
+        )  # of a process of Python's own that was just being started
     assert [*tmp_path.iterdir()] == []
 
 
-def test_a_port_in_use_and_a_missing_library_are_said(invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_in_use_and_a_missing_library_are_said(
+    invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with server._listening(0) as listener:
         code, _, said = invoke("app", "--no-browser", "--port", listener.getsockname()[1])
     assert (code, "Choose another" in said) == (2, True)
@@ -537,10 +638,24 @@ def test_the_sheets_are_those_of_the_command(tab: Tab, invoke: Invoke, tmp_path:
     tab.ask("POST", "say", {"bar_U_um": "2", "balls": "G20", "tolerance": "G=40 µm"})
     tab.ask("POST", "fit")
     until(lambda: not tab.state()["running"], 180)
-    options = ("--bar-U-um", 2, "--balls", "G20", "--tolerance", "G=40 µm", "--yes", "--quiet", "--out", tmp_path / "out")
+    options = (
+        "--bar-U-um",
+        2,
+        "--balls",
+        "G20",
+        "--tolerance",
+        "G=40 µm",
+        "--yes",
+        "--quiet",
+        "--out",
+        tmp_path / "out",
+    )
     code, *_ = invoke("report", folder / "*.csv", *options)
     assert code == 0
-    ours, theirs = json.loads(tab.ask("GET", "result/report.json")[1]), json.loads((tmp_path / "out/report.json").read_text())
+    ours, theirs = (
+        json.loads(tab.ask("GET", "result/report.json")[1]),
+        json.loads((tmp_path / "out/report.json").read_text()),
+    )
     for report in (ours, theirs):
         for key in ("started", "seconds"):
             report["provenance"].pop(key, None)

@@ -38,12 +38,20 @@ def address() -> Iterator[str]:
 @pytest.fixture
 def page(browser: Any, address: str) -> Iterator[Any]:
     """A tab; nothing may go wrong in it, and nothing leave the machine."""
-    context = browser.new_context(viewport={"width": 1280, "height": 900}, locale="en-GB", bypass_csp=False)
+    context = browser.new_context(
+        viewport={"width": 1280, "height": 900}, locale="en-GB", bypass_csp=False
+    )
     opened, wrong = context.new_page(), list[str]()
     opened.set_default_timeout(60_000)
-    opened.on("console", lambda said: wrong.append(said.text) if said.type in ("error", "warning") else None)
+    opened.on(
+        "console",
+        lambda said: wrong.append(said.text) if said.type in ("error", "warning") else None,
+    )
     opened.on("pageerror", lambda error: wrong.append(str(error)))
-    opened.on("request", lambda sent: None if sent.url.startswith((address, "data:")) else wrong.append(sent.url))
+    opened.on(
+        "request",
+        lambda sent: None if sent.url.startswith((address, "data:")) else wrong.append(sent.url),
+    )
     opened.goto(address)
     yield opened
     assert wrong == []
@@ -62,7 +70,9 @@ def check_accessible(page: Any, browser: Any) -> None:
     if AXE is None:
         pytest.skip("axe-core is not installed (npm install --prefix .venv axe-core)")
     for width, scheme in ((1280, "light"), (1280, "dark"), (390, "light")):
-        context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme, bypass_csp=True)
+        context = browser.new_context(
+            viewport={"width": width, "height": 900}, color_scheme=scheme, bypass_csp=True
+        )
         other = context.new_page()
         other.goto(page.url)
         other.wait_for_selector("#sliders")
@@ -89,9 +99,23 @@ def test_example_from_drop_to_pdf(page: Any, browser: Any, tmp_path: Path) -> No
     with pdfium.PdfDocument(tmp_path / "report.pdf") as paper:
         sheet = paper[0].get_textpage().get_text_bounded()
         assert len(paper) == 2
-    stated = page.frame_locator("#report").locator("section.sheet").first.locator("tbody tr").first.inner_text().split("\t")
+    stated = (
+        page.frame_locator("#report")
+        .locator("section.sheet")
+        .first.locator("tbody tr")
+        .first.inner_text()
+        .split("\t")
+    )
     assert stated[2] in sheet
-    for name in ("parameters.csv", "tables.zip", "report.json", "dcc.xml", "campaign.zip", "posterior.nc", "report.zip"):
+    for name in (
+        "parameters.csv",
+        "tables.zip",
+        "report.json",
+        "dcc.xml",
+        "campaign.zip",
+        "posterior.nc",
+        "report.zip",
+    ):
         with page.expect_download() as loading:
             page.click(f"a[href='result/{name}']")
         assert Path(loading.value.path()).stat().st_size > 500
@@ -107,7 +131,13 @@ def check_sliders(page: Any) -> None:
     for slider in page.locator("#sliders input[type=range]").all():
         before, name = page.inner_html("#forecast"), slider.get_attribute("name")
         slider.focus()
-        page.keyboard.press("End" if name in ("circles", "turn") else "ArrowRight" if name != "high" else "ArrowLeft")
+        page.keyboard.press(
+            "End"
+            if name in ("circles", "turn")
+            else "ArrowRight"
+            if name != "high"
+            else "ArrowLeft"
+        )
         if name not in ("turn", "turn_minutes", "radius_minutes", "hourly"):
             until(lambda drawn=before: page.inner_html("#forecast") != drawn)
     page.click("#best")

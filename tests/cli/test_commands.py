@@ -54,7 +54,9 @@ def test_options_act_on_a_model_file_too(tmp_path: Path) -> None:
     file.write_text(model_to_toml(own), encoding="utf-8")
     assert model_from(model=file) == own
     assert model_from(model=file, degree=0) == own.with_degree(0)
-    assert model_from(model=file, without=("mount", "truncation")) == own.without("mount", "truncation")
+    assert model_from(model=file, without=("mount", "truncation")) == own.without(
+        "mount", "truncation"
+    )
     assert model_from(model=file, drift="time") == own.with_term(lb.Drift("time"))
 
 
@@ -75,19 +77,31 @@ def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     assert names(out) == {"model.toml", "posterior.nc", "summary.json"}
     assert lb.read_model(out / "model.toml") == lb.HybridModel.default(0)
     assert json.loads(invoke("summarize", out, "--json")[1]) == result
-    narrow = json.loads(invoke("summarize", out / "posterior.nc", "--json", "--ci", 0.5)[1])["parameters"]["C_XXX"]["ci50"]
+    narrow = json.loads(invoke("summarize", out / "posterior.nc", "--json", "--ci", 0.5)[1])[
+        "parameters"
+    ]["C_XXX"]["ci50"]
     wide = result["parameters"]["C_XXX"]["ci95"]
     assert wide[0] < narrow[0] < narrow[1] < wide[1]
     table = invoke("summarize", out)[1]
     assert table.startswith("Verdict: ")
     assert table[: table.index("Conformity")].count("\n") < 46
-    for words in ("C_XXX", "nm/N", "E_C(0Y)X", "bar length with E_XX1 and E_YY1; mount with C_XXX and C_YYY", "± 20"):
+    for words in (
+        "C_XXX",
+        "nm/N",
+        "E_C(0Y)X",
+        "bar length with E_XX1 and E_YY1; mount with C_XXX and C_YYY",
+        "± 20",
+    ):
         assert words in table.replace("\n", " ")
 
 
-def test_fit_that_misses_its_target(folder: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fit_that_misses_its_target(
+    folder: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    code, shown, _ = invoke("fit", folder, "--ess", "1e6", "--max-steps", 200, "--preset", "paper", "--degree", 0)
+    code, shown, _ = invoke(
+        "fit", folder, "--ess", "1e6", "--max-steps", 200, "--preset", "paper", "--degree", 0
+    )
     assert code == 1
     assert "NOT CONVERGED" in shown
     assert names(tmp_path) == set()
@@ -96,9 +110,13 @@ def test_fit_that_misses_its_target(folder: Path, tmp_path: Path, invoke: Invoke
 def test_fit_of_nearly_equal_forces_with_flat_priors(tmp_path: Path, invoke: Invoke) -> None:
     """Two thousandths apart: answered, with an uncertainty that says the number is worth nothing."""
     campaign = simulated(plan((40, 40), forces_N=(100.0, 100.2)))
-    code, shown, _ = invoke("fit", lb.write_campaign(campaign, tmp_path / "c"), "--preset", "paper", *FIT, "--json")
+    code, shown, _ = invoke(
+        "fit", lb.write_campaign(campaign, tmp_path / "c"), "--preset", "paper", *FIT, "--json"
+    )
     assert code == 0
-    assert json.loads(shown)["parameters"]["C_XXX"]["sd"] > 1e-3  # mm/N, a hundred times the compliance of a soft machine
+    assert (
+        json.loads(shown)["parameters"]["C_XXX"]["sd"] > 1e-3
+    )  # mm/N, a hundred times the compliance of a soft machine
 
 
 def test_fit_of_dead_circles_gives_valid_json(tmp_path: Path, invoke: Invoke) -> None:
@@ -109,37 +127,72 @@ def test_fit_of_dead_circles_gives_valid_json(tmp_path: Path, invoke: Invoke) ->
 
 
 def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
-    record: dict[str, object] = {"schema": 1, "kind": "population", "reference_force_N": 389.0, "machines": 4, "campaigns": 9}
+    record: dict[str, object] = {
+        "schema": 1,
+        "kind": "population",
+        "reference_force_N": 389.0,
+        "machines": 4,
+        "campaigns": 9,
+    }
     record |= {"compliances": {}, "machine": {}, "readings_sha256": []}
     record |= {"doubts": ["With 4 machines how much they differ rests on what was assumed."]}
-    record |= {"topology": "wCAFYXZSt", "next": {"C_XXX": {"unit": "mm/N", "mean": 5.1e-5, "sd": 4e-6}}}
+    record |= {
+        "topology": "wCAFYXZSt",
+        "next": {"C_XXX": {"unit": "mm/N", "mean": 5.1e-5, "sd": 4e-6}},
+    }
     population, out = tmp_path / "population.json", tmp_path / "out"
     population.write_text(json.dumps(record | {"sha256": digest_of(record)}))
     fit = ("fit", folder, "--sampler", "independent", "--json")
     code, shown, err = invoke(*fit, "--prior-from", population, "--out", out)
     assert code == 0
     result = json.loads(shown)
-    assert (result["prior_from"]["sha256"], result["prior_from"]["machines"]) == (digest_of(record), 4)
+    assert (result["prior_from"]["sha256"], result["prior_from"]["machines"]) == (
+        digest_of(record),
+        4,
+    )
     (doubt,) = result["prior_from"]["doubts"]
-    assert doubt == "The population says: With 4 machines how much they differ rests on what was assumed."
+    assert (
+        doubt
+        == "The population says: With 4 machines how much they differ rests on what was assumed."
+    )
     assert f"--prior-from: {doubt}" in err
     entry = result["parameters"]["C_XXX"]
-    assert (entry["prior_mean"], entry["prior_sd"], result["model"]["reference_force_N"]) == (5.1e-5, 4e-6, 389.0)
+    assert (entry["prior_mean"], entry["prior_sd"], result["model"]["reference_force_N"]) == (
+        5.1e-5,
+        4e-6,
+        389.0,
+    )
     again = lb.read_model(out / "model.toml")
     assert (dict(again.prior.means), again.reference_force_N) == ({"C_XXX": 5.1e-5}, 389.0)
 
 
 def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
     """Its options are fields of the campaign; what looks odd in several tests is said once. The rest is held by its golden."""
-    rows = "\n".join(f"{test};2;{angle};{angle // 20 % 5}" for test in "ab" for angle in range(0, 360, 10))
+    rows = "\n".join(
+        f"{test};2;{angle};{angle // 20 % 5}" for test in "ab" for angle in range(0, 360, 10)
+    )
     (tmp_path / "all.csv").write_text("test;pressure_bar;angle_deg;reading_um\n" + rows)
-    options = ("--raw", "--mount-um-per-bar", 1.5, "--force-slope", 100, "--force-offset", 0, "--plane", "YZ", "--json")
+    options = (
+        "--raw",
+        "--mount-um-per-bar",
+        1.5,
+        "--force-slope",
+        100,
+        "--force-offset",
+        0,
+        "--plane",
+        "YZ",
+        "--json",
+    )
     seen = json.loads(invoke("check", tmp_path / "all.csv", *options)[1])
     assert (seen["tests"][0]["force_N"], seen["plane"]) == (200.0, "YZ")
     assert any("1.5 µm/bar, not compensated" in text for text in seen["assumptions"])
     shown = invoke("check", tmp_path / "all.csv", *options[:-1], "--mount-U-percent", 2)[1]
     assert shown.count("Look at a, b: readings go in steps of 1 µm") == 1
-    assert re.search(r"mount deflection +1.500 +0.015 +µm/bar +certificate\s+(in campaign.toml: )?\[mount\] U_percent", shown)
+    assert re.search(
+        r"mount deflection +1.500 +0.015 +µm/bar +certificate\s+(in campaign.toml: )?\[mount\] U_percent",
+        shown,
+    )
     assert [own["sd"] for own in seen["uncertainties"] if own["name"] == "bar_length"] == [9.4e-3]
 
 
@@ -162,16 +215,24 @@ def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
     assert lb.read_campaign(tmp_path / "d").sha256 == campaign.sha256
 
 
-def test_certificates_are_options_too(folder: Path, planned: Path, tmp_path: Path, invoke: Invoke) -> None:
+def test_certificates_are_options_too(
+    folder: Path, planned: Path, tmp_path: Path, invoke: Invoke
+) -> None:
     """Of what reads, and of what writes a campaign: they say what is written over what campaign.toml says."""
     table = tidy(lb.read_campaign(folder), tmp_path / "t.csv")
     stated = ("--balls", "G20", "--tool-ball", "0.1um", "--bar-U-um", 2)
     known = lb.Instrument(lb.Ball(grade="G20"), lb.Ball(sphericity_um=0.1), bar_U_um=2.0)
-    for command in (("simulate", planned), ("design", folder, "--tests", 3, "--forces", "36,742"), ("import", table)):
+    for command in (
+        ("simulate", planned),
+        ("design", folder, "--tests", 3, "--forces", "36,742"),
+        ("import", table),
+    ):
         out = tmp_path / command[0]
         assert invoke(*command, *stated, "--out", out)[0] == 0
         assert lb.read_campaign(out).instrument == known
-    assert invoke("fit", folder, *FIT, "--preset", "first", *stated, "--out", tmp_path / "fit")[0] == 0
+    assert (
+        invoke("fit", folder, *FIT, "--preset", "first", *stated, "--out", tmp_path / "fit")[0] == 0
+    )
     assert campaign_of(lb.load(tmp_path / "fit")).instrument == known
     assert invoke("simulate", out, "--out", tmp_path / "again", "--bar-U-um", 3)[0] == 0
     assert lb.read_campaign(tmp_path / "again").instrument == replace(known, bar_U_um=3.0)
@@ -182,7 +243,9 @@ def test_identify(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "i"
     record = json.loads(invoke("identify", planned, "--degree", 0, "--json", "--out", out)[1])
     figures = drawn("prior_and_posterior compliance_atlas geometric_atlas")
-    assert names(out) == {"identify.json", "parameters.csv", "alias.csv", "correlation.csv"} | figures
+    assert (
+        names(out) == {"identify.json", "parameters.csv", "alias.csv", "correlation.csv"} | figures
+    )
     assert json.loads((out / "identify.json").read_text()) == record
     assert np.isfinite(pd.read_csv(out / "alias.csv", index_col="parameter").to_numpy()).all()
 
@@ -198,7 +261,17 @@ def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke)
     without = ("truncation", "force-error", "mount", "discrepancy", "hysteresis")
     slopes = (f"{name}_1" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"))
     other.write_text(model_to_toml(lb.HybridModel.first(1).without(*without).fixing(*slopes)))
-    options = ("--without", ",".join(without), "--tolerance", 0.1, "--also", f"one slope={other}", "--json", "--seed", 2)
+    options = (
+        "--without",
+        ",".join(without),
+        "--tolerance",
+        0.1,
+        "--also",
+        f"one slope={other}",
+        "--json",
+        "--seed",
+        2,
+    )
     code, shown, _ = invoke("compare", three, *options, "--out", out)
     record = json.loads(shown)
     assert (code, set(record["models"])) == (0, {"constant", "linear", "one slope"})
@@ -210,9 +283,13 @@ def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke)
     assert names(out) == {"comparison.json", "local_fits.csv"} | figures
 
 
-def test_what_looks_odd_is_said_whoever_reads_it(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+def test_what_looks_odd_is_said_whoever_reads_it(
+    folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
     campaign = lb.read_campaign(folder)
-    tests = [replace(test, force_N=test.force_N / 1000.0, direction="CW") for test in campaign.tests]
+    tests = [
+        replace(test, force_N=test.force_N / 1000.0, direction="CW") for test in campaign.tests
+    ]
     lb.write_campaign(replace(campaign, tests=tuple(tests)), tmp_path / "odd")
     shown = " ".join(invoke("identify", tmp_path / "odd")[1].split())
     assert "Note: the largest force is 0.742 N: check the unit" in shown
@@ -223,7 +300,16 @@ def test_what_looks_odd_is_said_whoever_reads_it(folder: Path, tmp_path: Path, i
 def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     """Identify asks it, simulate runs it, design judges it; an existing one is kept."""
     out = tmp_path / "next"
-    arguments = ("design", folder, "--tests", 3, "--forces", "36:742:353", "--clockings", "0/0,45/90")
+    arguments = (
+        "design",
+        folder,
+        "--tests",
+        3,
+        "--forces",
+        "36:742:353",
+        "--clockings",
+        "0/0,45/90",
+    )
     record = json.loads(invoke(*arguments, "--against", f"own={folder}", "--json", "--out", out)[1])
     assert record == json.loads((out / "design.json").read_text())
     tables = {"expected.csv", "sensitivity.csv"}
@@ -231,18 +317,31 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
     assert names(out) == {"campaign.toml", "model.toml", "design.json"} | tables | figures
     next_tests = lb.read_campaign(out)
     assert next_tests.is_plan
-    listed = [(t["force_N"], t["work_ball_deg"], t["tool_ball_deg"]) for t in record["tests"] for _ in range(t["count"])]
-    assert sorted(listed) == sorted((t.force_N, t.work_ball_deg, t.tool_ball_deg) for t in next_tests.tests)
+    listed = [
+        (t["force_N"], t["work_ball_deg"], t["tool_ball_deg"])
+        for t in record["tests"]
+        for _ in range(t["count"])
+    ]
+    assert sorted(listed) == sorted(
+        (t.force_N, t.work_ball_deg, t.tool_ball_deg) for t in next_tests.tests
+    )
     assert len(listed) == 3
     assert {force for force, *_ in listed} <= {36.0, 389.0, 742.0}
     assert [entry["name"] for entry in record["compared"]] == ["equal steps", "own"]
     assert len(pd.read_csv(out / "expected.csv")) == 19
     assert len(pd.read_csv(out / "sensitivity.csv")) == 6
-    assert json.loads(invoke("identify", out, "--model", out / "model.toml", "--json")[1])["measured"] is False
+    assert (
+        json.loads(invoke("identify", out, "--model", out / "model.toml", "--json")[1])["measured"]
+        is False
+    )
     assert invoke("simulate", out, "--out", tmp_path / "run")[0] == 0
     assert not lb.read_campaign(tmp_path / "run").is_plan
     assert "must not exist" in invoke(*arguments, "--out", out)[2]
-    shown = " ".join(invoke("design", folder, "--forces", "36,742", "--radii", "150,100", "--tests", 4)[1].split())
+    shown = " ".join(
+        invoke("design", folder, "--forces", "36,742", "--radii", "150,100", "--tests", 4)[
+            1
+        ].split()
+    )
     assert re.search(r"Run in this order: (f\w+ \(1[05]0 mm(, balls [\d/]+°)?\),? ?){4}", shown)
 
 
@@ -250,7 +349,18 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
 def test_design_of_a_table(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     """A tidy table as pilot, with its options; the paper's preset; added to what was run."""
     table = tidy(lb.read_campaign(folder), tmp_path / "tidy.csv")
-    options = ("--radius-mm", 100, "--preset", "paper", "--augment", "--tests", 2, "--forces", "36,742", "--json")
+    options = (
+        "--radius-mm",
+        100,
+        "--preset",
+        "paper",
+        "--augment",
+        "--tests",
+        2,
+        "--forces",
+        "36,742",
+        "--json",
+    )
     record = json.loads(invoke("design", table, *options)[1])
     assert (record["criterion"], record["expected"]["C_XXX"]["prior_sd"]) == ("d", None)
     assert record["tests"][0]["radius_mm"] == 100.0
@@ -259,7 +369,20 @@ def test_design_of_a_table(folder: Path, tmp_path: Path, invoke: Invoke) -> None
 def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     """What it answers is held by its golden."""
     out = tmp_path / "v"
-    common = ("validate", planned, "--degree", 0, "--replicates", 10, "--draws", 19, "--seed", 3, "--workers", 1)
+    common = (
+        "validate",
+        planned,
+        "--degree",
+        0,
+        "--replicates",
+        10,
+        "--draws",
+        19,
+        "--seed",
+        3,
+        "--workers",
+        1,
+    )
     record = json.loads(invoke(*common, "--json", "--out", out)[1])
     assert names(out) == {"ranks.csv", "validation.json"} | drawn("rank_ecdf")
     assert json.loads((out / "validation.json").read_text()) == record
@@ -269,15 +392,29 @@ def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
 
 
 @pytest.mark.usefixtures("few_states")
-def test_answers_that_miss(three: Path, compared: Comparison, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_answers_that_miss(
+    three: Path, compared: Comparison, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An evidence less exact than asked, a design that is not proven best, ranks that are not uniform: exit code 1."""
     rough = replace(compared, largest_error=1.0, by_emcee=2)
-    best = lb.design(lb.HybridModel.first(1), lb.read_campaign(three), tests=3, forces_N=(36.0, 742.0))
+    best = lb.design(
+        lb.HybridModel.first(1), lb.read_campaign(three), tests=3, forces_N=(36.0, 742.0)
+    )
     bound = best.certificate.bound
-    broken = replace(best, certificate=replace(best.certificate, max_sensitivity=2.0 * bound, holds=False))
-    wrong = Validation(("C_XXX", LOG_LIKELIHOOD), np.zeros((10, 2), dtype=int), 19, "joint", 0.95, ())
-    said = ("For 2 of the log evidences weights could not be trusted", "Not proven best", "NOT CALIBRATED")
-    for name, answer, words in zip(("compare", "design", "validate"), (rough, broken, wrong), said, strict=True):
+    broken = replace(
+        best, certificate=replace(best.certificate, max_sensitivity=2.0 * bound, holds=False)
+    )
+    wrong = Validation(
+        ("C_XXX", LOG_LIKELIHOOD), np.zeros((10, 2), dtype=int), 19, "joint", 0.95, ()
+    )
+    said = (
+        "For 2 of the log evidences weights could not be trusted",
+        "Not proven best",
+        "NOT CALIBRATED",
+    )
+    for name, answer, words in zip(
+        ("compare", "design", "validate"), (rough, broken, wrong), said, strict=True
+    ):
         monkeypatch.setattr(lb, name, lambda *_, own=answer, **__: own)
         code, shown, _ = invoke(name, three)
         assert (code, words in " ".join(shown.split())) == (1, True), name
@@ -286,7 +423,10 @@ def test_answers_that_miss(three: Path, compared: Comparison, invoke: Invoke, mo
 
 def test_machine(tmp_path: Path, invoke: Invoke) -> None:
     """What it answers is held by its golden."""
-    out, atlases = tmp_path / "m", [f"{kind}_atlas_{plane}" for kind in ("compliance", "geometric") for plane in ("XY", "YZ")]
+    out, atlases = (
+        tmp_path / "m",
+        [f"{kind}_atlas_{plane}" for kind in ("compliance", "geometric") for plane in ("XY", "YZ")],
+    )
     assert invoke("machine", "wXFYZt", "--plane", "XY,YZ", "--out", out)[0] == 0
     assert names(out) == {"machine.json"} | drawn(" ".join(atlases))
     assert invoke("machine", "wXFYZt", "--out", out)[0] == 2

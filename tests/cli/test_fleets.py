@@ -24,7 +24,16 @@ from ldbb_bayes.fleet.batch import Job, Settings
 from ldbb_bayes.fleet.population import digest_of
 
 pytest.importorskip("pyarrow")
-MODEL = ("--degree", 0, "--without", "hysteresis,discrepancy,setup-shift", "--ess", 1500, "--no-compare", "--quiet")
+MODEL = (
+    "--degree",
+    0,
+    "--without",
+    "hysteresis,discrepancy,setup-shift",
+    "--ess",
+    1500,
+    "--no-compare",
+    "--quiet",
+)
 MEAN, SPREAD, STIFF = 5e-5, 4e-6, 1.2e-4
 
 
@@ -36,10 +45,20 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
     truths = [STIFF, *(MEAN + SPREAD * rng.standard_normal(5))]
     for k in range(7):
         machine = min(k, 5)
-        planned, truth = plan((60,) * 3, forces_N=(36.0, 400.0, 742.0)), {**TRUTH, "C_XXX": truths[machine]}
-        campaign = CONSTANT.simulate(planned, seed=k + 1, parameters=truth, hyper_um={"sigma": 0.3, "tau": 2.0}).campaign
-        lb.write_campaign(replace(campaign, machine_id=None if k == 4 else f"M{machine}"), folder / "all" / f"c{k}")
-    (folder / "list.txt").write_text(f"# all seven\n{folder}/all\n{folder}/all/c1/campaign.toml\n{folder}/c9\n")
+        planned, truth = (
+            plan((60,) * 3, forces_N=(36.0, 400.0, 742.0)),
+            {**TRUTH, "C_XXX": truths[machine]},
+        )
+        campaign = CONSTANT.simulate(
+            planned, seed=k + 1, parameters=truth, hyper_um={"sigma": 0.3, "tau": 2.0}
+        ).campaign
+        lb.write_campaign(
+            replace(campaign, machine_id=None if k == 4 else f"M{machine}"),
+            folder / "all" / f"c{k}",
+        )
+    (folder / "list.txt").write_text(
+        f"# all seven\n{folder}/all\n{folder}/all/c1/campaign.toml\n{folder}/c9\n"
+    )
     arguments = ["batch", f"@{folder}/list.txt", "--out", folder / "b", "--workers", 1, *MODEL]
     return folder / "b", CliRunner().invoke(app, list(map(str, arguments)), env={"COLUMNS": "200"})
 
@@ -65,16 +84,35 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
     assert done.exit_code == 0, done.stderr
     assert done.stderr == ""
     assert f"  {shop}/c9: campaign must be a folder with campaign.toml" in done.stdout
-    for part in ("fitted", "failed", "in all", "which does not exist", "--resume --retry", "8 campaigns in", "a second"):
+    for part in (
+        "fitted",
+        "failed",
+        "in all",
+        "which does not exist",
+        "--resume --retry",
+        "8 campaigns in",
+        "a second",
+    ):
         assert part in " ".join(done.stdout.split())
     assert f"Written: {out}/campaigns.parquet" in done.stdout.replace("\n", "")
     assert lb.read_batch(out)["status"].tolist() == ["done"] * 7 + ["failed"]
-    assert sorted(path.name for path in out.iterdir()) == ["batch.sqlite", "campaigns.parquet", "campaigns.txt"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "batch.sqlite",
+        "campaigns.parquet",
+        "campaigns.txt",
+    ]
 
 
 def test_json_on_processes(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
-    given = (rows.parent / "all" / "c0", rows.parent / "all" / "c1", f"{rows.parent}/all/c1/../c0", rows.parent / "c9")
-    code, stdout, stderr = invoke("batch", *given, "--out", tmp_path / "b", "--workers", 2, "--json", *MODEL)
+    given = (
+        rows.parent / "all" / "c0",
+        rows.parent / "all" / "c1",
+        f"{rows.parent}/all/c1/../c0",
+        rows.parent / "c9",
+    )
+    code, stdout, stderr = invoke(
+        "batch", *given, "--out", tmp_path / "b", "--workers", 2, "--json", *MODEL
+    )
     found = json.loads(stdout)
     assert (code, stderr) == (0, "")
     assert [found[key] for key in ("schema", "campaigns", "done", "failures")] == [1, 3, 2, 1]
@@ -84,7 +122,9 @@ def test_json_on_processes(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
     assert here["C_XXX.mean"].tolist() == first["C_XXX.mean"].tolist()
 
 
-def test_a_missed_target_is_exit_code_1(rows: Path, tmp_path: Path, anew: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missed_target_is_exit_code_1(
+    rows: Path, tmp_path: Path, anew: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """And nothing to resume begins anew."""
     monkeypatch.setattr("ldbb_bayes.inference.mcmc.Assessment.meets", lambda *_, **__: False)
     code, stdout, stderr = anew(rows.parent / "all" / "c0", "--resume")
@@ -94,7 +134,9 @@ def test_a_missed_target_is_exit_code_1(rows: Path, tmp_path: Path, anew: Any, m
     assert not lb.read_batch(tmp_path / "b")["converged"][0]
 
 
-def test_interrupted_and_resumed(rows: Path, tmp_path: Path, anew: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_and_resumed(
+    rows: Path, tmp_path: Path, anew: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Ctrl-C before the second row: 130, one message; --resume goes on there."""
     seen: list[int] = []
 
@@ -108,14 +150,19 @@ def test_interrupted_and_resumed(rows: Path, tmp_path: Path, anew: Any, monkeypa
     listed = rows.parent / "list.txt"
     code, stdout, stderr = anew(listed)
     assert (code, stdout) == (130, "")
-    assert f"interrupted; {tmp_path}/b keeps what is done. The same command with --resume goes on with it." in stderr
+    assert (
+        f"interrupted; {tmp_path}/b keeps what is done. The same command with --resume goes on with it."
+        in stderr
+    )
     assert anew(listed, "--resume")[0] == 0
     assert seen == [0, 1, *range(1, 8)]
 
 
 def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "p"
-    code, stdout, stderr = invoke("population", rows, "--out", out, "--parameters", "C_XXX,C_YYY,E_XX1", "--json")
+    code, stdout, stderr = invoke(
+        "population", rows, "--out", out, "--parameters", "C_XXX,C_YYY,E_XX1", "--json"
+    )
     assert code == 0, stderr
     record = json.loads(stdout)
     assert sorted(path.name for path in out.iterdir()) == ["machines.csv", "population.json"]
@@ -129,11 +176,16 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invo
     doubts = " ".join(record["doubts"])
     assert "Left out, because the fit failed: " in doubts
     assert "Without a machine's name, each counted as a machine of its own: " in doubts
-    assert "Where the population gives the prior of a campaign with the same bar they are counted again." in doubts
+    assert (
+        "Where the population gives the prior of a campaign with the same bar they are counted again."
+        in doubts
+    )
     assert record["readings_sha256"] == lb.read_batch(rows)["sha256"].dropna().tolist()
     table = pd.read_csv(out / "machines.csv", index_col="machine")
     assert table.loc["M0", "flag"]
-    assert table.loc["M5", "C_XXX.mean"] == pytest.approx(record["machine"]["M5"]["estimate"]["C_XXX"]["mean"])
+    assert table.loc["M5", "C_XXX.mean"] == pytest.approx(
+        record["machine"]["M5"]["estimate"]["C_XXX"]["mean"]
+    )
     again, third = lb.prior_from(out), lb.read_campaign(rows.parent / "all" / "c3")
     refuses("must not be in the population that gives its prior", again.doubts, third)
     doubts = again.doubts(replace(third, resolution_um=0.25))
@@ -142,7 +194,9 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invo
     assert "must not exist" in invoke("population", rows, "--out", out)[2]
 
 
-def test_a_trend_and_its_files(tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_trend_and_its_files(
+    tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of a machine that has loosened; its options are those of the answer."""
     drawn = drawn_rows(6, np.random.default_rng(4), step_at=4)
     monkeypatch.setattr("ldbb_bayes.fleet.dataset.read_batch", lambda *_: drawn)
@@ -152,7 +206,12 @@ def test_a_trend_and_its_files(tmp_path: Path, invoke: Invoke, monkeypatch: pyte
     assert [record[name] for name in ("schema", "machine", "changed")] == [1, "M1", True]
     assert list(record["parameters"]) == ["C_XXX", "C_YYY"]
     assert [record["assumptions"][name] for name in ("threshold", "ci")] == [0.9, 0.9]
-    assert sorted(path.name for path in out.iterdir()) == ["control_chart.png", "control_chart.svg", "trend.csv", "trend.json"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "control_chart.png",
+        "control_chart.svg",
+        "trend.csv",
+        "trend.json",
+    ]
     assert json.loads((out / "trend.json").read_text()) == record
     assert len(pd.read_csv(out / "trend.csv")) == 12
     assert "must not exist" in invoke("trend", tmp_path, *given)[2]

@@ -13,16 +13,29 @@ from campaigns import Invoke, cases, written
 import ldbb_bayes as lb
 
 
-def test_it_says_what_it_assumed_and_what_to_do_next(files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
+def test_it_says_what_it_assumed_and_what_to_do_next(
+    files: list[Path], tmp_path: Path, invoke: Invoke
+) -> None:
     code, shown, _ = invoke("import", *files, "--out", tmp_path / "c")
     assert code == 0
     for option in ("--pressures-bar", "--topology", "--resolution-um"):
         assert re.search(rf" {option}$", shown, re.MULTILINE), "an option must not be cut"
     shown = " ".join(shown.split())
-    for word in ("separator: ';'", "decimal mark: ,", "pressure_bar: 3.5", "topology: wCAFYXZSt", "3 places", "ldbb-bayes check"):
+    for word in (
+        "separator: ';'",
+        "decimal mark: ,",
+        "pressure_bar: 3.5",
+        "topology: wCAFYXZSt",
+        "3 places",
+        "ldbb-bayes check",
+    ):
         assert word in shown
     tables = {f"{file.stem}.csv" for file in files}
-    assert {path.name for path in (tmp_path / "c").iterdir()} == {"campaign.toml", "import.toml", *tables}
+    assert {path.name for path in (tmp_path / "c").iterdir()} == {
+        "campaign.toml",
+        "import.toml",
+        *tables,
+    }
     assert invoke("check", tmp_path / "c")[0] == 0
     first = lb.read_campaign(tmp_path / "c").sha256
     code, _, said = invoke("import", *files, "--out", tmp_path / "c", "--sign", "-1")
@@ -39,7 +52,11 @@ def test_every_option_that_is_named_exists(tmp_path: Path, invoke: Invoke) -> No
         folder.mkdir()
         given = (*written(folder, case.files), "--out", folder / "c", *case.options)
         record = json.loads(invoke("import", *given, "--json")[1])
-        assert (record["schema"], record["campaign"]["tests"], bool(record["layout"]["columns"])) == (1, 3, True)
+        assert (
+            record["schema"],
+            record["campaign"]["tests"],
+            bool(record["layout"]["columns"]),
+        ) == (1, 3, True)
         for assumed in record["assumptions"]:
             for option in re.findall(r"--[\w-]+", assumed["option"]):
                 assert option in known, (name, assumed)
@@ -54,7 +71,9 @@ def test_loads_and_names(files: list[Path], tmp_path: Path, invoke: Invoke) -> N
 
 
 @pytest.mark.parametrize(("options", "said"), cases(__file__, "import.toml")["wrong"])
-def test_wrong_options(options: str, said: str, files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
+def test_wrong_options(
+    options: str, said: str, files: list[Path], tmp_path: Path, invoke: Invoke
+) -> None:
     code, _, shown = invoke("import", *files, "--out", tmp_path / "c", *options.split(" "))
     assert (code, said in " ".join(shown.split())) == (2, True), shown
     assert not (tmp_path / "c").exists()
@@ -66,7 +85,14 @@ def test_brackets_are_printed_as_they_stand(tmp_path: Path, invoke: Invoke) -> N
     rows = [f"{5 * k},{k % 7},{k}" for k in range(72)]
     path.write_text("\n".join(["Angle [deg],Reading [um],Speed [/min]", *rows]), encoding="utf-8")
     code, shown, _ = invoke("import", path, "--out", tmp_path / "c")
-    assert (code, [words for words in ("[deg]'", "[um]'", "[/min]", "[[test]]", "ma[x]") if words not in shown]) == (0, [])
+    assert (
+        code,
+        [
+            words
+            for words in ("[deg]'", "[um]'", "[/min]", "[[test]]", "ma[x]")
+            if words not in shown
+        ],
+    ) == (0, [])
 
 
 def test_check_of_what_import_should_read_says_so(tmp_path: Path, invoke: Invoke) -> None:

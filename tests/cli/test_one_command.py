@@ -20,21 +20,44 @@ from ldbb_bayes.campaign.importing import matching
 from ldbb_bayes.cli import app, reporting
 
 FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
-HEAD = (("Maschine", "DMG Mori DMU 50"), ("Seriennummer", "1139-4711"), ("Bediener", "Jörg Müller"), ("Datum", "20.11.2026"),
-        ("Temperatur", "21,4 °C"), ("Vorschub", "2000 mm/min"), ("Messgerät", "QC20-W Nr. K12345"),
-        ("kalibriert am", "05.01.2026"), ("Ebene", "XY"))  # fmt: skip
-NAMED = {"machine_type": "DMG Mori DMU 50", "serial_number": "1139-4711", "machine_id": "1139-4711", "operator": "Jörg Müller",
-         "date": "2026-11-20", "ball_bar": "QC20-W Nr. K12345", "ball_bar_calibrated": "2026-01-05", "feed_mm_per_min": 2000.0,
-         "plane": "XY"}  # fmt: skip
+HEAD = (
+    ("Maschine", "DMG Mori DMU 50"),
+    ("Seriennummer", "1139-4711"),
+    ("Bediener", "Jörg Müller"),
+    ("Datum", "20.11.2026"),
+    ("Temperatur", "21,4 °C"),
+    ("Vorschub", "2000 mm/min"),
+    ("Messgerät", "QC20-W Nr. K12345"),
+    ("kalibriert am", "05.01.2026"),
+    ("Ebene", "XY"),
+)
+NAMED = {
+    "machine_type": "DMG Mori DMU 50",
+    "serial_number": "1139-4711",
+    "machine_id": "1139-4711",
+    "operator": "Jörg Müller",
+    "date": "2026-11-20",
+    "ball_bar": "QC20-W Nr. K12345",
+    "ball_bar_calibrated": "2026-01-05",
+    "feed_mm_per_min": 2000.0,
+    "plane": "XY",
+}
 
 
 def circles(*forces_N: float) -> list[lb.CircularTest]:
     """As awkward writes them, of a machine whose compliance shows; steps of 0.1 µm."""
     angle = np.arange(0.0, 360.0, 2.0)
     theta = np.deg2rad(angle)
-    shape = 8.0 * np.cos(2.0 * theta) - 3.0 * np.sin(theta) + 0.4 * np.random.default_rng(1).standard_normal(len(angle))
+    shape = (
+        8.0 * np.cos(2.0 * theta)
+        - 3.0 * np.sin(theta)
+        + 0.4 * np.random.default_rng(1).standard_normal(len(angle))
+    )
     bend = 54e-3 * np.cos(theta) ** 2 + 39e-3 * np.sin(theta) ** 2 - 2.33e-2
-    return [lb.CircularTest(f, angle, np.round(shape + f * bend, 1), name=f"{f:g} N", direction="CCW") for f in forces_N]
+    return [
+        lb.CircularTest(f, angle, np.round(shape + f * bend, 1), name=f"{f:g} N", direction="CCW")
+        for f in forces_N
+    ]
 
 
 def german(value: float, digits: int) -> str:
@@ -50,7 +73,14 @@ def book(folder: Path) -> list[str]:
         for row in (*HEAD, (), ("Blatt", "Prüfkraft [N]", "Richtung", "größte Abweichung [µm]")):
             sheet.append(row)
         for k, test in enumerate(circles(*FORCES_N[1:]), start=1):
-            sheet.append([f"Versuch {k}", test.force_N, "gegen den Uhrzeigersinn", float(np.abs(test.reading_um).max())])
+            sheet.append(
+                [
+                    f"Versuch {k}",
+                    test.force_N,
+                    "gegen den Uhrzeigersinn",
+                    float(np.abs(test.reading_um).max()),
+                ]
+            )
             page = own.create_sheet(f"Versuch {k}")
             page.append(["Winkel [°]", "Messwert [mm]"])
             for a, r in zip(test.angle_deg, test.reading_um, strict=True):
@@ -63,25 +93,57 @@ def book(folder: Path) -> list[str]:
 def windows(folder: Path) -> list[str]:
     """CSVs in Windows-1252 with a preamble, named by a pattern as cmd.exe hands it on; a note lies beside them."""
     above = [f"{name}: {said}" for name, said in HEAD]
-    how = awkward.Writing(";", ",", ("Winkel [°]", "Abweichung [µm]"), above, digits=(1, 1), encoding="cp1252", end="\r\n")
+    how = awkward.Writing(
+        ";",
+        ",",
+        ("Winkel [°]", "Abweichung [µm]"),
+        above,
+        digits=(1, 1),
+        encoding="cp1252",
+        end="\r\n",
+    )
     (folder / "Läufe").mkdir()
     for test in circles(*FORCES_N):
         (folder / "Läufe" / f"Lauf {test.name}.csv").write_bytes(how.table(test))
     (folder / "Läufe" / "~$Lauf 5 N.csv").write_bytes(b"\0")
-    (folder / "Läufe" / "Lauf, Bemerkungen.csv").write_text("Spindel warm; nichts auffällig\n", encoding="utf-8")
+    (folder / "Läufe" / "Lauf, Bemerkungen.csv").write_text(
+        "Spindel warm; nichts auffällig\n", encoding="utf-8"
+    )
     return [f"{folder}/Läufe/Lauf*.csv"]
 
 
 def instrument(folder: Path) -> list[str]:
     """Text of an instrument: time and radius of each circle, with run-in and run-out."""
-    head = ("QC20-W capture", "Machine: DMG Mori DMU 50", "Machine serial no: 1139-4711", "Operator: Jörg Müller",
-            "Date: 20-Nov-2026", "Ball bar: QC20-W Nr. K12345", "Last calibration: 2026-01-05", "Plane: XY", "Radius: 150 mm",
-            "Feed rate: 2000.0 mm/min", "Start angle: 0 deg", "Angular overshoot: 44 deg", "Machine temp: 21.4 °C")  # fmt: skip
+    head = (
+        "QC20-W capture",
+        "Machine: DMG Mori DMU 50",
+        "Machine serial no: 1139-4711",
+        "Operator: Jörg Müller",
+        "Date: 20-Nov-2026",
+        "Ball bar: QC20-W Nr. K12345",
+        "Last calibration: 2026-01-05",
+        "Plane: XY",
+        "Radius: 150 mm",
+        "Feed rate: 2000.0 mm/min",
+        "Start angle: 0 deg",
+        "Angular overshoot: 44 deg",
+        "Machine temp: 21.4 °C",
+    )
     for test in circles(*FORCES_N):
         turn = np.arange(-22, 180 + 22)
         seconds = np.deg2rad(2.0) * 150.0 / (2000.0 / 60.0) * (turn + 22.0)
-        rows = [f"{t:.6f}\t{r:.4f}" for t, r in zip(seconds, 150.0 + 1e-3 * test.reading_um[turn % 180], strict=True)]
-        lines = [*head, f"Force: {test.force_N:g} N", "Direction: CCW", "", "Time (s)\tRadius (mm)", *rows]
+        rows = [
+            f"{t:.6f}\t{r:.4f}"
+            for t, r in zip(seconds, 150.0 + 1e-3 * test.reading_um[turn % 180], strict=True)
+        ]
+        lines = [
+            *head,
+            f"Force: {test.force_N:g} N",
+            "Direction: CCW",
+            "",
+            "Time (s)\tRadius (mm)",
+            *rows,
+        ]
         (folder / f"run {test.name}.txt").write_text("\n".join(lines), encoding="utf-8")
     return [str(folder / "run ??? N.txt"), str(folder / "run 36 N.txt")]
 
@@ -90,13 +152,18 @@ def halves(folder: Path) -> list[str]:
     """Half circles, a file each, angles of both from their own beginning to their own end."""
     for test in circles(*FORCES_N):
         for part, kept in (("first", np.arange(91)), ("second", np.arange(90, 181) % 180)):
-            rows = [f"{a:.1f};{r:.1f}" for a, r in zip(test.angle_deg[kept], test.reading_um[kept], strict=True)]
+            rows = [
+                f"{a:.1f};{r:.1f}"
+                for a, r in zip(test.angle_deg[kept], test.reading_um[kept], strict=True)
+            ]
             lines = [*(f"{name}: {said}" for name, said in HEAD), "angle (deg);reading (um)", *rows]
             (folder / f"{test.name} {part} half.csv").write_text("\n".join(lines), encoding="utf-8")
     return [str(folder / "*half.csv")]
 
 
-CASES: dict[str, Callable[[Path], list[str]]] = {own.__name__: own for own in (book, windows, instrument, halves)}
+CASES: dict[str, Callable[[Path], list[str]]] = {
+    own.__name__: own for own in (book, windows, instrument, halves)
+}
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -104,23 +171,46 @@ def test_what_files_say_is_understood(name: str, tmp_path: Path, invoke: Invoke)
     """Forces, readings, resolution, and everything that the certificate names; only machine and mount are assumed."""
     given = CASES[name](tmp_path)
     record = json.loads(invoke("import", *given, "--out", tmp_path / "c", "--json")[1])
-    campaign, wanted = lb.read_campaign(tmp_path / "c"), circles(*(FORCES_N[1:] if name == "book" else FORCES_N))
+    campaign, wanted = (
+        lb.read_campaign(tmp_path / "c"),
+        circles(*(FORCES_N[1:] if name == "book" else FORCES_N)),
+    )
     assert {key: getattr(campaign, key) for key in NAMED} == NAMED
-    assert (campaign.resolution_um, {test.temperature_C for test in campaign.tests}) == (0.1, {21.4})
+    assert (campaign.resolution_um, {test.temperature_C for test in campaign.tests}) == (
+        0.1,
+        {21.4},
+    )
     assert sorted(campaign.forces_N) == [test.force_N for test in wanted]
     for own in campaign.tests:
         (test,) = [test for test in wanted if test.force_N == own.force_N]
         around, kept = np.unique(np.mod(np.round(own.angle_deg, 2), 360.0), return_index=True)
         np.testing.assert_allclose(around, test.angle_deg, atol=0.02)
         np.testing.assert_allclose(np.asarray(own.reading_um)[kept], test.reading_um, atol=1e-9)
-        assert (own.direction, own.arc_deg) == ("CCW" if name in ("book", "instrument") else None, 360.0)
+        assert (own.direction, own.arc_deg) == (
+            "CCW" if name in ("book", "instrument") else None,
+            360.0,
+        )
     left_out = [own for own in record["assumptions"] if own["what"] == "left out"]
     assert len(left_out) == {"book": 1, "windows": 1}.get(name, 0)
-    assert set(record["unsaid"]) == {"topology", "mount"} | ({"radius_mm"} if name != "instrument" else set())
+    assert set(record["unsaid"]) == {"topology", "mount"} | (
+        {"radius_mm"} if name != "instrument" else set()
+    )
 
 
-WRITTEN = {"averaged.nc", "campaign", "comparison.json", "dcc.xml", "design.json", "model.toml", "posterior.nc", "report.html",
-           "report.json", "report.pdf", "summary.json", "tables"}  # fmt: skip
+WRITTEN = {
+    "averaged.nc",
+    "campaign",
+    "comparison.json",
+    "dcc.xml",
+    "design.json",
+    "model.toml",
+    "posterior.nc",
+    "report.html",
+    "report.json",
+    "report.pdf",
+    "summary.json",
+    "tables",
+}
 
 
 @pytest.mark.slow
@@ -128,20 +218,28 @@ WRITTEN = {"averaged.nc", "campaign", "comparison.json", "dcc.xml", "design.json
 def test_one_command_from_files_to_two_sheets(name: str, tmp_path: Path, invoke: Invoke) -> None:
     given = CASES[name](tmp_path)
     asked = ("--language", "de", "--annex", "--force-N", 350)
-    code, shown, said = invoke("report", *given, "--out", tmp_path / "out", *asked, "--tolerance", "C_XXX=70 nm/N")
+    code, shown, said = invoke(
+        "report", *given, "--out", tmp_path / "out", *asked, "--tolerance", "C_XXX=70 nm/N"
+    )
     assert (code, said) == (0, "")
     assert {own.name for own in (tmp_path / "out").iterdir()} == WRITTEN
     assert "Averaged over constant and linear" in shown
     assert "JCGM 106), at 350 N" in shown
-    averaged = lb.conformity(lb.load(tmp_path / "out" / "averaged.nc"), force_N=350.0)["C_XXX"].as_dict()
+    averaged = lb.conformity(lb.load(tmp_path / "out" / "averaged.nc"), force_N=350.0)[
+        "C_XXX"
+    ].as_dict()
     for file in ("summary.json", "report.json"):
-        assert json.loads((tmp_path / "out" / file).read_text(encoding="utf-8"))["conformity"] == {"C_XXX": averaged}
+        assert json.loads((tmp_path / "out" / file).read_text(encoding="utf-8"))["conformity"] == {
+            "C_XXX": averaged
+        }
     first, _ = sheets(tmp_path / "out" / "report.pdf")
     for word in ("DMG Mori DMU 50", "1139-4711", "Jörg Müller", "QC20-W Nr. K12345"):
         assert word in first
     code, _, said = invoke("report", tmp_path / "out", "--force", *asked, "--quiet")
     assert (code, said) == (0, "")
-    assert sheets(tmp_path / "out" / "report.pdf")[0] == first, "the page of the result is the page of the files"
+    assert sheets(tmp_path / "out" / "report.pdf")[0] == first, (
+        "the page of the result is the page of the files"
+    )
 
 
 def sheets(path: Path) -> list[str]:
@@ -154,7 +252,9 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """What compares, averages and designs has tests of its own, as figures have."""
     undrawn(monkeypatch)
     for name in ("compare", "average", "design"):
-        monkeypatch.setattr(lb, name, lambda *_, **__: (_ for _ in ()).throw(lb.InputError(NOT_COMPARED)))
+        monkeypatch.setattr(
+            lb, name, lambda *_, **__: (_ for _ in ()).throw(lb.InputError(NOT_COMPARED))
+        )
 
 
 def answering(monkeypatch: pytest.MonkeyPatch, *answers: str) -> list[str]:
@@ -172,7 +272,9 @@ def answering(monkeypatch: pytest.MonkeyPatch, *answers: str) -> list[str]:
 
 
 @pytest.mark.usefixtures("quick")
-def test_at_most_three_questions(files: list[Path], tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_at_most_three_questions(
+    files: list[Path], tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of what neither files nor options say; a wrong answer is asked again; the folder stands beside the first file."""
     asked = answering(monkeypatch, "9", "4", "perhaps", "n", "G20")
     code, shown, said = invoke("report", *files)
@@ -181,26 +283,51 @@ def test_at_most_three_questions(files: list[Path], tmp_path: Path, invoke: Invo
     assert [words for words in ("must be 1 to 7", "bed type (wXFYZSt)") if words not in said] == []
     out = tmp_path / f"{files[0].stem}_report"
     campaign = lb.read_campaign(out / "campaign")
-    assert (campaign.topology, campaign.mount.compensated, campaign.instrument.work.grade) == ("wXFYZSt", False, "G20")
+    assert (campaign.topology, campaign.mount.compensated, campaign.instrument.work.grade) == (
+        "wXFYZSt",
+        False,
+        "G20",
+    )
     assert not {"topology:", "mount:"} & {line[2:].split(" ")[0] for line in shown.splitlines()}
     assert lb.load(out)["provenance"] is not None
     assert invoke("report", *files)[0] == 2, "an earlier report is not replaced"
     asked = answering(monkeypatch)
-    options = ("--topology", "wFXYZSt", "--raw", "--balls", "G10", "--serial-number", "7", "--force")
+    options = (
+        "--topology",
+        "wFXYZSt",
+        "--raw",
+        "--balls",
+        "G10",
+        "--serial-number",
+        "7",
+        "--force",
+    )
     assert invoke("report", *files, *options)[0] == 0
     assert (asked, lb.read_campaign(out / "campaign").serial_number) == ([], "7")
     asked = answering(monkeypatch)
-    assert invoke("report", out / "campaign", "--out", tmp_path / "again", "--operator", "Ann")[0] == 0
+    assert (
+        invoke("report", out / "campaign", "--out", tmp_path / "again", "--operator", "Ann")[0] == 0
+    )
     assert (asked, lb.read_campaign(tmp_path / "again" / "campaign").operator) == ([], "Ann")
 
 
 @pytest.mark.usefixtures("quick")
-def test_without_a_terminal_what_is_assumed_is_said(files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
+def test_without_a_terminal_what_is_assumed_is_said(
+    files: list[Path], tmp_path: Path, invoke: Invoke
+) -> None:
     code, shown, _ = invoke("report", *files, "--out", tmp_path / "out")
     assert code == 0
-    for words in ("topology: wCAFYXZSt", "mount: readings compensated", "balls: as the model assumes"):
+    for words in (
+        "topology: wCAFYXZSt",
+        "mount: readings compensated",
+        "balls: as the model assumes",
+    ):
         assert words in shown
-    assert {own.name for own in (tmp_path / "out").iterdir()} == WRITTEN - {"averaged.nc", "comparison.json", "design.json"}
+    assert {own.name for own in (tmp_path / "out").iterdir()} == WRITTEN - {
+        "averaged.nc",
+        "comparison.json",
+        "design.json",
+    }
 
 
 @pytest.mark.usefixtures("quick")
@@ -208,8 +335,13 @@ def test_an_interruption_or_a_full_disk_leaves_nothing(
     files: list[Path], tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of what was written so far."""
-    for error, raised in ((KeyboardInterrupt(), KeyboardInterrupt), (OSError(28, "No space left on device"), SystemExit)):
-        monkeypatch.setattr(lb, "write_report", lambda *_, own=error, **__: (_ for _ in ()).throw(own))
+    for error, raised in (
+        (KeyboardInterrupt(), KeyboardInterrupt),
+        (OSError(28, "No space left on device"), SystemExit),
+    ):
+        monkeypatch.setattr(
+            lb, "write_report", lambda *_, own=error, **__: (_ for _ in ()).throw(own)
+        )
         with pytest.raises(raised):
             app(["report", *map(str, files)])
         assert sorted(tmp_path.iterdir()) == sorted(files)
@@ -227,7 +359,9 @@ def test_machines_on_the_list_can_be_measured(root: Path) -> None:
 # ---- patterns
 
 
-def test_patterns_are_expanded_in_natural_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_patterns_are_expanded_in_natural_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As cmd.exe and PowerShell hand them on, backslashes and a closing quote included; brackets mean themselves."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my runs").mkdir()
@@ -235,7 +369,13 @@ def test_patterns_are_expanded_in_natural_order(tmp_path: Path, monkeypatch: pyt
     for name in names:
         (tmp_path / "my runs" / name).write_text("x")
     tables = ["2 N [b].csv", "2 N.csv", "10 N.csv", "36 N.csv"]
-    for pattern in ("my runs/*.csv", "my runs\\*.csv", 'my runs\\*.csv"', str(tmp_path / "my runs" / "*.csv"), "my*/*.csv"):
+    for pattern in (
+        "my runs/*.csv",
+        "my runs\\*.csv",
+        'my runs\\*.csv"',
+        str(tmp_path / "my runs" / "*.csv"),
+        "my*/*.csv",
+    ):
         assert [own.name for own in matching([pattern])] == tables, pattern
     assert [own.name for own in matching(["my runs\\?? N.csv"])] == ["10 N.csv", "36 N.csv"]
     assert [own.name for own in matching(["my runs/2 N [b]*", "my runs/*.csv"])] == tables

@@ -24,7 +24,9 @@ COMMAND = [sys.executable, "-W", "error", "-m", "ldbb_bayes"]
 
 def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
     command = [*COMMAND, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, **options)  # type: ignore[call-overload]
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=300, check=False, **options
+    )  # type: ignore[call-overload]
 
 
 def test_help_and_version_import_nothing_heavy() -> None:
@@ -36,7 +38,9 @@ def test_help_and_version_import_nothing_heavy() -> None:
         "print([m for m in ('numpy', 'scipy', 'pandas', 'xarray', 'emcee', 'matplotlib') if m in sys.modules])"
     )
     for arguments in (["--help"], ["fit", "--help"]):
-        done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True
+        )
         assert "Usage" in done.stdout
         assert done.stdout.strip().endswith("[]")
 
@@ -45,7 +49,9 @@ def test_help_and_version_import_nothing_heavy() -> None:
 def test_interruption_while_modules_are_loaded(module: str, folder: Path) -> None:
     """A real Ctrl-C once a module is imported, which Python says: one line, exit code 130."""
     start = [sys.executable, "-X", "importtime", "-c", "from ldbb_bayes.__main__ import run; run()"]
-    with subprocess.Popen([*start, "check", folder], stderr=subprocess.PIPE, text=True, preexec_fn=HEED) as process:
+    with subprocess.Popen(
+        [*start, "check", folder], stderr=subprocess.PIPE, text=True, preexec_fn=HEED
+    ) as process:
         assert process.stderr is not None
         next(line for line in process.stderr if line.split("|")[-1].strip() == module)
         process.send_signal(signal.SIGINT)
@@ -56,9 +62,21 @@ def test_interruption_while_modules_are_loaded(module: str, folder: Path) -> Non
 def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
     """A real Ctrl-C, sent once the progress bar says that sampling has begun: one line, exit code 130."""
     ours, theirs = pty.openpty()
-    fit = ["fit", str(folder), "--json", "--ess", "1e7", "--max-steps", "1000000", "--out", str(tmp_path / "r")]
+    fit = [
+        "fit",
+        str(folder),
+        "--json",
+        "--ess",
+        "1e7",
+        "--max-steps",
+        "1000000",
+        "--out",
+        str(tmp_path / "r"),
+    ]
 
-    with subprocess.Popen([*COMMAND, *fit], stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=HEED) as process:
+    with subprocess.Popen(
+        [*COMMAND, *fit], stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=HEED
+    ) as process:
         os.close(theirs)
         shown = b""
         while b"steps" not in shown:
@@ -79,14 +97,18 @@ def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
 
 def test_a_terminal_that_cannot_show_every_sign(folder: Path) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
-    done = subprocess.run([*COMMAND, "check", str(folder)], capture_output=True, env=environment, check=False)
+    done = subprocess.run(
+        [*COMMAND, "check", str(folder)], capture_output=True, env=environment, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert done.stderr == b""
 
 
 def test_a_reader_that_leaves_early_is_no_error(folder: Path) -> None:
     command = f"{sys.executable} -m ldbb_bayes check {folder} --json | true"
-    done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False
+    )
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -95,13 +117,27 @@ def test_demo(tmp_path: Path) -> None:
     done = run("demo", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     words = " ".join(done.stdout.split())
-    for expected in ("Constant compliance", "Linear compliance", "(k = 2)", "N/µm", "confounded with ball form", "prior-limited"):
+    for expected in (
+        "Constant compliance",
+        "Linear compliance",
+        "(k = 2)",
+        "N/µm",
+        "confounded with ball form",
+        "prior-limited",
+    ):
         assert expected in words
-    assert re.search(r"ln B\(linear/constant\) = −?\d+\.\d+ \(error 0\.\d+\) averaged over joint load", words)
-    assert "CAN BE USED WITH THIS RESERVATION. Not determined by the readings: Squareness of X to Y." in words
+    assert re.search(
+        r"ln B\(linear/constant\) = −?\d+\.\d+ \(error 0\.\d+\) averaged over joint load", words
+    )
+    assert (
+        "CAN BE USED WITH THIS RESERVATION. Not determined by the readings: Squareness of X to Y."
+        in words
+    )
     out = tmp_path / "ldbb_demo"
     assert [path.name for path in tmp_path.iterdir()] == ["ldbb_demo"]
-    assert {own.name for own in (out / "figures").iterdir()} == {f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")}
+    assert {own.name for own in (out / "figures").iterdir()} == {
+        f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")
+    }
     assert "<svg" in (out / "linear" / "report.html").read_text(encoding="utf-8")
     linear = json.loads((out / "linear" / "summary.json").read_text())
     assert linear["sampler"]["converged"]

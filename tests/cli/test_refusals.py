@@ -25,7 +25,9 @@ def refused(invoke: Invoke, *arguments: object) -> str:
 def test_a_misspelt_column(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     shutil.copytree(folder, tmp_path / "c")
     spoiled = tmp_path / "c" / "f300.csv"
-    spoiled.write_text(spoiled.read_text().replace("angle_deg,reading_um", "angle_deg,readng_um", 1))
+    spoiled.write_text(
+        spoiled.read_text().replace("angle_deg,reading_um", "angle_deg,readng_um", 1)
+    )
     before = sorted(tmp_path.rglob("*"))
     said = refused(invoke, "fit", tmp_path / "c", "--out", tmp_path / "out")
     assert "f300.csv" in said
@@ -36,31 +38,48 @@ def test_a_misspelt_column(folder: Path, tmp_path: Path, invoke: Invoke) -> None
 def test_a_workbook_is_to_be_imported(tmp_path: Path, invoke: Invoke) -> None:
     book = tmp_path / "mine.xlsx"
     book.write_bytes(b"PK\x03\x04" + bytes(range(256)))
-    assert f"got a workbook. Import it: ldbb-bayes import {book} --out FOLDER." in refused(invoke, "fit", book)
+    assert f"got a workbook. Import it: ldbb-bayes import {book} --out FOLDER." in refused(
+        invoke, "fit", book
+    )
 
 
 def test_one_force(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     one = lb.write_campaign(lb.read_campaign(folder).select(["f300"]), tmp_path / "c")
     assert "--degree 0" in refused(invoke, "fit", one)
-    assert "flat priors must have" in refused(invoke, "fit", one, "--preset", "paper", "--degree", 0)
+    assert "flat priors must have" in refused(
+        invoke, "fit", one, "--preset", "paper", "--degree", 0
+    )
 
 
 # What a library call refuses is held where its tests are; here what a command line alone can get wrong, and that options arrive.
 COMMANDS: dict[str, list[list[str]]] = cases(__file__, "refusals.toml")
 
 
-CASES = {f"{command} {arguments}": message for command, cases in COMMANDS.items() for arguments, message in cases}
+CASES = {
+    f"{command} {arguments}": message
+    for command, cases in COMMANDS.items()
+    for arguments, message in cases
+}
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_options(case: str, folder: Path, planned: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_options(
+    case: str,
+    folder: Path,
+    planned: Path,
+    tmp_path: Path,
+    invoke: Invoke,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.chdir(tmp_path)
     given = [{"CAMPAIGN": str(folder), "PLAN": str(planned)}.get(own, own) for own in case.split()]
     assert CASES[case] in refused(invoke, *given)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_force_replaces_results_and_nothing_else(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+def test_force_replaces_results_and_nothing_else(
+    folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
     """Somebody's readings, a campaign, and the folder one stands in are never deleted."""
     precious, campaign = tmp_path / "stuff", tmp_path / "c"
     precious.mkdir()

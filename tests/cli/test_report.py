@@ -29,7 +29,9 @@ def quick(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> No
     """Designs and figures have tests of their own."""
     if request.function is not test_figures:
         undrawn(monkeypatch)
-    monkeypatch.setattr(lb, "design", lambda *_, **__: (_ for _ in ()).throw(lb.InputError(NOT_COMPARED)))
+    monkeypatch.setattr(
+        lb, "design", lambda *_, **__: (_ for _ in ()).throw(lb.InputError(NOT_COMPARED))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -51,17 +53,25 @@ def comparison(tmp_path_factory: pytest.TempPathFactory, compared: Comparison) -
 def test_everything_written(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "out"
     limits = ("--tolerance", "C_XXX=60 nm/N", "--tolerance", "stiffness_Y=18N/um")
-    code, shown, _ = invoke("report", result, "--out", out, "--comparison", comparison, *limits, "--quiet", "--json")
+    code, shown, _ = invoke(
+        "report", result, "--out", out, "--comparison", comparison, *limits, "--quiet", "--json"
+    )
     record = json.loads(shown)
     assert code == 0
     decided = lb.conformity(lb.load(result), {"C_XXX": "60 nm/N", "stiffness_Y": "18 N/µm"})
     conform = {name: own.as_dict() for name, own in decided.items()}
     assert record["conformity"] == conform
     filed = pd.read_csv(out / "tables" / "conformity.csv", index_col="quantity")
-    assert filed["probability"].to_dict() == {name: pytest.approx(own["probability"]) for name, own in conform.items()}
+    assert filed["probability"].to_dict() == {
+        name: pytest.approx(own["probability"]) for name, own in conform.items()
+    }
     assert record == json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert sorted(path.name for path in out.iterdir()) == sorted(REPORT_FILES)
-    assert sorted(path.name for path in result.iterdir()) == ["model.toml", "posterior.nc", "summary.json"]
+    assert sorted(path.name for path in result.iterdir()) == [
+        "model.toml",
+        "posterior.nc",
+        "summary.json",
+    ]
     summary = json.loads((result / "summary.json").read_text())["parameters"]
     table = pd.read_csv(out / "tables" / "results.csv", index_col="parameter")
     covariance = pd.read_csv(out / "tables" / "covariance.csv", index_col="parameter")
@@ -69,25 +79,53 @@ def test_everything_written(result: Path, comparison: Path, tmp_path: Path, invo
     budget = pd.read_csv(out / "tables" / "budget.csv")
     for name, entry in summary.items():
         assert table.loc[name, "mean"] == pytest.approx(entry["mean"], rel=1e-12)
-        assert [table.loc[name, "ci_low"], table.loc[name, "ci_high"]] == pytest.approx(entry["ci95"], rel=1e-9)
+        assert [table.loc[name, "ci_low"], table.loc[name, "ci_high"]] == pytest.approx(
+            entry["ci95"], rel=1e-9
+        )
         assert covariance.loc[name, name] == pytest.approx(entry["sd"] ** 2, rel=1e-9)
         own = budget[budget["parameter"] == name]
         assert own["share"].sum() == pytest.approx(1.0, abs=1e-9)
         assert (own["share"] * entry["sd"] ** 2).sum() == pytest.approx(entry["sd"] ** 2, rel=1e-2)
-    np.testing.assert_allclose(np.diag(pd.read_csv(out / "tables" / "correlation.csv", index_col="parameter")), 1.0)
+    np.testing.assert_allclose(
+        np.diag(pd.read_csv(out / "tables" / "correlation.csv", index_col="parameter")), 1.0
+    )
     assert set(record["tables"]) == {path.stem for path in (out / "tables").iterdir()}
     page = (out / "report.html").read_text(encoding="utf-8")
-    for phrase in ("Slopes one by one", "does not belong" if "does not belong" in page else "Every test belongs", NOT_COMPARED):
+    for phrase in (
+        "Slopes one by one",
+        "does not belong" if "does not belong" in page else "Every test belongs",
+        NOT_COMPARED,
+    ):
         assert phrase in page
-    assert f"{out / 'report.html'} must not exist" in invoke("report", result, "--out", out, "--comparison", comparison)[2]
+    assert (
+        f"{out / 'report.html'} must not exist"
+        in invoke("report", result, "--out", out, "--comparison", comparison)[2]
+    )
 
 
 @pytest.mark.slow
 def test_figures(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke) -> None:
     figures = tmp_path / "figures"
-    assert invoke("report", result, "--out", tmp_path, "--comparison", comparison, "--figures", figures, "--quiet")[0] == 0
+    assert (
+        invoke(
+            "report",
+            result,
+            "--out",
+            tmp_path,
+            "--comparison",
+            comparison,
+            "--figures",
+            figures,
+            "--quiet",
+        )[0]
+        == 0
+    )
     drawn = {path.name for path in figures.iterdir()}
-    assert {f"{name}.{kind}" for name in ("traces", "budget", "evidence") for kind in ("svg", "png", "pdf")} <= drawn
+    assert {
+        f"{name}.{kind}"
+        for name in ("traces", "budget", "evidence")
+        for kind in ("svg", "png", "pdf")
+    } <= drawn
     assert all((figures / name).stat().st_size > 1000 for name in drawn)
     assert drawn <= set(figure_names())
 
@@ -95,9 +133,21 @@ def test_figures(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke)
 @pytest.mark.slow
 def test_side_by_side(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke) -> None:
     campaign = lb.HybridModel.first(1).simulate(plan(), seed=1).campaign
-    lb.save(fitted(lb.HybridModel.first(1), replace(campaign, name="after | <b>repair</b>")), tmp_path / "after.nc")
+    lb.save(
+        fitted(lb.HybridModel.first(1), replace(campaign, name="after | <b>repair</b>")),
+        tmp_path / "after.nc",
+    )
     out = tmp_path / "out"
-    arguments = ["report", result, tmp_path / "after.nc", "--out", out, "--comparison", comparison, "--quiet"]
+    arguments = [
+        "report",
+        result,
+        tmp_path / "after.nc",
+        "--out",
+        out,
+        "--comparison",
+        comparison,
+        "--quiet",
+    ]
     assert invoke(*arguments)[0] == 0
     table = pd.read_csv(out / "tables" / "differences.csv")
     assert set(table["campaign"]) == {"after | <b>repair</b>"}
@@ -110,9 +160,15 @@ def test_side_by_side(result: Path, comparison: Path, tmp_path: Path, invoke: In
     again = (out / "report.html").read_text(encoding="utf-8")
     assert "The instrument was the same" in again
     assert again.index("Not one instrument") < again.index("<nav")
-    narrower = pd.read_csv(out / "tables" / "differences.csv").set_index("parameter")["sd"] / table.set_index("parameter")["sd"]
+    narrower = (
+        pd.read_csv(out / "tables" / "differences.csv").set_index("parameter")["sd"]
+        / table.set_index("parameter")["sd"]
+    )
     assert narrower["E_XX1"] < 0.6
-    assert invoke("report", result, "--out", out, "--comparison", comparison, "--force", "--quiet")[0] == 0
+    assert (
+        invoke("report", result, "--out", out, "--comparison", comparison, "--force", "--quiet")[0]
+        == 0
+    )
     assert not (out / "tables" / "differences.csv").exists()
 
 
@@ -126,11 +182,15 @@ def spoiled(result: Path, folder: Path, *, cut: bool) -> Path:
     return folder
 
 
-def test_refused(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refused(
+    result: Path, comparison: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """One line, exit code 2, nothing written."""
     monkeypatch.setattr(lb, "load", cache(lb.load))
     other = tmp_path / "other.nc"
-    lb.save(fitted(lb.HybridModel.first(0), simulated(plan((40, 40), forces_N=(100.0, 600.0)))), other)
+    lb.save(
+        fitted(lb.HybridModel.first(0), simulated(plan((40, 40), forces_N=(100.0, 600.0)))), other
+    )
     damaged, foreign = tmp_path / "damaged", tmp_path / "foreign"
     damaged.mkdir()
     (damaged / "comparison.json").write_text("{")
@@ -138,12 +198,19 @@ def test_refused(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke,
     (foreign / "mine.txt").write_text("mine")
     out = tmp_path / "out"
     folders = {
-        "RESULT": result, "NOTHING": tmp_path / "nothing", "OTHER": other, "COMPARISON": comparison, "DAMAGED": damaged,
-        "FOREIGN": foreign, "SPOILED": spoiled(result, tmp_path / "spoiled", cut=True),
+        "RESULT": result,
+        "NOTHING": tmp_path / "nothing",
+        "OTHER": other,
+        "COMPARISON": comparison,
+        "DAMAGED": damaged,
+        "FOREIGN": foreign,
+        "SPOILED": spoiled(result, tmp_path / "spoiled", cut=True),
         "ALTERED": spoiled(result, tmp_path / "altered", cut=False),
-    }  # fmt: skip
+    }
     for words, said in cases(__file__, "report.toml")["refused"]:
-        code, _, error = invoke("report", *(folders.get(word, word) for word in words), "--out", out, "--quiet")
+        code, _, error = invoke(
+            "report", *(folders.get(word, word) for word in words), "--out", out, "--quiet"
+        )
         assert code == 2, said
         assert said in " ".join(error.split()), error
         assert "Traceback" not in error
@@ -164,7 +231,9 @@ def test_a_failure_leaves_the_old_page(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(pd.DataFrame, "to_csv", fail)
-    code, _, error = invoke("report", result, "--comparison", comparison, "--out", out, "--force", "--quiet")
+    code, _, error = invoke(
+        "report", result, "--comparison", comparison, "--out", out, "--force", "--quiet"
+    )
     monkeypatch.undo()
     assert (code, "No space left on device" in error) == (2, True)
     found = {path.name: path.read_text() for path in out.rglob("*") if path.is_file()}
@@ -172,7 +241,9 @@ def test_a_failure_leaves_the_old_page(
 
 
 @pytest.mark.parametrize("change", ["no digest", "unit"])
-def test_a_posterior_of_which_the_digest_says_nothing_is_refused(result: Path, tmp_path: Path, change: str) -> None:
+def test_a_posterior_of_which_the_digest_says_nothing_is_refused(
+    result: Path, tmp_path: Path, change: str
+) -> None:
     shutil.copytree(result, tmp_path / "changed")
     with h5py.File(tmp_path / "changed" / "posterior.nc", "r+") as file:
         if change == "no digest":

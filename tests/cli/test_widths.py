@@ -19,19 +19,53 @@ from ldbb_bayes.result import Table
 
 FEW = ("--preset", "first", "--without", "discrepancy,hysteresis,setup-shift")
 COMMANDS: tuple[tuple[object, ...], ...] = (
-    ("check", "c"), ("machine", "wCAFYXZSt", "--plane", "XY,YZ,ZX", "--frame", "Y=0,-200,350"), ("simulate", "p", "--out", "s"),
+    ("check", "c"),
+    ("machine", "wCAFYXZSt", "--plane", "XY,YZ,ZX", "--frame", "Y=0,-200,350"),
+    ("simulate", "p", "--out", "s"),
     ("import", "s/f036.csv", "s/f400.csv", "--forces-N", "36,400", "--out", "i"),
-    ("fit", "c", *FEW, "--sampler", "independent", "--ess", 400, "--out", "f"), ("summarize", "f"), ("identify", "c"),
+    ("fit", "c", *FEW, "--sampler", "independent", "--ess", 400, "--out", "f"),
+    ("summarize", "f"),
+    ("identify", "c"),
     ("compare", "c", *FEW, "--degree", 1, "--out", "cmp"),
-    ("design", "c", *FEW, "--tests", 3, "--forces", "36,742", "--clockings", "0,45", "--criterion", "d", "--out", "d"),
+    (
+        "design",
+        "c",
+        *FEW,
+        "--tests",
+        3,
+        "--forces",
+        "36,742",
+        "--clockings",
+        "0,45",
+        "--criterion",
+        "d",
+        "--out",
+        "d",
+    ),
     ("validate", "p", *FEW, "--degree", 0, "--replicates", 10, "--draws", 19, "--workers", 1),
-    ("batch", "c", "nothing", *FEW, "--degree", 0, "--ess", 400, "--workers", 1, "--no-compare", "--out", "b"),
+    (
+        "batch",
+        "c",
+        "nothing",
+        *FEW,
+        "--degree",
+        0,
+        "--ess",
+        400,
+        "--workers",
+        1,
+        "--no-compare",
+        "--out",
+        "b",
+    ),
     ("report", "f", "--comparison", "cmp", "--design", "d"),
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")
-def printed(folder: Path, planned: Path, tmp_path_factory: pytest.TempPathFactory, compared: Comparison) -> dict[str, list[Any]]:
+def printed(
+    folder: Path, planned: Path, tmp_path_factory: pytest.TempPathFactory, compared: Comparison
+) -> dict[str, list[Any]]:
     """Of every command what it has shown; of what takes longer the results themselves."""
     parts: dict[str, list[Any]] = {}
     with pytest.MonkeyPatch.context() as patch:
@@ -43,10 +77,18 @@ def printed(folder: Path, planned: Path, tmp_path_factory: pytest.TempPathFactor
         for arguments in (*COMMANDS, ("demo",), ("trend", "b"), ("population", "b")):
             if arguments == ("demo",):  # in seconds
                 posterior, comparison = lb.load("f"), lb.read_comparison(Path("cmp"))
-                given = {"embedded_campaign": Path("c"), "sample": posterior, "compare": comparison, "save_figures": None}
+                given = {
+                    "embedded_campaign": Path("c"),
+                    "sample": posterior,
+                    "compare": comparison,
+                    "save_figures": None,
+                }
                 for name, own in given.items():
                     patch.setattr(lb, name, lambda *_, own=own, **__: own)
-            patch.setattr("ldbb_bayes.fleet.dataset.read_batch", lambda *_, k=arguments[0]: rows if k == "trend" else machines)
+            patch.setattr(
+                "ldbb_bayes.fleet.dataset.read_batch",
+                lambda *_, k=arguments[0]: rows if k == "trend" else machines,
+            )
             shown = parts.setdefault(str(arguments[0]), [])
             patch.setattr(options, "show", lambda *own, shown=shown: shown.extend(own))
             ended = CliRunner().invoke(app, [*map(str, arguments)])
@@ -56,7 +98,13 @@ def printed(folder: Path, planned: Path, tmp_path_factory: pytest.TempPathFactor
 
 
 UNIT = r"(%|°|[nµm]m/|[nµm]?m\b|N\b|[nµm]?rad\b|per kN|bar\b)"
-BROKEN = (rf"\d\n\s*{UNIT}", r"\s[=±→]\n", r"\n\s*[=±→]\s", r"\([^()\n]{0,12}\n[^()\n]{0,12}\)", r"\w…(?!\w)")
+BROKEN = (
+    rf"\d\n\s*{UNIT}",
+    r"\s[=±→]\n",
+    r"\n\s*[=±→]\s",
+    r"\([^()\n]{0,12}\n[^()\n]{0,12}\)",
+    r"\w…(?!\w)",
+)
 
 
 @pytest.mark.parametrize("width", [80, 100, 120])
@@ -73,8 +121,14 @@ def test_nothing_is_cut(printed: dict[str, list[Any]], width: int) -> None:
             for pattern in BROKEN[: 4 if not isinstance(part, Table) else 5]:
                 assert not re.search(pattern, text), (pattern, where)
             if isinstance(part, Table):
-                filled = [head for head, *own in zip(part.heads, *part.shown(), strict=True) if set(own) - {"", "–"}]
-                assert {word for head in filled for word in re.findall(r"\w+", head)} <= set(re.findall(r"\w+", flat)), where
+                filled = [
+                    head
+                    for head, *own in zip(part.heads, *part.shown(), strict=True)
+                    if set(own) - {"", "–"}
+                ]
+                assert {word for head in filled for word in re.findall(r"\w+", head)} <= set(
+                    re.findall(r"\w+", flat)
+                ), where
                 for row in part.shown():
                     assert all(" ".join(cell.split()) in flat for cell in row if cell != "–"), where
 

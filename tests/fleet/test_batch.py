@@ -50,7 +50,9 @@ def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
     rows = fitted.rows()
     assert rows["campaign"].tolist() == folders
     campaign = lb.read_campaign(folders[1])
-    posterior = lb.sample(LINEAR, campaign, sampler="independent", seed=3, rule=lb.StoppingRule(ess=ESS))
+    posterior = lb.sample(
+        LINEAR, campaign, sampler="independent", seed=3, rule=lb.StoppingRule(ess=ESS)
+    )
     result, row = full_result(posterior, 0.95), rows.iloc[1]
     for name, own in lb.summarize(posterior).iterrows():
         for key in ("mean", "sd", "median", "ci_low", "ci_high"):
@@ -58,11 +60,22 @@ def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
         assert rows.attrs["units"][name] == own["unit"]
     assert json.loads(row["tolerances"]) == LIMITS
     for name, own in lb.conformity(posterior, LIMITS).items():
-        assert (row[f"{name}.probability"], row[f"{name}.decision"]) == (own.probability, own.decision)
-    fields = {"sha256": campaign.sha256, "tests": 3, "readings": 180, "force_max_N": 742.0, "reference_force_N": 389.0}
+        assert (row[f"{name}.probability"], row[f"{name}.decision"]) == (
+            own.probability,
+            own.decision,
+        )
+    fields = {
+        "sha256": campaign.sha256,
+        "tests": 3,
+        "readings": 180,
+        "force_max_N": 742.0,
+        "reference_force_N": 389.0,
+    }
     fields |= {"degree": 1, "planes": "XY", "model_sha256": result["model"]["sha256"]}
     fields |= {"converged": result["sampler"]["converged"]}
-    fields |= {name: result["fit"][name] for name in ("state", "verdict", "log_prob_truncation", "rmse_um")}
+    fields |= {
+        name: result["fit"][name] for name in ("state", "verdict", "log_prob_truncation", "rmse_um")
+    }
     for column, value in fields.items():
         assert row[column] == value, column
     assert list(row["terms"]) == result["model"]["terms"]
@@ -76,17 +89,27 @@ def test_what_is_beside_the_fit(folders: list[str], fitted: Batch) -> None:
     """The Bayes factor is that of the evidences, the statistics those of the untruncated posterior."""
     rows = fitted.rows()
     campaign = lb.read_campaign(folders[2])
-    value, error = lb.log_bayes_factor(*(lb.log_evidence(own, campaign) for own in (LINEAR, LINEAR.with_degree(0))))
-    assert abs(rows["log_bayes_factor"][2] - value) < rows["log_bayes_factor_error"][2] + error + 0.02
-    found = sufficient_statistics(HyperPosterior(LINEAR.bind(lb.read_campaign(folders[0])), truncated=False, seed=3))
+    value, error = lb.log_bayes_factor(
+        *(lb.log_evidence(own, campaign) for own in (LINEAR, LINEAR.with_degree(0)))
+    )
+    assert (
+        abs(rows["log_bayes_factor"][2] - value) < rows["log_bayes_factor_error"][2] + error + 0.02
+    )
+    found = sufficient_statistics(
+        HyperPosterior(LINEAR.bind(lb.read_campaign(folders[0])), truncated=False, seed=3)
+    )
     row = rows.iloc[0]
     assert tuple(row["gaussian_names"]) == found.names
     np.testing.assert_allclose(row["gaussian_mean"], found.mean, rtol=1e-9, atol=1e-15)
-    np.testing.assert_allclose(row["gaussian_covariance"], found.covariance[np.tril_indices(len(found.names))], rtol=1e-9)
+    np.testing.assert_allclose(
+        row["gaussian_covariance"], found.covariance[np.tril_indices(len(found.names))], rtol=1e-9
+    )
     assert len(fleet_statistics(rows)) == 3
 
 
-def test_flat_priors_have_neither_evidence_nor_statistics(folders: list[str], tmp_path: Path) -> None:
+def test_flat_priors_have_neither_evidence_nor_statistics(
+    folders: list[str], tmp_path: Path
+) -> None:
     rows = lb.batch(folders[:1], tmp_path / "out", model=lb.HybridModel.paper(1), ess=ESS).rows()
     assert rows["status"][0] == "done"
     assert rows["gaussian_names"][0] is None
@@ -98,34 +121,54 @@ def test_what_goes_wrong_stays_in_its_row(folders: list[str], tmp_path: Path) ->
     torn = lb.write_campaign(good, tmp_path / "torn")
     csv = next(torn.glob("*.csv"))
     csv.write_bytes(csv.read_bytes()[:-3] + b"\n1.0,")
-    one = replace(good, tests=tuple(replace(test, force_N=100.0, pressure_bar=None) for test in good.tests))
+    one = replace(
+        good, tests=tuple(replace(test, force_N=100.0, pressure_bar=None) for test in good.tests)
+    )
     single = lb.write_campaign(one, tmp_path / "one_force")
-    paths = [tmp_path / "missing", torn, single, lb.write_campaign(good.plan(), tmp_path / "plan"), folders[0]]
+    paths = [
+        tmp_path / "missing",
+        torn,
+        single,
+        lb.write_campaign(good.plan(), tmp_path / "plan"),
+        folders[0],
+    ]
     done = lb.batch(paths, tmp_path / "out", model=LINEAR, ess=ESS, compare=False)
     rows = done.rows()
     assert rows["status"].tolist() == ["failed"] * 4 + ["done"]
     assert (done.done, done.failed, len(done.failures)) == (1, 4, 4)
-    for reason, expected in zip(rows["reason"], ("which does not exist", "torn", "force", "must have readings"), strict=False):
+    for reason, expected in zip(
+        rows["reason"],
+        ("which does not exist", "torn", "force", "must have readings"),
+        strict=False,
+    ):
         assert expected in reason
         assert "\n" not in reason
     assert rows["sha256"][2] == lb.read_campaign(single).sha256
     assert np.isnan(rows["log_bayes_factor"][4])
     record = done.as_dict()
-    assert (record["failures"], [own["campaign"] for own in record["failed"]]) == (4, rows["campaign"][:4].tolist())
+    assert (record["failures"], [own["campaign"] for own in record["failed"]]) == (
+        4,
+        rows["campaign"][:4].tolist(),
+    )
     assert Batch.from_dict(json.loads(json.dumps(record))) == done
 
 
 @pytest.mark.parametrize(
     ("error", "message"),
     [
-        (np.linalg.LinAlgError("not positive definite"), "got a numerical breakdown (not positive definite)"),
+        (
+            np.linalg.LinAlgError("not positive definite"),
+            "got a numerical breakdown (not positive definite)",
+        ),
         (OverflowError("too large"), "must be within reach of double precision, got: too large"),
         (OSError(13, "Permission denied", "/x/y"), "/x/y must be usable, got: Permission denied"),
         (MemoryError("8 GB"), "unexpected MemoryError: 8 GB"),
         (KeyError("a\nb"), "unexpected KeyError: 'a\\nb' (fleet/test_batch.py, line"),
     ],
 )
-def test_every_kind_of_error_is_a_reason(error: Exception, message: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_kind_of_error_is_a_reason(
+    error: Exception, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(*_: object, **__: object) -> None:
         raise error
 
@@ -146,7 +189,10 @@ def test_a_tidy_csv_takes_what_its_table_does_not_say(tmp_path: Path) -> None:
     assert row["sha256"] == lb.read_campaign(tmp_path / "t.csv", radius_mm=100.0).sha256
     assert row["sha256"] != lb.read_campaign(tmp_path / "t.csv").sha256
     alone = replace(settings, certificates={"bar_length_error_um": 1.0})
-    assert "must come with its U_um" in fit_row(alone, Job(0, "t.csv", str(tmp_path / "t.csv")))["reason"]
+    assert (
+        "must come with its U_um"
+        in fit_row(alone, Job(0, "t.csv", str(tmp_path / "t.csv")))["reason"]
+    )
 
 
 def test_gather(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -186,7 +232,9 @@ def made(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[list[str], li
     return [str(tmp_path / f"p{k}") for k in range(20)], calls
 
 
-def test_interrupted_anywhere_and_resumed(made: tuple[list[str], list[int]], tmp_path: Path) -> None:
+def test_interrupted_anywhere_and_resumed(
+    made: tuple[list[str], list[int]], tmp_path: Path
+) -> None:
     """What is done is not done again, and the table is the same; so it is on threads, in whatever order rows come."""
     paths, calls = made
     whole = dataset_bytes(lb.batch(paths, tmp_path / "whole").out)
@@ -221,7 +269,9 @@ def test_another_batch_is_not_resumed(
     made: tuple[list[str], list[int]], tmp_path: Path, change: dict[str, Any], message: str
 ) -> None:
     lb.batch(made[0], tmp_path / "out")
-    with pytest.raises(InputError, match=rf"out must be of this batch, {message}.*Resume with what"):
+    with pytest.raises(
+        InputError, match=rf"out must be of this batch, {message}.*Resume with what"
+    ):
         lb.batch(made[0], tmp_path / "out", resume=True, **change)
 
 
@@ -232,9 +282,19 @@ def test_other_campaigns_are_not_resumed(
     out = lb.batch(paths, tmp_path / "out").out
     own = rf"or in another order\). Go on with its own list: @{out}/campaigns.txt --resume\."
     for given in (paths[:-1], [*paths, "one more"], paths[1::-1] + paths[2:]):
-        refuses(rf"got other campaigns \(20 where this run has {len(given)}, {own}", lb.batch, given, out, resume=True)
+        refuses(
+            rf"got other campaigns \(20 where this run has {len(given)}, {own}",
+            lb.batch,
+            given,
+            out,
+            resume=True,
+        )
     # The same said otherwise is the same batch.
-    same: dict[str, Any] = {"model": replace(lb.HybridModel.default(), nuisances=lb.HybridModel.default().nuisances[::-1])}
+    same: dict[str, Any] = {
+        "model": replace(
+            lb.HybridModel.default(), nuisances=lb.HybridModel.default().nuisances[::-1]
+        )
+    }
     same |= {"seed": np.int64(1), "ess": np.float32(1000)}
     monkeypatch.chdir(tmp_path)
     for given in (f"@{out}/campaigns.txt", [os.path.relpath(path) for path in paths]):
@@ -253,7 +313,10 @@ def test_what_is_refused(made: tuple[list[str], list[int]], tmp_path: Path) -> N
         ({"retry": True}, "retry must come with resume"),
         ({"force": True, "resume": True}, "resume without force"),
         ({"ess": np.inf}, "ess must be a finite number above zero, got inf"),
-        ({"seed": 2**63}, "seed must be a whole number from 0 to 2\\^63 - 1, got 9223372036854775808"),
+        (
+            {"seed": 2**63},
+            "seed must be a whole number from 0 to 2\\^63 - 1, got 9223372036854775808",
+        ),
     ):
         refuses(message, lb.batch, paths, options.pop("out", tmp_path / "new"), **options)
     assert calls == []
@@ -264,7 +327,13 @@ def test_what_is_refused(made: tuple[list[str], list[int]], tmp_path: Path) -> N
     for resume in (True, False):
         refuses("must hold the journal of its batch, got none", lb.batch, paths, out, resume=resume)
     (out / "batch.sqlite").write_bytes(b"what no database is" * 100)
-    refuses(r"sound journal .*, got: file is not a database.*remove a damaged one", lb.batch, paths, out, resume=True)
+    refuses(
+        r"sound journal .*, got: file is not a database.*remove a damaged one",
+        lb.batch,
+        paths,
+        out,
+        resume=True,
+    )
     (tmp_path / "aside").replace(out / "batch.sqlite")
     assert lb.batch(paths, out, force=True).fitted == 20
 
@@ -274,7 +343,13 @@ def test_two_at_once(made: tuple[list[str], list[int]], tmp_path: Path) -> None:
     paths, refused = made[0], []
 
     def second(*_: int) -> None:
-        refuses("that no other run is using, got: database is locked", lb.batch, paths, tmp_path / "out", resume=True)
+        refuses(
+            "that no other run is using, got: database is locked",
+            lb.batch,
+            paths,
+            tmp_path / "out",
+            resume=True,
+        )
         refused.append(1)
 
     @contextmanager
@@ -296,7 +371,9 @@ def test_two_at_once(made: tuple[list[str], list[int]], tmp_path: Path) -> None:
     assert not (tmp_path / "new").exists()
 
 
-def test_what_a_worker_took_with_it_is_a_row(made: tuple[list[str], list[int]], tmp_path: Path) -> None:
+def test_what_a_worker_took_with_it_is_a_row(
+    made: tuple[list[str], list[int]], tmp_path: Path
+) -> None:
     class Deadly(Executor):
         """Campaign 1 is the death of its worker."""
 
@@ -313,7 +390,9 @@ def test_what_a_worker_took_with_it_is_a_row(made: tuple[list[str], list[int]], 
     assert "its worker died" in rows["reason"][1]
 
 
-def test_a_full_disk_under_the_journal_and_the_table(made: tuple[list[str], list[int]], tmp_path: Path) -> None:
+def test_a_full_disk_under_the_journal_and_the_table(
+    made: tuple[list[str], list[int]], tmp_path: Path
+) -> None:
     """Files may not grow beyond so much: a message, and what is done is kept."""
     paths, _ = made
     whole = dataset_bytes(lb.batch(paths, tmp_path / "whole").out)
@@ -330,12 +409,16 @@ def test_a_full_disk_under_the_journal_and_the_table(made: tuple[list[str], list
     assert "batch.sqlite" in messages
 
 
-def test_killed_and_resumed(made: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_killed_and_resumed(
+    made: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """kill -9 right after a row: the row is kept, and in the end the table is the same."""
     root = Path(__file__).resolve().parents[2]
     shutil.copy(root / "tests" / "scripts" / "killed_batch.py", tmp_path / "made.py")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), str(root / "tests")])}
-    ended = subprocess.run([sys.executable, "made.py"], env=environment, cwd=tmp_path, timeout=60, check=False)
+    ended = subprocess.run(
+        [sys.executable, "made.py"], env=environment, cwd=tmp_path, timeout=60, check=False
+    )
     assert ended.returncode == -signal.SIGKILL
     monkeypatch.chdir(tmp_path)
     paths, calls = [f"p{k}" for k in range(20)], made[1]
@@ -354,18 +437,35 @@ def test_several_batches_and_columns(made: tuple[list[str], list[int]], tmp_path
     refuses(r"column must be one of .*Did you mean 'campaign'", lb.read_batch, one, ["campain"])
 
 
-def test_tables_that_are_none(made: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tables_that_are_none(
+    made: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = lb.batch(made[0], tmp_path / "b").out
     sound = dataset_bytes(out)
     pd.DataFrame({"a": [1]}).to_parquet(tmp_path / "other.parquet")
     for path, message in (
-        (tmp_path / "none", "must be the --out folder of a batch, or its campaigns.parquet, got nothing"),
+        (
+            tmp_path / "none",
+            "must be the --out folder of a batch, or its campaigns.parquet, got nothing",
+        ),
         (tmp_path / "other.parquet", "got a Parquet file of something else"),
-        (tmp_path / "p0" / "campaign.toml", r"must be the table of a batch, got another, or a damaged file .*\. Give a batch's"),
+        (
+            tmp_path / "p0" / "campaign.toml",
+            r"must be the table of a batch, got another, or a damaged file .*\. Give a batch's",
+        ),
     ):
         refuses(message, lb.read_batch, path)
-    for damaged in (sound[: len(sound) // 2], sound[:500] + bytes([sound[500] ^ 255]) + sound[501:]):
+    for damaged in (
+        sound[: len(sound) // 2],
+        sound[:500] + bytes([sound[500] ^ 255]) + sound[501:],
+    ):
         (out / "campaigns.parquet").write_bytes(damaged)
-        refuses(r"got a damaged file .*Remove it and run the batch with --resume", lb.read_batch, out)
+        refuses(
+            r"got a damaged file .*Remove it and run the batch with --resume", lb.read_batch, out
+        )
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    refuses(r"pyarrow must be installed for batches, got none.*'ldbb-bayes\[fleet\]'", lb.read_batch, out)
+    refuses(
+        r"pyarrow must be installed for batches, got none.*'ldbb-bayes\[fleet\]'",
+        lb.read_batch,
+        out,
+    )

@@ -18,7 +18,16 @@ import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet import population as module
-from ldbb_bayes.fleet.population import Belonging, Population, SpreadDensity, Spreads, belonging_of, common_of, digest_of, pool
+from ldbb_bayes.fleet.population import (
+    Belonging,
+    Population,
+    SpreadDensity,
+    Spreads,
+    belonging_of,
+    common_of,
+    digest_of,
+    pool,
+)
 from ldbb_bayes.fleet.statistics import FleetStatistics, alone, same_meaning, stands_for
 from ldbb_bayes.machine.chain import ComplianceName, compliance_jacobian
 from ldbb_bayes.model.gaussian import Gaussian
@@ -36,7 +45,9 @@ def density_of(statistics: FleetStatistics, scale: float = SCALE) -> SpreadDensi
 def fixed(spread: np.ndarray) -> Spreads:
     """Draws that are all the same spread."""
     n = 64
-    return Spreads(np.tile(spread, (n, 1)), np.zeros(n), np.full(n, 1.0 / n), -np.inf, 0.5, np.log(spread))
+    return Spreads(
+        np.tile(spread, (n, 1)), np.zeros(n), np.full(n, 1.0 / n), -np.inf, 0.5, np.log(spread)
+    )
 
 
 def judged(density: SpreadDensity, spreads: Spreads) -> Belonging:
@@ -59,7 +70,9 @@ def test_the_dense_gaussian(statistics: FleetStatistics) -> None:
     common = common_of(likelihood, spreads)
     expected = [dense(statistics, spread) for spread in spreads]
     log_density = np.array([own[0] for own in expected])
-    np.testing.assert_allclose(common.log_integral - common.log_integral[0], log_density - log_density[0], atol=1e-8)
+    np.testing.assert_allclose(
+        common.log_integral - common.log_integral[0], log_density - log_density[0], atol=1e-8
+    )
     found = module.estimates_of(likelihood, spreads, common)
     for k, (_, mean, covariance) in enumerate(expected):
         np.testing.assert_allclose(common.mean[k], mean[12:], atol=1e-8)
@@ -71,7 +84,9 @@ def test_the_dense_gaussian(statistics: FleetStatistics) -> None:
             pick = np.zeros((3, len(mean)))
             pick[:, m * 3 : m * 3 + 3], pick[:, 12:15] = np.eye(3), -np.eye(3)
             np.testing.assert_allclose(z[m] * spreads[k], pick @ mean, atol=1e-8)
-            np.testing.assert_allclose(variance[m] * spreads[k] ** 2, np.diag(pick @ covariance @ pick.T), atol=1e-8)
+            np.testing.assert_allclose(
+                variance[m] * spreads[k] ** 2, np.diag(pick @ covariance @ pick.T), atol=1e-8
+            )
 
 
 def test_chunks_are_the_whole(rng: np.random.Generator) -> None:
@@ -88,12 +103,18 @@ def test_chunks_are_the_whole(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("spread", [0.0, 0.2])
 @pytest.mark.parametrize("parameters", [1, 2])
-def test_draws_are_those_of_a_grid(rng: np.random.Generator, parameters: int, spread: float) -> None:
+def test_draws_are_those_of_a_grid(
+    rng: np.random.Generator, parameters: int, spread: float
+) -> None:
     """Over s itself with its half-normal prior: neither logarithm nor Jacobian."""
     target = density_of(fleet(rng, machines=5, parameters=parameters, spread=spread))
     axis = (np.arange(240) + 0.5) * 1.5 / 240
-    grid = np.stack(np.meshgrid(*[axis] * parameters, indexing="ij"), axis=-1).reshape(-1, parameters)
-    log_weight = common_of(target.likelihood, grid).log_integral + halfnorm(scale=SCALE).logpdf(grid).sum(axis=1)
+    grid = np.stack(np.meshgrid(*[axis] * parameters, indexing="ij"), axis=-1).reshape(
+        -1, parameters
+    )
+    log_weight = common_of(target.likelihood, grid).log_integral + halfnorm(scale=SCALE).logpdf(
+        grid
+    ).sum(axis=1)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     mean = weight @ grid
@@ -101,7 +122,9 @@ def test_draws_are_those_of_a_grid(rng: np.random.Generator, parameters: int, sp
     draws = module.draw_spreads(target, parameters, seed=1)
     assert draws.trusted
     np.testing.assert_allclose((draws.weight @ draws.spread - mean) / sd, 0.0, atol=0.03)
-    np.testing.assert_allclose(np.sqrt(draws.weight @ (draws.spread - draws.weight @ draws.spread) ** 2), sd, rtol=0.04)
+    np.testing.assert_allclose(
+        np.sqrt(draws.weight @ (draws.spread - draws.weight @ draws.spread) ** 2), sd, rtol=0.04
+    )
 
 
 def test_the_gradient_has_prior_and_jacobian(rng: np.random.Generator) -> None:
@@ -109,10 +132,14 @@ def test_the_gradient_has_prior_and_jacobian(rng: np.random.Generator) -> None:
     t = np.array([-1.0, -3.0])
     for j, step in enumerate(h * np.eye(2)):
         above, below = target.log(np.array([t + step, t - step]))
-        assert target.gradient(t[None])[0, j] == pytest.approx((above - below) / (2.0 * h), rel=1e-7)
+        assert target.gradient(t[None])[0, j] == pytest.approx(
+            (above - below) / (2.0 * h), rel=1e-7
+        )
     both = np.array([t, t + np.array([0.3, 0.0])])
     prior = np.diff(halfnorm(scale=SCALE).logpdf(np.exp(both)).sum(axis=1) + both.sum(axis=1))
-    apart = np.diff(target.log(both)) - np.diff(common_of(target.likelihood, np.exp(both)).log_integral)
+    apart = np.diff(target.log(both)) - np.diff(
+        common_of(target.likelihood, np.exp(both)).log_integral
+    )
     assert apart == pytest.approx(prior, rel=1e-9)
 
 
@@ -122,9 +149,15 @@ def test_any_prior_of_the_spread_will_do(rng: np.random.Generator, scale: float)
     assert draws.trusted
     assert draws.effective > 1000.0
     if scale < 1e-6:
-        np.testing.assert_allclose(draws.weight @ draws.spread, scale * np.sqrt(2.0 / np.pi), rtol=0.03)
-    silent = module.draw_spreads(density_of(fleet(rng, machines=3, parameters=2, known=1e6), scale), 2, seed=1)
-    np.testing.assert_allclose(silent.weight @ silent.spread, scale * np.sqrt(2.0 / np.pi), rtol=0.03)
+        np.testing.assert_allclose(
+            draws.weight @ draws.spread, scale * np.sqrt(2.0 / np.pi), rtol=0.03
+        )
+    silent = module.draw_spreads(
+        density_of(fleet(rng, machines=3, parameters=2, known=1e6), scale), 2, seed=1
+    )
+    np.testing.assert_allclose(
+        silent.weight @ silent.spread, scale * np.sqrt(2.0 / np.pi), rtol=0.03
+    )
     np.testing.assert_allclose(silent.weight @ silent.spread**2, scale**2, rtol=0.05)
 
 
@@ -156,7 +189,9 @@ def test_a_machine_against_the_dense_prediction(rng: np.random.Generator) -> Non
         np.testing.assert_allclose(found.single[m], 2.0 * norm.sf(np.abs(z)), rtol=1e-6)
     least = np.sort(np.minimum(1.0, 2.0 * found.single.min(axis=1)))
     assert found.p_value.min() == pytest.approx(min(1.0, 6.0 * least[0]), rel=1e-9)
-    assert found.p_value.max() == pytest.approx(max(np.minimum(1.0, least * np.arange(6, 0, -1))), rel=1e-9)
+    assert found.p_value.max() == pytest.approx(
+        max(np.minimum(1.0, least * np.arange(6, 0, -1))), rel=1e-9
+    )
 
 
 def test_readings_that_tell_fewer_numbers_than_parameters(rng: np.random.Generator) -> None:
@@ -185,7 +220,9 @@ def test_drawn_anew_or_weighted(rng: np.random.Generator, monkeypatch: pytest.Mo
         return real(log_ratio) if next(machines, None) is None else unsmoothed
 
     monkeypatch.setattr(module, "pareto_smooth", first_in_vain)
-    anew = belonging_of(density, spreads, common, seed=1, progress=lambda done, total: calls.append((done, total)))
+    anew = belonging_of(
+        density, spreads, common, seed=1, progress=lambda done, total: calls.append((done, total))
+    )
     assert calls[-1] == (12, 12)
     np.testing.assert_allclose(anew.single, weighed.single, rtol=0.1, atol=2e-3)
     np.testing.assert_allclose(anew.z, weighed.z, atol=0.1)
@@ -206,7 +243,9 @@ def test_p_values_are_uniform_and_z_standard() -> None:
 
 
 def test_an_outlier_is_flagged() -> None:
-    made = fleet(np.random.default_rng(5), machines=30, outlier=np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0]))
+    made = fleet(
+        np.random.default_rng(5), machines=30, outlier=np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
+    )
     density = density_of(made)
     found = judged(density, module.draw_spreads(density, 6, seed=1, size=1024))
     assert (found.p_value < 0.05).tolist() == [True] + [False] * 29
@@ -220,7 +259,9 @@ def test_an_outlier_is_flagged() -> None:
 
 def test_spreads_follow_their_prior(rng: np.random.Generator) -> None:
     made = fleet(rng, machines=3, parameters=2)
-    narrow, wide = (pool(made, spread_scale=scale).parameters["C_XXX"].spread.mean for scale in (0.01, 0.3))
+    narrow, wide = (
+        pool(made, spread_scale=scale).parameters["C_XXX"].spread.mean for scale in (0.01, 0.3)
+    )
     assert narrow < 0.2 * wide
 
 
@@ -273,7 +314,9 @@ def test_alone_is_a_fit_with_the_instrument_known_as_all_know_it(rng: np.random.
         own = result.machine["M02"].alone[name]
         assert own.mean == pytest.approx(draws[:, j].mean(), abs=0.03 * own.sd)
         assert own.sd == pytest.approx(draws[:, j].std(), rel=0.02)
-        assert own.interval == pytest.approx(tuple(np.quantile(draws[:, j], [0.025, 0.975])), abs=0.06 * own.sd)
+        assert own.interval == pytest.approx(
+            tuple(np.quantile(draws[:, j], [0.025, 0.975])), abs=0.06 * own.sd
+        )
 
 
 def test_a_machine_that_does_not_belong(found: Population) -> None:
@@ -293,14 +336,22 @@ def test_the_record(found: Population) -> None:
     assert again["next"]["C_XXX"] == {"unit": "mm/N", "mean": following.mean, "sd": following.sd}
     again["next"]["C_XXX"]["sd"] *= 1.0 + 1e-12
     assert again["sha256"] != digest_of(again)
-    made = replace(fleet(np.random.default_rng(1), machines=3, parameters=2), parameters=("C_XXX", "E_XX1"), units=("mm/N", "1"))
+    made = replace(
+        fleet(np.random.default_rng(1), machines=3, parameters=2),
+        parameters=("C_XXX", "E_XX1"),
+        units=("mm/N", "1"),
+    )
     other = pool(made).as_dict()
     assert (list(other["next"]), list(other["parameters"])) == (["C_XXX"], ["C_XXX", "E_XX1"])
     machines = found.machines_table()
     assert machines.loc["M02", "C_YYY.mean"] == found.machine["M02"].estimate["C_YYY"].mean
     assert machines["flag"].sum() == 1
     for shown in (str(found), found._repr_html_()):
-        for part in ("8 machines, 8 campaigns; compliances at 389 N, tested from 36 to 742 N.", "nm/N", "M01 does not belong"):
+        for part in (
+            "8 machines, 8 campaigns; compliances at 389 N, tested from 36 to 742 N.",
+            "nm/N",
+            "M01 does not belong",
+        ):
             assert part in shown
 
 
@@ -318,14 +369,25 @@ def test_doubts(rng: np.random.Generator) -> None:
     """Of one bar's length and balls, of forces that were not tested; readings that tell nothing leave the prior."""
     made = fleet(rng, machines=2, parameters=1)
     for other in ({"reference_force_N": 900.0}, {"forces_N": (500.0, 300.0)}):
-        assert "was not within the tested forces of every campaign" in " ".join(doubts(pool(replace(made, **other))))
-    assert "conservative for differences between machines, not for the population's mean" in " ".join(doubts(pool(made)))
-    nothing = pool(telling(made, 0.0 * made.likelihood.precision, 0.0 * made.likelihood.shift)).parameters["C_XXX"]
+        assert "was not within the tested forces of every campaign" in " ".join(
+            doubts(pool(replace(made, **other)))
+        )
+    assert (
+        "conservative for differences between machines, not for the population's mean"
+        in " ".join(doubts(pool(made)))
+    )
+    nothing = pool(
+        telling(made, 0.0 * made.likelihood.precision, 0.0 * made.likelihood.shift)
+    ).parameters["C_XXX"]
     assert nothing.mean.mean == 0.0
-    assert nothing.spread.mean / nothing.prior_sd == pytest.approx(0.3 * np.sqrt(2.0 / np.pi), rel=0.03)
+    assert nothing.spread.mean / nothing.prior_sd == pytest.approx(
+        0.3 * np.sqrt(2.0 / np.pi), rel=0.03
+    )
 
 
-RESULT: dict[str, Any] = json.loads(Path(__file__).with_name("population.json").read_text(encoding="utf-8"))
+RESULT: dict[str, Any] = json.loads(
+    Path(__file__).with_name("population.json").read_text(encoding="utf-8")
+)
 
 
 def written(folder: Path, **changes: Any) -> Path:
@@ -356,9 +418,13 @@ def test_doubts_of_a_prior(tmp_path: Path) -> None:
     """Forces elsewhere, the machine itself, what the population says of itself."""
     prior = lb.prior_from(written(tmp_path, doubts=["Its spreads cannot be trusted."]))
     force, own = prior.doubts(plan((40, 40), forces_N=(400.0, 742.0)))
-    assert force.startswith("The population's compliances are meant at 300 N, outside this campaign's forces (400 to 742 N)")
+    assert force.startswith(
+        "The population's compliances are meant at 300 N, outside this campaign's forces (400 to 742 N)"
+    )
     assert own == "The population says: Its spreads cannot be trusted."
-    assert "has campaigns of this machine (M07)" in prior.doubts(replace(plan(), machine_id="M07"))[0]
+    assert (
+        "has campaigns of this machine (M07)" in prior.doubts(replace(plan(), machine_id="M07"))[0]
+    )
 
 
 def test_an_edited_file_is_refused(tmp_path: Path) -> None:
@@ -372,10 +438,19 @@ def test_an_edited_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_other_machines_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"topology must be the population's 'wCAFYXZSt' to use its prior, got 'wXFYZt'\. Use a"):
+    with pytest.raises(
+        InputError,
+        match=r"topology must be the population's 'wCAFYXZSt' to use its prior, got 'wXFYZt'\. Use a",
+    ):
         lb.prior_from(written(tmp_path)).doubts(replace(plan(), topology="wXFYZt"))
-    other = lb.prior_from(written(tmp_path, next={"C_ZZZ": {"unit": "mm/N", "mean": 5e-5, "sd": 1e-6}}))
-    refuses(r"must have the population's compliances, got C_XXX, .* without C_ZZZ\.", other.doubts, plan())
+    other = lb.prior_from(
+        written(tmp_path, next={"C_ZZZ": {"unit": "mm/N", "mean": 5e-5, "sd": 1e-6}})
+    )
+    refuses(
+        r"must have the population's compliances, got C_XXX, .* without C_ZZZ\.",
+        other.doubts,
+        plan(),
+    )
 
 
 def test_compliances_of_another_place_are_refused(tmp_path: Path) -> None:
@@ -384,27 +459,48 @@ def test_compliances_of_another_place_are_refused(tmp_path: Path) -> None:
     assert prior.compliances == told
     assert prior.doubts(plan()) == ()
     higher = replace(plan(), tests=tuple(replace(test, centre_z_mm=100.0) for test in plan().tests))
-    refuses(r"must mean by C_XXX what the population does, got circles or joints' frames", prior.doubts, higher)
+    refuses(
+        r"must mean by C_XXX what the population does, got circles or joints' frames",
+        prior.doubts,
+        higher,
+    )
 
 
 def test_models_it_does_not_go_with(tmp_path: Path) -> None:
     prior, model = lb.prior_from(written(tmp_path)), lb.HybridModel.first(1)
-    with pytest.raises(InputError, match=r"must have proper priors to take a population's, got flat ones\. Use the default"):
+    with pytest.raises(
+        InputError,
+        match=r"must have proper priors to take a population's, got flat ones\. Use the default",
+    ):
         prior.model(lb.HybridModel.paper(0))
-    refuses(r"C_XYX must be free to have the population's prior, got one fixed at zero", prior.model, model.fixing("C_XYX"))
+    refuses(
+        r"C_XYX must be free to have the population's prior, got one fixed at zero",
+        prior.model,
+        model.fixing("C_XYX"),
+    )
     for own in ({"overrides": {"C_XXX": 1e-5}}, {"means": {"C_XXX": 1e-5}}):
-        with pytest.raises(InputError, match="C_XXX must have one prior, got the population's and the model's own"):
+        with pytest.raises(
+            InputError, match="C_XXX must have one prior, got the population's and the model's own"
+        ):
             prior.model(replace(model, prior=replace(model.prior, **own)))
-    with pytest.raises(InputError, match=r"reference_force_N must be the population's 300 N, .* got 389 N\. Leave"):
+    with pytest.raises(
+        InputError, match=r"reference_force_N must be the population's 300 N, .* got 389 N\. Leave"
+    ):
         prior.model(replace(model, reference_force_N=389.0))
 
 
 def test_what_is_no_population(tmp_path: Path) -> None:
     for changes in ({"schema": 2}, {"kind": "fit"}):
-        refuses(r"must be a population written by .*, got a damaged one", lb.prior_from, written(tmp_path, **changes))
+        refuses(
+            r"must be a population written by .*, got a damaged one",
+            lb.prior_from,
+            written(tmp_path, **changes),
+        )
     for content in (b"{", b"\xff\xfe\x00", b"[" * 100_000, b"[]"):
         (tmp_path / "population.json").write_bytes(content)
-        refuses(r"must be a population written by|must be a population, got", lb.prior_from, tmp_path)
+        refuses(
+            r"must be a population written by|must be a population, got", lb.prior_from, tmp_path
+        )
 
 
 # ---- what a compliance stands for
@@ -412,7 +508,9 @@ def test_what_is_no_population(tmp_path: Path) -> None:
 FRAMES = {"X": (10.0, 300.0, -200.0), "Y": (-50.0, 20.0, 400.0)}
 
 
-def placed(centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), radius_mm: float = 150.0, **fields: Any) -> Campaign:
+def placed(
+    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), radius_mm: float = 150.0, **fields: Any
+) -> Campaign:
     """A plan whose circles lie there."""
     x, y, z = centre_mm
     own = {"centre_x_mm": x, "centre_y_mm": y, "centre_z_mm": z, "radius_mm": radius_mm}
@@ -429,7 +527,9 @@ def test_the_sum_is_what_readings_see(rng: np.random.Generator) -> None:
     names = [ComplianceName(*label[2:]) for label in (*members, *meant)]
     circle = next(iter(made.tests)).circle
     jacobian = compliance_jacobian(made.machine(), circle, np.linspace(0.0, 6.0, 40), names)
-    kept = [sum(weight * truth[label] for label, weight in parts.items()) for parts in meant.values()]
+    kept = [
+        sum(weight * truth[label] for label, weight in parts.items()) for parts in meant.values()
+    ]
     every = jacobian[:, : len(members)] @ list(truth.values())
     assert np.linalg.norm(jacobian[:, len(members) :] @ kept - every) < 1e-6 * np.linalg.norm(every)
 
@@ -449,4 +549,10 @@ def test_a_millimetre_counts_for_nothing_and_a_decimetre_does() -> None:
     assert far["C_XXX"]["C_BXX"] == pytest.approx(100.0)
     assert near["C_XXX"] != one["C_XXX"]
     assert all(same_meaning(name, one[name], near[name]) for name in one)
-    assert [name for name in one if not same_meaning(name, one[name], far[name])] == ["C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY"]
+    assert [name for name in one if not same_meaning(name, one[name], far[name])] == [
+        "C_XXX",
+        "C_XYX",
+        "C_YYY",
+        "C_CXY",
+        "C_CYY",
+    ]

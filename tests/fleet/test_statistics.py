@@ -44,7 +44,9 @@ def test_moments_are_those_of_quadrature(found: statistics.SufficientStatistics)
 
 def test_instrument_errors_are_those_of_a_fit(found: statistics.SufficientStatistics) -> None:
     """Drawn and averaged by other code, given β."""
-    table = lb.nuisances(lb.sample(MODEL, CAMPAIGN, sampler="independent", rule=lb.StoppingRule(ess=2000.0)))
+    table = lb.nuisances(
+        lb.sample(MODEL, CAMPAIGN, sampler="independent", rule=lb.StoppingRule(ess=2000.0))
+    )
     for name in ("mount", "force_gain"):
         k = found.names.index(name)
         assert abs(found.mean[k] - table.loc[name, "mean"]) < 0.15 * table.loc[name, "sd"]
@@ -53,22 +55,36 @@ def test_instrument_errors_are_those_of_a_fit(found: statistics.SufficientStatis
 
 def test_likelihood_times_prior_is_the_posterior(found: statistics.SufficientStatistics) -> None:
     names = ("C_XXX", "C_YYY", "C_CCY")
-    one = statistics.fleet_statistics(pd.DataFrame([row(found)]), parameters=names, reference_force_N=389.0)
+    one = statistics.fleet_statistics(
+        pd.DataFrame([row(found)]), parameters=names, reference_force_N=389.0
+    )
     place = [found.names.index(name) for name in (*names, "mount", "force_gain")]
-    precision = one.likelihood.precision[0] / np.outer(one.prior_sd, one.prior_sd) + np.diag(1.0 / found.prior_sd[place] ** 2)
-    np.testing.assert_allclose(np.linalg.inv(precision), found.covariance[np.ix_(place, place)], rtol=1e-6, atol=1e-30)
-    np.testing.assert_allclose(np.linalg.solve(precision, one.likelihood.shift[0] / one.prior_sd), found.mean[place], rtol=1e-6)
+    precision = one.likelihood.precision[0] / np.outer(one.prior_sd, one.prior_sd) + np.diag(
+        1.0 / found.prior_sd[place] ** 2
+    )
+    np.testing.assert_allclose(
+        np.linalg.inv(precision), found.covariance[np.ix_(place, place)], rtol=1e-6, atol=1e-30
+    )
+    np.testing.assert_allclose(
+        np.linalg.solve(precision, one.likelihood.shift[0] / one.prior_sd),
+        found.mean[place],
+        rtol=1e-6,
+    )
 
 
 def posteriors(*fleets: statistics.FleetStatistics) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Means and sds of the first campaigns, in inside units, under the reference prior."""
-    made = [Gaussian(own.likelihood.precision[0] + np.eye(8), own.likelihood.shift[0]) for own in fleets]
+    made = [
+        Gaussian(own.likelihood.precision[0] + np.eye(8), own.likelihood.shift[0]) for own in fleets
+    ]
     return [one.mean * own.prior_sd for one, own in zip(made, fleets, strict=True)], [
         one.sd * own.prior_sd for one, own in zip(made, fleets, strict=True)
     ]
 
 
-def test_the_reference_force_is_that_of_another_model(found: statistics.SufficientStatistics) -> None:
+def test_the_reference_force_is_that_of_another_model(
+    found: statistics.SufficientStatistics,
+) -> None:
     """Carried along the slopes: C at 500 N is what a model about 500 N calls C, but for what priors of either say."""
     there = replace(MODEL, reference_force_N=500.0).bind(CAMPAIGN)
     other = statistics.sufficient_statistics(HyperPosterior(there, truncated=False))
@@ -76,7 +92,10 @@ def test_the_reference_force_is_that_of_another_model(found: statistics.Sufficie
         (500.0, row(other, reference_force_N=500.0), row(found)),
         (389.0, row(found), row(other, reference_force_N=500.0)),
     ):
-        direct, carried = (statistics.fleet_statistics(pd.DataFrame([own]), reference_force_N=force) for own in (here, moved))
+        direct, carried = (
+            statistics.fleet_statistics(pd.DataFrame([own]), reference_force_N=force)
+            for own in (here, moved)
+        )
         for own in (carried, direct):
             assert own.prior_sd[6:] == pytest.approx([2.33e-4, 0.01])
         means, sds = posteriors(carried, direct)
@@ -86,14 +105,21 @@ def test_the_reference_force_is_that_of_another_model(found: statistics.Sufficie
 
 def test_reference_scales_are_those_of_the_kind() -> None:
     """Not a population's 4e-6 mm/N; wider ones of fits about zero are kept, the median of them."""
-    names, units = ("C_XXX", "C_XYX", "C_CCY", "E_XX1", "E_YX2"), ("mm/N", "mm/N", "rad/(N mm)", "1", "1/mm")
+    names, units = (
+        ("C_XXX", "C_XYX", "C_CCY", "E_XX1", "E_YX2"),
+        ("mm/N", "mm/N", "rad/(N mm)", "1", "1/mm"),
+    )
     mean = np.zeros((3, 5))
     mean[0, 0] = 6e-5
     sd = np.tile([4e-6, 1e-6, 1e-9, 2e-4, 1e-6], (3, 1))
-    assert statistics.reference_sd(names, units, mean, sd) == pytest.approx([1e-4, 1e-5, 1e-9, 2e-4, 1e-6])
+    assert statistics.reference_sd(names, units, mean, sd) == pytest.approx(
+        [1e-4, 1e-5, 1e-9, 2e-4, 1e-6]
+    )
     sd[:, 2] = (2e-9, 3e-9, 5e-9)
     sd[0, 0] = 5e-4
-    assert statistics.reference_sd(names, units, mean, sd) == pytest.approx([1e-4, 1e-5, 3e-9, 2e-4, 1e-6])
+    assert statistics.reference_sd(names, units, mean, sd) == pytest.approx(
+        [1e-4, 1e-5, 3e-9, 2e-4, 1e-6]
+    )
 
 
 def test_each_its_own_instrument(found: statistics.SufficientStatistics) -> None:
@@ -101,32 +127,54 @@ def test_each_its_own_instrument(found: statistics.SufficientStatistics) -> None
     assert own.instrument == ()
     assert own.likelihood.shift.shape == (1, 6)
     one = statistics.fleet_statistics(pd.DataFrame([row(found)]))
-    assert np.linalg.eigvalsh(one.likelihood.precision[0][:6, :6] - own.likelihood.precision[0]).min() > -1e-6
+    assert (
+        np.linalg.eigvalsh(one.likelihood.precision[0][:6, :6] - own.likelihood.precision[0]).min()
+        > -1e-6
+    )
 
 
 def test_compliances_that_are_not_the_same(found: statistics.SufficientStatistics) -> None:
     """Circles 100 mm higher: C_XXX holds a rotation of the joint as well; C_CCY is what it was. Old rows do not say it."""
     here, near, there = (json.dumps(statistics.stands_for(_at(z))) for z in (0.0, 0.5, 100.0))
-    table = pd.DataFrame([row(found, campaign=name, compliances=own) for name, own in {"a": here, "b": near, "c": None}.items()])
+    table = pd.DataFrame(
+        [
+            row(found, campaign=name, compliances=own)
+            for name, own in {"a": here, "b": near, "c": None}.items()
+        ]
+    )
     assert statistics.fleet_statistics(table).compliances["C_XXX"] == {"C_XXX": 1.0, "C_XXY": 1.0}
     other = pd.concat([table, pd.DataFrame([row(found, campaign="d", compliances=there)])])
-    with pytest.raises(InputError, match=r"must mean the same by C_XXX, got a and d: circles or joints' frames stand elsewhere"):
+    with pytest.raises(
+        InputError,
+        match=r"must mean the same by C_XXX, got a and d: circles or joints' frames stand elsewhere",
+    ):
         statistics.fleet_statistics(other)
     assert len(statistics.fleet_statistics(other, parameters=["C_CCY", "E_XX1"])) == 4
 
 
-def test_one_campaign_without_the_mount_leaves_the_others_theirs(found: statistics.SufficientStatistics) -> None:
+def test_one_campaign_without_the_mount_leaves_the_others_theirs(
+    found: statistics.SufficientStatistics,
+) -> None:
     """It took the mount as known; that of the others does not average out for it."""
     without = MODEL.without("mount")
-    known = statistics.sufficient_statistics(HyperPosterior(without.bind(CAMPAIGN), truncated=False))
+    known = statistics.sufficient_statistics(
+        HyperPosterior(without.bind(CAMPAIGN), truncated=False)
+    )
     both = statistics.fleet_statistics(pd.DataFrame([row(known), row(found), row(found)]))
-    pair, alone = (statistics.fleet_statistics(pd.DataFrame([row(own)] * n)) for own, n in ((found, 2), (known, 1)))
+    pair, alone = (
+        statistics.fleet_statistics(pd.DataFrame([row(own)] * n))
+        for own, n in ((found, 2), (known, 1))
+    )
     assert both.instrument == pair.instrument == ("mount", "force_gain")
     assert both.prior_sd == pytest.approx(pair.prior_sd)
     here = [0, 1, 2, 3, 4, 5, 7]
     for kind in ("precision", "shift"):
-        np.testing.assert_allclose(getattr(both.likelihood, kind)[1:], getattr(pair.likelihood, kind))
-    np.testing.assert_allclose(both.likelihood.precision[0][np.ix_(here, here)], alone.likelihood.precision[0])
+        np.testing.assert_allclose(
+            getattr(both.likelihood, kind)[1:], getattr(pair.likelihood, kind)
+        )
+    np.testing.assert_allclose(
+        both.likelihood.precision[0][np.ix_(here, here)], alone.likelihood.precision[0]
+    )
     np.testing.assert_allclose(both.likelihood.shift[0, here], alone.likelihood.shift[0])
     assert not both.likelihood.precision[0, 6].any()
     assert not both.likelihood.precision[0, :, 6].any()
@@ -134,7 +182,9 @@ def test_one_campaign_without_the_mount_leaves_the_others_theirs(found: statisti
 
 
 def _at(centre_z_mm: float) -> lb.Campaign:
-    return replace(CAMPAIGN, tests=tuple(replace(test, centre_z_mm=centre_z_mm) for test in CAMPAIGN.tests))
+    return replace(
+        CAMPAIGN, tests=tuple(replace(test, centre_z_mm=centre_z_mm) for test in CAMPAIGN.tests)
+    )
 
 
 def test_a_row_says_what_compliances_stand_for(tmp_path: Path) -> None:
@@ -156,7 +206,9 @@ SLIP = ["order", "noise"]
 
 @pytest.fixture(scope="module")
 def rows() -> pd.DataFrame:
-    return drawn_rows(8, np.random.default_rng(6)).assign(machine_id=[f"M{m}" for m in range(7)] + ["M6"])
+    return drawn_rows(8, np.random.default_rng(6)).assign(
+        machine_id=[f"M{m}" for m in range(7)] + ["M6"]
+    )
 
 
 def slipped(rows: pd.DataFrame, place: int) -> pd.DataFrame:
@@ -172,9 +224,13 @@ def slipped(rows: pd.DataFrame, place: int) -> pd.DataFrame:
 def test_a_slip_does_not_reach_the_others(rows: pd.DataFrame) -> None:
     bad = slipped(rows, 2)
     found, clean = lb.population(bad), lb.population(rows.drop(index=2))
-    assert {name: own.mean for name, own in found.parameters.items()} == {n: own.mean for n, own in clean.parameters.items()}
+    assert {name: own.mean for name, own in found.parameters.items()} == {
+        n: own.mean for n, own in clean.parameters.items()
+    }
     assert "M2" not in found.machine
-    assert doubts(found)[0] == ("Left out, because the model does not expect their readings (--include-misfits keeps them): c03.")
+    assert doubts(found)[0] == (
+        "Left out, because the model does not expect their readings (--include-misfits keeps them): c03."
+    )
     kept = lb.population(bad, include_misfits=True)
     assert kept.campaigns == 8
     assert kept.parameters["C_XXX"].spread.mean > 5.0 * clean.parameters["C_XXX"].spread.mean
@@ -185,29 +241,53 @@ def test_which_campaigns_are_relied_on(rows: pd.DataFrame) -> None:
     relied, caveats = choose(rows.assign(kinds=[["noise"], *[[]] * 7]))
     assert len(relied) == 8
     assert caveats == [Caveat(CaveatKind.NOT_WHITE, ("c01",))]
-    relied, caveats = choose(rows.assign(kinds=[["truncation"], ["hyper", "forces"], None, *[[]] * 5]))
+    relied, caveats = choose(
+        rows.assign(kinds=[["truncation"], ["hyper", "forces"], None, *[[]] * 5])
+    )
     assert list(relied["name"]) == [f"c{k:02d}" for k in range(2, 9)]
     relied, caveats = choose(rows, ["year/c01", "c02", "M2", "M6"])
     assert list(relied["name"]) == ["c04", "c05", "c06"]
     assert caveats == [Caveat(CaveatKind.EXCLUDED, ("c01", "c02", "c03", "c07", "c08"))]
     relied, caveats = choose(rows.assign(date=[None, *rows["date"][1:]]), since="2025-03-16")
     assert list(relied["name"]) == [f"c{k:02d}" for k in range(3, 9)]
-    assert [caveat_words(caveat) for caveat in caveats] == ["Left out, without a date or before 2025-03-16: c01, c02."]
+    assert [caveat_words(caveat) for caveat in caveats] == [
+        "Left out, without a date or before 2025-03-16: c01, c02."
+    ]
     assert list(choose(rows, since="2025-08-13T00:00:00+02:00")[0]["name"]) == ["c08"]
 
 
 def test_what_is_refused(rows: pd.DataFrame) -> None:
     for options, said in (
-        ({"exclude": ["m2"]}, "must be a campaign or machine of the batch, got 'm2'. Did you mean 'M2'"),
+        (
+            {"exclude": ["m2"]},
+            "must be a campaign or machine of the batch, got 'm2'. Did you mean 'M2'",
+        ),
         ({"since": "March"}, "since must be a date or time in ISO 8601, got 'March'"),
-        ({"since": "2030-01-01"}, "campaigns must be left to rely on, got none of 8. Left out, without a date"),
+        (
+            {"since": "2030-01-01"},
+            "campaigns must be left to rely on, got none of 8. Left out, without a date",
+        ),
     ):
         refuses(said, choose, rows, **options)
-    refuses(r"campaigns must be left to rely on, got none of 8. .*--include-misfits", choose, rows.assign(kinds=[SLIP] * 8))
-    refuses(r"got none of 8. Left out, because the fit failed: c01", choose, rows.assign(status="failed"))
+    refuses(
+        r"campaigns must be left to rely on, got none of 8. .*--include-misfits",
+        choose,
+        rows.assign(kinds=[SLIP] * 8),
+    )
+    refuses(
+        r"got none of 8. Left out, because the fit failed: c01",
+        choose,
+        rows.assign(status="failed"),
+    )
     with pytest.raises(InputError, match="rows must be the table of a batch, got one without name"):
         lb.population(pd.DataFrame({"campaign": ["a"], "status": ["done"]}))
-    with pytest.raises(InputError, match=r"two machines, got only M6. Add campaigns of others. Left out on request: c01"):
+    with pytest.raises(
+        InputError,
+        match=r"two machines, got only M6. Add campaigns of others. Left out on request: c01",
+    ):
         lb.population(rows, exclude=[f"M{k}" for k in range(6)])
-    with pytest.raises(InputError, match=r"campaigns of one machine to rely on, got 1. Measure again. Left out on request"):
+    with pytest.raises(
+        InputError,
+        match=r"campaigns of one machine to rely on, got 1. Measure again. Left out on request",
+    ):
         lb.trend(rows, machine="M6", exclude=["c08"])

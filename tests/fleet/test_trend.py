@@ -14,7 +14,15 @@ from scipy.stats import halfnorm, multivariate_normal, norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.fleet.statistics import deviating
-from ldbb_bayes.fleet.trend import Trend, chart_of, hypotheses, instrument_moments, levels_of, scatter_rule, weigh
+from ldbb_bayes.fleet.trend import (
+    Trend,
+    chart_of,
+    hypotheses,
+    instrument_moments,
+    levels_of,
+    scatter_rule,
+    weigh,
+)
 from ldbb_bayes.model.gaussian import Gaussian
 
 Array = NDArray[np.float64]
@@ -24,11 +32,17 @@ Q = P + S
 
 def informations(rng: np.random.Generator, n: int, size: float = 300.0) -> Array:
     """Full rank, of very different directions."""
-    root = rng.standard_normal((n, Q, Q + 1)) * np.sqrt(size) * np.array([3.0, 1.0, 0.1, 1.0, 0.5])[:, None]
+    root = (
+        rng.standard_normal((n, Q, Q + 1))
+        * np.sqrt(size)
+        * np.array([3.0, 1.0, 0.1, 1.0, 0.5])[:, None]
+    )
     return root @ np.swapaxes(root, 1, 2)
 
 
-def drawn(rng: np.random.Generator, information: Array, level: Array, instrument: Array) -> Gaussian:
+def drawn(
+    rng: np.random.Generator, information: Array, level: Array, instrument: Array
+) -> Gaussian:
     """Campaigns at given parameters: the mean of η is Λ z, its covariance Λ."""
     z = np.concatenate([level, np.broadcast_to(instrument, (len(level), len(instrument)))], axis=1)
     noise = np.einsum("tab,tb->ta", np.linalg.cholesky(information), rng.standard_normal(z.shape))
@@ -39,11 +53,15 @@ def carried_by(series: Gaussian, scatter: Array, parameters: int = P) -> Gaussia
     return deviating(series, np.outer(scatter, np.ones(parameters)))
 
 
-def found_in(series: Gaussian, scatter: Array, change_scale: float = 0.2, parameters: int = P) -> Gaussian:
+def found_in(
+    series: Gaussian, scatter: Array, change_scale: float = 0.2, parameters: int = P
+) -> Gaussian:
     return hypotheses(carried_by(series, scatter, parameters), parameters, change_scale)
 
 
-def no_change(series: Gaussian, rule: tuple[Array, Array], probability: float = 0.5, parameters: int = P) -> float:
+def no_change(
+    series: Gaussian, rule: tuple[Array, Array], probability: float = 0.5, parameters: int = P
+) -> float:
     found = found_in(series, rule[0], parameters=parameters)
     return float(weigh(found.log_integral, rule[1], probability)[:, -1].sum())
 
@@ -79,7 +97,9 @@ def test_evidence_of_every_hypothesis(series: Gaussian) -> None:
     scatter = np.array([0.001, 0.02, 0.3])
     found = found_in(series, scatter).log_integral
     dense = np.array([stacked(series, r, 0.2, None) for r in scatter])
-    np.testing.assert_allclose(found[:, -1] - found[0, -1], np.tile(dense - dense[0], (P, 1)).T, atol=1e-7)
+    np.testing.assert_allclose(
+        found[:, -1] - found[0, -1], np.tile(dense - dense[0], (P, 1)).T, atol=1e-7
+    )
     for i, r in enumerate(scatter):
         for k in range(1, 5):
             for j in range(P):
@@ -103,12 +123,16 @@ def test_size_and_level_given_a_step(series: Gaussian) -> None:
         right += take.T @ series.shift[t]
     covariance = np.linalg.inv(precision)
     np.testing.assert_allclose(found.mean[0, k - 1, j], (covariance @ right)[: Q + 1], rtol=1e-7)
-    np.testing.assert_allclose(found.covariance[0, k - 1, j], covariance[: Q + 1, : Q + 1], rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(
+        found.covariance[0, k - 1, j], covariance[: Q + 1, : Q + 1], rtol=1e-6, atol=1e-12
+    )
 
 
 def test_a_campaign_that_says_nothing_changes_nothing(series: Gaussian) -> None:
     """Λ singular, even zero: the evidence of steps before and after it is the same."""
-    silent = Gaussian(np.insert(series.precision, 2, 0.0, axis=0), np.insert(series.shift, 2, 0.0, axis=0))
+    silent = Gaussian(
+        np.insert(series.precision, 2, 0.0, axis=0), np.insert(series.shift, 2, 0.0, axis=0)
+    )
     one, other = (found_in(own, np.array([0.02])).log_integral for own in (series, silent))
     np.testing.assert_allclose(other[:, [0, 1, 3, 4, 5]], one, atol=1e-9)
     np.testing.assert_allclose(other[:, 2], one[:, 1], atol=1e-9)
@@ -127,7 +151,9 @@ def test_probability_by_brute_force() -> None:
         total = 0.0
         for one, prior in zip(r, halfnorm(scale=0.02).pdf(r), strict=True):
             covariance = np.ones((3, 3)) + np.diag(1.0 / precision + one**2)
-            own = multivariate_normal(np.zeros(3), covariance).pdf(maxima - delta[:, None] * (np.arange(3) >= k))
+            own = multivariate_normal(np.zeros(3), covariance).pdf(
+                maxima - delta[:, None] * (np.arange(3) >= k)
+            )
             total += prior * np.sum(own * norm(0.0, 0.1).pdf(delta)) * (delta[1] - delta[0])
         totals[k] = total * (0.7 if k == 3 else 0.15)
     expected = np.array(list(totals.values())) / sum(totals.values())
@@ -146,7 +172,9 @@ def test_probabilities_are_calibrated() -> None:
     for _ in range(1200):
         n = int(rng.integers(3, 9))
         information = informations(rng, n, 2e3)
-        level = rng.standard_normal(P) + abs(0.02 * rng.standard_normal()) * rng.standard_normal((n, P))
+        level = rng.standard_normal(P) + abs(0.02 * rng.standard_normal()) * rng.standard_normal(
+            (n, P)
+        )
         changed = rng.random() < 0.5
         if changed:
             level[rng.integers(1, n) :, rng.integers(P)] += 0.2 * rng.standard_normal()
@@ -155,12 +183,17 @@ def test_probabilities_are_calibrated() -> None:
     place = np.digitize(said, [0.2, 0.35, 0.5, 0.8, 0.95])
     for one in range(6):
         own = place == one
-        expected, spread = np.mean(np.array(said)[own]), np.sqrt(np.sum(np.array(said)[own] * (1.0 - np.array(said)[own])))
+        expected, spread = (
+            np.mean(np.array(said)[own]),
+            np.sqrt(np.sum(np.array(said)[own] * (1.0 - np.array(said)[own]))),
+        )
         assert own.sum() > 20
         assert abs(np.mean(np.array(true)[own]) - expected) < 3.5 * max(spread, 1.0) / own.sum()
     for threshold in (0.5, 0.8, 0.95):
         bound = (1.0 - threshold) / threshold
-        assert np.mean(np.array(said)[~np.array(true)] > threshold) < bound + 2.0 * np.sqrt(bound / 600)
+        assert np.mean(np.array(said)[~np.array(true)] > threshold) < bound + 2.0 * np.sqrt(
+            bound / 600
+        )
 
 
 # ---- points, limits, levels
@@ -168,7 +201,13 @@ def test_probabilities_are_calibrated() -> None:
 SCALE, CHANGE = 0.02, 0.2
 
 
-def visited(rng: np.random.Generator, n: int, *, r: float | None = None, step: tuple[int, int, float] | None = None) -> Gaussian:
+def visited(
+    rng: np.random.Generator,
+    n: int,
+    *,
+    r: float | None = None,
+    step: tuple[int, int, float] | None = None,
+) -> Gaussian:
     """Of the model, two parameters and one error: campaigns that see each in their own way, some hardly at all."""
     root = rng.standard_normal((n, 3, 4)) * np.array([60.0, 4.0, 40.0])[:, None]
     information = root @ np.swapaxes(root, 1, 2)
@@ -221,15 +260,21 @@ def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
             take = np.zeros((n, q, q + 1))
             take[:, :, :q] = np.eye(q)
             take[k:, j, q] = 1.0
-            precision = np.einsum("tai,tab,tbj->ij", take, carried.precision[i], take) + np.diag([*np.ones(q), CHANGE**-2])
+            precision = np.einsum("tai,tab,tbj->ij", take, carried.precision[i], take) + np.diag(
+                [*np.ones(q), CHANGE**-2]
+            )
             inside = np.linalg.inv(precision)
-            draws = rng.multivariate_normal(inside @ np.einsum("tai,ta->i", take, carried.shift[i]), inside, 200)
+            draws = rng.multivariate_normal(
+                inside @ np.einsum("tai,ta->i", take, carried.shift[i]), inside, 200
+            )
             seen.append(draws[:, p:q])
             now.append(draws[:, :p] + draws[:, q:] * take[-1, :p, q])
             total.append(np.full(200, weight / 200))
     weight, b, c = np.concatenate(total), np.concatenate(seen), np.concatenate(now)
     assert weight.sum() == pytest.approx(1.0, abs=1e-3)
-    assert weight @ b[:, 0] / weight.sum() == pytest.approx(mean[0], abs=0.1 * np.sqrt(covariance[0, 0]))
+    assert weight @ b[:, 0] / weight.sum() == pytest.approx(
+        mean[0], abs=0.1 * np.sqrt(covariance[0, 0])
+    )
     assert weight @ (b[:, 0] - mean[0]) ** 2 == pytest.approx(covariance[0, 0], rel=0.1)
     np.testing.assert_allclose((weight @ c - level) / sd, 0.0, atol=0.1)
     np.testing.assert_allclose(np.sqrt(weight @ (c - level) ** 2), sd, rtol=0.08)
@@ -246,11 +291,22 @@ def test_points_are_posteriors_of_campaigns_alone() -> None:
         moved = own @ series.precision[t, :p, p:]
         np.testing.assert_allclose(chart.own[t], own @ series.shift[t, :p] - moved @ known)
         np.testing.assert_allclose(chart.own_sd[t], np.sqrt(np.diag(own)))
-    both = np.concatenate([series.precision[:, :p, :p].sum(axis=0) + np.eye(p), series.precision[:, :p, p:].sum(axis=0)], axis=1)
-    levels = [np.linalg.solve(both[:, :p], series.shift[:, :p].sum(axis=0) - both[:, p:] @ b) for b in (known, known + 0.5)]
+    both = np.concatenate(
+        [
+            series.precision[:, :p, :p].sum(axis=0) + np.eye(p),
+            series.precision[:, :p, p:].sum(axis=0),
+        ],
+        axis=1,
+    )
+    levels = [
+        np.linalg.solve(both[:, :p], series.shift[:, :p].sum(axis=0) - both[:, p:] @ b)
+        for b in (known, known + 0.5)
+    ]
     np.testing.assert_allclose(chart.common_sd, np.abs(levels[1] - levels[0]))
     other = chart_of(series, carried, nodes, prior, (known + 1.0, spread))
-    np.testing.assert_allclose(other.limits[:, 1:] - other.own[1:], chart.limits[:, 1:] - chart.own[1:], atol=1e-9)
+    np.testing.assert_allclose(
+        other.limits[:, 1:] - other.own[1:], chart.limits[:, 1:] - chart.own[1:], atol=1e-9
+    )
 
 
 # ---- the whole
@@ -278,7 +334,9 @@ def test_a_loosened_joint(found: Trend) -> None:
     own = found.parameters["C_XXX"]
     assert found.changed
     assert own.probability == max(one.probability for one in found.parameters.values())
-    assert sum(one.probability for one in found.parameters.values()) == pytest.approx(found.probability)
+    assert sum(one.probability for one in found.parameters.values()) == pytest.approx(
+        found.probability
+    )
     assert sum(by_time(found)) == pytest.approx(found.probability)
     assert np.argmax(by_time(found)) == 6
     truth = 0.2 * one_campaign().mean[one_campaign().names.index("C_XXX")]
@@ -292,7 +350,9 @@ def test_a_loosened_joint(found: Trend) -> None:
     assert found.false_alarm == pytest.approx(1.0 / 19.0)
     table = found.estimates
     for side, end in ((-1.0, "ci_low"), (1.0, "ci_high")):
-        np.testing.assert_allclose(table[end], table["estimate"] + side * norm.ppf(0.975) * table["sd"])
+        np.testing.assert_allclose(
+            table[end], table["estimate"] + side * norm.ppf(0.975) * table["sd"]
+        )
     said = verdict(found)
     assert "Over 10 campaigns of M1 a change is found" in said
     assert "one of C_XXX" in said
@@ -316,8 +376,12 @@ def test_conformity_of_every_campaign(rows: pd.DataFrame, found: Trend) -> None:
     limits = {"C_XXX": lb.Tolerance(upper=limit), "stiffness_X": lb.Tolerance(lower=1.0 / limit)}
     given = lb.trend(rows, tolerances=limits).conformity
     expected = norm.cdf((limit - own["estimate"]) / np.hypot(own["sd"], common))
-    np.testing.assert_allclose([one.probability for one in given["C_XXX"].values()], expected, atol=1e-9)
-    np.testing.assert_allclose([one.probability for one in given["stiffness_X"].values()], expected, atol=0.02)
+    np.testing.assert_allclose(
+        [one.probability for one in given["C_XXX"].values()], expected, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        [one.probability for one in given["stiffness_X"].values()], expected, atol=0.02
+    )
     assert list(given["C_XXX"]) == names_of(found)
     stated = rows.assign(tolerances='{"C_XXX": "60 nm/N", "G": "20 µm"}')
     assert list(lb.trend(stated).conformity) == ["C_XXX"]
@@ -343,9 +407,14 @@ def test_the_instruments_error_is_in_no_point(rows: pd.DataFrame) -> None:
         assert other.parameters[name].common_sd > 1.05 * one.parameters[name].common_sd
     for column in ("sd", "limit_high"):
         np.testing.assert_allclose(
-            other.estimates[column].dropna(), one.estimates[column].dropna(), rtol=0.08, atol=2e-3 * one.estimates["sd"].max()
+            other.estimates[column].dropna(),
+            one.estimates[column].dropna(),
+            rtol=0.08,
+            atol=2e-3 * one.estimates["sd"].max(),
         )
-    assert other.parameters["C_XXX"].change.mean == pytest.approx(one.parameters["C_XXX"].change.mean, rel=0.05)
+    assert other.parameters["C_XXX"].change.mean == pytest.approx(
+        one.parameters["C_XXX"].change.mean, rel=0.05
+    )
     apart = lb.trend(rows, one_instrument=False)
     assert np.isfinite(apart.probability)
     assert apart.parameters["C_XXX"].common_sd == 0.0
@@ -354,13 +423,18 @@ def test_the_instruments_error_is_in_no_point(rows: pd.DataFrame) -> None:
 def test_the_prior_of_the_fits_does_not_matter(rows: pd.DataFrame, found: Trend) -> None:
     """The same likelihoods from fits that were told of the machine: the same step, as probable."""
     truth = one_campaign()
-    told = {name: (1.1 * truth.mean[truth.names.index(name)], 0.04 * 1e-4) for name in ("C_XXX", "C_YYY")}
+    told = {
+        name: (1.1 * truth.mean[truth.names.index(name)], 0.04 * 1e-4)
+        for name in ("C_XXX", "C_YYY")
+    }
     other = lb.trend(with_prior(rows, told))
     assert other.probability == pytest.approx(found.probability, rel=1e-6)
     for name, own in found.parameters.items():
         assert other.parameters[name].change.mean == pytest.approx(own.change.mean, rel=1e-5)
         assert other.parameters[name].level_now.mean == pytest.approx(own.level_now.mean, rel=1e-5)
-    np.testing.assert_allclose(other.estimates["limit_high"], found.estimates["limit_high"], rtol=1e-5)
+    np.testing.assert_allclose(
+        other.estimates["limit_high"], found.estimates["limit_high"], rtol=1e-5
+    )
 
 
 def test_order_of_time(rows: pd.DataFrame, found: Trend) -> None:
@@ -372,7 +446,9 @@ def test_order_of_time(rows: pd.DataFrame, found: Trend) -> None:
     assert undated.probability == pytest.approx(found.probability)
     assert any("No campaign has a date" in doubt for doubt in doubts(undated))
     assert "between c06 and c07" in verdict(undated)
-    zoned = rows.assign(date=["2026-01-01T12:00:00+02:00", "2026-01-01T11:00:00", *["2026-02-01"] * 8])
+    zoned = rows.assign(
+        date=["2026-01-01T12:00:00+02:00", "2026-01-01T11:00:00", *["2026-02-01"] * 8]
+    )
     assert names_of(lb.trend(zoned))[:2] == ["c01", "c02"]
     some = rows.assign(date=[None, *rows["date"][1:]])
     refuses(r"a date all or none, got none for year/c01\. Write date", lb.trend, some)
@@ -381,12 +457,17 @@ def test_order_of_time(rows: pd.DataFrame, found: Trend) -> None:
 def test_which_machine(rows: pd.DataFrame) -> None:
     two = pd.concat([rows, rows.assign(machine_id="M2", campaign="other/" + rows["name"])])
     refuses(r"of one machine, got those of M1, M2. Choose one: --machine M1", lb.trend, two)
-    refuses(r"machine must be one of M1, M2, got 'm2'. Did you mean 'M2'", lb.trend, two, machine="m2")
+    refuses(
+        r"machine must be one of M1, M2, got 'm2'. Did you mean 'M2'", lb.trend, two, machine="m2"
+    )
     nameless = lb.trend(rows.assign(machine_id=None))
     assert nameless.machine is None
     assert "No campaign names its machine" in doubts(nameless)[0]
     some = lb.trend(rows.assign(machine_id=[None, *["M1"] * 9]))
-    assert (len(some.campaigns), doubts(some)[0]) == (9, "Left out, because they name no machine: c01.")
+    assert (len(some.campaigns), doubts(some)[0]) == (
+        9,
+        "Left out, because they name no machine: c01.",
+    )
     assert list(lb.trend(rows, parameters="C_XXX").parameters) == ["C_XXX"]
 
 
@@ -436,7 +517,9 @@ def test_scatter_rule_is_a_half_normal() -> None:
     assert weight.sum() == pytest.approx(1.0)
     assert weight @ nodes == pytest.approx(0.01 * np.sqrt(2.0 / np.pi), rel=2e-3)
     assert weight @ nodes**2 == pytest.approx(1e-4, rel=2e-3)
-    assert weight @ np.exp(-nodes / 0.003) == pytest.approx(halfnorm(scale=0.01).expect(lambda r: np.exp(-r / 0.003)), rel=0.01)
+    assert weight @ np.exp(-nodes / 0.003) == pytest.approx(
+        halfnorm(scale=0.01).expect(lambda r: np.exp(-r / 0.003)), rel=0.01
+    )
 
 
 def test_limits_are_of_what_the_next_campaign_would_say() -> None:
@@ -445,10 +528,17 @@ def test_limits_are_of_what_the_next_campaign_would_say() -> None:
     series, known = visited(rng, 3), np.array([0.4])
     carried = carried_by(series, np.array([r]), 2)
     chart = chart_of(series, carried, np.array([r]), np.ones(1), (known, np.eye(1)), limits=0.9)
-    x = Gaussian(np.eye(3) + carried.precision[0, :2].sum(axis=0), carried.shift[0, :2].sum(axis=0)).draw(rng, (200_000,))
+    x = Gaussian(
+        np.eye(3) + carried.precision[0, :2].sum(axis=0), carried.shift[0, :2].sum(axis=0)
+    ).draw(rng, (200_000,))
     x[:, :2] += r * rng.standard_normal((len(x), 2))
-    own = (x @ series.precision[2] + rng.standard_normal(x.shape) @ np.linalg.cholesky(series.precision[2]).T)[:, :2]
+    own = (
+        x @ series.precision[2]
+        + rng.standard_normal(x.shape) @ np.linalg.cholesky(series.precision[2]).T
+    )[:, :2]
     shrink = np.linalg.inv(np.eye(2) + series.precision[2, :2, :2])
     said = (own - series.precision[2, :2, 2] * known) @ shrink
     sd = said.std(axis=0)
-    np.testing.assert_allclose((chart.limits[:, 2] - np.quantile(said, [0.05, 0.95], axis=0)) / sd, 0.0, atol=0.03)
+    np.testing.assert_allclose(
+        (chart.limits[:, 2] - np.quantile(said, [0.05, 0.95], axis=0)) / sd, 0.0, atol=0.03
+    )

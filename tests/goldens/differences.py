@@ -60,17 +60,24 @@ def condensed(value: Any) -> Any:
     if isinstance(value, dict):
         rows = list(value.values())
         if len(rows) > 1 and all(
-            isinstance(row, dict) and _are_numbers(row.values()) and list(row) == list(rows[0]) for row in rows
+            isinstance(row, dict) and _are_numbers(row.values()) and list(row) == list(rows[0])
+            for row in rows
         ):
             if len(rows) > _MOST_ROWS:
-                return _digest([number for row in rows for number in row.values()]) | _keys({**value, **rows[0]})
+                return _digest([number for row in rows for number in row.values()]) | _keys(
+                    {**value, **rows[0]}
+                )
             if len(rows[0]) > _LONGEST:
-                return {str(key): _digest(list(row.values())) | _keys(row) for key, row in value.items()}
+                return {
+                    str(key): _digest(list(row.values())) | _keys(row) for key, row in value.items()
+                }
         return {str(key): condensed(own) for key, own in value.items()}
     if isinstance(value, (list, tuple)):
         if len(value) > _LONGEST and _are_numbers(value):
             return _digest(list(value))
-        if len(value) > _MOST_ROWS and all(isinstance(row, (list, tuple)) and _are_numbers(row) for row in value):
+        if len(value) > _MOST_ROWS and all(
+            isinstance(row, (list, tuple)) and _are_numbers(row) for row in value
+        ):
             return _digest([number for row in value for number in row])
         return [condensed(own) for own in value]
     return value
@@ -85,13 +92,19 @@ def _digest(numbers: list[float]) -> dict[str, Any]:
     array = array[np.isfinite(array)]
     weights = np.random.RandomState(len(array)).uniform(0.5, 1.5, len(array))
     weighted = math.fsum((weights * array).tolist())
-    ends = [float(array[0]), float(array[-1]), float(array.min()), float(array.max())] if len(array) else []
+    ends = (
+        [float(array[0]), float(array[-1]), float(array.min()), float(array.max())]
+        if len(array)
+        else []
+    )
     return {"numbers": [len(numbers), *ends, math.fsum(array.tolist()), weighted]}
 
 
 def _keys(value: dict[str, Any]) -> dict[str, str]:
     names = list(map(str, value))
-    return {"keys": f"{len(names)} from {names[0]} to {names[-1]}, {zlib.crc32('|'.join(names).encode()):08x}"}
+    return {
+        "keys": f"{len(names)} from {names[0]} to {names[-1]}, {zlib.crc32('|'.join(names).encode()):08x}"
+    }
 
 
 def compact(value: Any, depth: int = 0) -> str:
@@ -101,12 +114,17 @@ def compact(value: Any, depth: int = 0) -> str:
         return line
     pad = " " * (depth + 1)
     if isinstance(value, dict):
-        rows = [f"{pad}{json.dumps(key, ensure_ascii=False)}: {compact(own, depth + 1)}" for key, own in value.items()]
+        rows = [
+            f"{pad}{json.dumps(key, ensure_ascii=False)}: {compact(own, depth + 1)}"
+            for key, own in value.items()
+        ]
         return "{\n" + ",\n".join(rows) + f"\n{' ' * depth}}}"
     return "[\n" + ",\n".join(pad + compact(own, depth + 1) for own in value) + f"\n{' ' * depth}]"
 
 
-def differences(old: Any, new: Any, *, relative: float = 1e-10, rules: Sequence[Rule] = ()) -> list[Difference]:
+def differences(
+    old: Any, new: Any, *, relative: float = 1e-10, rules: Sequence[Rule] = ()
+) -> list[Difference]:
     """Everything that differs by more than rounding.
 
     Parameters
@@ -126,7 +144,9 @@ class _Comparison:
     rules: tuple[Rule, ...]
 
     def rule(self, *texts: str) -> Rule | None:
-        return next((own for own in self.rules if any(re.search(own.where, text) for text in texts)), None)
+        return next(
+            (own for own in self.rules if any(re.search(own.where, text) for text in texts)), None
+        )
 
     def walk(self, old: Any, new: Any, path: str, scale: float) -> Iterator[Difference]:
         """Differences of two values at a path; scale: of what stands around them."""
@@ -134,15 +154,26 @@ class _Comparison:
             spread = next((abs(old[key]) for key in SPREADS if _is_number(old.get(key))), 0.0)
             for key in [*old, *(key for key in new if key not in old)]:
                 if key not in old or key not in new:
-                    yield Difference(f"{path}/{key}", old.get(key, "(none)"), new.get(key, "(none)"), math.inf)
+                    yield Difference(
+                        f"{path}/{key}", old.get(key, "(none)"), new.get(key, "(none)"), math.inf
+                    )
                 else:
-                    own = old.get(f"{key.rpartition('.')[0]}.sd")  # of C_XXX.mean, in a row of a table
-                    yield from self.walk(old[key], new[key], f"{path}/{key}", abs(own) if _is_number(own) else spread)
+                    own = old.get(
+                        f"{key.rpartition('.')[0]}.sd"
+                    )  # of C_XXX.mean, in a row of a table
+                    yield from self.walk(
+                        old[key], new[key], f"{path}/{key}", abs(own) if _is_number(own) else spread
+                    )
         elif isinstance(old, list) and isinstance(new, list):
             if len(old) != len(new):
                 yield Difference(f"{path} (length)", len(old), len(new), math.inf)
             first = 1 if path.endswith("/numbers") else 0  # a digest begins with its size
-            inside = max([scale, *(abs(own) for own in old[first:] if _is_number(own) and math.isfinite(own))])
+            inside = max(
+                [
+                    scale,
+                    *(abs(own) for own in old[first:] if _is_number(own) and math.isfinite(own)),
+                ]
+            )
             for k, (one, two) in enumerate(zip(old, new, strict=False)):
                 yield from self.walk(one, two, f"{path}/{k}", inside)
         elif _is_number(old) and _is_number(new):

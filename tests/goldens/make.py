@@ -39,8 +39,21 @@ RECOVERED = ROOT / "data" / "recovered_experiment"
 CAMPAIGNS = ("arcs", "clocked", "two_radii", "both_ways", "three_planes")
 DEGREES = {"clocked": 2, "two_radii": 0}
 # Depend on the code, the machine or the clock, not on the answer.
-LEFT_OUT = {"seconds", "started", "versions", "platform", "provenance", "resumed", "toml", "stamp", "sha256", "model_sha256"}
-RULES = tuple(Rule(**own) for own in tomllib.loads((HERE / "rules.toml").read_text(encoding="utf-8"))["rule"])
+LEFT_OUT = {
+    "seconds",
+    "started",
+    "versions",
+    "platform",
+    "provenance",
+    "resumed",
+    "toml",
+    "stamp",
+    "sha256",
+    "model_sha256",
+}
+RULES = tuple(
+    Rule(**own) for own in tomllib.loads((HERE / "rules.toml").read_text(encoding="utf-8"))["rule"]
+)
 # Answers are kept of the model's first edition, but where its name says otherwise.
 _WITH_MODEL = {"batch", "compare", "design", "fit", "identify", "simulate", "validate"}
 _FEW_NUISANCES = ("--without", "discrepancy,hysteresis,setup-shift")
@@ -69,7 +82,9 @@ class Work:
             words = [str(own).removeprefix(f"{self.folder}/") for own in arguments]
             if words[0] in _WITH_MODEL and "--preset" not in words:
                 words += ["--preset", "first"]
-            ended = CliRunner().invoke(app, words, env={"COLUMNS": "120", "TERM": "dumb", "NO_COLOR": "1"})
+            ended = CliRunner().invoke(
+                app, words, env={"COLUMNS": "120", "TERM": "dumb", "NO_COLOR": "1"}
+            )
         return ended.exit_code, ended.stdout, ended.stderr
 
     def run(self, *arguments: object) -> dict[str, Any]:
@@ -91,14 +106,25 @@ class Work:
         """A result of independent draws."""
         # With 400 draws R-hat of two_radii is 1.0100, on either side of 1.01 after the last bit of a sum.
         ess = 500 if name == "two_radii" else 400
-        options = ("--degree", DEGREES.get(name, 1), "--sampler", "independent", "--ess", ess, "--seed", 1)
+        options = (
+            "--degree",
+            DEGREES.get(name, 1),
+            "--sampler",
+            "independent",
+            "--ess",
+            ess,
+            "--seed",
+            1,
+        )
         few = _FEW_NUISANCES if name == "small" else ()
         return self.written(self.folder / f"fit_{name}", "fit", self.campaign(name), *options, *few)
 
     @cached_property
     def shop(self) -> list[Path]:
         """Small campaigns of several machines."""
-        return sorted(Path(shutil.copytree(HERE / "campaigns" / "shop", self.folder / "shop")).iterdir())
+        return sorted(
+            Path(shutil.copytree(HERE / "campaigns" / "shop", self.folder / "shop")).iterdir()
+        )
 
     @cached_property
     def compared(self) -> Path:
@@ -110,15 +136,33 @@ class Work:
         """A batch of ten small campaigns, one of them not there, and what the command printed."""
         out = self.folder / "batch"
         model = ("--degree", 1, "--without", "hysteresis,discrepancy,setup-shift")
-        options = ("--sampler", "independent", "--ess", 400, "--workers", 1, "--seed", 1, "--quiet", "--json")
-        return out, self.run("batch", *self.shop, self.folder / "shop" / "missing", *model, *options, "--out", out)
+        options = (
+            "--sampler",
+            "independent",
+            "--ess",
+            400,
+            "--workers",
+            1,
+            "--seed",
+            1,
+            "--quiet",
+            "--json",
+        )
+        return out, self.run(
+            "batch", *self.shop, self.folder / "shop" / "missing", *model, *options, "--out", out
+        )
 
     def text(self, text: str) -> list[str]:
         """Lines without the places, times and versions of this run."""
         for place, name in ((self.folder, "<work>"), (ROOT, "<project>")):
             text = text.replace(f"{place}/", f"{name}/").replace(str(place), name)
         text = re.sub(r"\b[\d.]+ s\b(?=[.:]?$|: )", "# s", text, flags=re.M)
-        for own in (r"(?<=ted )\d{4}-[\d-]+", r"(?<=with ldbb_bayes )\S+", r"(?<=versions \| )[^|]+\b", r"\bPython \d[^|]+\b"):
+        for own in (
+            r"(?<=ted )\d{4}-[\d-]+",
+            r"(?<=with ldbb_bayes )\S+",
+            r"(?<=versions \| )[^|]+\b",
+            r"\bPython \d[^|]+\b",
+        ):
             text = re.sub(own, "#", text)
         text = re.sub(r"\d{4}-\d\d-\d\dT(?!00:00:00)[\d:.]+(\+[\d:]+|Z)?", "<time>", text)
         return [" ".join(line.split()) for line in text.splitlines() if line.strip()]
@@ -130,8 +174,14 @@ class Work:
     def plain(self, value: Any) -> Any:
         """What depends on the answer, as JSON has it."""
         if isinstance(value, pd.DataFrame):
-            names = ["/".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in value.index]
-            value = [{"row": name} | row for name, row in zip(names, value.to_dict("records"), strict=True)]
+            names = [
+                "/".join(map(str, name)) if isinstance(name, tuple) else str(name)
+                for name in value.index
+            ]
+            value = [
+                {"row": name} | row
+                for name, row in zip(names, value.to_dict("records"), strict=True)
+            ]
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             value = {own.name: getattr(value, own.name) for own in dataclasses.fields(value)}
         if isinstance(value, np.ndarray | np.generic):
@@ -142,7 +192,13 @@ class Work:
             return [self.plain(own) for own in value]
         if isinstance(value, str):
             return "\n".join(self.text(value))
-        return value if value is None or isinstance(value, bool | int | float) else None if value is pd.NaT else str(value)
+        return (
+            value
+            if value is None or isinstance(value, bool | int | float)
+            else None
+            if value is pd.NaT
+            else str(value)
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,13 +215,17 @@ FOUND = 2e-8
 GOLDENS: dict[str, Golden] = {}
 
 
-def golden(*names: str, fast: tuple[str, ...] = (), slow: bool = False, relative: float = FOUND) -> Callable[[Any], Any]:
+def golden(
+    *names: str, fast: tuple[str, ...] = (), slow: bool = False, relative: float = FOUND
+) -> Callable[[Any], Any]:
     """Register a function as the golden of its name; with names as one for each, handed to it, slow but for those ``fast``."""
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         stem = function.__name__.lstrip("_")
         for name in names:
-            GOLDENS[f"{stem}_{name}"] = Golden(partial(function, name=name), name not in fast, relative)
+            GOLDENS[f"{stem}_{name}"] = Golden(
+                partial(function, name=name), name not in fast, relative
+            )
         if not names:
             GOLDENS[stem] = Golden(function, slow, relative)
         return function
@@ -198,7 +258,9 @@ def _import_awkward(work: Work) -> Any:
         for file, content in case.files.items():
             (folder / file).write_bytes(content)
         files = [folder / file for file in case.files]
-        found[name] = work.run("import", *files, "--out", folder / "campaign", *case.options, "--json")
+        found[name] = work.run(
+            "import", *files, "--out", folder / "campaign", *case.options, "--json"
+        )
         found[name]["digest"] = lb.read_campaign(folder / "campaign").sha256
     return found
 
@@ -213,19 +275,27 @@ def _import_malformed(work: Work) -> Any:
         folder = work.folder / "malformed" / re.sub(r"\W", "_", name)
         folder.mkdir(parents=True)
         (folder / case.file).write_bytes(case.content)
-        code, out, error = work.command("import", folder / case.file, "--out", folder / "campaign", *case.options)
+        code, out, error = work.command(
+            "import", folder / case.file, "--out", folder / "campaign", *case.options
+        )
         message = " ".join((out + error).split()).replace(f"{folder.relative_to(work.folder)}/", "")
-        found[name] = {"code": code, "message": message, "written": sorted({p.name for p in folder.iterdir()} - {case.file})}
+        found[name] = {
+            "code": code,
+            "message": message,
+            "written": sorted({p.name for p in folder.iterdir()} - {case.file}),
+        }
     return found
 
 
 @golden(relative=1e-10)
 def _machine(work: Work) -> Any:
     asked = {
-        "one plane": ("wCAFYXZSt",), "three planes": ("wCAFYXZSt", "--plane", "XY,YZ,ZX"),
-        "frames": ("wCAFYXZSt", "--frame", "Y=0,-200,350", "--centre", "100,0,0"), "other chain": ("wXYFZt", "--plane", "XY,ZX"),
+        "one plane": ("wCAFYXZSt",),
+        "three planes": ("wCAFYXZSt", "--plane", "XY,YZ,ZX"),
+        "frames": ("wCAFYXZSt", "--frame", "Y=0,-200,350", "--centre", "100,0,0"),
+        "other chain": ("wXYFZt", "--plane", "XY,ZX"),
         "table": ("wYXFZt", "--plane", "YZ"),
-    }  # fmt: skip
+    }
     found = {name: work.run("machine", *arguments, "--json") for name, arguments in asked.items()}
     return found | {"text": work.run("machine", *asked["frames"])}
 
@@ -233,16 +303,26 @@ def _machine(work: Work) -> Any:
 @golden(relative=1e-10)
 def _simulate(work: Work) -> Any:
     truth = work.folder / "truth.toml"
-    truth.write_text("schema = 1\n[parameters]\nC_XXX = 6e-5\nC_YYY = 4.5e-5\n[hyper_um]\nsigma = 0.12\n", encoding="utf-8")
+    truth.write_text(
+        "schema = 1\n[parameters]\nC_XXX = 6e-5\nC_YYY = 4.5e-5\n[hyper_um]\nsigma = 0.12\n",
+        encoding="utf-8",
+    )
     asked = {
-        "plan": ("plan", "--seed", 3), "truth": ("plan", "--truth", truth, "--degree", 0),
-        "planes": ("three_planes", "--degree", 1), "both ways": ("both_ways", "--degree", 2, "--without", "discrepancy"),
-    }  # fmt: skip
+        "plan": ("plan", "--seed", 3),
+        "truth": ("plan", "--truth", truth, "--degree", 0),
+        "planes": ("three_planes", "--degree", 1),
+        "both ways": ("both_ways", "--degree", 2, "--without", "discrepancy"),
+    }
     found = {}
     for name, (campaign, *options) in asked.items():
         out = work.folder / f"simulated_{name.replace(' ', '_')}"
-        found[name] = work.run("simulate", work.campaign(campaign), *options, "--out", out, "--json")
-        tests = {own.name: {"angle_deg": own.angle_deg, "reading_um": own.reading_um} for own in lb.read_campaign(out).tests}
+        found[name] = work.run(
+            "simulate", work.campaign(campaign), *options, "--out", out, "--json"
+        )
+        tests = {
+            own.name: {"angle_deg": own.angle_deg, "reading_um": own.reading_um}
+            for own in lb.read_campaign(out).tests
+        }
         found[name] |= {"tests": work.cleaned(tests)}
     return found
 
@@ -256,7 +336,9 @@ def _fit(work: Work, name: str) -> Any:
         found["fit"].pop("sensitivity", None)
         found.pop("nuisances", None)
     found["model"] = (out / "model.toml").read_text(encoding="utf-8").splitlines()
-    return found | ({"text": work.run("summarize", out, "--ci", 0.9)} if name == "both_ways" else {})
+    return found | (
+        {"text": work.run("summarize", out, "--ci", 0.9)} if name == "both_ways" else {}
+    )
 
 
 @golden(*CAMPAIGNS)
@@ -298,8 +380,27 @@ def _design(work: Work) -> Any:
     forces = ("--forces", "36:742:353", "--quiet")
     asked = {
         "tests": ("arcs", "--tests", 4, *forces),
-        "clocked plan": ("plan", "--tests", 3, *forces, "--clockings", "0/0,60/60", "--criterion", "a"),
-        "augmented": ("two_radii", "--tests", 2, *forces, "--augment", "--criterion", "c", "--parameters", "C_XYX"),
+        "clocked plan": (
+            "plan",
+            "--tests",
+            3,
+            *forces,
+            "--clockings",
+            "0/0,60/60",
+            "--criterion",
+            "a",
+        ),
+        "augmented": (
+            "two_radii",
+            "--tests",
+            2,
+            *forces,
+            "--augment",
+            "--criterion",
+            "c",
+            "--parameters",
+            "C_XYX",
+        ),
     }
     found = {}
     for name, (campaign, *options) in asked.items():
@@ -311,7 +412,20 @@ def _design(work: Work) -> Any:
 
 @golden()
 def _validate(work: Work) -> Any:
-    options = ("--degree", 0, "--replicates", 10, "--draws", 19, "--sampler", "independent", "--workers", 1, "--quiet", "--json")
+    options = (
+        "--degree",
+        0,
+        "--replicates",
+        10,
+        "--draws",
+        19,
+        "--sampler",
+        "independent",
+        "--workers",
+        1,
+        "--quiet",
+        "--json",
+    )
     return work.run("validate", work.campaign("plan"), *options)
 
 
@@ -320,9 +434,11 @@ def _meaning(work: Work) -> Any:
     """What the page of the recovered experiment does not hold: two directions, and how two results differ."""
     one, two, ways = (lb.load(work.fitted(name)) for name in ("arcs", "clocked", "both_ways"))
     found = {
-        "circularity": lb.circularity(ways, [0.0, 500.0]), "measured_circularity": lb.measured_circularity(ways),
-        "differences": lb.differences(one, two), "of one instrument": lb.differences(ways, one, same_instrument=True).iloc[::2],
-    }  # fmt: skip
+        "circularity": lb.circularity(ways, [0.0, 500.0]),
+        "measured_circularity": lb.measured_circularity(ways),
+        "differences": lb.differences(one, two),
+        "of one instrument": lb.differences(ways, one, same_instrument=True).iloc[::2],
+    }
     return work.cleaned(found)
 
 
@@ -335,15 +451,28 @@ def _report(work: Work, name: str) -> Any:
     tables = {}
     for path in sorted((out / "tables").iterdir()):
         table = pd.read_csv(path)
-        means = {name: float(np.abs(own).mean()) for name, own in table.select_dtypes("number").items()}
-        tables[path.name] = {"rows": len(table), "columns": list(table.columns), "mean sizes": means}
-    return printed | {"page": work.text(_words((out / "report.html").read_text(encoding="utf-8"))), "tables": tables}
+        means = {
+            name: float(np.abs(own).mean()) for name, own in table.select_dtypes("number").items()
+        }
+        tables[path.name] = {
+            "rows": len(table),
+            "columns": list(table.columns),
+            "mean sizes": means,
+        }
+    return printed | {
+        "page": work.text(_words((out / "report.html").read_text(encoding="utf-8"))),
+        "tables": tables,
+    }
 
 
 def _words(page: str) -> str:
     """What a reader of the page sees, the drawings' paths left out."""
     page = re.sub(r"<(style|script|svg)\b.*?</\1>", "", page, flags=re.S)
-    page = re.sub(r"<(?=/?(?:p|div|tr|li|h\d|table|section|figure|figcaption|summary|details|ul|ol)\b)", "\n<", page)
+    page = re.sub(
+        r"<(?=/?(?:p|div|tr|li|h\d|table|section|figure|figcaption|summary|details|ul|ol)\b)",
+        "\n<",
+        page,
+    )
     page = re.sub(r"</(?:td|th)>", " | ", page)
     return html.unescape(re.sub(r"<[^>]*>", "", page))
 
@@ -352,15 +481,31 @@ def _words(page: str) -> str:
 def _batch(work: Work) -> Any:
     out, printed = work.batch
     rows = lb.read_batch(out)
-    columns = [name for name in rows.columns if "seconds" not in name and "sha256" not in name and name not in LEFT_OUT]
-    short = [name for name in columns if name.endswith((".mean", ".sd")) or name in ("name", "status", "reason", "converged")]
+    columns = [
+        name
+        for name in rows.columns
+        if "seconds" not in name and "sha256" not in name and name not in LEFT_OUT
+    ]
+    short = [
+        name
+        for name in columns
+        if name.endswith((".mean", ".sd")) or name in ("name", "status", "reason", "converged")
+    ]
     first, rest = work.cleaned(rows[columns].iloc[:1]), work.cleaned(rows[short])
     return {"said": printed, "columns": condensed(columns), "first": first, "rows": rest}
 
 
 @golden()
 def _trend(work: Work) -> Any:
-    options = (work.batch[0], "--machine", "M1", "--parameters", "C_XXX,C_YYY", "--include-misfits", "--quiet")
+    options = (
+        work.batch[0],
+        "--machine",
+        "M1",
+        "--parameters",
+        "C_XXX,C_YYY",
+        "--include-misfits",
+        "--quiet",
+    )
     return work.run("trend", *options, "--json") | {"text": work.run("trend", *options)}
 
 
@@ -384,9 +529,15 @@ def check(name: str, answer: Any) -> list[Difference]:
 
 def main() -> int:
     """Write or check; 1 where anything differs."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(GOLDENS)}; default: all")
-    parser.add_argument("--check", action="store_true", help="compare with the files instead of writing them")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"of {', '.join(GOLDENS)}; default: all"
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="compare with the files instead of writing them"
+    )
     given, failed = parser.parse_args(), False
     with tempfile.TemporaryDirectory() as folder:
         work = Work(Path(folder).resolve())
@@ -395,7 +546,9 @@ def main() -> int:
             found = check(name, answer) if given.check else []
             if not given.check:
                 (HERE / f"{name}.json").write_text(compact(answer) + "\n", encoding="utf-8")
-            lines = [f"    {own.path}: {own.old!r} -> {own.new!r} ({own.relative:.2g})" for own in found]
+            lines = [
+                f"    {own.path}: {own.old!r} -> {own.new!r} ({own.relative:.2g})" for own in found
+            ]
             print("\n".join([name, *lines]))  # noqa: T201
             failed |= bool(found)
     return int(failed)

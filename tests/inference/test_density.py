@@ -18,9 +18,11 @@ FEW = simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)))
 FOUR = simulated(plan())
 TIGHT = {"C_XXX": (3e-6, 4e-6), "C_YYY": (-2e-6, 8e-6), "C_CCY": (1e-9, 1e-9)}
 MODELS = {
-    "constant": lb.HybridModel.first(0), "linear": lb.HybridModel.first(1), "quadratic": lb.HybridModel.first(2),
+    "constant": lb.HybridModel.first(0),
+    "linear": lb.HybridModel.first(1),
+    "quadratic": lb.HybridModel.first(2),
     "tight": lb.HybridModel.first(1).with_prior(TIGHT),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("edition", ["first", "second"])
@@ -28,15 +30,24 @@ def test_densities_are_the_oracles(edition: str, rng: np.random.Generator) -> No
     """ln p(y | x) of the dense covariance; ln p(x) of normals inside, over P(T) in closed form, and of the scales."""
     model = MODELS["tight"] if edition == "first" else lb.HybridModel.default(1)
     priors = TIGHT if edition == "first" else {}
-    density, dense = lb.log_density(model, FOUR), oracle_of(FOUR, 1, edition=edition, given_priors=priors)
+    density, dense = (
+        lb.log_density(model, FOUR),
+        oracle_of(FOUR, 1, edition=edition, given_priors=priors),
+    )
     x = density.initial(5, seed=2)
     assert np.isfinite(density.log_prob(x)).all()
-    for point, likelihood, prior in zip(x, density.log_likelihood(x), density.log_prior(x), strict=True):
+    for point, likelihood, prior in zip(
+        x, density.log_likelihood(x), density.log_prior(x), strict=True
+    ):
         parts = density.split(point)
         beta, hyper = (np.array([*parts[key].values()]) for key in ("parameters", "hyper"))
         named = dict(zip(dense.hypers, hyper, strict=True))
         assert likelihood == pytest.approx(dense.log_likelihood(named, beta), abs=1e-4)
-        expected = stats.norm.logpdf(beta, dense.mean, dense.sd).sum() - dense._log_prob_prior() + dense.log_prior(named)
+        expected = (
+            stats.norm.logpdf(beta, dense.mean, dense.sd).sum()
+            - dense._log_prob_prior()
+            + dense.log_prior(named)
+        )
         assert prior == pytest.approx(expected, abs=1e-4)
         assert density.log_prob(point) == pytest.approx(likelihood + prior, rel=1e-14)
     assert [*density.split(x)["parameters"]] == dense.names
@@ -54,30 +65,54 @@ def test_prior_transform_gives_draws_of_the_prior(name: str, rng: np.random.Gene
     normal = bound.prior_mean + rng.standard_normal((200_000, len(bound.names))) * bound.prior_sd
     rejected = normal[(normal @ bound.truncation.rows.T >= 0.0).all(axis=1)]
     looks = np.vstack([np.eye(len(bound.names)), bound.truncation.rows])
-    p_values = [stats.ks_2samp(drawn[:, : len(bound.names)] @ look, rejected @ look).pvalue for look in looks]
+    p_values = [
+        stats.ks_2samp(drawn[:, : len(bound.names)] @ look, rejected @ look).pvalue
+        for look in looks
+    ]
     assert min(p_values) > 1e-4
     tau = density.names.index("tau")
     assert stats.kstest(drawn[:, tau], stats.halfnorm(scale=5e-3).cdf).pvalue > 1e-4
     one = rng.random(len(density.names))
-    np.testing.assert_array_equal(density.prior_transform(one), density.prior_transform(one[None])[0])
+    np.testing.assert_array_equal(
+        density.prior_transform(one), density.prior_transform(one[None])[0]
+    )
 
 
 def test_outside_the_bounds() -> None:
     density = lb.log_density(lb.HybridModel.default(1), FOUR)
     x = density.initial(1)[0]
-    for name, value in {"C_XXX": -1e-6, "sigma": 1e-5, "decay": 0.4, "lambda_f036": -1.0, "tau": np.nan}.items():
+    for name, value in {
+        "C_XXX": -1e-6,
+        "sigma": 1e-5,
+        "decay": 0.4,
+        "lambda_f036": -1.0,
+        "tau": np.nan,
+    }.items():
         moved = np.where(np.array(density.names) == name, value, x)
         assert np.clip(value, *density.bounds[density.names.index(name)]) != value
         assert density.log_prob(moved) == density.log_prior(moved) == -np.inf
         assert np.isfinite(density.log_likelihood(moved)) == (name == "C_XXX")
     assert pickle.loads(pickle.dumps(density)).log_prob(x) == density.log_prob(x)
     assert repr(density) == "LogDensity of 'campaign': 19 parameters, 9 scales"
-    refuses(r"x must have shape \(28,\) or \(n, 28\), got \(3,\)\. Order it as in names", density.log_prob, np.zeros(3))
+    refuses(
+        r"x must have shape \(28,\) or \(n, 28\), got \(3,\)\. Order it as in names",
+        density.log_prob,
+        np.zeros(3),
+    )
     for u in (1.5, -1e-9, np.nan):
         with pytest.raises(InputError, match=f"u must lie between 0 and 1, got {u}. Give prior"):
             density.prior_transform(np.where(np.arange(len(x)) == 3, u, 0.5))
-    refuses("must have readings to have a posterior, got a plan", lb.log_density, lb.HybridModel.default(1), plan())
-    refuses("must be proper, got a flat one", lb.log_density(lb.HybridModel.paper(0), FEW).prior_transform, np.zeros(14))
+    refuses(
+        "must have readings to have a posterior, got a plan",
+        lb.log_density,
+        lb.HybridModel.default(1),
+        plan(),
+    )
+    refuses(
+        "must be proper, got a flat one",
+        lb.log_density(lb.HybridModel.paper(0), FEW).prior_transform,
+        np.zeros(14),
+    )
 
 
 def test_an_optimiser_finds_the_mode() -> None:
@@ -86,7 +121,10 @@ def test_an_optimiser_finds_the_mode() -> None:
     x0 = density.initial(1)[0]
     options = {"maxfev": 40_000, "maxiter": 40_000, "adaptive": True, "xatol": 1e-6, "fatol": 1e-9}
     found = optimize.minimize(
-        lambda z: -density.log_prob(x0 + density.scale * z), np.zeros(len(x0)), method="Nelder-Mead", options=options
+        lambda z: -density.log_prob(x0 + density.scale * z),
+        np.zeros(len(x0)),
+        method="Nelder-Mead",
+        options=options,
     )
     mode = density.split(x0 + density.scale * found.x)["parameters"]
     estimate = lb.least_squares(FEW).estimate
@@ -94,7 +132,9 @@ def test_an_optimiser_finds_the_mode() -> None:
     assert max(abs(mode[name] - estimate[name]) / sd[name] for name in mode) < 0.05
 
 
-def agree(density: lb.LogDensity, exact: pd.DataFrame, draws: np.ndarray, weight: np.ndarray | None = None) -> None:
+def agree(
+    density: lb.LogDensity, exact: pd.DataFrame, draws: np.ndarray, weight: np.ndarray | None = None
+) -> None:
     mean = np.average(draws, axis=0, weights=weight)
     sd = np.sqrt(np.average((draws - mean) ** 2, axis=0, weights=weight))
     own = exact.loc[list(density.names)]
@@ -106,21 +146,34 @@ def agree(density: lb.LogDensity, exact: pd.DataFrame, draws: np.ndarray, weight
 def test_emcee_reproduces_the_posterior(recovered: lb.Campaign) -> None:
     model = lb.HybridModel.first(1)
     density = lb.log_density(model, recovered)
-    d, moves = len(density.names), [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)]
+    d, moves = (
+        len(density.names),
+        [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)],
+    )
     sampler = emcee.EnsembleSampler(8 * d, d, density.log_prob, vectorize=True, moves=moves)
-    sampler.run_mcmc(emcee.State(density.initial(8 * d), random_state=np.random.RandomState(1).get_state()), 6000)
-    agree(density, lb.marginals(model, recovered), sampler.get_chain(discard=1500, thin=10, flat=True))
+    sampler.run_mcmc(
+        emcee.State(density.initial(8 * d), random_state=np.random.RandomState(1).get_state()), 6000
+    )
+    agree(
+        density, lb.marginals(model, recovered), sampler.get_chain(discard=1500, thin=10, flat=True)
+    )
 
 
 @pytest.mark.slow
 def test_dynesty_reproduces_posterior_and_evidence() -> None:
     dynesty = pytest.importorskip("dynesty")
-    model = lb.HybridModel(1, (lb.SetupShift(),)).fixing("C_XYX", "C_CXY", "C_CYY", "C_CCY", "C_XYX_1", "C_CXY_1", "C_CYY_1")
+    model = lb.HybridModel(1, (lb.SetupShift(),)).fixing(
+        "C_XYX", "C_CXY", "C_CYY", "C_CCY", "C_XYX_1", "C_CXY_1", "C_CYY_1"
+    )
     model = model.fixing("C_CCY_1", "C_YYY_1", "E_YX2", "E_XY2", "E_C0YX", "E_Xt0", "E_Yt0")
     density, (rng,) = lb.log_density(model, FEW), np.random.default_rng(1).spawn(1)
-    nested = dynesty.NestedSampler(density.log_likelihood, density.prior_transform, len(density.names), nlive=250, rstate=rng)
+    nested = dynesty.NestedSampler(
+        density.log_likelihood, density.prior_transform, len(density.names), nlive=250, rstate=rng
+    )
     nested.run_nested(print_progress=False, dlogz=0.1)
     found = nested.results
-    assert found.logz[-1] == pytest.approx(lb.log_evidence(model, FEW).log_value, abs=3.0 * found.logzerr[-1])
+    assert found.logz[-1] == pytest.approx(
+        lb.log_evidence(model, FEW).log_value, abs=3.0 * found.logzerr[-1]
+    )
     assert found.logzerr[-1] < 0.5
     agree(density, lb.marginals(model, FEW), found.samples, np.exp(found.logwt - found.logz[-1]))

@@ -22,7 +22,12 @@ from ldbb_bayes.inference.nodes import Evidence, HyperPosterior
 from ldbb_bayes.inference.predictive import harmonics_of, replicate_left_out
 from ldbb_bayes.model.truncation import Orthant
 
-FOUR = {"C_XXX": (4.4e-5, 4e-6), "C_YYY": (5.0e-5, 3e-6), "C_CCY": (-2e-10, 4e-10), "E_YY1": (-5e-5, 4e-5)}
+FOUR = {
+    "C_XXX": (4.4e-5, 4e-6),
+    "C_YYY": (5.0e-5, 3e-6),
+    "C_CCY": (-2e-10, 4e-10),
+    "E_YY1": (-5e-5, 4e-5),
+}
 PRIORS = FOUR | {"C_XYX": (2e-6, 3e-6), "C_CXY": (3e-8, 3e-8)}
 SMALL = lb.HybridModel.first(0).without("ball-form", "setup-shift")
 SEEDS = (2, 3, 7, 17, 21, 170, 196, 207, 218, 259, 77, 103, 294)
@@ -63,9 +68,19 @@ def brute_force(oracle: Oracle) -> list[float]:
 
 
 @pytest.mark.parametrize("priors", [{}, pytest.param(FOUR, marks=pytest.mark.slow)])
-def test_to_a_millionth_of_a_nat(campaign: lb.Campaign, priors: dict[str, tuple[float, float]]) -> None:
-    oracle = oracle_of(campaign, 0, terms=("length", "mount", "force", "discrepancy"), truncated=True, given_priors=priors)
-    for own, expected in zip((SMALL.without("truncation"), SMALL), brute_force(oracle), strict=True):
+def test_to_a_millionth_of_a_nat(
+    campaign: lb.Campaign, priors: dict[str, tuple[float, float]]
+) -> None:
+    oracle = oracle_of(
+        campaign,
+        0,
+        terms=("length", "mount", "force", "discrepancy"),
+        truncated=True,
+        given_priors=priors,
+    )
+    for own, expected in zip(
+        (SMALL.without("truncation"), SMALL), brute_force(oracle), strict=True
+    ):
         found = lb.log_evidence(own.with_prior(priors), campaign, tolerance=5e-7)
         assert found.error < 1e-6
         assert found.log_value == pytest.approx(expected, abs=1e-6, rel=0.0)
@@ -73,7 +88,9 @@ def test_to_a_millionth_of_a_nat(campaign: lb.Campaign, priors: dict[str, tuple[
 
 def test_the_stated_error_holds() -> None:
     """A loose tolerance against a tight one, arcs and clockings, all four hyper-parameters."""
-    for degree, planned in enumerate((plan(), plan((30, 26, 40, 12), arc_deg=250.0, work_deg=35.0))):
+    for degree, planned in enumerate(
+        (plan(), plan((30, 26, 40, 12), arc_deg=250.0, work_deg=35.0))
+    ):
         bound = lb.HybridModel.first(degree).bind(simulated(planned, seed=degree))
         plain = HyperPosterior(bound, truncated=False)
         loose, tight = (plain.nodes(tolerance).evidence for tolerance in (3e-2, 1e-3))
@@ -91,11 +108,15 @@ def test_the_stated_error_holds_on_campaigns_of_every_kind(root: Path) -> None:
     assert max(*error, lb.log_evidence(*study["campaign_of"](73), tolerance=1e-2).error) <= 1e-2
 
 
-def test_the_seed_moves_a_truncated_evidence_by_no_more_than_its_error(recovered: lb.Campaign) -> None:
+def test_the_seed_moves_a_truncated_evidence_by_no_more_than_its_error(
+    recovered: lb.Campaign,
+) -> None:
     """At degree 2 P(T | y, φ) comes from 256 points: common to all nodes they left the evidence with an sd of 0.011 nat."""
     bound = lb.HybridModel.first(2).bind(recovered)
     near = HyperPosterior(bound, truncated=True).mode
-    found = [HyperPosterior(bound, truncated=True, seed=seed, near=near).nodes(3e-2) for seed in range(6)]
+    found = [
+        HyperPosterior(bound, truncated=True, seed=seed, near=near).nodes(3e-2) for seed in range(6)
+    ]
     scatter = np.std([nodes.evidence.log_value for nodes in found], ddof=1)
     own = np.mean([nodes.error - nodes.integral.error for nodes in found])
     assert scatter < 0.006
@@ -105,25 +126,40 @@ def test_the_seed_moves_a_truncated_evidence_by_no_more_than_its_error(recovered
 @pytest.mark.parametrize(
     ("model", "planned", "tolerance", "message"),
     [
-        (lb.HybridModel.paper(0), False, 1e-3, "must have a proper prior to have an evidence, got a flat one"),
+        (
+            lb.HybridModel.paper(0),
+            False,
+            1e-3,
+            "must have a proper prior to have an evidence, got a flat one",
+        ),
         (SMALL, True, 1e-3, "must have readings to give an evidence, got a plan"),
         (SMALL, False, 0.0, "tolerance must be a positive number of nats, got 0"),
     ],
 )
-def test_refused(campaign: lb.Campaign, model: lb.HybridModel, planned: bool, tolerance: float, message: str) -> None:
+def test_refused(
+    campaign: lb.Campaign, model: lb.HybridModel, planned: bool, tolerance: float, message: str
+) -> None:
     refuses(message, lb.log_evidence, model, plan() if planned else campaign, tolerance=tolerance)
 
 
 @pytest.mark.parametrize(("degree", "without"), [(2, ()), (1, ("setup-shift", "discrepancy"))])
-def test_readings_of_the_wrong_sign(recovered: lb.Campaign, degree: int, without: tuple[str, ...]) -> None:
+def test_readings_of_the_wrong_sign(
+    recovered: lb.Campaign, degree: int, without: tuple[str, ...]
+) -> None:
     """All compliances negative and strongly correlated through the mount: far from physical, and said so at once."""
-    flipped = replace(recovered, tests=tuple(t.with_reading_um(-np.asarray(t.reading_um)) for t in recovered.tests))
+    flipped = replace(
+        recovered,
+        tests=tuple(t.with_reading_um(-np.asarray(t.reading_um)) for t in recovered.tests),
+    )
     bound = lb.HybridModel.first(degree).without(*without).bind(flipped)
     plain, truncated = HyperPosterior(bound, truncated=False), HyperPosterior(bound, truncated=True)
     found = log_prob_truncation(truncated)
     assert -2000.0 < found[0] < -50.0
     assert found[1] < 0.5
-    assert truncated.log_density(truncated.mode[None])[0] < plain.log_density(plain.mode[None])[0] - 40.0
+    assert (
+        truncated.log_density(truncated.mode[None])[0]
+        < plain.log_density(plain.mode[None])[0] - 40.0
+    )
 
 
 SLOPES = tuple(f"{name}_1" for name in ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"))
@@ -132,7 +168,9 @@ UNIFORM = simulated(plan(), seed=1)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("truncated", [False, True])
-def test_emcee_takes_over_where_weights_cannot_be_trusted(truncated: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_emcee_takes_over_where_weights_cannot_be_trusted(
+    truncated: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     model = lb.HybridModel.first(0) if truncated else lb.HybridModel.first(0).without("truncation")
     exact, table = lb.log_evidence(model, UNIFORM), lb.marginals(model, UNIFORM)
     monkeypatch.setattr("ldbb_bayes.inference.integrals._LATTICE", 0)
@@ -141,7 +179,9 @@ def test_emcee_takes_over_where_weights_cannot_be_trusted(truncated: bool, monke
     assert (exact.by_emcee, found.by_emcee) == (False, True)
     assert found.error < 0.1
     assert found.log_value == pytest.approx(exact.log_value, abs=1.5 * found.error)
-    assert ((lb.marginals(model, UNIFORM, tolerance=0.1)["median"] - table["median"]) / table["sd"]).abs().max() < 0.1
+    assert (
+        (lb.marginals(model, UNIFORM, tolerance=0.1)["median"] - table["median"]) / table["sd"]
+    ).abs().max() < 0.1
 
 
 @pytest.mark.parametrize("truncated", [pytest.param(False, marks=pytest.mark.slow), True])
@@ -149,9 +189,17 @@ def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
     """Slopes fixed, rescaled, known better: evidence and left-out densities are those of nodes of their own."""
     linear = lb.HybridModel.first(1) if truncated else lb.HybridModel.first(1).without("truncation")
     narrow = replace(linear, prior=replace(linear.prior, overrides={"C_YYY_1": 1e-9}))
-    models = [linear.with_degree(0), linear.fixing(*SLOPES[1:4]), linear, linear.with_slope_scale(2.0), narrow]
+    models = [
+        linear.with_degree(0),
+        linear.fixing(*SLOPES[1:4]),
+        linear,
+        linear.with_slope_scale(2.0),
+        narrow,
+    ]
     found = Evidences(UNIFORM, tolerance=4e-2).of(*models)
-    assert all(nodes.integral.free is found[-1].integral.free for nodes in found), [nodes.integral.error for nodes in found]
+    assert all(nodes.integral.free is found[-1].integral.free for nodes in found), [
+        nodes.integral.error for nodes in found
+    ]
     for model, nodes in zip(models, found, strict=True):
         posterior = HyperPosterior(model.bind(UNIFORM), truncated=truncated)
         own = posterior.nodes(4e-3).evidence
@@ -168,7 +216,9 @@ def test_nodes_that_do_not_suit_are_not_used() -> None:
     """Slopes that the readings need, taken away, move the noise out of reach of the nodes of the largest model."""
     truth = TRUTH | {"C_XXX_1": 4e-8, "C_YYY_1": -4e-8}
     linear = lb.HybridModel.first(1).without("truncation", "setup-shift", "discrepancy")
-    campaign = linear.simulate(plan(), seed=2, parameters=truth, hyper_um={"sigma": 0.1, "tau": 0.0}).campaign
+    campaign = linear.simulate(
+        plan(), seed=2, parameters=truth, hyper_um={"sigma": 0.1, "tau": 0.0}
+    ).campaign
     larger, constant = Evidences(campaign, tolerance=1e-2).of(linear, linear.with_degree(0))
     own = HyperPosterior(constant.bound, truncated=False).nodes(1e-3).evidence
     assert constant.integral.free is not larger.integral.free
@@ -177,7 +227,9 @@ def test_nodes_that_do_not_suit_are_not_used() -> None:
 
 def test_different_readings_are_refused(campaign: lb.Campaign) -> None:
     own = lb.log_evidence(SMALL, campaign)
-    with pytest.raises(InputError, match="must be between models of the same readings, got two campaigns"):
+    with pytest.raises(
+        InputError, match="must be between models of the same readings, got two campaigns"
+    ):
         lb.log_bayes_factor(Evidence(0.0, 0.0, 1, UNIFORM.sha256), own)
 
 
@@ -195,14 +247,19 @@ def test_marginals_against_independent_draws() -> None:
     for column, level in (("median", 0.5), ("ci_low", 0.025), ("ci_high", 0.975)):
         for name, variable in tree["posterior"].data_vars.items():
             share = float((variable.to_numpy() < exact.loc[name, column]).mean())
-            assert share == pytest.approx(level, abs=4.0 * np.sqrt(level * (1.0 - level) / 6000.0) + 0.005), (name, column)
+            assert share == pytest.approx(
+                level, abs=4.0 * np.sqrt(level * (1.0 - level) / 6000.0) + 0.005
+            ), (name, column)
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"campaign": plan()}, "must be asked of a campaign with readings, got a plan"),
-    ({"ci_prob": 95.0}, "ci_prob must lie between 0 and 1, got 95"),
-    ({"tolerance": -1.0}, "tolerance must lie between 0 and 1, got -1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"campaign": plan()}, "must be asked of a campaign with readings, got a plan"),
+        ({"ci_prob": 95.0}, "ci_prob must lie between 0 and 1, got 95"),
+        ({"tolerance": -1.0}, "tolerance must lie between 0 and 1, got -1"),
+    ],
+)
 def test_marginals_refuse(options: dict[str, Any], message: str) -> None:
     refuses(message, lb.marginals, lb.HybridModel.first(0), **{"campaign": UNIFORM} | options)
 
@@ -221,7 +278,9 @@ def test_moments_inside_the_orthant_by_rejection(rows: int) -> None:
     rng = np.random.default_rng(rows)
     spread = np.eye(rows, 4) + 0.4 * rng.normal(size=(rows, 4))
     mean = rng.normal(size=rows)
-    shift, covariance, axes = (part[0] for part in Orthant(mean[None], spread[None]).moments(1 << 14))
+    shift, covariance, axes = (
+        part[0] for part in Orthant(mean[None], spread[None]).moments(1 << 14)
+    )
     white = rng.standard_normal((400_000, 4))
     white = white[np.all(mean + white @ spread.T >= 0.0, axis=1)]
     along = axes.T @ shift
@@ -240,12 +299,23 @@ def test_properties_of_the_campaign_stay_frozen() -> None:
     for name in ("reference_force_N", "force_range_N", "two_balls"):
         assert getattr(rest.setting, name) == getattr(bound.setting, name)
     np.testing.assert_array_equal(rest.prior_sd, bound.prior_sd)
-    np.testing.assert_array_equal(rest.setting.compliance_estimate, bound.setting.compliance_estimate)
+    np.testing.assert_array_equal(
+        rest.setting.compliance_estimate, bound.setting.compliance_estimate
+    )
     np.testing.assert_array_equal(rest.truncation.rows, bound.truncation.rows)
-    mixed = lb.Campaign((*campaign.plan().tests[:3], lb.CircularTest(742.0, np.arange(40) * 9.0, radius_mm=100.0, name="small")))
+    mixed = lb.Campaign(
+        (
+            *campaign.plan().tests[:3],
+            lb.CircularTest(742.0, np.arange(40) * 9.0, radius_mm=100.0, name="small"),
+        )
+    )
     whole = lb.HybridModel.first(0).bind(simulated(mixed))
     names = [name for part in whole.nuisance_columns for name in getattr(part, "names", ())]
-    without = [name for part in whole.keeping(whole.test_names[:3]).nuisance_columns for name in getattr(part, "names", ())]
+    without = [
+        name
+        for part in whole.keeping(whole.test_names[:3]).nuisance_columns
+        for name in getattr(part, "names", ())
+    ]
     assert names == without
     assert "bar_length_100" in names
 
@@ -267,7 +337,9 @@ def test_replicates_are_the_predictive_distribution() -> None:
     oracle = oracle_of(campaign, 1)
     own = np.concatenate([np.full(t.angle.size, i == test) for i, t in enumerate(oracle.tests)])
     angle = oracle.tests[test].angle
-    columns = np.column_stack([np.ones_like(angle), *(f(n * angle) for n in range(1, 13) for f in (np.cos, np.sin))])
+    columns = np.column_stack(
+        [np.ones_like(angle), *(f(n * angle) for n in range(1, 13) for f in (np.cos, np.sin))]
+    )
     inverse = np.linalg.pinv(columns)
     means, covariances = [], []
     for free in found.integral.pick(60, rng):
@@ -275,7 +347,11 @@ def test_replicates_are_the_predictive_distribution() -> None:
         covariance = covariance + (oracle.J * oracle.sd**2) @ oracle.J.T
         gain = covariance[np.ix_(own, ~own)] @ np.linalg.inv(covariance[np.ix_(~own, ~own)])
         means.append(inverse @ (gain @ oracle.y[~own]))
-        covariances.append(inverse @ (covariance[np.ix_(own, own)] - gain @ covariance[np.ix_(~own, own)]) @ inverse.T)
+        covariances.append(
+            inverse
+            @ (covariance[np.ix_(own, own)] - gain @ covariance[np.ix_(~own, own)])
+            @ inverse.T
+        )
     mean = np.mean(means, axis=0)
     sd = np.sqrt(np.diag(np.mean(covariances, axis=0) + np.cov(np.array(means).T)))
     np.testing.assert_allclose(replicates.mean(axis=0) / sd, mean / sd, atol=0.06)

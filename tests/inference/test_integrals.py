@@ -11,7 +11,15 @@ import pytest
 from scipy import stats
 from scipy.special import gammaln
 
-from ldbb_bayes.inference.integrals import Integral, _key, _pareto_k, bridge_sample, grow_lattice, importance_sample, integrate
+from ldbb_bayes.inference.integrals import (
+    Integral,
+    _key,
+    _pareto_k,
+    bridge_sample,
+    grow_lattice,
+    importance_sample,
+    integrate,
+)
 from ldbb_bayes.model.gaussian import central_differences, newton
 
 Array = np.ndarray
@@ -21,7 +29,9 @@ Problem = Callable[[np.random.Generator, int], tuple[LogDensity, list[Array]]]
 
 def turned(rng: np.random.Generator, h: int, size: float = 0.3) -> tuple[Array, float]:
     """A matrix not far from diagonal and ln of its determinant."""
-    matrix = np.diag(np.exp(0.5 * rng.normal(size=h))) @ (np.eye(h) + size * rng.normal(size=(h, h)) / np.sqrt(h))
+    matrix = np.diag(np.exp(0.5 * rng.normal(size=h))) @ (
+        np.eye(h) + size * rng.normal(size=(h, h)) / np.sqrt(h)
+    )
     return np.linalg.inv(matrix), float(np.linalg.slogdet(matrix)[1])
 
 
@@ -46,7 +56,10 @@ def half_normals(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Arr
     power, rate = rng.uniform(1.0, 8.0, h), np.exp(rng.normal(size=h))
     constant = (gammaln(power / 2.0) - 0.5 * power * np.log(rate) - np.log(2.0)).sum()
     mode = 0.5 * np.log(power / (2.0 * rate))
-    return lambda x: (power * x - rate * np.exp(np.minimum(2.0 * x, 500.0))).sum(axis=1) - constant, [mode]
+    return (
+        lambda x: (power * x - rate * np.exp(np.minimum(2.0 * x, 500.0))).sum(axis=1) - constant,
+        [mode],
+    )
 
 
 def students(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
@@ -59,7 +72,9 @@ def banana(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
     bend = rng.uniform(0.1, 0.25)
 
     def log_density(x: Array) -> Array:
-        straight = np.concatenate([x[:, :-1], x[:, -1:] - bend * (x[:, :1] ** 2 - 1.0) * (h > 1)], axis=1)
+        straight = np.concatenate(
+            [x[:, :-1], x[:, -1:] - bend * (x[:, :1] ** 2 - 1.0) * (h > 1)], axis=1
+        )
         return stats.norm.logpdf(straight).sum(axis=1)
 
     return log_density, [np.zeros(h)]
@@ -89,7 +104,9 @@ def bananas(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
     bend = rng.uniform(0.5, 0.7)
 
     def log_density(x: Array) -> Array:
-        return stats.norm.logpdf(np.hstack([x[:, ::2], x[:, 1::2] - bend * (x[:, ::2] ** 2 - 1.0)])).sum(axis=1)
+        return stats.norm.logpdf(
+            np.hstack([x[:, ::2], x[:, 1::2] - bend * (x[:, ::2] ** 2 - 1.0)])
+        ).sum(axis=1)
 
     return log_density, [np.zeros(h)]
 
@@ -107,7 +124,9 @@ def funnel(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
 def modes_of(log_density: LogDensity, starts: list[Array]) -> list[tuple[Array, Array]]:
     modes = []
     for start in starts:
-        mode = newton(log_density, lambda point: central_differences(log_density, point, 0.05), start)
+        mode = newton(
+            log_density, lambda point: central_differences(log_density, point, 0.05), start
+        )
         curvature, vectors = np.linalg.eigh(-central_differences(log_density, mode, 0.05)[1])
         modes.append((mode, vectors / np.sqrt(np.maximum(curvature, 0.1))))
     return sorted(modes, key=lambda own: -float(log_density(own[0][None])[0]))
@@ -133,17 +152,30 @@ def few_exceptions(found: list[Integral], tolerance: float) -> None:
     [
         (PROBLEMS, (1, 2, 4, 6, 9), 1),
         pytest.param(PROBLEMS, (1, 2, 4, 6, 9, 14), 9, marks=pytest.mark.slow),
-        pytest.param([own for own in PROBLEMS if own is not students], (45,), 4, marks=pytest.mark.slow),
+        pytest.param(
+            [own for own in PROBLEMS if own is not students], (45,), 4, marks=pytest.mark.slow
+        ),
     ],
 )
-def test_the_error_of_a_sample_covers(problems: list[Problem], dimensions: tuple[int, ...], seeds: int) -> None:
-    cases = [case(problem, h, seed) for problem in problems for h in dimensions for seed in range(seeds)]
-    few_exceptions([importance_sample(*own, tolerance=0.02, seed=k) for k, own in enumerate(cases)], 0.02)
+def test_the_error_of_a_sample_covers(
+    problems: list[Problem], dimensions: tuple[int, ...], seeds: int
+) -> None:
+    cases = [
+        case(problem, h, seed) for problem in problems for h in dimensions for seed in range(seeds)
+    ]
+    few_exceptions(
+        [importance_sample(*own, tolerance=0.02, seed=k) for k, own in enumerate(cases)], 0.02
+    )
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 1e-2, 1e-4])
 def test_the_error_of_a_lattice_covers(tolerance: float) -> None:
-    cases = [case(problem, h, seed) for problem in PROBLEMS for h in (1, 2, 3) for seed in range(3 if tolerance < 1e-3 else 6)]
+    cases = [
+        case(problem, h, seed)
+        for problem in PROBLEMS
+        for h in (1, 2, 3)
+        for seed in range(3 if tolerance < 1e-3 else 6)
+    ]
     few = [own for own in cases if tolerance > 1e-3 or own[1][0][0].size < 3]
     found = [grow_lattice(*own, tolerance=tolerance) for own in few]
     ratio = np.array([abs(own.log_integral) / (own.error + 1e-9) for own in found])
@@ -159,9 +191,13 @@ class Circles:
     grid = np.linspace(-2.5, 3.5, 121)
 
     def __init__(self, rng: np.random.Generator, circles: int = 40) -> None:
-        scale = np.exp(-0.5 * np.log(stats.gamma.rvs(1.5, scale=1.0 / 1.5, size=circles, random_state=rng)))
+        scale = np.exp(
+            -0.5 * np.log(stats.gamma.rvs(1.5, scale=1.0 / 1.5, size=circles, random_state=rng))
+        )
         sd = np.sqrt(self._variance(np.log([[0.6, 0.8, 0.7]]), np.log(scale))[0])
-        self.square = ((rng.normal(size=(circles, 24)) * sd) ** 2).reshape(circles, 12, 2).sum(axis=2)
+        self.square = (
+            ((rng.normal(size=(circles, 24)) * sd) ** 2).reshape(circles, 12, 2).sum(axis=2)
+        )
         self.noise = stats.chi2.rvs(20 * circles, random_state=rng) * 0.6**2 / (20 * circles)
         self.form = (rng.normal(size=22) * 1.2 * (self.orders[2:] / 6.0) ** -2.0) ** 2
 
@@ -189,7 +225,9 @@ class Circles:
         return np.asarray(prior + form - dof * (sigma + 0.5 * self.noise * np.exp(-2.0 * sigma)))
 
     def log_density(self, x: Array) -> Array:
-        return self.of_shared(x[:, :5]) + self.of_circles(x[:, :5], x[:, 5:], self.square).sum(axis=1)
+        return self.of_shared(x[:, :5]) + self.of_circles(x[:, :5], x[:, 5:], self.square).sum(
+            axis=1
+        )
 
     def truth(self) -> tuple[float, Array, Array]:
         """ln of the integral, means and sds, each (45,)."""
@@ -198,10 +236,18 @@ class Circles:
         def integrated(shared: Array) -> Array:
             total = self.of_shared(shared)
             for square in self.square:
-                total = total + np.logaddexp.reduce(self.of_circles(shared, self.grid, square), axis=1) + np.log(step)
+                total = (
+                    total
+                    + np.logaddexp.reduce(self.of_circles(shared, self.grid, square), axis=1)
+                    + np.log(step)
+                )
             return total
 
-        lattice = grow_lattice(integrated, modes_of(integrated, [np.array([-0.5, -0.3, -0.4, 0.1, 2.0])]), tolerance=1e-2)
+        lattice = grow_lattice(
+            integrated,
+            modes_of(integrated, [np.array([-0.5, -0.3, -0.4, 0.1, 2.0])]),
+            tolerance=1e-2,
+        )
         shared, weight = lattice.heaviest(1e-3)
         moments = [[weight @ shared[:, k], weight @ shared[:, k] ** 2] for k in range(5)]
         for square in self.square:
@@ -217,7 +263,9 @@ def plain_emcee(log_density: LogDensity, start: Array, steps: int) -> tuple[Arra
     rng, shape = np.random.default_rng(1), (4 * len(start), len(start))
     moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)]
     sampler = emcee.EnsembleSampler(*shape, log_density, vectorize=True, moves=moves)
-    state = emcee.State(start + 0.3 * rng.normal(size=shape), random_state=np.random.RandomState(1).get_state())
+    state = emcee.State(
+        start + 0.3 * rng.normal(size=shape), random_state=np.random.RandomState(1).get_state()
+    )
     sampler.run_mcmc(state, steps // 10, thin_by=10)
     kept = sampler.get_chain(flat=True, discard=steps // 50)
     return kept.mean(axis=0), kept.std(axis=0)
@@ -228,7 +276,9 @@ def test_a_scale_for_every_circle() -> None:
     """45 hyper-parameters: evidence, means within 0.05 sd and sds within 3 % of the truth, and of a long run of plain emcee."""
     model = Circles(np.random.default_rng(5))
     log_integral, *truth = model.truth()
-    modes = modes_of(model.log_density, [np.concatenate([[-0.5, -0.3, -0.4, 0.1, 2.0], np.zeros(40)])])
+    modes = modes_of(
+        model.log_density, [np.concatenate([[-0.5, -0.3, -0.4, 0.1, 2.0], np.zeros(40)])]
+    )
     found = importance_sample(model.log_density, modes, tolerance=1e-2)
     own = found.weight @ found.free
     assert found.trusted
@@ -236,12 +286,16 @@ def test_a_scale_for_every_circle() -> None:
     assert found.log_integral == pytest.approx(log_integral, abs=3.0 * found.error + 1e-2)
     for mean, sd in (truth, plain_emcee(model.log_density, modes[0][0], 20_000)):
         np.testing.assert_allclose((own - mean) / sd, 0.0, atol=0.05)
-        np.testing.assert_allclose(np.sqrt(found.weight @ (found.free - own) ** 2) / sd, 1.0, atol=0.03)
+        np.testing.assert_allclose(
+            np.sqrt(found.weight @ (found.free - own) ** 2) / sd, 1.0, atol=0.03
+        )
 
 
 def test_every_point_of_a_lattice_has_a_key_of_its_own() -> None:
     for h in range(1, 6):
-        points = np.unique(np.random.default_rng(h).integers(-1000, 1000, (5000, h)).astype(float), axis=0)
+        points = np.unique(
+            np.random.default_rng(h).integers(-1000, 1000, (5000, h)).astype(float), axis=0
+        )
         assert len(np.unique(_key(points))) == len(points)
     assert np.diff(_key(np.array([[0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 256.0]])))[0]
 
@@ -249,7 +303,10 @@ def test_every_point_of_a_lattice_has_a_key_of_its_own() -> None:
 def test_what_cannot_be_trusted_says_so() -> None:
     found = importance_sample(*case(student, 45, 0), tolerance=0.02, most=8192)
     assert (found.trusted, found.error) == (False, np.inf)
-    again = [importance_sample(*case(student, 26, 0), most=512, seed=2, tries=tries).trusted for tries in (1, 2)]
+    again = [
+        importance_sample(*case(student, 26, 0), most=512, seed=2, tries=tries).trusted
+        for tries in (1, 2)
+    ]
     assert again == [False, True], "another seed"
     assert grow_lattice(*case(half_normals, 3, 0), tolerance=1e-6, most=2000).error > 1e-6
 
@@ -275,16 +332,28 @@ def test_emcee_takes_over(problem: Problem, h: int, seed: int) -> None:
     assert half.log_integral == pytest.approx(np.log(0.5), abs=1.5 * half.error)
     assert found.error < half.error < 0.3
     drawn = found.draw(4000, np.random.default_rng(seed))
-    bounded = np.exp(log_density(drawn) - np.logaddexp(log_density(drawn), found.log_proposal(drawn)))
-    chained = np.exp(found.log_proposal(found.free) - np.logaddexp(found.log_density, found.log_proposal(found.free)))
-    assert bounded.mean() == pytest.approx(chained.mean(), abs=0.05), "f / (f + q) over q is q / (f + q) over f"
+    bounded = np.exp(
+        log_density(drawn) - np.logaddexp(log_density(drawn), found.log_proposal(drawn))
+    )
+    chained = np.exp(
+        found.log_proposal(found.free)
+        - np.logaddexp(found.log_density, found.log_proposal(found.free))
+    )
+    assert bounded.mean() == pytest.approx(chained.mean(), abs=0.05), (
+        "f / (f + q) over q is q / (f + q) over f"
+    )
 
 
 @pytest.mark.slow
 def test_a_bridge_where_a_sample_is_trusted() -> None:
-    cases = [case(problem, 8, seed) for problem in (gaussian, log_gammas, two_modes) for seed in range(3)]
+    cases = [
+        case(problem, 8, seed) for problem in (gaussian, log_gammas, two_modes) for seed in range(3)
+    ]
     samples = [importance_sample(*own, tolerance=0.02, seed=k) for k, own in enumerate(cases)]
-    found = [bridge_sample(own[0], sample, seed=k) for k, (own, sample) in enumerate(zip(cases, samples, strict=True))]
+    found = [
+        bridge_sample(own[0], sample, seed=k)
+        for k, (own, sample) in enumerate(zip(cases, samples, strict=True))
+    ]
     assert all(0.0 < own.bridge_error < 0.05 for own in found)
     assert all(abs(own.log_integral) <= 1.5 * own.error for own in found)
 
@@ -304,7 +373,10 @@ def test_moments_and_draws(problem: Problem, h: int) -> None:
     long = importance_sample(log_density, modes, tolerance=1e-3, seed=9)
     mean = long.weight @ long.free
     sd = np.sqrt(long.weight @ (long.free - mean) ** 2)
-    found, sample = integrate(log_density, modes, tolerance=1e-2), importance_sample(log_density, modes, tolerance=0.05)
+    found, sample = (
+        integrate(log_density, modes, tolerance=1e-2),
+        importance_sample(log_density, modes, tolerance=0.05),
+    )
     draws = sample.draw(20_000, np.random.default_rng(3))
     weight = np.exp(log_density(draws) - sample.log_proposal(draws))
     assert weight.mean() == pytest.approx(1.0, abs=5.0 * weight.std() / np.sqrt(len(weight)) + 1e-3)
@@ -312,15 +384,22 @@ def test_moments_and_draws(problem: Problem, h: int) -> None:
     for points, own in ((found.free, found.weight), (draws, weight / weight.sum())):
         np.testing.assert_allclose((own @ points - mean) / sd, 0.0, atol=0.08)
         np.testing.assert_allclose(np.sqrt(own @ (points - own @ points) ** 2) / sd, 1.0, atol=0.06)
-    assert np.all(sample.draw(20_000, np.random.default_rng(3), temperature=2.0).std(axis=0) > 1.1 * draws.std(axis=0))
+    assert np.all(
+        sample.draw(20_000, np.random.default_rng(3), temperature=2.0).std(axis=0)
+        > 1.1 * draws.std(axis=0)
+    )
 
 
 def test_nodes_of_a_nearby_density() -> None:
     for h in (3, 8):
         log_density, modes = case(gaussian, h, 1)
-        covariance = np.cov(integrate(log_density, modes, tolerance=1e-3).pick(20_000, np.random.default_rng(0)).T)
+        covariance = np.cov(
+            integrate(log_density, modes, tolerance=1e-3).pick(20_000, np.random.default_rng(0)).T
+        )
         plain = integrate(log_density, modes, tolerance=2e-3)
-        corrected = plain.times(lambda index, plain=plain: stats.norm.logcdf(plain.free[index, 0]), 1e-4)  # type: ignore[misc]
+        corrected = plain.times(
+            lambda index, plain=plain: stats.norm.logcdf(plain.free[index, 0]), 1e-4
+        )  # type: ignore[misc]
         assert covariance.shape == (h, h)
         assert corrected.log_integral == pytest.approx(np.log(0.5), abs=3.0 * corrected.error)
         assert corrected.error < 0.02

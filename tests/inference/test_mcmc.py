@@ -16,9 +16,11 @@ from ldbb_bayes.inference.mcmc import Assessment, StoppingRule, diagnose, run_en
 from ldbb_bayes.inference.nodes import HyperPosterior
 
 MODELS = {
-    "truncated": lb.HybridModel.first(1), "untruncated": lb.HybridModel.first(1).without("truncation"),
-    "flat": lb.HybridModel.paper(0), "quadratic": lb.HybridModel.first(2),
-}  # fmt: skip
+    "truncated": lb.HybridModel.first(1),
+    "untruncated": lb.HybridModel.first(1).without("truncation"),
+    "flat": lb.HybridModel.paper(0),
+    "quadratic": lb.HybridModel.first(2),
+}
 
 
 def redraw_of(model: lb.HybridModel, **planned: float) -> tuple[JointDensity, LinearRedraw]:
@@ -55,13 +57,17 @@ def log_density(points: np.ndarray) -> np.ndarray:
 class Wide:
     """(x, z) from z ~ N(0, 1.3²), x | z ~ N(z², 1.5²)."""
 
-    def draw(self, size: int, random: np.random.RandomState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def draw(
+        self, size: int, random: np.random.RandomState
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         z = 1.3 * random.standard_normal(size)
         points = np.column_stack([z**2 + 1.5 * random.standard_normal(size), z])
         return points, self.log_weight(points), log_density(points)
 
     def log_weight(self, points: np.ndarray) -> np.ndarray:
-        log_proposed = -0.5 * ((points[:, 0] - points[:, 1] ** 2) / 1.5) ** 2 - 0.5 * (points[:, 1] / 1.3) ** 2
+        log_proposed = (
+            -0.5 * ((points[:, 0] - points[:, 1] ** 2) / 1.5) ** 2 - 0.5 * (points[:, 1] / 1.3) ** 2
+        )
         return log_density(points) - log_proposed
 
 
@@ -76,9 +82,17 @@ def test_the_move_leaves_a_known_density_as_it_is(wrong: bool) -> None:
     rng = np.random.default_rng(0)
     starts = rng.normal(size=(4, 64, 2)) + np.array([1.0, 0.0])
     rule = StoppingRule(ess=1e9, max_steps=1000, block=100)
-    run = run_ensembles(log_density, starts, rule=rule, seed=np.random.SeedSequence(5), redraw=Wrong() if wrong else Wide())
+    run = run_ensembles(
+        log_density,
+        starts,
+        rule=rule,
+        seed=np.random.SeedSequence(5),
+        redraw=Wrong() if wrong else Wide(),
+    )
     x, z = run.chain.reshape(-1, 2).T
-    right = abs(x.mean() - 1.0) < 0.08 and abs(x.var() / 3.0 - 1.0) < 0.08 and abs(z.var() - 1.0) < 0.07
+    right = (
+        abs(x.mean() - 1.0) < 0.08 and abs(x.var() / 3.0 - 1.0) < 0.08 and abs(z.var() - 1.0) < 0.07
+    )
     assert right is not wrong
 
 
@@ -94,7 +108,9 @@ def test_ensembles_sample_a_correlated_normal_at_the_real_dimension() -> None:
     def log_density(x: np.ndarray) -> np.ndarray:
         return -0.5 * ((x @ inverse.T) ** 2).sum(axis=1)
 
-    run = run_ensembles(log_density, starts, rule=StoppingRule(ess=2000.0), seed=np.random.SeedSequence(1))
+    run = run_ensembles(
+        log_density, starts, rule=StoppingRule(ess=2000.0), seed=np.random.SeedSequence(1)
+    )
     white = run.chain.reshape(-1, d) @ inverse.T
     assert run.converged
     np.testing.assert_allclose(white.std(axis=0), 1.0, atol=0.06)
@@ -105,7 +121,9 @@ def test_burn_in_is_left_out() -> None:
     """Walkers that start 30 sd away: no draw that is kept lies on their way."""
     starts = 30.0 + np.random.default_rng(0).normal(size=(4, 16, 2))
     rule = StoppingRule(ess=1e9, max_steps=1000, block=100)
-    run = run_ensembles(lambda x: -0.5 * (x**2).sum(axis=1), starts, rule=rule, seed=np.random.SeedSequence(1))
+    run = run_ensembles(
+        lambda x: -0.5 * (x**2).sum(axis=1), starts, rule=rule, seed=np.random.SeedSequence(1)
+    )
     assert np.abs(run.chain).max() < 7.0
     assert run.chain.std() == pytest.approx(1.0, abs=0.1)
 
@@ -116,10 +134,21 @@ def test_diagnostics_are_arvizs(rng: np.random.Generator) -> None:
         white = rng.normal(size=(4, draws, 6))
         for t in range(1, draws):
             white[:, t, 1:3] += np.array([0.95, -0.7]) * white[:, t - 1, 1:3]
-        white[:, :, 3], white[:, :, 4], white[:, :, 5] = np.repeat(white[:, :, 0], 3, 1)[:, :draws], white[:, :, 0].round(), 1.0
-        every = array_stats.ess, partial(array_stats.ess, method="tail", prob=(0.05, 0.95)), array_stats.rhat
+        white[:, :, 3], white[:, :, 4], white[:, :, 5] = (
+            np.repeat(white[:, :, 0], 3, 1)[:, :draws],
+            white[:, :, 0].round(),
+            1.0,
+        )
+        every = (
+            array_stats.ess,
+            partial(array_stats.ess, method="tail", prob=(0.05, 0.95)),
+            array_stats.rhat,
+        )
         with np.errstate(invalid="ignore"), warnings.catch_warnings(action="ignore"):
-            expected = [[own(white[..., k].copy(), chain_axis=0, draw_axis=1) for k in range(6)] for own in every]
+            expected = [
+                [own(white[..., k].copy(), chain_axis=0, draw_axis=1) for k in range(6)]
+                for own in every
+            ]
         np.testing.assert_allclose(diagnose(white), expected, rtol=1e-9)
 
 
@@ -127,9 +156,11 @@ def test_walker_major_order() -> None:
     """Ensembles whose walkers stand still must not look like thousands of independent draws."""
     starts = np.random.default_rng(0).normal(size=(4, 64, 2))
     run = run_ensembles(
-        lambda x: np.where(np.isin(x[:, 0], starts[..., 0]), 0.0, -np.inf), starts, rule=StoppingRule(ess=1000.0, max_steps=400),
+        lambda x: np.where(np.isin(x[:, 0], starts[..., 0]), 0.0, -np.inf),
+        starts,
+        rule=StoppingRule(ess=1000.0, max_steps=400),
         seed=np.random.SeedSequence(1),
-    )  # fmt: skip
+    )
     assert not run.converged
     assert run.assessment.ess_bulk_min < 500.0
 

@@ -21,7 +21,9 @@ def bound() -> BoundModel:
 
 def test_hopeless_truncation_is_exact(recovered: lb.Campaign) -> None:
     """σ alone is left: ln P(T | y) = −1311 by one-dimensional quadrature, C_CCY being the only constraint that binds."""
-    bound = lb.HybridModel.first(0).without("ball-form", "discrepancy", "setup-shift").bind(recovered)
+    bound = (
+        lb.HybridModel.first(0).without("ball-form", "discrepancy", "setup-shift").bind(recovered)
+    )
     row = bound.names.index("C_CCY")
     sigma = np.linspace(0.9e-3, 1.4e-3, 20_001)[:, None]
     log_evidence, given = bound.given(sigma)
@@ -35,7 +37,9 @@ def test_hopeless_truncation_is_exact(recovered: lb.Campaign) -> None:
 
 
 def test_hopeless_truncation_stays_finite(recovered: lb.Campaign) -> None:
-    bound = lb.HybridModel.first(2).without("ball-form", "discrepancy", "setup-shift").bind(recovered)
+    bound = (
+        lb.HybridModel.first(2).without("ball-form", "discrepancy", "setup-shift").bind(recovered)
+    )
     truncated = HyperPosterior(bound, truncated=True)
     values = [log_prob_truncation(HyperPosterior(bound, truncated=True, seed=s))[0] for s in (0, 1)]
     assert -2500.0 < values[0] < -1500.0
@@ -48,7 +52,9 @@ def test_hopeless_truncation_stays_finite(recovered: lb.Campaign) -> None:
 
 def test_conditional_draws_have_the_conditional_moments(bound: BoundModel) -> None:
     rng = np.random.default_rng(0)
-    plain = HyperPosterior(lb.HybridModel.first(1).without("truncation").bind(bound.campaign), truncated=False)
+    plain = HyperPosterior(
+        lb.HybridModel.first(1).without("truncation").bind(bound.campaign), truncated=False
+    )
     free = np.tile(plain.mode, (6_000, 1))
     beta, exact = conditional_draws(plain.bound, free, rng)
     _, given = plain.given(free[:1])
@@ -65,14 +71,18 @@ def test_draws_have_the_moments_of_the_nodes(
     """ln P(T | y) is −1.2: several β for each φ; and by tilting, as where it is far smaller."""
     monkeypatch.setattr(nodes, "_FEW_INSIDE", few_inside)
     model = lb.HybridModel.first(1)
-    posterior = HyperPosterior((model if truncated else model.without("truncation")).bind(recovered), truncated=truncated)
+    posterior = HyperPosterior(
+        (model if truncated else model.without("truncation")).bind(recovered), truncated=truncated
+    )
     expected = posterior.nodes(1e-2)
     size = 1500 if few_inside else 6000
     free, beta, used = draw_jointly(posterior, size, np.random.default_rng(2))
     mean = expected.integral.weight @ expected.integral.free
     sd = np.sqrt(expected.integral.weight @ (expected.integral.free - mean) ** 2)
     for draws, (middle, spread) in ((free, (mean, sd)), (beta, expected.moments(spare=1e-4))):
-        np.testing.assert_allclose((draws.mean(axis=0) - middle) / spread, 0.0, atol=4.0 / np.sqrt(size))
+        np.testing.assert_allclose(
+            (draws.mean(axis=0) - middle) / spread, 0.0, atol=4.0 / np.sqrt(size)
+        )
         np.testing.assert_allclose(draws.std(axis=0) / spread, 1.0, atol=6.0 / np.sqrt(size))
     assert not truncated or posterior.bound.physical.holds(beta).all()
     assert len(np.unique(beta, axis=0)) == size
@@ -81,15 +91,22 @@ def test_draws_have_the_moments_of_the_nodes(
 
 
 @pytest.mark.parametrize(
-    ("planned", "left_out"), [(plan(), []), (plan((9, 40, 12, 30)), ["ball-form"]), (plan(work_deg=40.0), [])]
+    ("planned", "left_out"),
+    [(plan(), []), (plan((9, 40, 12, 30)), ["ball-form"]), (plan(work_deg=40.0), [])],
 )
-def test_a_proposal_reaches_the_corners_of_the_density(planned: lb.Campaign, left_out: list[str]) -> None:
+def test_a_proposal_reaches_the_corners_of_the_density(
+    planned: lb.Campaign, left_out: list[str]
+) -> None:
     """Where one noise vanishes and another makes up for it one draw would stand for hundreds: the lattice's nodes go there."""
     model = lb.HybridModel.first(1)
     campaign = model.simulate(planned, seed=4, parameters=TRUTH, hyper_um=HYPER_UM).campaign
     posterior = HyperPosterior(model.without(*left_out).bind(campaign), truncated=False)
     free, _ = posterior.nodes(1e-2).integral.heaviest(1e-5)
-    log_weight = posterior.log_density(free) - posterior.proposal.log_proposal(free) - posterior.proposal.log_integral
+    log_weight = (
+        posterior.log_density(free)
+        - posterior.proposal.log_proposal(free)
+        - posterior.proposal.log_integral
+    )
     assert posterior.proposal.trusted
     assert np.exp(log_weight.max()) < 12.0
 
@@ -97,4 +114,6 @@ def test_a_proposal_reaches_the_corners_of_the_density(planned: lb.Campaign, lef
 def test_mode_is_a_maximum(bound: BoundModel) -> None:
     posterior = HyperPosterior(bound, truncated=True)
     around = posterior.mode + 0.3 * np.random.default_rng(0).normal(size=(200, 4))
-    assert posterior.log_density(around).max() <= posterior.log_density(posterior.mode[None])[0] + 1e-4
+    assert (
+        posterior.log_density(around).max() <= posterior.log_density(posterior.mode[None])[0] + 1e-4
+    )

@@ -17,7 +17,15 @@ from collapsed import collapsed
 import ldbb_bayes as lb
 from ldbb_bayes.inference.mcmc import Assessment, Progress, StoppingRule
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.posterior import State, bound_of, campaign_of, draws_of, fit_of, record_of, result_json
+from ldbb_bayes.inference.posterior import (
+    State,
+    bound_of,
+    campaign_of,
+    draws_of,
+    fit_of,
+    record_of,
+    result_json,
+)
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.report.text import fit_in_words
 from ldbb_bayes.report.wording import sampler_words, validation_verdict
@@ -47,7 +55,13 @@ def posterior(campaign: lb.Campaign) -> xr.DataTree:
 def test_layout(either: xr.DataTree, campaign: lb.Campaign) -> None:
     sampled = {"posterior", "prior", "sample_stats", "log_prior"}
     assert set(either.children) == sampled | {"observed_data", "constant_data", "provenance"}
-    assert list(either["posterior"].data_vars) == [*MODEL.bind(campaign).names, "sigma", "delta", "kappa", "tau"]
+    assert list(either["posterior"].data_vars) == [
+        *MODEL.bind(campaign).names,
+        "sigma",
+        "delta",
+        "kappa",
+        "tau",
+    ]
     assert either["posterior"]["C_XXX"].dims == ("chain", "draw")
     assert either["posterior"].sizes["chain"] == 4
     assert either["posterior"]["C_CCY"].attrs["unit"] == "rad/(N mm)"
@@ -61,7 +75,11 @@ def test_stored_densities_are_consistent(either: xr.DataTree, campaign: lb.Campa
     draws, log_prior = either["posterior"].isel(pick), either["log_prior"].isel(pick)
     beta = np.array([[float(draws[name]) for name in bound.names]])
     phi = np.array([[float(draws[name]) for name in bound.hyper_prior.names]])
-    prior = float(log_prior["parameters"]) + float(log_prior["hyper"]) + bound.hyper_prior.free(phi).sum()
+    prior = (
+        float(log_prior["parameters"])
+        + float(log_prior["hyper"])
+        + bound.hyper_prior.free(phi).sum()
+    )
     expected = bound.log_likelihood(phi, beta)[0] + prior
     assert float(either["sample_stats"]["lp"].isel(pick)) == pytest.approx(expected, abs=1e-6)
 
@@ -76,7 +94,9 @@ def test_draws_and_prior_are_inside_the_truncation(either: xr.DataTree) -> None:
 
 
 def test_same_seed_same_draws(campaign: lb.Campaign, either: xr.DataTree) -> None:
-    again = lb.sample(MODEL, campaign, sampler=record_of(either)["sampler"]["kind"], seed=3, rule=QUICK)
+    again = lb.sample(
+        MODEL, campaign, sampler=record_of(either)["sampler"]["kind"], seed=3, rule=QUICK
+    )
     assert again["posterior"].dataset.drop_attrs().equals(either["posterior"].dataset.drop_attrs())
 
 
@@ -84,7 +104,9 @@ def test_diagnostics_are_arvizs(either: xr.DataTree) -> None:
     table = lb.summarize(either)
     reference = arviz_stats.summary(either, ci_prob=0.95, ci_kind="eti", round_to="none")
     for column, rtol in (("mean", 1e-10), ("sd", 1e-3), ("ess_bulk", 1e-6)):
-        np.testing.assert_allclose(table[column].astype(float), reference[column].astype(float), rtol=rtol)
+        np.testing.assert_allclose(
+            table[column].astype(float), reference[column].astype(float), rtol=rtol
+        )
     record = record_of(either)["sampler"]
     assert record["converged"]
     assert record["ess_bulk_min"] == pytest.approx(table["ess_bulk"].min())
@@ -100,38 +122,65 @@ def test_summary_numbers(posterior: xr.DataTree) -> None:
     assert (row["prior_sd"], row["unit"]) == (1e-4, "mm/N")
     refuses("ci_prob must lie between 0 and 1, got 95", lb.summarize, posterior, ci_prob=95)
     result, sigma = result_json(posterior), posterior["posterior"]["sigma"].to_numpy()
-    assert result["parameters"]["C_XXX"]["ci95"] == pytest.approx(np.quantile(draws, [0.025, 0.975]))
-    assert result["hyper"]["sigma_um"]["ci95"] == pytest.approx(1e3 * np.quantile(sigma, [0.025, 0.975]))
-    assert result["hyper"]["tau_um"]["prior_sd"] == pytest.approx(5.0 * np.sqrt(1 - 2 / np.pi), rel=1e-3)
+    assert result["parameters"]["C_XXX"]["ci95"] == pytest.approx(
+        np.quantile(draws, [0.025, 0.975])
+    )
+    assert result["hyper"]["sigma_um"]["ci95"] == pytest.approx(
+        1e3 * np.quantile(sigma, [0.025, 0.975])
+    )
+    assert result["hyper"]["tau_um"]["prior_sd"] == pytest.approx(
+        5.0 * np.sqrt(1 - 2 / np.pi), rel=1e-3
+    )
 
 
 def test_draws_in_units_for_reading(posterior: xr.DataTree) -> None:
     """The same draws with the labels of the tables, also for ArviZ; an analysis refuses them, whose numbers would be wrong."""
     made, plain = lb.to_units(posterior), posterior["posterior"].data_vars
-    assert arviz_stats.summary(made, round_to="none")["mean"].astype(float)["C_XXX"] == pytest.approx(1e6 * plain["C_XXX"].mean())
+    assert arviz_stats.summary(made, round_to="none")["mean"].astype(float)[
+        "C_XXX"
+    ] == pytest.approx(1e6 * plain["C_XXX"].mean())
     for name, own in made["posterior"].data_vars.items():
-        inside = [to_inside(f"{value!r} {own.attrs['units']}", plain[name].attrs["unit"]) for value in own[0, :3].values.tolist()]
+        inside = [
+            to_inside(f"{value!r} {own.attrs['units']}", plain[name].attrs["unit"])
+            for value in own[0, :3].values.tolist()
+        ]
         np.testing.assert_allclose(inside, plain[name][0, :3], rtol=1e-12)
         assert made["prior"][name].attrs == own.attrs
     assert made["constant_data"]["force_N"].equals(posterior["constant_data"]["force_N"])
     refuses("got one in units for reading", lb.summarize, made)
 
 
-def test_saved_and_read_back_identically(posterior: xr.DataTree, campaign: lb.Campaign, tmp_path: Path) -> None:
+def test_saved_and_read_back_identically(
+    posterior: xr.DataTree, campaign: lb.Campaign, tmp_path: Path
+) -> None:
     file = lb.save(posterior, tmp_path / "posterior.nc")
     assert lb.load(tmp_path).identical(posterior)
     assert [p.name for p in tmp_path.iterdir()] == ["posterior.nc"]
     back = campaign_of(lb.load(file))
     assert back.sha256 == campaign.sha256 == record_of(posterior)["campaign"]["sha256"]
-    assert (back.mount, back.force_law, back.name) == (campaign.mount, campaign.force_law, campaign.name)
+    assert (back.mount, back.force_law, back.name) == (
+        campaign.mount,
+        campaign.force_law,
+        campaign.name,
+    )
     assert bound_of(posterior).model == MODEL
     np.testing.assert_array_equal(bound_of(posterior).interest, MODEL.bind(campaign).interest)
 
 
 def test_every_field_of_a_campaign_comes_back() -> None:
-    tests = [replace(t, direction="CCW", temperature_C=20.5, time_s=60.0 * k, setup=k + 1) for k, t in enumerate(FEW.tests)]
+    tests = [
+        replace(t, direction="CCW", temperature_C=20.5, time_s=60.0 * k, setup=k + 1)
+        for k, t in enumerate(FEW.tests)
+    ]
     foreseen = (replace(tests[0].with_reading_um(None), radius_mm=100.0, name=""),)
-    full = replace(FEW, tests=tuple(tests), foreseen=foreseen, machine_id="VMC 07", date="2026-11-20", feed_mm_per_min=2000.0)
+    full = replace(
+        FEW,
+        tests=tuple(tests),
+        foreseen=foreseen,
+        machine_id="VMC 07",
+        date="2026-11-20",
+        feed_mm_per_min=2000.0,
+    )
     tree = lb.sample(CONSTANT.without("ball-form"), full, sampler="independent", rule=ROUGH)
     assert campaign_of(tree).sha256 == full.sha256
     assert (campaign_of(tree).machine_id, campaign_of(tree).date) == ("VMC 07", "2026-11-20")
@@ -148,16 +197,27 @@ def test_damaged_results_are_refused(tmp_path: Path, posterior: xr.DataTree) -> 
 def test_results_of_another_edition_are_refused(tmp_path: Path, posterior: xr.DataTree) -> None:
     older = posterior.copy()
     text = older["provenance"].attrs["json"]
-    older["provenance"] = xr.DataTree(xr.Dataset(attrs={"json": text.replace('"concerns"', '"warnings"')}))
-    words = r"must be of this edition of ldbb-bayes, got a fit of another \(its concerns\). Fit again"
+    older["provenance"] = xr.DataTree(
+        xr.Dataset(attrs={"json": text.replace('"concerns"', '"warnings"')})
+    )
+    words = (
+        r"must be of this edition of ldbb-bayes, got a fit of another \(its concerns\). Fit again"
+    )
     refuses(words, lb.load, lb.save(older, tmp_path / "posterior.nc"))
 
 
 def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) -> None:
     tree = lb.sample(lb.HybridModel.paper(0), recovered, seed=1, rule=QUICK)
     table, bound = lb.summarize(tree), lb.HybridModel.paper(0).bind(recovered)
-    design = np.concatenate([t.factor @ bound.interest[r] for r, t in enumerate(bound.reduced)]) * bound.scale
-    expected_sd = float(table.loc["sigma", "mean"]) * np.sqrt(np.diag(np.linalg.inv(design.T @ design))) * bound.scale
+    design = (
+        np.concatenate([t.factor @ bound.interest[r] for r, t in enumerate(bound.reduced)])
+        * bound.scale
+    )
+    expected_sd = (
+        float(table.loc["sigma", "mean"])
+        * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+        * bound.scale
+    )
     means, sds = table["mean"].to_numpy(float)[:13], table["sd"].to_numpy(float)[:13]
     np.testing.assert_allclose((means - bound.centre) / expected_sd, 0.0, atol=0.25)
     np.testing.assert_allclose(sds / expected_sd, 1.0, atol=0.12)
@@ -166,27 +226,53 @@ def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) ->
     assert list(tree["prior"].data_vars) == ["sigma"]
 
 
-def test_emcee_takes_over_where_weights_cannot_be_trusted(campaign: lb.Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_emcee_takes_over_where_weights_cannot_be_trusted(
+    campaign: lb.Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
     joint = lb.sample(CONSTANT, campaign, rule=QUICK)
     monkeypatch.setattr("ldbb_bayes.inference.integrals.LARGEST_PARETO_K", -10.0)
     tree = lb.sample(CONSTANT, campaign, sampler="independent", rule=QUICK)
-    assert "Sampler joint, as weights of independent draws could not be trusted: " in sampler_words(result_json(tree)["sampler"])
+    assert "Sampler joint, as weights of independent draws could not be trusted: " in sampler_words(
+        result_json(tree)["sampler"]
+    )
     np.testing.assert_array_equal(tree["posterior"]["C_CCY"], joint["posterior"]["C_CCY"])
     found = lb.validate(CONSTANT, FEW, replicates=10, draws=9)
-    assert (found.replicates, found.failures, "emcee for 10 whose" in validation_verdict(found)) == (10, (), True)
+    assert (
+        found.replicates,
+        found.failures,
+        "emcee for 10 whose" in validation_verdict(found),
+    ) == (10, (), True)
 
 
-def test_independent_draws_are_twice_as_many_where_chance_leaves_the_rule_unmet(campaign: lb.Campaign) -> None:
+def test_independent_draws_are_twice_as_many_where_chance_leaves_the_rule_unmet(
+    campaign: lb.Campaign,
+) -> None:
     """Of four hundred independent draws R-hat is above 1.01 for one seed in four."""
-    fits = [lb.sample(CONSTANT, campaign, sampler="independent", seed=seed, rule=StoppingRule(ess=400.0)) for seed in range(2, 6)]
+    fits = [
+        lb.sample(
+            CONSTANT, campaign, sampler="independent", seed=seed, rule=StoppingRule(ess=400.0)
+        )
+        for seed in range(2, 6)
+    ]
     assert all(record_of(fit)["sampler"]["converged"] for fit in fits)
     assert {fit["posterior"].sizes["draw"] for fit in fits} == {180, 360}
 
 
-@pytest.mark.parametrize(("sampler", "rule", "words"), [
-    ("joint", StoppingRule(ess=1e6, max_steps=60), r"ESS ≥ 1·10⁶ and R-hat ≤ 1.01 was not reached in 60 steps.*--max-steps"),
-    ("independent", StoppingRule(ess=10.0, rhat=1.0, max_steps=100), "ask for more independent draws"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("sampler", "rule", "words"),
+    [
+        (
+            "joint",
+            StoppingRule(ess=1e6, max_steps=60),
+            r"ESS ≥ 1·10⁶ and R-hat ≤ 1.01 was not reached in 60 steps.*--max-steps",
+        ),
+        (
+            "independent",
+            StoppingRule(ess=10.0, rhat=1.0, max_steps=100),
+            "ask for more independent draws",
+        ),
+    ],
+)
 def test_a_run_that_misses_its_target_says_so(sampler: str, rule: StoppingRule, words: str) -> None:
     tree = lb.sample(CONSTANT, FEW, sampler=sampler, seed=1, rule=rule)
     assert fit_of(tree).state == State.UNUSABLE
@@ -194,21 +280,35 @@ def test_a_run_that_misses_its_target_says_so(sampler: str, rule: StoppingRule, 
 
 
 def test_contradiction_and_misfit_are_warned_of(recovered: lb.Campaign) -> None:
-    tree = lb.sample(CONSTANT.without("ball-form"), recovered, sampler="independent", seed=1, rule=QUICK)
+    tree = lb.sample(
+        CONSTANT.without("ball-form"), recovered, sampler="independent", seed=1, rule=QUICK
+    )
     assert fit_of(tree).log_prob_truncation < -10.0
     assert "truncation" in fit_of(tree).kinds
-    assert fit_in_words(tree)["warnings"][0].startswith("The readings contradict non-negative compliance: ln P(T | y) = −")
-    loud = [t.with_reading_um(t.reading_um + 30.0 * np.sin(7 * t.angles_rad() + i)) for i, t in enumerate(FEW.tests)]
+    assert fit_in_words(tree)["warnings"][0].startswith(
+        "The readings contradict non-negative compliance: ln P(T | y) = −"
+    )
+    loud = [
+        t.with_reading_um(t.reading_um + 30.0 * np.sin(7 * t.angles_rad() + i))
+        for i, t in enumerate(FEW.tests)
+    ]
     tree = lb.sample(CONSTANT, lb.Campaign(tuple(loud)), sampler="independent", seed=1, rule=QUICK)
-    assert any(warning.startswith("Misfit: sigma = 1") for warning in fit_in_words(tree)["warnings"])
+    assert any(
+        warning.startswith("Misfit: sigma = 1") for warning in fit_in_words(tree)["warnings"]
+    )
 
 
 def test_truncation_probability_is_reported_though_not_imposed() -> None:
     """Readings that shrink under tension: negative compliance, whether or not the model forbids it."""
     planned = plan((40,) * 3, forces_N=(100.0, 300.0, 500.0))
-    tests = [t.with_reading_um(-0.03 * float(t.force_N or 0) * np.cos(t.angles_rad()) ** 2) for t in planned.tests]
+    tests = [
+        t.with_reading_um(-0.03 * float(t.force_N or 0) * np.cos(t.angles_rad()) ** 2)
+        for t in planned.tests
+    ]
     for model in (CONSTANT.without("truncation"), lb.HybridModel.paper(0)):
-        tree = lb.sample(model, lb.Campaign(tuple(tests)), sampler="independent", seed=1, rule=QUICK)
+        tree = lb.sample(
+            model, lb.Campaign(tuple(tests)), sampler="independent", seed=1, rule=QUICK
+        )
         assert fit_of(tree).log_prob_truncation < -20.0
         assert fit_of(tree).state == State.DOUBTFUL
         assert tree["posterior"]["C_XXX"].mean() < 0.0
@@ -228,12 +328,15 @@ def test_noise_at_the_floor_is_sampled_without_strays() -> None:
     assert isinstance(seen[-1].assessment, Assessment)
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    ({"sampler": "nuts"}, "sampler must be one of joint, independent, got 'nuts'"),
-    ({"ensembles": 2}, "ensembles must be at least 4, got 2"),
-    ({"walkers": 10}, "walkers must be even and at least"),
-    ({"campaign": FEW.plan()}, "must have readings to be sampled, got a plan"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"sampler": "nuts"}, "sampler must be one of joint, independent, got 'nuts'"),
+        ({"ensembles": 2}, "ensembles must be at least 4, got 2"),
+        ({"walkers": 10}, "walkers must be even and at least"),
+        ({"campaign": FEW.plan()}, "must have readings to be sampled, got a plan"),
+    ],
+)
 def test_refused(arguments: dict[str, Any], message: str) -> None:
     refuses(message, lb.sample, CONSTANT, **{"campaign": FEW} | arguments)
 
@@ -244,12 +347,21 @@ def test_three_routes_to_one_posterior(model: lb.HybridModel) -> None:
     bound = model.bind(FEW)
     expected = np.hstack(collapsed(HyperPosterior(bound, truncated=bound.truncation.active), 3000))
     for sampler in ("joint", "independent"):
-        found = np.hstack(draws_of(lb.sample(model, FEW, sampler=sampler, seed=1, rule=QUICK), bound))
-        np.testing.assert_allclose((found.mean(axis=0) - expected.mean(axis=0)) / expected.std(axis=0), 0.0, atol=0.25)
+        found = np.hstack(
+            draws_of(lb.sample(model, FEW, sampler=sampler, seed=1, rule=QUICK), bound)
+        )
+        np.testing.assert_allclose(
+            (found.mean(axis=0) - expected.mean(axis=0)) / expected.std(axis=0), 0.0, atol=0.25
+        )
         np.testing.assert_allclose(found.std(axis=0) / expected.std(axis=0), 1.0, atol=0.25)
 
 
-PRIORS = {"C_XXX": (4.4e-5, 4e-6), "C_YYY": (5.0e-5, 3e-6), "C_CCY": (-2e-10, 4e-10), "E_YY1": (-5e-5, 4e-5)}
+PRIORS = {
+    "C_XXX": (4.4e-5, 4e-6),
+    "C_YYY": (5.0e-5, 3e-6),
+    "C_CCY": (-2e-10, 4e-10),
+    "E_YY1": (-5e-5, 4e-5),
+}
 
 
 @pytest.mark.parametrize("sampler", [pytest.param("joint", marks=pytest.mark.slow), "independent"])
@@ -259,17 +371,31 @@ def test_readings_less_what_prior_means_expect(sampler: str) -> None:
     plain = replace(model, prior=replace(model.prior, means=dict.fromkeys(PRIORS, 0.0)))
     bound = model.bind(FEW)
     less = tuple(
-        test.with_reading_um(np.asarray(test.reading_um) - basis(test.angles_rad()) @ bound.interest[r] @ bound.prior_mean * 1e3)
+        test.with_reading_um(
+            np.asarray(test.reading_um)
+            - basis(test.angles_rad()) @ bound.interest[r] @ bound.prior_mean * 1e3
+        )
         for r, test in enumerate(FEW.tests)
     )
     short = StoppingRule(ess=100.0, max_steps=200)
     tree = lb.sample(model, FEW, sampler=sampler, seed=3, rule=short)
     moved = tree["posterior"]
-    still = lb.sample(plain, replace(FEW, tests=less), sampler=sampler, seed=3, rule=short)["posterior"]
+    still = lb.sample(plain, replace(FEW, tests=less), sampler=sampler, seed=3, rule=short)[
+        "posterior"
+    ]
     for parameter in bound.parameters:
-        apart = moved[parameter.name].to_numpy() - parameter.prior_mean - still[parameter.name].to_numpy()
+        apart = (
+            moved[parameter.name].to_numpy()
+            - parameter.prior_mean
+            - still[parameter.name].to_numpy()
+        )
         assert np.quantile(np.abs(apart) / parameter.prior_sd, 0.99) < 1e-5, parameter.name
     for name in bound.hyper_prior.names:
-        np.testing.assert_allclose(np.quantile(moved[name], 0.5), np.quantile(still[name], 0.5), rtol=1e-5)
-    assert (lb.summarize(tree).loc["C_XXX", "prior_mean"], result_json(tree)["model"]["priors"]) == (4.4e-5, "edited")
+        np.testing.assert_allclose(
+            np.quantile(moved[name], 0.5), np.quantile(still[name], 0.5), rtol=1e-5
+        )
+    assert (
+        lb.summarize(tree).loc["C_XXX", "prior_mean"],
+        result_json(tree)["model"]["priors"],
+    ) == (4.4e-5, "edited")
     assert tree["prior"]["C_YYY"].to_numpy().mean() == pytest.approx(5.0e-5, abs=3e-7)

@@ -24,17 +24,24 @@ def test_the_papers_machine() -> None:
     assert _labels(machine) == ["E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
     position = chain.Circle().position_mm(ANGLE)
     np.testing.assert_array_equal(machine.lever_mm(x, chain.Circle(), ANGLE), np.zeros((3, 3)))
-    np.testing.assert_array_equal(machine.lever_mm(y, chain.Circle(), ANGLE), position * [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(
+        machine.lever_mm(y, chain.Circle(), ANGLE), position * [1.0, 0.0, 0.0]
+    )
 
 
 def test_planes_are_right_handed_and_share_axes() -> None:
     assert _labels(chain.Machine("wFXYZt", "ZX"))[:4] == ["E_ZZ1", "E_XZ2", "E_ZX2", "E_XX1"]
     for plane, axes in chain.PLANES.items():
         first, second = np.eye(3)[["XYZ".index(axis) for axis in plane]]
-        np.testing.assert_array_equal(np.cross(first, second), np.eye(3)["ABC".index(axes.rotation)])
+        np.testing.assert_array_equal(
+            np.cross(first, second), np.eye(3)["ABC".index(axes.rotation)]
+        )
         assert plane == axes.first + axes.second
     machine = chain.Machine("wFXYZt", ("ZX", "XY", "YZ"))
-    assert (machine.planes, [joint.axis for joint in machine.joints]) == (("XY", "YZ", "ZX"), ["X", "Y", "Z"])
+    assert (machine.planes, [joint.axis for joint in machine.joints]) == (
+        ("XY", "YZ", "ZX"),
+        ["X", "Y", "Z"],
+    )
     labels = _labels(machine)
     assert (len(labels), len(set(labels)), labels[-3:]) == (15, 15, ["E_Xt0", "E_Yt0", "E_Zt0"])
     assert {"E_C0XY", "E_A0YZ", "E_B0XZ"} < set(labels)
@@ -56,17 +63,29 @@ FORCES_N = [0.0, 36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0]
 FRAMES = {"X": (3.0, -5.0, 40.0), "Y": (4.0, -9.0, 22.0), "Z": (-8.0, 6.0, -15.0)}
 CENTRE = (20.0, -30.0, 55.0)
 MACHINES = [
-    ("wCAFYXZSt", "XY", {}), ("wCAFYXZSt", "YZ", {"Y": (0.0, 0.0, 12.0)}), ("wCAFYXZSt", "ZX", FRAMES), ("wYXFZt", "XY", FRAMES),
-    ("wYXFZt", "YZ", FRAMES), ("wFXYZt", "ZX", FRAMES), ("wCBXFZYSt", "XY", FRAMES), ("wFYXt", "XY", {"X": (1.0, 2.0, 3.0)}),
-    ("wXFYZt", ("XY", "YZ", "ZX"), FRAMES), ("wXYFZt", ("XY", "YZ", "ZX"), FRAMES), ("wCAFYXZSt", ("XY", "YZ", "ZX"), FRAMES),
-]  # fmt: skip
+    ("wCAFYXZSt", "XY", {}),
+    ("wCAFYXZSt", "YZ", {"Y": (0.0, 0.0, 12.0)}),
+    ("wCAFYXZSt", "ZX", FRAMES),
+    ("wYXFZt", "XY", FRAMES),
+    ("wYXFZt", "YZ", FRAMES),
+    ("wFXYZt", "ZX", FRAMES),
+    ("wCBXFZYSt", "XY", FRAMES),
+    ("wFYXt", "XY", {"X": (1.0, 2.0, 3.0)}),
+    ("wXFYZt", ("XY", "YZ", "ZX"), FRAMES),
+    ("wXYFZt", ("XY", "YZ", "ZX"), FRAMES),
+    ("wCAFYXZSt", ("XY", "YZ", "ZX"), FRAMES),
+]
 
 
 def _planes(planes: str | tuple[str, ...]) -> tuple[str, ...]:
     return (planes,) if isinstance(planes, str) else planes
 
 
-CASES = [(topology, planes, frames, plane) for topology, planes, frames in MACHINES for plane in _planes(planes)]
+CASES = [
+    (topology, planes, frames, plane)
+    for topology, planes, frames in MACHINES
+    for plane in _planes(planes)
+]
 
 
 def code_name(printed: str) -> str:
@@ -90,11 +109,18 @@ def test_table_4(root) -> None:
     flip = np.array([-1.0 if name == "E_C0YX" else 1.0 for name in names])
     errors = {name: simulated[name] * sign for name, sign in zip(names, flip, strict=True)}
     compliances = {name: simulated[name] for name in kept}
-    wrench = chain.wrench_jacobian(machine, circle, ANGLES)[:, [labels.index(name) for name in kept]]
+    wrench = chain.wrench_jacobian(machine, circle, ANGLES)[
+        :, [labels.index(name) for name in kept]
+    ]
     geometric = chain.geometric_jacobian(machine, circle, ANGLES) * flip
     jacobian = np.vstack([np.hstack([force * wrench, geometric]) for force in FORCES_N])
     given = {"compliances": compliances, "geometric_errors": errors}
-    reading = np.concatenate([chain.exact_reading_mm(machine, circle, ANGLES, force_N=force, **given) for force in FORCES_N])
+    reading = np.concatenate(
+        [
+            chain.exact_reading_mm(machine, circle, ANGLES, force_N=force, **given)
+            for force in FORCES_N
+        ]
+    )
     scale = np.linalg.norm(jacobian, axis=0)
     estimate = np.linalg.lstsq(jacobian / scale, reading, rcond=None)[0] / scale
     exceptions = {"E_YY1": "-2.1995E-04", "C_CCY": "6.6000E-08"}
@@ -102,7 +128,9 @@ def test_table_4(root) -> None:
         assert f"{value:.4E}" == exceptions.get(name, printed[name]), name
     by_name = dict(zip([*kept, *names], estimate, strict=True))
     assert f"{by_name['C_CCY']:.5E}" == "6.59998E-08"
-    assert np.floor(by_name["C_CCY"] * 1e12) / 1e12 == pytest.approx(float(printed["C_CCY"]), abs=1e-16)
+    assert np.floor(by_name["C_CCY"] * 1e12) / 1e12 == pytest.approx(
+        float(printed["C_CCY"]), abs=1e-16
+    )
 
 
 def turned(vector: np.ndarray, about: int, angle: float) -> np.ndarray:
@@ -112,7 +140,9 @@ def turned(vector: np.ndarray, about: int, angle: float) -> np.ndarray:
     return along + np.cos(angle) * (vector - along) + np.sin(angle) * np.cross(axis, vector)
 
 
-def rigid_body_reading(machine: chain.Machine, circle: chain.Circle, angle: np.ndarray, errors: dict[str, float]) -> np.ndarray:
+def rigid_body_reading(
+    machine: chain.Machine, circle: chain.Circle, angle: np.ndarray, errors: dict[str, float]
+) -> np.ndarray:
     """ρ by moving points: each joint, from the ball inwards, turns and shifts what it carries. Own code: vectors, no matrices,
     branches read from the string, error names spelled out. Nothing of the package but its data is used."""
     work, tool = machine.topology[1:-1].split("F")
@@ -124,7 +154,10 @@ def rigid_body_reading(machine: chain.Machine, circle: chain.Circle, angle: np.n
         here = np.array(circle.centre_mm)
         here[first] += circle.radius_mm * np.cos(theta)
         here[second] += circle.radius_mm * np.sin(theta)
-        stands = [(0.0 if c in machine.topology else here[k]) + errors.get(f"E_{c}t0", 0.0) for k, c in enumerate("XYZ")]
+        stands = [
+            (0.0 if c in machine.topology else here[k]) + errors.get(f"E_{c}t0", 0.0)
+            for k, c in enumerate("XYZ")
+        ]
         ends = {"w": np.array(circle.centre_mm), "t": np.array(stands)}
         for branch, letters in order.items():
             point = ends[branch]
@@ -135,8 +168,12 @@ def rigid_body_reading(machine: chain.Machine, circle: chain.Circle, angle: np.n
                 carried = letters[:place]
                 point = point - frame
                 for about, turning in ((1, "B"), (0, "A"), (2, "C")):  # C after A after B
-                    for other in carried:  # both axes in this branch: the inner one turns what it carries
-                        point = turned(point, about, errors.get(f"E_{turning}0{letter}{other}", 0.0))
+                    for (
+                        other
+                    ) in carried:  # both axes in this branch: the inner one turns what it carries
+                        point = turned(
+                            point, about, errors.get(f"E_{turning}0{letter}{other}", 0.0)
+                        )
                 point[own] += q * (1.0 + errors.get(f"E_{letter}{letter}1", 0.0))
                 for k, c in enumerate("XYZ"):
                     if c != letter:
@@ -144,7 +181,9 @@ def rigid_body_reading(machine: chain.Machine, circle: chain.Circle, angle: np.n
                 if branch == "t":  # axes in two branches: the one of the tool is turned itself
                     for about, turning in ((1, "B"), (0, "A"), (2, "C")):  # C after A after B
                         for other in order["w"]:
-                            point = turned(point, about, errors.get(f"E_{turning}0{other}{letter}", 0.0))
+                            point = turned(
+                                point, about, errors.get(f"E_{turning}0{other}{letter}", 0.0)
+                            )
                 point = point + frame
             ends[branch] = point
         result.append(np.linalg.norm(ends["t"] - ends["w"]) - circle.radius_mm)
@@ -157,7 +196,10 @@ SIZE = {"gain": 3e-4, "straightness": -5e-6, "squareness": 3e-3, "offset": 0.02}
 @pytest.mark.parametrize(("topology", "planes", "frames", "plane"), CASES)
 def test_against_moving_points(topology: str, planes: str, frames: dict, plane: str) -> None:
     machine, circle = chain.Machine(topology, planes, frames), chain.Circle(120.0, CENTRE, plane)
-    errors = {name.label: SIZE[name.kind] * (1.0 + 0.1 * k) for k, name in enumerate(chain.geometric_names(machine))}
+    errors = {
+        name.label: SIZE[name.kind] * (1.0 + 0.1 * k)
+        for k, name in enumerate(chain.geometric_names(machine))
+    }
     for chosen in (errors, *({label: value} for label, value in errors.items())):
         expected = rigid_body_reading(machine, circle, ANGLES, chosen)
         found = chain.geometric_reading_mm(machine, circle, ANGLES, chosen)
@@ -166,14 +208,20 @@ def test_against_moving_points(topology: str, planes: str, frames: dict, plane: 
 
 
 @pytest.mark.parametrize(("topology", "planes", "frames", "plane"), CASES)
-def test_linear_model_is_the_derivative(topology: str, planes: str, frames: dict, plane: str) -> None:
+def test_linear_model_is_the_derivative(
+    topology: str, planes: str, frames: dict, plane: str
+) -> None:
     """Column by column to 1e-8 of its own size, by complex step: geometric errors through homogeneous transforms, compliances
     through Eq. 20 as the twist of a joint that deflects under its wrench."""
     machine, circle = chain.Machine(topology, planes, frames), chain.Circle(120.0, CENTRE, plane)
     step = 1e-40
     names = [name.label for name in chain.geometric_names(machine)]
     exact = np.stack(
-        [chain.geometric_reading_mm(machine, circle, ANGLES, {name: 1j * step}).imag / step for name in names], axis=1
+        [
+            chain.geometric_reading_mm(machine, circle, ANGLES, {name: 1j * step}).imag / step
+            for name in names
+        ],
+        axis=1,
     )
     linear = chain.geometric_jacobian(machine, circle, ANGLES)
     scale = np.abs(exact).max(axis=0)
@@ -181,7 +229,9 @@ def test_linear_model_is_the_derivative(topology: str, planes: str, frames: dict
 
 
 @pytest.mark.parametrize(("topology", "planes", "frames", "plane"), CASES)
-def test_compliances_deflect_a_chain_of_springs(topology: str, planes: str, frames: dict, plane: str) -> None:
+def test_compliances_deflect_a_chain_of_springs(
+    topology: str, planes: str, frames: dict, plane: str
+) -> None:
     """Each joint a spring with six degrees of freedom: C times its wrench, found by carrying the bar's pull inwards along the
     chain, moves the ball rigidly by d + φ × lever; the reading is that motion along the bar, for 1 N."""
     machine, circle = chain.Machine(topology, planes, frames), chain.Circle(120.0, CENTRE, plane)
@@ -212,13 +262,25 @@ def _lever(topology: str, letter: str, here: np.ndarray, centre: np.ndarray) -> 
     """From a joint to its ball: what is carried has moved by the axes between them."""
     place, foundation = topology.index(letter), topology.index("F")
     if place > foundation:
-        return np.array([here[k] if topology.find(c) > place or c not in topology else 0.0 for k, c in enumerate("XYZ")])
-    return np.array([centre[k] - (here[k] if 0 < topology.find(c) < place else 0.0) for k, c in enumerate("XYZ")])
+        return np.array(
+            [
+                here[k] if topology.find(c) > place or c not in topology else 0.0
+                for k, c in enumerate("XYZ")
+            ]
+        )
+    return np.array(
+        [
+            centre[k] - (here[k] if 0 < topology.find(c) < place else 0.0)
+            for k, c in enumerate("XYZ")
+        ]
+    )
 
 
 def test_unknown_parameter_is_named() -> None:
     with pytest.raises(InputError, match=r"got 'e_xx1'\. Did you mean 'E_XX1'"):
-        chain.exact_reading_mm(chain.Machine(), chain.Circle(), ANGLES, geometric_errors={"e_xx1": 1.0})
+        chain.exact_reading_mm(
+            chain.Machine(), chain.Circle(), ANGLES, geometric_errors={"e_xx1": 1.0}
+        )
 
 
 # Jacobians
@@ -240,14 +302,19 @@ def test_table_2(root) -> None:
 @pytest.mark.parametrize(("topology", "plane", "frames"), MACHINES[:8])
 def test_kept_columns_span_the_whole_jacobian(topology: str, plane: str, frames: dict) -> None:
     machine, circle = chain.Machine(topology, plane, frames), chain.Circle(plane=plane)
-    kept, full = chain.kept_compliances(machine, circle), chain.wrench_jacobian(machine, circle, ARC)
+    kept, full = (
+        chain.kept_compliances(machine, circle),
+        chain.wrench_jacobian(machine, circle, ARC),
+    )
     labels = [name.label for name in chain.wrench_names(machine)]
     chosen = full[:, [labels.index(name.label) for name in kept.names]]
     scaled = chosen / np.linalg.norm(chosen, axis=0)
     assert kept.rank == len(kept.names) == np.linalg.matrix_rank(scaled)
     rest = full - scaled @ np.linalg.lstsq(scaled, full, rcond=None)[0]
     assert np.abs(rest).max() <= 1e-9 * np.abs(full).max()
-    assert kept.dependent or {*kept.null, *(name for group in kept.sets for name in group)} >= set(labels)
+    assert kept.dependent or {*kept.null, *(name for group in kept.sets for name in group)} >= set(
+        labels
+    )
 
 
 def test_height_above_a_guideway_by_hand() -> None:
@@ -262,7 +329,9 @@ def test_height_above_a_guideway_by_hand() -> None:
         return [name.label for name in chain.kept_compliances(chain.Machine(), *circles).names]
 
     h = 80.0
-    names = [name for name in chain.joint_names(chain.Machine()) if name.label in ("C_AYY", "C_AAY")]
+    names = [
+        name for name in chain.joint_names(chain.Machine()) if name.label in ("C_AYY", "C_AAY")
+    ]
     columns = chain.compliance_jacobian(chain.Machine(), chain.Circle(R, (0.0, 0.0, h)), ARC, names)
     for name, own in zip(names, columns.T, strict=True):
         np.testing.assert_allclose(own, (-h if name.label == "C_AYY" else h**2) * S**2, atol=1e-9)
@@ -279,9 +348,21 @@ def test_height_above_a_guideway_by_hand() -> None:
     ("machine", "circles", "unbounded"),
     [
         (chain.Machine("wCAFYXZSt", ("XY", "YZ", "ZX")), (), set()),
-        (chain.Machine("wYXFZt", "XY", {"X": (0.0, -200.0, 350.0)}), (chain.Circle(150.0, (10.0, 20.0, 0.0)),), set()),
-        (chain.Machine(), (chain.Circle(150.0, (0.0, 0.0, 0.0)), chain.Circle(150.0, (0.0, 0.0, 300.0))), set()),
-        (chain.Machine(), (chain.Circle(150.0, (0.0, 0.0, 100.0)), chain.Circle(150.0, (0.0, 0.0, 300.0))), {"C_XXX", "C_YYY"}),
+        (
+            chain.Machine("wYXFZt", "XY", {"X": (0.0, -200.0, 350.0)}),
+            (chain.Circle(150.0, (10.0, 20.0, 0.0)),),
+            set(),
+        ),
+        (
+            chain.Machine(),
+            (chain.Circle(150.0, (0.0, 0.0, 0.0)), chain.Circle(150.0, (0.0, 0.0, 300.0))),
+            set(),
+        ),
+        (
+            chain.Machine(),
+            (chain.Circle(150.0, (0.0, 0.0, 100.0)), chain.Circle(150.0, (0.0, 0.0, 300.0))),
+            {"C_XXX", "C_YYY"},
+        ),
         (
             chain.Machine("wXFYZt"),
             (chain.Circle(150.0, (300.0, 200.0, 0.0)), chain.Circle(150.0, (-300.0, 200.0, 0.0))),
@@ -289,7 +370,9 @@ def test_height_above_a_guideway_by_hand() -> None:
         ),
     ],
 )
-def test_what_cannot_be_negative(machine: chain.Machine, circles: tuple[chain.Circle, ...], unbounded: set[str]) -> None:
+def test_what_cannot_be_negative(
+    machine: chain.Machine, circles: tuple[chain.Circle, ...], unbounded: set[str]
+) -> None:
     """Joints with random positive semi-definite compliance matrices: the kept parameters that readings then have are never
     negative where the machine says so, and sometimes are for the others, though they are a translation along its force.
 
@@ -298,8 +381,12 @@ def test_what_cannot_be_negative(machine: chain.Machine, circles: tuple[chain.Ci
     circles = circles or tuple(chain.Circle(plane=plane) for plane in machine.planes)
     kept = chain.kept_compliances(machine, *circles)
     names = chain.joint_names(machine)
-    every = np.concatenate([chain.compliance_jacobian(machine, circle, ARC, names) for circle in circles])
-    own = np.concatenate([chain.compliance_jacobian(machine, circle, ARC, kept.names) for circle in circles])
+    every = np.concatenate(
+        [chain.compliance_jacobian(machine, circle, ARC, names) for circle in circles]
+    )
+    own = np.concatenate(
+        [chain.compliance_jacobian(machine, circle, ARC, kept.names) for circle in circles]
+    )
     scale = np.abs(own).max(axis=0)
     rng = np.random.default_rng(5)
     lowest = np.full(len(kept.names), np.inf)
@@ -307,14 +394,22 @@ def test_what_cannot_be_negative(machine: chain.Machine, circles: tuple[chain.Ci
         value = np.zeros(len(names))
         for joint in machine.joints:
             rotary = 10.0 ** rng.uniform(-4.0, -1.0)
-            root = rng.standard_normal((6, rng.integers(1, 7))) * np.repeat([1.0, rotary], 3)[:, None]
+            root = (
+                rng.standard_normal((6, rng.integers(1, 7))) * np.repeat([1.0, rotary], 3)[:, None]
+            )
             matrix = root @ root.T
             for k, name in enumerate(names):
                 if name.joint == joint.axis:
                     value[k] = matrix["XYZABC".index(name.twist), "XYZABC".index(name.wrench)]
         found = np.linalg.lstsq(own / scale, every @ value, rcond=None)[0]
         lowest = np.minimum(lowest, found / np.abs(found).max())
-    by_name = dict(zip([name.label for name in kept.names], zip(lowest, kept.not_negative, strict=True), strict=True))
+    by_name = dict(
+        zip(
+            [name.label for name in kept.names],
+            zip(lowest, kept.not_negative, strict=True),
+            strict=True,
+        )
+    )
     for label, (low, bounded) in by_name.items():
         assert low > -1e-7 if bounded else low < -1e-6, label
     diagonal = {name.label for name in kept.names if name.twist == name.wrench}
@@ -322,12 +417,29 @@ def test_what_cannot_be_negative(machine: chain.Machine, circles: tuple[chain.Ci
 
 
 def test_columns_are_those_of_the_paper() -> None:
-    found = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), ARC, 400.0, degree=2, reference_force_N=389.0)
-    elastic = {"C_XXX": C**2, "C_XYX": C * S, "C_YYY": S**2, "C_CXY": R * C**2 * S, "C_CYY": R * C * S**2}
+    found = lb.hybrid_jacobian(
+        lb.Machine(), lb.Circle(), ARC, 400.0, degree=2, reference_force_N=389.0
+    )
+    elastic = {
+        "C_XXX": C**2,
+        "C_XYX": C * S,
+        "C_YYY": S**2,
+        "C_CXY": R * C**2 * S,
+        "C_CYY": R * C * S**2,
+    }
     elastic["C_CCY"] = R**2 * C**2 * S**2
-    geometric = {"E_XX1": R * C**2, "E_YX2": R**2 * C**2 * S, "E_XY2": R**2 * S**2 * C, "E_YY1": R * S**2}
+    geometric = {
+        "E_XX1": R * C**2,
+        "E_YX2": R**2 * C**2 * S,
+        "E_XY2": R**2 * S**2 * C,
+        "E_YY1": R * S**2,
+    }
     geometric |= {"E_C0YX": R * C * S, "E_Xt0": C, "E_Yt0": S}
-    expected = {f"{name}{k}": 400.0 * 11.0**p * own for p, k in enumerate(("", "_1", "_2")) for name, own in elastic.items()}
+    expected = {
+        f"{name}{k}": 400.0 * 11.0**p * own
+        for p, k in enumerate(("", "_1", "_2"))
+        for name, own in elastic.items()
+    }
     assert list(found.columns) == [*expected, *geometric]
     for name, own in (expected | geometric).items():
         np.testing.assert_allclose(found[name], own, atol=1e-9 * np.abs(own).max(), err_msg=name)

@@ -38,14 +38,21 @@ def test_bayes_identity(n: int, p: int, seed: int, full: bool) -> None:
     x = np.random.default_rng(seed).normal(size=(2, p))
     posterior = prior.observe(rows, values)
     likelihood = stats.norm.logpdf(values - np.einsum("bnp,bp->bn", rows, x)).sum(axis=-1)
-    left, right = likelihood + prior.log_density(x), posterior.log_integral + posterior.log_density(x)
+    left, right = (
+        likelihood + prior.log_density(x),
+        posterior.log_integral + posterior.log_density(x),
+    )
     np.testing.assert_allclose(left, right, rtol=1e-8, atol=1e-7)
     transposed = np.swapaxes(rows, -1, -2)
     constant = -0.5 * ((values**2).sum(axis=-1) + n * np.log(2 * np.pi))
-    summed = prior + gaussian.Gaussian(transposed @ rows, (transposed @ values[..., None])[..., 0], constant)
+    summed = prior + gaussian.Gaussian(
+        transposed @ rows, (transposed @ values[..., None])[..., 0], constant
+    )
     np.testing.assert_allclose(summed.log_integral, posterior.log_integral, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(summed.mean, posterior.mean, rtol=1e-5, atol=1e-6)
-    alone = gaussian.Gaussian.factored(prior.mean[1], prior.root[1], prior.scale[1]).observe(rows[1], values[1])
+    alone = gaussian.Gaussian.factored(prior.mean[1], prior.root[1], prior.scale[1]).observe(
+        rows[1], values[1]
+    )
     np.testing.assert_allclose(alone.covariance, posterior.covariance[1], rtol=1e-9)
     assert alone.log_integral == pytest.approx(posterior.log_integral[1])
 
@@ -54,10 +61,16 @@ def test_against_scipy() -> None:
     prior, rows, y = problem(7, 3, 5, full=True)
     covariance = rows @ prior.covariance @ rows.T + np.eye(7)
     posterior = prior.observe(rows, y)
-    assert posterior.log_integral == pytest.approx(stats.multivariate_normal(rows @ prior.mean, covariance).logpdf(y), abs=1e-9)
+    assert posterior.log_integral == pytest.approx(
+        stats.multivariate_normal(rows @ prior.mean, covariance).logpdf(y), abs=1e-9
+    )
     gain = prior.covariance @ rows.T @ np.linalg.inv(covariance)
-    np.testing.assert_allclose(posterior.mean, prior.mean + gain @ (y - rows @ prior.mean), atol=1e-9)
-    np.testing.assert_allclose(posterior.covariance, prior.covariance - gain @ rows @ prior.covariance, atol=1e-9)
+    np.testing.assert_allclose(
+        posterior.mean, prior.mean + gain @ (y - rows @ prior.mean), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        posterior.covariance, prior.covariance - gain @ rows @ prior.covariance, atol=1e-9
+    )
     np.testing.assert_allclose(posterior.sd**2, np.diag(posterior.covariance))
     np.testing.assert_allclose(posterior.precision, np.linalg.inv(posterior.covariance), rtol=1e-9)
     beta = np.array([0.3, -1.0, 2.0])
@@ -72,7 +85,9 @@ def test_marginals() -> None:
     keep = [3, 1]
     marginal = joint.marginal(keep)
     np.testing.assert_allclose(marginal.mean, joint.mean[:, keep])
-    np.testing.assert_allclose(marginal.covariance, joint.covariance[:, [[3], [1]], keep], rtol=1e-9)
+    np.testing.assert_allclose(
+        marginal.covariance, joint.covariance[:, [[3], [1]], keep], rtol=1e-9
+    )
     np.testing.assert_allclose(marginal.log_integral, joint.log_integral)
 
 
@@ -80,8 +95,12 @@ def test_draws_have_the_moments(rng: np.random.Generator) -> None:
     prior, rows, y = problem(6, 3, 2, full=True)
     posterior = prior.observe(rows, y)
     draws = posterior.draw(rng, (50_000,))
-    np.testing.assert_allclose(draws.mean(axis=0), posterior.mean, atol=5 * posterior.sd.max() / np.sqrt(50_000))
-    np.testing.assert_allclose(np.cov(draws.T), posterior.covariance, atol=0.03 * posterior.sd.max() ** 2)
+    np.testing.assert_allclose(
+        draws.mean(axis=0), posterior.mean, atol=5 * posterior.sd.max() / np.sqrt(50_000)
+    )
+    np.testing.assert_allclose(
+        np.cov(draws.T), posterior.covariance, atol=0.03 * posterior.sd.max() ** 2
+    )
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-3, 1e-8])
@@ -89,21 +108,30 @@ def test_collinear_columns(gap: float) -> None:
     """Two nearly equal columns: the sum is known, the difference keeps its prior."""
     base = np.linspace(1.0, 2.0, 20) * 1e3
     rows = np.column_stack([base, base * (1.0 + gap)])
-    posterior = gaussian.Gaussian.of(np.zeros(2), np.ones(2)).observe(rows, rows @ np.array([1.0, 2.0]))
+    posterior = gaussian.Gaussian.of(np.zeros(2), np.ones(2)).observe(
+        rows, rows @ np.array([1.0, 2.0])
+    )
     assert posterior.mean.sum() == pytest.approx(3.0, abs=2e-2)
-    assert (posterior.spread(np.array([[1.0, -1.0]])) ** 2).sum() == pytest.approx(2.0, rel=0.6 if gap == 1e-3 else 1e-3)
+    assert (posterior.spread(np.array([[1.0, -1.0]])) ** 2).sum() == pytest.approx(
+        2.0, rel=0.6 if gap == 1e-3 else 1e-3
+    )
     assert np.all(np.isfinite(posterior.root))
 
 
 def test_least_squares_is_minimum_norm_in_the_scale() -> None:
     jacobian = np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
-    estimate = gaussian.least_squares(jacobian, jacobian @ np.array([1.0, 1.0]), np.array([3.0, 1.0]))
+    estimate = gaussian.least_squares(
+        jacobian, jacobian @ np.array([1.0, 1.0]), np.array([3.0, 1.0])
+    )
     np.testing.assert_allclose(estimate, [2.0 * 9.0 / 10.0, 2.0 * 1.0 / 10.0])
     full = np.random.default_rng(0).normal(size=(9, 4)) * [1e6, 1.0, 1e-6, 1.0]
     truth = np.array([1e-6, 2.0, 3e6, -4.0])
     np.testing.assert_allclose(gaussian.least_squares(full, full @ truth), truth)
     norms = np.linalg.norm(full, axis=0)
-    np.testing.assert_allclose(gaussian.least_squares(full, np.ones(9)), scipy.linalg.pinv(full / norms) @ np.ones(9) / norms)
+    np.testing.assert_allclose(
+        gaussian.least_squares(full, np.ones(9)),
+        scipy.linalg.pinv(full / norms) @ np.ones(9) / norms,
+    )
 
 
 @pytest.mark.parametrize("q", [1, 2, 7, 27])
@@ -119,18 +147,39 @@ def test_stacked_triangular_algebra_against_scipy(q: int) -> None:
     for i in np.ndindex(2, 3):
         expected = np.linalg.cholesky(matrix[i])
         np.testing.assert_allclose(lower[i], expected, rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(white[i], scipy.linalg.solve_triangular(expected, right[i], lower=True), rtol=1e-8)
-        np.testing.assert_allclose(forward[i], scipy.linalg.solve_triangular(expected, several[i], lower=True), rtol=1e-8)
-        np.testing.assert_allclose(upper[i], scipy.linalg.solve_triangular(expected.T, right[i]), rtol=1e-8)
+        np.testing.assert_allclose(
+            white[i], scipy.linalg.solve_triangular(expected, right[i], lower=True), rtol=1e-8
+        )
+        np.testing.assert_allclose(
+            forward[i], scipy.linalg.solve_triangular(expected, several[i], lower=True), rtol=1e-8
+        )
+        np.testing.assert_allclose(
+            upper[i], scipy.linalg.solve_triangular(expected.T, right[i]), rtol=1e-8
+        )
 
 
 def test_refused() -> None:
     with pytest.raises(np.linalg.LinAlgError):
         _ = gaussian.Gaussian(np.array([[1.0, 2.0], [2.0, 1.0]]), np.ones(2)).mean
-    refuses(r"variances must be positive, got -1\.0", gaussian.Gaussian.of, np.zeros(2), np.array([1.0, -1.0]))
-    refuses("covariance must be positive definite", gaussian.Gaussian.of, np.zeros(2), np.array([[1.0, 2.0], [2.0, 1.0]]))
+    refuses(
+        r"variances must be positive, got -1\.0",
+        gaussian.Gaussian.of,
+        np.zeros(2),
+        np.array([1.0, -1.0]),
+    )
+    refuses(
+        "covariance must be positive definite",
+        gaussian.Gaussian.of,
+        np.zeros(2),
+        np.array([[1.0, 2.0], [2.0, 1.0]]),
+    )
     for rows in (np.ones((3, 2)), np.ones((1, 2)), np.array([[1.0, 0.0]] * 3)):
-        refuses("rows must determine every coefficient", gaussian.Gaussian.from_rows, rows, np.zeros(len(rows)))
+        refuses(
+            "rows must determine every coefficient",
+            gaussian.Gaussian.from_rows,
+            rows,
+            np.zeros(len(rows)),
+        )
 
 
 @example(seed=199, level=0.5988615144518045)
@@ -149,17 +198,25 @@ def test_quantiles_of_mixtures(seed: int, level: float) -> None:
             return float(weight @ stats.norm.cdf(x, mean[:, j], sd[:, j])) - level
 
         expected = optimize.brentq(excess, -1e4, 1e4, xtol=1e-12)
-        assert found[j] == pytest.approx(expected, abs=1e-7 * gaussian.mixture_moments(weight, mean, sd)[1][j])
+        assert found[j] == pytest.approx(
+            expected, abs=1e-7 * gaussian.mixture_moments(weight, mean, sd)[1][j]
+        )
 
 
 def test_moments_of_mixtures_and_weighted_quantiles() -> None:
     weight = np.array([0.25, 0.75])
-    middle, spread = gaussian.mixture_moments(weight, np.array([[0.0], [2.0]]), np.array([[1.0], [3.0]]))
-    assert (middle[0], spread[0] ** 2) == pytest.approx((1.5, 0.25 * 1.0 + 0.75 * 9.0 + 0.25 * 0.75 * 4.0))
+    middle, spread = gaussian.mixture_moments(
+        weight, np.array([[0.0], [2.0]]), np.array([[1.0], [3.0]])
+    )
+    assert (middle[0], spread[0] ** 2) == pytest.approx(
+        (1.5, 0.25 * 1.0 + 0.75 * 9.0 + 0.25 * 0.75 * 4.0)
+    )
     draws = np.arange(100.0)[:, None]
     found = gaussian.weighted_quantiles(np.full(100, 0.01), draws, [0.005, 0.5, 0.995])
     np.testing.assert_allclose(found[:, 0], [0.0, 49.5, 99.0])
-    repeated = gaussian.weighted_quantiles(np.array([0.5, 0.5]), np.array([[3.0], [1.0]]), [0.25, 0.5, 0.75])
+    repeated = gaussian.weighted_quantiles(
+        np.array([0.5, 0.5]), np.array([[3.0], [1.0]]), [0.25, 0.5, 0.75]
+    )
     np.testing.assert_allclose(repeated[:, 0], [1.0, 2.0, 3.0])
 
 
@@ -175,7 +232,9 @@ def test_newton_finds_the_mode_through_wrong_curvature() -> None:
 
     x, y = 0.3, -0.4
     gradient, hessian = derivatives(np.array([x, y]))
-    np.testing.assert_allclose(gradient, [-4 * x * (x**2 - 1) + 4 * (y - x), -4 * (y - x)], atol=1e-6)
+    np.testing.assert_allclose(
+        gradient, [-4 * x * (x**2 - 1) + 4 * (y - x), -4 * (y - x)], atol=1e-6
+    )
     np.testing.assert_allclose(hessian, [[-12 * x**2 + 4 - 4, 4], [4, -4]], atol=1e-4)
     found = gaussian.newton(log_density, derivatives, np.array([0.1, -2.0]), gain=1e-12)
     np.testing.assert_allclose(found, np.sign(found), atol=1e-4)
@@ -183,13 +242,17 @@ def test_newton_finds_the_mode_through_wrong_curvature() -> None:
 
 def test_holm() -> None:
     """Holm (1979): the k-th smallest times n + 1 − k, never falling, at most one."""
-    np.testing.assert_allclose(gaussian.holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02])
+    np.testing.assert_allclose(
+        gaussian.holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02]
+    )
     np.testing.assert_allclose(gaussian.holm(np.array([0.9, 0.5])), [1.0, 1.0])
 
 
 @pytest.mark.parametrize("dimensions", [1, 2, 7, 45, 300])
 def test_sobol_points_are_those_of_scipy(dimensions: int) -> None:
-    ours, theirs = (kind(dimensions, rng=np.random.default_rng(5)) for kind in (gaussian.Sobol, stats.qmc.Sobol))
+    ours, theirs = (
+        kind(dimensions, rng=np.random.default_rng(5)) for kind in (gaussian.Sobol, stats.qmc.Sobol)
+    )
     with warnings.catch_warnings(action="ignore"):  # SciPy's, that sizes are no powers of two
         for size in (1, 7, 256, 1000):
             assert np.array_equal(ours.random(size), theirs.random(size))

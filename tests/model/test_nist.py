@@ -37,7 +37,12 @@ class Certified:
         """J and y."""
         y, *columns = np.array(self.rows, dtype=float).T
         longley = len(columns) > 1
-        return np.stack([np.ones(len(y)), *columns] if longley else [columns[0] ** power for power in self.powers], axis=1), y
+        return np.stack(
+            [np.ones(len(y)), *columns]
+            if longley
+            else [columns[0] ** power for power in self.powers],
+            axis=1,
+        ), y
 
 
 @cache
@@ -49,9 +54,12 @@ def certified(name: str) -> Certified:
     parameters, last = rows[:-1], rows[-1]
     assert last["parameter"] == "residual"
     return Certified(
-        tuple(int(row["parameter"][1:]) for row in parameters), data, tuple(row["estimate"] for row in parameters),
-        tuple(row["sd"] for row in parameters), last["sd"],
-    )  # fmt: skip
+        tuple(int(row["parameter"][1:]) for row in parameters),
+        data,
+        tuple(row["estimate"] for row in parameters),
+        tuple(row["sd"] for row in parameters),
+        last["sd"],
+    )
 
 
 def regression(jacobian: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -72,14 +80,21 @@ def digits(values: np.ndarray, printed: tuple[str, ...]) -> float:
 def test_normal_equations_miss_filip() -> None:
     """The thresholds can fail: a usual way has no digit of Filip right."""
     jacobian, y = certified("Filip").arrays()
-    assert digits(np.linalg.solve(jacobian.T @ jacobian, jacobian.T @ y), certified("Filip").estimate) < 1.0
+    assert (
+        digits(np.linalg.solve(jacobian.T @ jacobian, jacobian.T @ y), certified("Filip").estimate)
+        < 1.0
+    )
 
 
 @pytest.mark.parametrize("name", DIGITS)
 def test_certified_digits(name: str) -> None:
     data = certified(name)
     estimate, sd, residual = regression(*data.arrays())
-    attained = (digits(estimate, data.estimate), digits(sd, data.sd), digits(np.array([residual]), (data.residual,)))
+    attained = (
+        digits(estimate, data.estimate),
+        digits(sd, data.sd),
+        digits(np.array([residual]), (data.residual,)),
+    )
     assert np.all(np.array(attained) >= DIGITS[name]), f"{name}: {np.round(attained, 1)} digits"
 
 
@@ -109,9 +124,13 @@ def test_published_evidences_of_radiata_pine(predictor: str, published: float) -
     log_tau = np.linspace(-14.0, -8.0, 1201)
     root = np.exp(0.5 * log_tau)[:, None]
     prior = Gaussian.of(np.tile(MEAN, (1201, 1)), 1.0 / (PRECISION * root**2))
-    given = prior.observe(jacobian * root[..., None], STRENGTH * root).log_integral + len(x) * np.log(root[:, 0])
+    given = prior.observe(jacobian * root[..., None], STRENGTH * root).log_integral + len(
+        x
+    ) * np.log(root[:, 0])
     values = given + stats.gamma(SHAPE, scale=1.0 / RATE).logpdf(np.exp(log_tau)) + log_tau
-    assert np.logaddexp.reduce(values) + np.log(log_tau[1] - log_tau[0]) == pytest.approx(published, abs=1e-9)
+    assert np.logaddexp.reduce(values) + np.log(log_tau[1] - log_tau[0]) == pytest.approx(
+        published, abs=1e-9
+    )
     # At σ = 1 the log evidence is a constant less half the squares that Gamma's rate gains.
     posterior = Gaussian.of(MEAN, 1.0 / PRECISION).observe(jacobian, STRENGTH)
     left, apart = STRENGTH - jacobian @ posterior.mean, posterior.mean - MEAN

@@ -25,7 +25,11 @@ def test_against_scipy(d: int, shift: float) -> None:
     values, _ = Orthant(mean, spread).log_probability(1e-4)
     for k in range(2):
         cov = spread[k] @ spread[k].T
-        expected = np.log(stats.multivariate_normal.cdf(np.zeros(d), mean=-mean[k], cov=cov, maxpts=100_000, abseps=1e-6))
+        expected = np.log(
+            stats.multivariate_normal.cdf(
+                np.zeros(d), mean=-mean[k], cov=cov, maxpts=100_000, abseps=1e-6
+            )
+        )
         assert values[k] == pytest.approx(expected, abs=5e-3)
 
 
@@ -40,7 +44,9 @@ def test_a_parabola_kept_positive_at_six_places(start: float) -> None:
     rng = np.random.default_rng(0)
     proposal = np.array([max(start, 0.4), 0.0, 0.3])
     draws = proposal + rng.normal(size=(1_000_000, 3))
-    log_weight = -0.5 * ((draws - mean) ** 2).sum(axis=1) + 0.5 * ((draws - proposal) ** 2).sum(axis=1)
+    log_weight = -0.5 * ((draws - mean) ** 2).sum(axis=1) + 0.5 * ((draws - proposal) ** 2).sum(
+        axis=1
+    )
     expected = np.log(np.mean(np.where(truncation.holds(draws), np.exp(log_weight), 0.0)))
     assert value == pytest.approx(expected, abs=0.03)
 
@@ -77,21 +83,37 @@ def test_members_of_a_batch_do_not_depend_on_one_another() -> None:
     """A parabola at twelve places: every member chooses its own binding rows."""
     rows = np.vander(np.linspace(-1.0, 1.0, 12), 3, increasing=True)
     truncation, sd = Truncation(rows), np.diag([0.5, 0.5, 1.5])
-    means = np.array([[1.0, 0.0, 0.0], [-8.0, 0.0, 0.0], [-2.0, 0.0, 0.0], [-2.0, 1.0, 0.5], [9.0, 0.0, 0.0], [2.0, 1.0, 0.0]])
+    means = np.array(
+        [
+            [1.0, 0.0, 0.0],
+            [-8.0, 0.0, 0.0],
+            [-2.0, 0.0, 0.0],
+            [-2.0, 1.0, 0.5],
+            [9.0, 0.0, 0.0],
+            [2.0, 1.0, 0.0],
+        ]
+    )
     together = truncation.orthants(means, np.tile(sd, (6, 1, 1))).log_probability(1e-2)
     alone = [truncation.orthants(mean[None], sd[None]).log_probability(1e-2) for mean in means]
     np.testing.assert_allclose(np.array(together), np.squeeze(alone).T, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize(("tolerance", "count", "first"), [
-    (1e-3, 40, 1), pytest.param(1e-2, 400, 2, marks=pytest.mark.slow), pytest.param(1e-4, 300, 3, marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("tolerance", "count", "first"),
+    [
+        (1e-3, 40, 1),
+        pytest.param(1e-2, 400, 2, marks=pytest.mark.slow),
+        pytest.param(1e-4, 300, 3, marks=pytest.mark.slow),
+    ],
+)
 def test_the_stated_error_holds(tolerance: float, count: int, first: int) -> None:
     """Correlated by up to 0.99, down to ln P of some thousand, with rows that follow from others; 2e-6 is the references' own."""
     rng, apart, stated = np.random.default_rng(first), [], []
     for case in (random_case(rng) for _ in range(count)):
         if case.log_probability > -3000.0:
-            (value,), (error,) = Orthant(case.mean[None], case.spread[None]).log_probability(tolerance)
+            (value,), (error,) = Orthant(case.mean[None], case.spread[None]).log_probability(
+                tolerance
+            )
             apart.append(abs(value - case.log_probability) / (error + 2e-6))
             stated.append(error)
     assert len(apart) > 0.9 * count
@@ -102,7 +124,13 @@ def test_the_stated_error_holds(tolerance: float, count: int, first: int) -> Non
 
 @pytest.mark.parametrize(
     ("mean", "rho"),
-    [((-12.0, -43.658), 0.999), ((0.0, -8.3), 0.999), ((-29.5, 0.0), -0.999), ((-30.0, -31.0), 0.99999), ((-5.0, -20.0), 0.9)],
+    [
+        ((-12.0, -43.658), 0.999),
+        ((0.0, -8.3), 0.999),
+        ((-29.5, 0.0), -0.999),
+        ((-30.0, -31.0), 0.99999),
+        ((-5.0, -20.0), 0.9),
+    ],
 )
 def test_rows_that_nearly_repeat_each_other(mean: tuple[float, float], rho: float) -> None:
     """Violated together: a Newton iteration on the gradient alone stalls here."""
@@ -119,7 +147,9 @@ def test_the_bound_is_one(d: int) -> None:
     rng = np.random.default_rng(d)
     seen = []
     for k in range(120):
-        spread = rng.standard_normal((1, d, d)) * np.logspace(0.0, -rng.uniform(0.0, 4.0) * (k % 2), d)
+        spread = rng.standard_normal((1, d, d)) * np.logspace(
+            0.0, -rng.uniform(0.0, 4.0) * (k % 2), d
+        )
         spread /= np.linalg.norm(spread, axis=2, keepdims=True)
         orthant = Orthant(rng.uniform(-60.0, 5.0, (1, d)) * rng.choice([0.1, 1.0, 3.0]), spread)
         bound = float(orthant.log_bound[0])
@@ -137,7 +167,9 @@ def test_errors_of_moments_average_out_over_members() -> None:
     rng = np.random.default_rng(3)
     spread = rng.standard_normal((1, 6, 6))
     mean = rng.uniform(0.0, 2.0, (1, 6)) * np.linalg.norm(spread, axis=2)
-    alike = Orthant(mean * (1.0 + 1e-3 * rng.uniform(-1.0, 1.0, (200, 6))), np.tile(spread, (200, 1, 1)))
+    alike = Orthant(
+        mean * (1.0 + 1e-3 * rng.uniform(-1.0, 1.0, (200, 6))), np.tile(spread, (200, 1, 1))
+    )
     found = np.diagonal(alike.moments()[1], axis1=1, axis2=2).mean(axis=0)
     exact = np.diagonal(Orthant(mean, spread).moments(1 << 18)[1], axis1=1, axis2=2)[0]
     np.testing.assert_allclose(found / exact, 1.0, atol=0.005)

@@ -16,13 +16,35 @@ from ldbb_bayes.model.terms import BallForm, BarLength, Discrepancy, Drift, Setu
 def test_default_prior_of_the_papers_machine() -> None:
     bound = lb.HybridModel.first(2).bind(plan())
     span = 742.0 - 36.0
-    expected = {"C_XXX": 1e-4, "C_YYY": 1e-4, "C_XYX": 1e-5, "C_CXY": 1e-7, "C_CYY": 1e-7, "C_CCY": 1e-9}
-    expected |= {f"{name}_{k}": 0.3 * sd / span**k for name, sd in list(expected.items()) for k in (1, 2)}
-    expected |= {"E_XX1": 2e-4, "E_YY1": 2e-4, "E_C0YX": 5e-5, "E_YX2": 1e-6, "E_XY2": 1e-6, "E_Xt0": 0.02, "E_Yt0": 0.02}
+    expected = {
+        "C_XXX": 1e-4,
+        "C_YYY": 1e-4,
+        "C_XYX": 1e-5,
+        "C_CXY": 1e-7,
+        "C_CYY": 1e-7,
+        "C_CCY": 1e-9,
+    }
+    expected |= {
+        f"{name}_{k}": 0.3 * sd / span**k for name, sd in list(expected.items()) for k in (1, 2)
+    }
+    expected |= {
+        "E_XX1": 2e-4,
+        "E_YY1": 2e-4,
+        "E_C0YX": 5e-5,
+        "E_YX2": 1e-6,
+        "E_XY2": 1e-6,
+        "E_Xt0": 0.02,
+        "E_Yt0": 0.02,
+    }
     assert {p.name: p.prior_sd for p in bound.parameters} == pytest.approx(expected)
     units = {p.name: p.unit for p in bound.parameters}
     assert (units["C_XXX"], units["C_CXY_1"], units["C_CCY"]) == ("mm/N", "rad/N/N", "rad/(N mm)")
-    assert (units["E_XX1"], units["E_YX2"], units["E_C0YX"], units["E_Xt0"]) == ("1", "1/mm", "rad", "mm")
+    assert (units["E_XX1"], units["E_YX2"], units["E_C0YX"], units["E_Xt0"]) == (
+        "1",
+        "1/mm",
+        "rad",
+        "mm",
+    )
 
 
 def test_hyper_priors_are_normalised_half_normals_above_the_resolution() -> None:
@@ -31,29 +53,50 @@ def test_hyper_priors_are_normalised_half_normals_above_the_resolution() -> None
     floor = 0.24e-3 / np.sqrt(12.0)
     np.testing.assert_allclose(prior.lower, [floor, 0.0, 0.0, 0.0])
     single = lb.Prior.first().hyper(lb.HybridModel.paper().scales, 0.24)
-    mass, _ = integrate.quad(lambda x: float(np.exp(single.log_density(np.array([x])))), floor, 2e-2, points=[1e-3])
+    mass, _ = integrate.quad(
+        lambda x: float(np.exp(single.log_density(np.array([x])))), floor, 2e-2, points=[1e-3]
+    )
     assert mass == pytest.approx(1.0, abs=1e-6)
     assert single.log_density(np.array([floor * 0.999])) == -np.inf
-    mass, _ = integrate.quad(lambda u: float(np.exp(single.log_density_of_free(np.array([u])))), -30.0, -3.0, points=[-7.0])
+    mass, _ = integrate.quad(
+        lambda u: float(np.exp(single.log_density_of_free(np.array([u])))),
+        -30.0,
+        -3.0,
+        points=[-7.0],
+    )
     assert mass == pytest.approx(1.0, abs=1e-6)
 
 
 def test_hyper_draws_follow_their_density(rng: np.random.Generator) -> None:
-    prior = lb.Prior.first().hyper(lb.HybridModel.first().without("setup-shift", "discrepancy").scales, 2.0)
+    prior = lb.Prior.first().hyper(
+        lb.HybridModel.first().without("setup-shift", "discrepancy").scales, 2.0
+    )
     draws = prior.draw(20_000, rng)
     floor = 2.0e-3 / np.sqrt(12.0)
     assert draws[:, 0].min() >= floor
-    assert stats.kstest(draws[:, 0], stats.truncnorm(floor / 1e-3, np.inf, scale=1e-3).cdf).pvalue > 1e-3
+    assert (
+        stats.kstest(draws[:, 0], stats.truncnorm(floor / 1e-3, np.inf, scale=1e-3).cdf).pvalue
+        > 1e-3
+    )
     assert stats.kstest(draws[:, 1], stats.halfnorm(scale=5e-3).cdf).pvalue > 1e-3
 
 
 def test_hyper_sd_is_that_of_the_laws() -> None:
     bound = lb.HybridModel.default(1).bind(replace(plan(), resolution_um=0.9))
-    sd, law = dict(zip(bound.hyper_prior.names, bound.hyper_prior.sd, strict=True)), stats.invgamma(1.5, scale=1.5)
-    assert sd["sigma"] == pytest.approx(stats.truncnorm(0.9 / np.sqrt(12.0), np.inf, scale=1e-3).std(), rel=1e-9)
+    sd, law = (
+        dict(zip(bound.hyper_prior.names, bound.hyper_prior.sd, strict=True)),
+        stats.invgamma(1.5, scale=1.5),
+    )
+    assert sd["sigma"] == pytest.approx(
+        stats.truncnorm(0.9 / np.sqrt(12.0), np.inf, scale=1e-3).std(), rel=1e-9
+    )
     assert sd["tau"] == pytest.approx(stats.halfnorm(scale=1.5e-3).std(), rel=1e-12)
-    assert sd["decay"] == pytest.approx(stats.truncnorm(-1.5 / 0.7, 1.5 / 0.7, scale=0.7).std(), rel=1e-9)
-    assert sd["lambda_f036"] == pytest.approx(np.sqrt(law.mean() - law.expect(np.sqrt) ** 2), rel=1e-6)
+    assert sd["decay"] == pytest.approx(
+        stats.truncnorm(-1.5 / 0.7, 1.5 / 0.7, scale=0.7).std(), rel=1e-9
+    )
+    assert sd["lambda_f036"] == pytest.approx(
+        np.sqrt(law.mean() - law.expect(np.sqrt) ** 2), rel=1e-6
+    )
 
 
 @pytest.mark.parametrize(("degree", "rows"), [(0, 3), (1, 6), (2, 12)])
@@ -77,21 +120,32 @@ def test_overrides() -> None:
     """Slopes follow their compliance; their own overrides go with the degree, and change with the slopes' scale in proportion."""
 
     def sds(degree: int, scale: float, **overrides: float) -> dict[str, float]:
-        model = lb.HybridModel(1, (), replace(lb.Prior.first(), overrides=overrides)).with_slope_scale(scale).with_degree(degree)
+        model = (
+            lb.HybridModel(1, (), replace(lb.Prior.first(), overrides=overrides))
+            .with_slope_scale(scale)
+            .with_degree(degree)
+        )
         return {p.name: p.prior_sd for p in model.bind(plan()).parameters}
 
     sd = sds(1, 0.3, C_XXX=2e-5, E_Xt0=1.0)
-    assert [sd[name] for name in ("C_XXX", "E_Xt0", "C_YYY", "C_XXX_1")] == pytest.approx([2e-5, 1.0, 1e-4, 0.3 * 2e-5 / 706.0])
+    assert [sd[name] for name in ("C_XXX", "E_Xt0", "C_YYY", "C_XXX_1")] == pytest.approx(
+        [2e-5, 1.0, 1e-4, 0.3 * 2e-5 / 706.0]
+    )
     assert sds(0, 0.3, C_XXX=2e-4, C_XXX_1=3e-8)["C_XXX"] == 2e-4
     sd = sds(1, 0.6, C_XXX=2e-4, C_XXX_1=3e-8)
-    assert [sd[name] for name in ("C_XXX", "C_XXX_1", "C_XYX_1")] == pytest.approx([2e-4, 6e-8, 0.6 * 1e-5 / 706.0])
+    assert [sd[name] for name in ("C_XXX", "C_XXX_1", "C_XYX_1")] == pytest.approx(
+        [2e-4, 6e-8, 0.6 * 1e-5 / 706.0]
+    )
     refuses("prior override must be one of", sds, 1, 0.3, C_XXY=1.0)
 
 
 def test_a_kept_compliance_has_the_prior_of_what_it_absorbs() -> None:
     """Circles at heights of 100 and 300 mm: h² = 400 h − 30000 there, so C_YYY holds −30000 mm² of C_AAY, C_AYY 400 mm."""
     heights = (100.0, 300.0, 100.0, 300.0)
-    tests = tuple(replace(test, centre_z_mm=height) for test, height in zip(plan().tests, heights, strict=True))
+    tests = tuple(
+        replace(test, centre_z_mm=height)
+        for test, height in zip(plan().tests, heights, strict=True)
+    )
     bound = lb.HybridModel.first(0).bind(replace(plan(), tests=tests))
     sd = dict(zip(bound.names, bound.prior_sd, strict=True))
     assert sd["C_YYY"] == pytest.approx(np.hypot(1e-4, 30_000.0 * 1e-9))
@@ -101,14 +155,26 @@ def test_a_kept_compliance_has_the_prior_of_what_it_absorbs() -> None:
 
 def test_models() -> None:
     model = lb.HybridModel.first()
-    assert model.with_term(Drift("temperature"), BarLength(1.0)).nuisances[1::6] == (BarLength(1.0), Drift("temperature"))
+    assert model.with_term(Drift("temperature"), BarLength(1.0)).nuisances[1::6] == (
+        BarLength(1.0),
+        Drift("temperature"),
+    )
     assert model.with_term(Drift()).without("drift") == model
-    assert [scale.name for scale in model.without("discrepancy", "ball-form").scales] == ["sigma", "delta"]
+    assert [scale.name for scale in model.without("discrepancy", "ball-form").scales] == [
+        "sigma",
+        "delta",
+    ]
     assert not model.without("truncation").prior.truncated
     assert lb.HybridModel.paper().terms == ("Compliance", "GeometricErrors")
     refuses("Did you mean 'ball-form'", model.without, "ballform")
     refuses("degree must be 0, 1 or 2, got 3", lb.HybridModel.first, 3)
-    refuses("flat prior must stand without nuisances, got BarLength", lb.HybridModel, 0, (BarLength(),), lb.Prior.paper())
+    refuses(
+        "flat prior must stand without nuisances, got BarLength",
+        lb.HybridModel,
+        0,
+        (BarLength(),),
+        lb.Prior.paper(),
+    )
     refuses("nuisances must differ", lb.HybridModel, 0, (BarLength(), BarLength(1.0)))
 
 
@@ -116,7 +182,11 @@ def test_models() -> None:
     ("model", "forces", "message"),
     [
         (lb.HybridModel.first(1), (300.0,), r"at least two force levels, got one \(300 N\)"),
-        (lb.HybridModel.paper(0), (300.0, 300.0), "flat priors must have at least two force levels"),
+        (
+            lb.HybridModel.paper(0),
+            (300.0, 300.0),
+            "flat priors must have at least two force levels",
+        ),
         (lb.HybridModel.paper(1), (300.0, 500.0), "at least three force levels at degree 1, got 2"),
     ],
 )
@@ -124,7 +194,9 @@ def test_forces_a_model_needs(model: lb.HybridModel, forces: tuple, message: str
     refuses(message, model.bind, plan([40] * len(forces), forces_N=forces))
 
 
-@pytest.mark.parametrize(("moves", "places"), [("zero", [0]), ("centre", [1, 2]), ("together", [0, 1, 2])])
+@pytest.mark.parametrize(
+    ("moves", "places"), [("zero", [0]), ("centre", [1, 2]), ("together", [0, 1, 2])]
+)
 def test_set_up_shift_moves_what_it_says(moves: str, places: list[int]) -> None:
     """Zero is order 0, centre is order 1."""
     (columns,) = SetupShift(moves).columns(lb.HybridModel.first(0).bind(plan()).setting)  # type: ignore[arg-type]
@@ -171,14 +243,22 @@ def test_fixed_parameters_leave_the_model() -> None:
     assert fixed.compliance_at(389.0)[0, fixed.names.index("C_XXX")] == 1.0
     assert whole.compliance_at(742.0)[0, whole.names.index("C_XXX_1")] == 353.0
     assert lb.HybridModel.first(2).fixing("C_XXX_2", "C_XXX_1").with_degree(1).fixed == ("C_XXX_1",)
-    refuses(r"fixed parameter must be one of .* got 'C_XXY_1'", lb.HybridModel.first(1).fixing("C_XXY_1").bind, planned)
+    refuses(
+        r"fixed parameter must be one of .* got 'C_XXY_1'",
+        lb.HybridModel.first(1).fixing("C_XXY_1").bind,
+        planned,
+    )
 
 
 def test_a_slope_alone_about_the_middle_is_refused() -> None:
     """C(F) = (F − F0) C_1 cannot be positive on both sides of F0: no truncated prior, no evidence."""
     planned = plan()
     model = lb.HybridModel.first(1).fixing("C_CCY")
-    refuses("C_CCY must not be fixed at zero while C_CCY_1 is free: about F0 = 389 N", model.bind, planned)
+    refuses(
+        "C_CCY must not be fixed at zero while C_CCY_1 is free: about F0 = 389 N",
+        model.bind,
+        planned,
+    )
     for reference in (0.0, 742.0):
         replace(model, reference_force_N=reference).bind(planned)
     model.fixing("C_CCY_1").bind(planned)

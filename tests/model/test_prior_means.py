@@ -20,7 +20,12 @@ from ldbb_bayes.report.figures import forest, prior_and_posterior
 from ldbb_bayes.report.figures.style import FAINT
 from ldbb_bayes.report.text import full_result, parameter_table
 
-PRIORS = {"C_XXX": (5.1e-5, 4e-6), "C_YYY": (4.6e-5, 8e-6), "C_CXY": (-2e-8, 3e-8), "E_YY1": (-5e-5, 4e-5)}
+PRIORS = {
+    "C_XXX": (5.1e-5, 4e-6),
+    "C_YYY": (4.6e-5, 8e-6),
+    "C_CXY": (-2e-8, 3e-8),
+    "E_YY1": (-5e-5, 4e-5),
+}
 MEANS = {name: mean for name, (mean, _) in PRIORS.items()}
 CLOSE = {"C_XXX": (3e-6, 4e-6), "C_YYY": (-2e-6, 8e-6), "C_CCY": (1e-9, 1e-9)}
 
@@ -38,9 +43,13 @@ def test_conditional_and_evidence_are_the_oracles(degree: int) -> None:
         assert log_evidence[0] == pytest.approx(expected, abs=1e-6)
         np.testing.assert_allclose(given.mean[0] / dense.sd, mean / dense.sd, atol=1e-7)
         spread = given.spread()[0] / dense.sd[:, None]
-        np.testing.assert_allclose(spread @ spread.T, covariance / np.outer(dense.sd, dense.sd), atol=1e-8)
+        np.testing.assert_allclose(
+            spread @ spread.T, covariance / np.outer(dense.sd, dense.sd), atol=1e-8
+        )
         beta = mean + dense.sd
-        assert bound.log_likelihood(phi[None], beta[None])[0] == pytest.approx(dense.log_likelihood(phi, beta), rel=1e-8)
+        assert bound.log_likelihood(phi[None], beta[None])[0] == pytest.approx(
+            dense.log_likelihood(phi, beta), rel=1e-8
+        )
 
 
 def test_probability_of_the_truncation_in_closed_form() -> None:
@@ -53,10 +62,18 @@ def test_probability_of_the_truncation_in_closed_form() -> None:
     for name, (mean, sd) in CLOSE.items():
         slope = 0.3 * usual[name] / 706.0 * 353.0
         covariance = sd**2 + slope**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-        total += stats.multivariate_normal([-mean, -mean], covariance, allow_singular=True).logcdf([0.0, 0.0])
+        total += stats.multivariate_normal([-mean, -mean], covariance, allow_singular=True).logcdf(
+            [0.0, 0.0]
+        )
     assert linear.log_prob_truncation_prior == pytest.approx(total, abs=1e-5)
-    certain = lb.HybridModel.first(0).with_prior({name: (20.0 * sd, sd) for name, (_, sd) in CLOSE.items()}).bind(plan())
-    assert certain.log_prob_truncation_prior == pytest.approx(3.0 * stats.norm.logcdf(20.0), rel=1e-6, abs=0.0)
+    certain = (
+        lb.HybridModel.first(0)
+        .with_prior({name: (20.0 * sd, sd) for name, (_, sd) in CLOSE.items()})
+        .bind(plan())
+    )
+    assert certain.log_prob_truncation_prior == pytest.approx(
+        3.0 * stats.norm.logcdf(20.0), rel=1e-6, abs=0.0
+    )
 
 
 @pytest.mark.parametrize("truncated", [True, False])
@@ -67,7 +84,9 @@ def test_draws_follow_the_prior(truncated: bool, rng: np.random.Generator) -> No
     for name, values in zip(bound.names, draws.T, strict=True):
         mean, sd = CLOSE.get(name, (0.0, bound.prior_sd[bound.names.index(name)]))
         low = -mean / sd if truncated and name in CLOSE else -np.inf
-        assert stats.kstest((values - mean) / sd, stats.truncnorm(low, np.inf).cdf).pvalue > 1e-4, name
+        assert stats.kstest((values - mean) / sd, stats.truncnorm(low, np.inf).cdf).pvalue > 1e-4, (
+            name
+        )
 
 
 def test_slopes_keep_their_scale_beside_a_mean() -> None:
@@ -82,7 +101,12 @@ def test_slopes_keep_their_scale_beside_a_mean() -> None:
 
 def test_means_stay_with_the_model() -> None:
     model = lb.HybridModel.first(1).with_prior(PRIORS)
-    for other in (model.with_degree(0), model.with_degree(2), model.with_slope_scale(0.5), model.without("truncation", "mount")):
+    for other in (
+        model.with_degree(0),
+        model.with_degree(2),
+        model.with_slope_scale(0.5),
+        model.without("truncation", "mount"),
+    ):
         assert dict(other.prior.means) == MEANS
     assert dict(model.fixing("C_CXY").prior.means) == MEANS | {"C_CXY": 0.0}
     assert pickle.loads(pickle.dumps(model)) == model
@@ -104,7 +128,9 @@ def test_toml_both_ways_and_digests_as_they_were() -> None:
             0, prior=replace(lb.Prior.first(), overrides={"C_XXX": 1e-5})
         ).fixing("E_C0YX"),
     }
-    assert {digest: model_sha256(one) for digest, one in before.items()} == {digest: digest for digest in before}
+    assert {digest: model_sha256(one) for digest, one in before.items()} == {
+        digest: digest for digest in before
+    }
 
 
 def test_estimate_of_compliance_where_readings_do_not_tell() -> None:
@@ -112,31 +138,53 @@ def test_estimate_of_compliance_where_readings_do_not_tell() -> None:
     priors = {"C_XXX": (5.1e-5, 4e-6), "C_CXY": (-2e-8, 3e-8)}
     model = lb.HybridModel.first(0).with_prior(priors)
     planned = model.bind(plan())
-    expected = {"C_XXX": 5.1e-5, "C_XYX": 0.0, "C_YYY": 5e-5, "C_CXY": -2e-8, "C_CYY": 0.0, "C_CCY": 0.0}
+    expected = {
+        "C_XXX": 5.1e-5,
+        "C_XYX": 0.0,
+        "C_YYY": 5e-5,
+        "C_CXY": -2e-8,
+        "C_CYY": 0.0,
+        "C_CCY": 0.0,
+    }
     labels = [name.label for name in planned.compliances]
     assert dict(zip(labels, planned.setting.compliance_estimate, strict=True)) == expected
     np.testing.assert_array_equal(planned.centre, planned.prior_mean)
     campaign = (
         lb.HybridModel.first(0)
         .simulate(
-            plan((60,), forces_N=(400.0,)), seed=1, parameters={"C_XXX": 5.1e-5, "C_CXY": -2e-8},
+            plan((60,), forces_N=(400.0,)),
+            seed=1,
+            parameters={"C_XXX": 5.1e-5, "C_CXY": -2e-8},
             hyper_um=dict.fromkeys(("sigma", "delta", "kappa", "tau"), 1e-6),
         )
         .campaign
-    )  # fmt: skip
+    )
     found = dict(zip(labels, model.bind(campaign).setting.compliance_estimate, strict=True))
-    blind = dict(zip(labels, lb.HybridModel.first(0).bind(campaign).setting.compliance_estimate, strict=True))
+    blind = dict(
+        zip(labels, lb.HybridModel.first(0).bind(campaign).setting.compliance_estimate, strict=True)
+    )
     assert abs(found["C_XXX"] - 5.1e-5) < 0.05 * abs(blind["C_XXX"] - 5.1e-5)
 
 
 def test_models_that_cannot_be() -> None:
     model = lb.HybridModel.first(1).with_prior(PRIORS)
-    with pytest.raises(InputError, match=r"E_YY1 must be fixed at zero or have a prior mean, got both \(-5e-05\)\. Remove one"):
+    with pytest.raises(
+        InputError,
+        match=r"E_YY1 must be fixed at zero or have a prior mean, got both \(-5e-05\)\. Remove one",
+    ):
         replace(model, fixed=("E_YY1",))
-    with pytest.raises(InputError, match=r"C_XXX must be fixed at zero or have a prior mean, got both"):
+    with pytest.raises(
+        InputError, match=r"C_XXX must be fixed at zero or have a prior mean, got both"
+    ):
         model_from_toml("schema = 1\nfixed = ['C_XXX']\n[prior.means]\nC_XXX = 1e-5\n")
-    refuses(r"prior means must be a dict, got 1\.0", model_from_toml, "schema = 1\n[prior]\nmeans = 1.0\n")
-    with pytest.raises(InputError, match=r"prior mean must be one of C_XXX, .*, got 'C_XXY'\. Did you mean 'C_XYX'"):
+    refuses(
+        r"prior means must be a dict, got 1\.0",
+        model_from_toml,
+        "schema = 1\n[prior]\nmeans = 1.0\n",
+    )
+    with pytest.raises(
+        InputError, match=r"prior mean must be one of C_XXX, .*, got 'C_XXY'\. Did you mean 'C_XYX'"
+    ):
         replace(model, prior=replace(model.prior, means={"C_XXY": 1e-5})).bind(plan())
 
 
@@ -166,9 +214,13 @@ def test_plans_start_from_the_means() -> None:
     known = states_before(model, SMALL, 64, 1, augment=False)
     bound = model.bind(SMALL)
     np.testing.assert_array_equal(known.before.mean, np.tile(bound.prior_mean, (len(known.phi), 1)))
-    far = np.abs((known.beta - bound.prior_mean) / bound.prior_sd)[:, [bound.names.index(name) for name in OTHERS]]
+    far = np.abs((known.beta - bound.prior_mean) / bound.prior_sd)[
+        :, [bound.names.index(name) for name in OTHERS]
+    ]
     assert far.max() < 5.0
-    alone = _model_of(Space(model, SMALL, (36.0, 400.0)), SMALL.tests[:2]).bind(replace(SMALL, tests=SMALL.tests[:2]))
+    alone = _model_of(Space(model, SMALL, (36.0, 400.0)), SMALL.tests[:2]).bind(
+        replace(SMALL, tests=SMALL.tests[:2])
+    )
     np.testing.assert_array_equal(alone.prior_mean, bound.prior_mean)
     np.testing.assert_allclose(alone.prior_sd, bound.prior_sd)
 
@@ -190,8 +242,13 @@ def test_texts_and_figures_show_mean_and_sd() -> None:
 
 def test_a_prior_that_the_readings_contradict_is_named() -> None:
     for mean, named in ((5.1e-5, []), (3e-4, ["C_XXX"])):
-        model, rule = lb.HybridModel.first(0).with_prior(C_XXX=(mean, 2e-5)), lb.StoppingRule(ess=100.0)
-        table = lb.summarize(tree := lb.sample(model, simulated(SMALL), sampler="independent", seed=1, rule=rule))
+        model, rule = (
+            lb.HybridModel.first(0).with_prior(C_XXX=(mean, 2e-5)),
+            lb.StoppingRule(ess=100.0),
+        )
+        table = lb.summarize(
+            tree := lb.sample(model, simulated(SMALL), sampler="independent", seed=1, rule=rule)
+        )
         found = [own for own in table.attrs["fit"].concerns if own.kind == "prior"]
         assert [own.name for own in found] == named
         assert ("contradict the prior of C_XXX" in str(lb.fit_in_words(tree))) == bool(named)

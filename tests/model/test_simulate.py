@@ -22,14 +22,20 @@ def test_seeded() -> None:
 
 def test_exact_readings_come_from_the_forward_model() -> None:
     model = lb.HybridModel.first(0).without("bar-length", "mount", "force-error")
-    campaign = model.simulate(plan(), seed=1, parameters=TRUTH, hyper_um=SILENT, exact=True).campaign
+    campaign = model.simulate(
+        plan(), seed=1, parameters=TRUTH, hyper_um=SILENT, exact=True
+    ).campaign
     errors = {name: value for name, value in TRUTH.items() if name.startswith("E")}
     compliances = {name: value for name, value in TRUTH.items() if name.startswith("C")}
     for test in campaign.tests:
         exact = exact_reading_mm(
-            campaign.machine(), test.circle, test.angles_rad(), force_N=float(test.force_N or 0.0), compliances=compliances,
+            campaign.machine(),
+            test.circle,
+            test.angles_rad(),
+            force_N=float(test.force_N or 0.0),
+            compliances=compliances,
             geometric_errors=errors,
-        )  # fmt: skip
+        )
         np.testing.assert_allclose(test.readings_mm(), exact, atol=1e-12)
 
 
@@ -42,9 +48,13 @@ def test_covariance_of_the_readings_is_the_oracles() -> None:
         readings.append(np.concatenate([test.readings_mm() for test in campaign.tests]))
     oracle = oracle_of(campaign, 0)
     truth = np.array([TRUTH[name] for name in oracle.names])
-    silent = oracle_of(model.simulate(planned, seed=0, parameters=TRUTH, hyper_um=HYPER_UM).campaign, 0)
+    silent = oracle_of(
+        model.simulate(planned, seed=0, parameters=TRUTH, hyper_um=HYPER_UM).campaign, 0
+    )
     phi = np.array([HYPER_UM[name] * 1e-3 for name in silent.hypers])
-    white = np.linalg.solve(np.linalg.cholesky(silent.covariance(phi)), (np.array(readings) - oracle.J @ truth).T)
+    white = np.linalg.solve(
+        np.linalg.cholesky(silent.covariance(phi)), (np.array(readings) - oracle.J @ truth).T
+    )
     assert np.abs(white.mean(axis=1)).max() < 0.25
     assert np.mean(white**2) == pytest.approx(1.0, abs=0.06)
     sample = np.cov(white)

@@ -13,10 +13,17 @@ from reports import AWKWARD, awkward
 import ldbb_bayes as lb
 from ldbb_bayes.report.page import Document
 
-SCRIPTS = {path.stem: path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("*.js")}
+SCRIPTS = {
+    path.stem: path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("*.js")
+}
 
 A4_PX = 794 - 2 * 53
-VIEWS = ((1280, "light", "screen"), (1280, "dark", "screen"), (390, "light", "screen"), (A4_PX, "light", "print"))
+VIEWS = (
+    (1280, "light", "screen"),
+    (1280, "dark", "screen"),
+    (390, "light", "screen"),
+    (A4_PX, "light", "print"),
+)
 # Elements whose text reaches outside themselves, or out of the page; what scrolls on purpose may.
 OVERFLOWING = SCRIPTS["overflowing"]
 # Where nothing can scroll, what stands in a scrolling box must fit as well.
@@ -47,9 +54,10 @@ def look(browser: Any, page: Path) -> None:
         assert opened.evaluate(OVERFLOWING) == [], where
         assert opened.evaluate(UNNAMED) == 0, where
         tree = opened.locator("body").aria_snapshot()
-        assert all(f"- {role}" in tree for role in ("main", "heading", "table", "status", "img", "columnheader", "rowheader")), (
-            where
-        )
+        assert all(
+            f"- {role}" in tree
+            for role in ("main", "heading", "table", "status", "img", "columnheader", "rowheader")
+        ), where
         opened.evaluate("document.querySelector('.annex').open = true")
         assert opened.evaluate(OVERFLOWING) == [], where
         if medium == "print":
@@ -57,7 +65,9 @@ def look(browser: Any, page: Path) -> None:
             assert opened.evaluate(SPILT) == [], where
             opened.emulate_media(media="print", color_scheme="light")
             with closing(pdfium.PdfDocument(opened.pdf(prefer_css_page_size=True))) as paper:
-                assert [round(side) for k in range(len(paper)) for side in paper.get_page_size(k)] == [595, 842] * 2, where
+                assert [
+                    round(side) for k in range(len(paper)) for side in paper.get_page_size(k)
+                ] == [595, 842] * 2, where
         assert opened.evaluate(FAINT) == [], where
         if scheme == "dark":
             colour = opened.evaluate("getComputedStyle(document.body).backgroundColor")
@@ -65,7 +75,9 @@ def look(browser: Any, page: Path) -> None:
         context.close()
 
 
-def test_the_published_experiment(browser: Any, published: tuple[Document, str], tmp_path: Path) -> None:
+def test_the_published_experiment(
+    browser: Any, published: tuple[Document, str], tmp_path: Path
+) -> None:
     (tmp_path / "report.html").write_text(published[1], encoding="utf-8")
     look(browser, tmp_path / "report.html")
 
@@ -80,7 +92,10 @@ def test_awkward_campaigns(kind: str, browser: Any, tmp_path: Path) -> None:
 
 def test_what_overflows_is_seen(browser: Any, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
-    page.write_text("<!doctype html><p style='width:40px;white-space:nowrap'>" + "m" * 60 + "</p>", encoding="utf-8")
+    page.write_text(
+        "<!doctype html><p style='width:40px;white-space:nowrap'>" + "m" * 60 + "</p>",
+        encoding="utf-8",
+    )
     context = browser.new_context(viewport={"width": 390, "height": 900})
     opened = context.new_page()
     opened.goto(page.as_uri())

@@ -31,9 +31,14 @@ def checked(path: Path) -> ElementTree.Element:
     for element in root.iter():
         kind, name = element.tag.removeprefix("{https://ptb.de/").split("}")
         children = "".join(child.tag.partition("}")[2] + " " for child in element)
-        assert re.fullmatch(STRUCTURE["children"].get(name, ".*"), children) or not children, (name, children)
+        assert re.fullmatch(STRUCTURE["children"].get(name, ".*"), children) or not children, (
+            name,
+            children,
+        )
         for names, form in STRUCTURE["texts"].items():
-            assert not re.fullmatch(names, f"{kind}:{name}") or re.fullmatch(form, element.text or ""), (name, element.text)
+            assert not re.fullmatch(names, f"{kind}:{name}") or re.fullmatch(
+                form, element.text or ""
+            ), (name, element.text)
     if xsd := os.environ.get("LDBB_DCC_XSD"):
         from lxml import etree
 
@@ -46,25 +51,52 @@ def words(root: ElementTree.Element, tag: str) -> list[str]:
 
 
 def test_numbers_are_those_of_the_summary(recovered: lb.Campaign, tmp_path: Path) -> None:
-    stated = {"serial_number": "4711", "ball_bar": "QC20", "operator": "A & B", "place": "Hall <2>", "date": "2026-11-20T14:30"}
+    stated = {
+        "serial_number": "4711",
+        "ball_bar": "QC20",
+        "operator": "A & B",
+        "place": "Hall <2>",
+        "date": "2026-11-20T14:30",
+    }
     warm = tuple(replace(test, temperature_C=20.5) for test in recovered.tests)
     posterior = fitted(lb.HybridModel.first(1), replace(recovered, tests=warm, **stated))
     root = checked(lb.write_dcc(posterior, tmp_path / "dcc.xml", ci_prob=0.9))
-    found = {own.name.split(" / ")[0].split()[-1]: own for own in lb.read_dcc(tmp_path / "dcc.xml").quantities if own.name}
+    found = {
+        own.name.split(" / ")[0].split()[-1]: own
+        for own in lb.read_dcc(tmp_path / "dcc.xml").quantities
+        if own.name
+    }
     expected = result_json(posterior, ci_prob=0.9)["parameters"]
     assert len(found) == len(expected) > 15
     for (name, entry), own in zip(expected.items(), found.values(), strict=True):
-        assert (own.value, own.U, own.k, own.unit) == (entry["mean"], 2.0 * entry["sd"], 2.0, dsi_unit(entry["unit"])), name
+        assert (own.value, own.U, own.k, own.unit) == (
+            entry["mean"],
+            2.0 * entry["sd"],
+            2.0,
+            dsi_unit(entry["unit"]),
+        ), name
         assert own.coverage == pytest.approx(0.954, abs=0.02)
     ends = [list(map(float, words(root, f"interval{end}XMLList"))) for end in ("Min", "Max")]
     assert list(zip(*ends, strict=True)) == [tuple(entry["ci90"]) for entry in expected.values()]
     draws = np.stack([np.ravel(posterior["posterior"].dataset[name]) for name in expected])
-    matrix = [float(one.text or "") for cell in root.iter(f"{SI}covarianceXMLList") for one in cell.iter(f"{SI}valueXMLList")]
+    matrix = [
+        float(one.text or "")
+        for cell in root.iter(f"{SI}covarianceXMLList")
+        for one in cell.iter(f"{SI}valueXMLList")
+    ]
     np.testing.assert_array_equal(np.reshape(matrix, [len(expected)] * 2), np.cov(draws))
     (factor,) = map(float, words(root, "coverageFactorXMLList"))
-    assert factor**2 == pytest.approx(chi2.ppf(0.9, len(expected)), rel=0.05)  # as of a normal distribution, nearly
+    assert factor**2 == pytest.approx(
+        chi2.ppf(0.9, len(expected)), rel=0.05
+    )  # as of a normal distribution, nearly
     text = (tmp_path / "dcc.xml").read_text("utf-8")
-    for said in (*stated.values(), "20.5 20.5", "no calibration certificate", "kein Kalibrierschein", "\\degreecelsius"):
+    for said in (
+        *stated.values(),
+        "20.5 20.5",
+        "no calibration certificate",
+        "kein Kalibrierschein",
+        "\\degreecelsius",
+    ):
         assert said[:10].replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;") in text
 
 
@@ -72,7 +104,11 @@ def test_units_are_those_of_the_si() -> None:
     """mm/N, rad/(N mm) per N, 1/mm, a number; their products."""
     assert dsi_unit("mm/N") == r"\milli\metre\newton\tothe{-1}"
     assert dsi_unit("rad/(N mm)/N") == r"\radian\newton\tothe{-2}\milli\metre\tothe{-1}"
-    assert (dsi_unit("1/mm"), dsi_unit("1"), dsi_unit("mm", "1/mm")) == (r"\milli\metre\tothe{-1}", r"\one", r"\one")
+    assert (dsi_unit("1/mm"), dsi_unit("1"), dsi_unit("mm", "1/mm")) == (
+        r"\milli\metre\tothe{-1}",
+        r"\one",
+        r"\one",
+    )
 
 
 @pytest.mark.parametrize("kind", ["script", "degree 2", "paper", "long name"])

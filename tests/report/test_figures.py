@@ -39,12 +39,20 @@ def make(kind: str) -> xr.DataTree:
     if kind == "paper":
         return lb.sample(lb.HybridModel.paper(0), simulated(plan()), rule=QUICK)
     if kind == "forty tests, both ways":
-        ways = [replace(test, direction=("CW", "CCW")[k % 2]) for k, test in enumerate(plan([60] * 40, forces_N=FORTY).tests)]
+        ways = [
+            replace(test, direction=("CW", "CCW")[k % 2])
+            for k, test in enumerate(plan([60] * 40, forces_N=FORTY).tests)
+        ]
         return lb.sample(
-            lb.HybridModel.first(0), simulated(replace(plan(), tests=tuple(ways))), sampler="independent", rule=QUICK
+            lb.HybridModel.first(0),
+            simulated(replace(plan(), tests=tuple(ways))),
+            sampler="independent",
+            rule=QUICK,
         )
     if kind == "one test, few readings":
-        return lb.sample(lb.HybridModel.first(0), simulated(plan((9,), forces_N=(300.0,))), rule=QUICK)
+        return lb.sample(
+            lb.HybridModel.first(0), simulated(plan((9,), forces_N=(300.0,))), rule=QUICK
+        )
     arcs = simulated(plan([30] * 11, forces_N=[50.0 + 60.0 * i for i in range(11)], arc_deg=300.0))
     return lb.sample(lb.HybridModel.first(2), arcs, sampler="independent", rule=QUICK)
 
@@ -73,11 +81,17 @@ def test_texts_and_units(name: str, posterior: xr.DataTree) -> None:
     check_units(figure)
 
 
-def test_rings_are_labelled_with_their_distance_and_forces_in_their_order(posterior: xr.DataTree) -> None:
+def test_rings_are_labelled_with_their_distance_and_forces_in_their_order(
+    posterior: xr.DataTree,
+) -> None:
     """A ring's label is its radius less that of the dashed circle [µm]; the scale has every force, as the traces lie, in colours
     that grow darker with force and stand out from paper in grey."""
     traces, scale = FIGURES["traces"](posterior).axes
-    (nominal,) = {float(line.get_ydata()[0]) for line in traces.lines if line.is_dashed() and line.get_color() == "black"}
+    (nominal,) = {
+        float(line.get_ydata()[0])
+        for line in traces.lines
+        if line.is_dashed() and line.get_color() == "black"
+    }
     labels = [text for text in traces.texts if text.get_text()]
     shown = [float(text.get_text().removesuffix(" µm").replace("−", "-")) for text in labels]
     assert [text.get_position()[1] - nominal for text in labels] == pytest.approx(shown)
@@ -87,9 +101,14 @@ def test_rings_are_labelled_with_their_distance_and_forces_in_their_order(poster
     named = [float(label.get_text()) for label in scale.get_yticklabels()]
     assert len(scale.patches) == len(forces)
     assert len(named) <= 9
-    mean = {force: np.mean([np.mean(test.reading_um) for test in tests if test.force_N == force]) for force in forces}
+    mean = {
+        force: np.mean([np.mean(test.reading_um) for test in tests if test.force_N == force])
+        for force in forces
+    }
     upwards = sorted(zip(scale.get_yticks(), named, strict=True))
-    assert [upwards[0][1], upwards[-1][1]] == sorted([forces[0], forces[-1]], key=lambda force: mean[force])
+    assert [upwards[0][1], upwards[-1][1]] == sorted(
+        [forces[0], forces[-1]], key=lambda force: mean[force]
+    )
     grey = [0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b, _ in figures.force_colours(forces)]
     assert (np.diff(grey) < 0.0).all()
     assert max(grey) < 0.65
@@ -106,9 +125,13 @@ def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
         for name, bar, text in zip(names, bars, axes.texts, strict=True):
             row = table.loc[name]
             assert bar == pytest.approx(row[["ci_low", "ci_high"]].to_numpy(float) * factor)
-            assert text.get_text() == plus_minus(row["mean"], row["sd"], (row["ci_low"], row["ci_high"]), row["unit"])
+            assert text.get_text() == plus_minus(
+                row["mean"], row["sd"], (row["ci_low"], row["ci_high"]), row["unit"]
+            )
     swings = lb.contributions(posterior).set_index("source")
-    texts = [axes.get_title().split("\n") for axes in FIGURES["parameter_contributions"](posterior).axes]
+    texts = [
+        axes.get_title().split("\n") for axes in FIGURES["parameter_contributions"](posterior).axes
+    ]
     above = {name.replace("(0Y)", "0Y"): text for name, text in texts} | {
         TOGETHER: FIGURES["contributions"](posterior).axes[-1].get_title().split(": ")[1]
     }
@@ -127,7 +150,9 @@ def test_another_language(posterior: xr.DataTree) -> None:
         assert not re.search(r"[a-z]{4,}", re.sub(r"<[^>]*>|rad", "", words)), words
 
 
-def test_saved_in_both_formats_in_the_unit_of_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saved_in_both_formats_in_the_unit_of_the_tables(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Compliances near 5e-5 mm/N read 50 nm/N in figures."""
     two = {name: FIGURES[name] for name in ("forest", "compliance_against_force")}
     monkeypatch.setattr("ldbb_bayes.report.figures.posteriors.FIGURES", two)
@@ -161,8 +186,16 @@ def test_atlases_are_tables_2_and_3() -> None:
 def drawn(figure: Figure) -> set[str]:
     """All texts of a figure."""
     figure.canvas.draw()
-    labels = {label.get_text() for axes in figure.axes for label in (*axes.get_yticklabels(), *axes.get_xticklabels())}
-    own = {text for axes in figure.axes for text in (axes.get_title(), axes.get_xlabel(), axes.get_ylabel())}
+    labels = {
+        label.get_text()
+        for axes in figure.axes
+        for label in (*axes.get_yticklabels(), *axes.get_xticklabels())
+    }
+    own = {
+        text
+        for axes in figure.axes
+        for text in (axes.get_title(), axes.get_xlabel(), axes.get_ylabel())
+    }
     return labels | own | {text.get_text() for axes in figure.axes for text in axes.texts}
 
 
@@ -177,7 +210,12 @@ def test_identifiability_shows_every_parameter(model: lb.HybridModel) -> None:
 def test_comparisons(compared: Comparison) -> None:
     figure = figures.evidence(compared)
     check_texts(figure)
-    assert {"as in the model", "without discrepancy", "slope scale 0.03", "ln B(linear/constant) (nat)"} <= drawn(figure)
+    assert {
+        "as in the model",
+        "without discrepancy",
+        "slope scale 0.03",
+        "ln B(linear/constant) (nat)",
+    } <= drawn(figure)
     dots = [line for axes in figure.axes for line in axes.lines if line.get_marker() == "o"]
     places = sorted(float(x) for line in dots for x in line.get_xdata())
     every = (*compared.prior_sensitivity, *compared.discrepancy_sensitivity)
@@ -188,18 +226,38 @@ def test_comparisons(compared: Comparison) -> None:
     figure = figures.compliance_with_local_fits(compared)
     assert {"C_XXX (nm/N)", "C_CCY (µrad/(N m))", "force (N)"} <= drawn(figure)
     local = compared.local_fits[compared.local_fits["parameter"] == "C_XYX"]
-    crosses = [line.get_ydata() for line in figure.axes[1].lines if line.get_label() == "local, least squares"]
+    crosses = [
+        line.get_ydata()
+        for line in figure.axes[1].lines
+        if line.get_label() == "local, least squares"
+    ]
     np.testing.assert_allclose(crosses[0], local["least_squares"] * 1e6)
-    assert {"E_XX1 (µm/m)", "E_C(0Y)X (µrad)", "E_Yt0 (µm)"} <= drawn(figures.geometry_with_local_fits(compared))
-    bare = replace(compared, slopes={}, slope_subsets=(), compliance_against_force={}, tests={}, prior_sensitivity=())
+    assert {"E_XX1 (µm/m)", "E_C(0Y)X (µrad)", "E_Yt0 (µm)"} <= drawn(
+        figures.geometry_with_local_fits(compared)
+    )
+    bare = replace(
+        compared,
+        slopes={},
+        slope_subsets=(),
+        compliance_against_force={},
+        tests={},
+        prior_sensitivity=(),
+    )
     bare = replace(bare, local_fits=pd.DataFrame())
-    for draw in (figures.evidence, figures.compliance_with_local_fits, figures.geometry_with_local_fits):
+    for draw in (
+        figures.evidence,
+        figures.compliance_with_local_fits,
+        figures.geometry_with_local_fits,
+    ):
         drawn(draw(bare))
 
 
 def test_tables_of_a_comparison(compared: Comparison) -> None:
     models, assumptions, slopes, tests, *_ = parts_of(compared)
-    value, error = (own["linear/constant"] for own in (compared.log_bayes_factor, compared.log_bayes_factor_error))
+    value, error = (
+        own["linear/constant"]
+        for own in (compared.log_bayes_factor, compared.log_bayes_factor_error)
+    )
     assert models.rows[1][1:3] == (f"{value:+.3f}", f"{error:.1g}")
     assert len(assumptions.rows) == 12 + len(compared.discrepancy_sensitivity)
     assert (len(slopes.rows), len(tests.rows)) == (6, 6)
@@ -212,9 +270,14 @@ def test_designs(kind: str) -> None:
     if kind == "flat":
         design = lb.design(lb.HybridModel.paper(1), plan(), tests=5, forces_N=LEVELS)
     else:
-        design = lb.design(lb.HybridModel.first(1), pilot, tests=6, forces_N=LEVELS, against={"own": pilot})
+        design = lb.design(
+            lb.HybridModel.first(1), pilot, tests=6, forces_N=LEVELS, against={"own": pilot}
+        )
     today = {name: 2.0 * own.sd for name, own in design.expected.items()}
-    for figure, first in ((figures.expected_widths(design), 0), (figures.expected_widths(design, today), 1)):
+    for figure, first in (
+        (figures.expected_widths(design), 0),
+        (figures.expected_widths(design, today), 1),
+    ):
         check_texts(figure)
         (axes,) = figure.axes
         texts = {text.get_text() for text in axes.texts}

@@ -47,7 +47,11 @@ def hashed(value: Any) -> Any:
         return f"#{hashlib.sha256(value.encode()).hexdigest()[:12]}" if value else value
     if value is None or isinstance(value, dict | int | float):
         return value
-    return type(value)(map(hashed, value)) if isinstance(value, tuple | list) else iter([hashed(own) for own in value])
+    return (
+        type(value)(map(hashed, value))
+        if isinstance(value, tuple | list)
+        else iter([hashed(own) for own in value])
+    )
 
 
 def reworded(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -57,7 +61,11 @@ def reworded(function: Callable[..., Any]) -> Callable[..., Any]:
 def reword(monkeypatch: pytest.MonkeyPatch) -> int:
     """Put it in the place of every public function of the module, wherever it was imported to."""
     changed = 0
-    originals = {getattr(wording, name) for name in wording.__all__ if callable(getattr(wording, name)) and name != "with_words"}
+    originals = {
+        getattr(wording, name)
+        for name in wording.__all__
+        if callable(getattr(wording, name)) and name != "with_words"
+    }
     for name, module in list(sys.modules.items()):
         if name.startswith("ldbb_bayes"):
             for key, own in list(vars(module).items()):
@@ -78,7 +86,9 @@ def same(plain: Any, other: Any, where: str = "") -> int:
         return sum(same(plain[key], other[key], f"{where}.{key}") for key in plain)
     if isinstance(plain, list | tuple):
         assert len(plain) == len(other), (where, plain, other)
-        return sum(same(a, b, f"{where}[{k}]") for k, (a, b) in enumerate(zip(plain, other, strict=True)))
+        return sum(
+            same(a, b, f"{where}[{k}]") for k, (a, b) in enumerate(zip(plain, other, strict=True))
+        )
     assert plain == other, (where, plain, other)
     return 0
 
@@ -93,12 +103,19 @@ def campaigns() -> dict[str, lb.Campaign]:
 
 @pytest.fixture(scope="module")
 def turned(campaigns: dict[str, lb.Campaign]) -> xr.DataTree:
-    return lb.sample(lb.HybridModel.first(0), campaigns["turned"], seed=1, sampler="independent", rule=QUICK)
+    return lb.sample(
+        lb.HybridModel.first(0), campaigns["turned"], seed=1, sampler="independent", rule=QUICK
+    )
 
 
 @pytest.fixture(scope="module")
-def folders(campaigns: dict[str, lb.Campaign], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    return {name: lb.write_campaign(own, tmp_path_factory.mktemp("campaigns") / name) for name, own in campaigns.items()}
+def folders(
+    campaigns: dict[str, lb.Campaign], tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Path]:
+    return {
+        name: lb.write_campaign(own, tmp_path_factory.mktemp("campaigns") / name)
+        for name, own in campaigns.items()
+    }
 
 
 def plain_json(record: Any) -> Any:
@@ -110,18 +127,29 @@ def part_of(part: Any) -> Any:
         return [part.caption, list(part.heads), [list(row) for row in part.shown()]]
     if isinstance(part, Picture):
         return [part.key, part.caption]
-    return [part.summary, [part_of(own) for own in part.parts]] if isinstance(part, Details) else part
+    return (
+        [part.summary, [part_of(own) for own in part.parts]] if isinstance(part, Details) else part
+    )
 
 
 def page_of(posterior: xr.DataTree) -> Any:
     """Alerts, sections and what stands in them."""
-    document = compose(find(posterior, comparison="left out in this test", recommended="left out in this test"))
-    return [list(document.alerts), [[own.key, own.title, [part_of(part) for part in own.parts]] for own in document.sections]]
+    document = compose(
+        find(posterior, comparison="left out in this test", recommended="left out in this test")
+    )
+    return [
+        list(document.alerts),
+        [[own.key, own.title, [part_of(part) for part in own.parts]] for own in document.sections],
+    ]
 
 
 def analyses_of(campaign: lb.Campaign) -> Any:
     models = {"constant": MODEL.with_degree(0), "linear": MODEL}
-    every = [lb.preview(campaign), lb.identify(MODEL, campaign), lb.compare(models, campaign, evidence_only=True)]
+    every = [
+        lb.preview(campaign),
+        lb.identify(MODEL, campaign),
+        lb.compare(models, campaign, evidence_only=True),
+    ]
     every.append(lb.design(MODEL, pilot=campaign, tests=2, forces_N=FORCES_N))
     return plain_json(list(map(wording.with_words, every)))
 
@@ -129,16 +157,25 @@ def analyses_of(campaign: lb.Campaign) -> Any:
 def rows_of(folders: dict[str, Path]) -> Any:
     """Rows of a batch, and which of its campaigns are relied on."""
     settings = Settings(model_to_toml(lb.HybridModel.first(0)), ess=100.0)
-    rows = [fit_row(settings, Job(k, str(folder), str(folder))) for k, folder in enumerate(folders.values())]
+    rows = [
+        fit_row(settings, Job(k, str(folder), str(folder)))
+        for k, folder in enumerate(folders.values())
+    ]
     relied, caveats = choose(pd.DataFrame(rows))
     assert list(relied["campaign"]) == [str(folders["good"])]
-    return plain_json([rows, list(relied["campaign"]), [[str(own.kind), own.names] for own in caveats]])
+    return plain_json(
+        [rows, list(relied["campaign"]), [[str(own.kind), own.names] for own in caveats]]
+    )
 
 
 def population_of() -> Any:
     """Of eight campaigns, two of one machine; one campaign that the model does not expect, one not converged."""
-    rows = drawn_rows(8, np.random.default_rng(6)).assign(machine_id=[f"M{m}" for m in range(7)] + ["M6"])
-    odd = rows.assign(kinds=[[], ["truncation"], ["noise"], *[[]] * 5], converged=[True] * 7 + [False])
+    rows = drawn_rows(8, np.random.default_rng(6)).assign(
+        machine_id=[f"M{m}" for m in range(7)] + ["M6"]
+    )
+    odd = rows.assign(
+        kinds=[[], ["truncation"], ["noise"], *[[]] * 5], converged=[True] * 7 + [False]
+    )
     found = lb.population(odd)
     assert "M1" not in found.machine
     return plain_json({**wording.with_words(found), "sha256": None})
@@ -151,7 +188,9 @@ def fits_of(folder: Path) -> Any:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ldbb_bayes.inference.mcmc.Assessment.meets", lambda *_, **__: False)
         runs = [CliRunner().invoke(app, [*fit, "--max-steps", "400"])]
-    runs += [CliRunner().invoke(app, [*fit, *options]) for options in (["--ess", "600"], ["--ci", "2"])]
+    runs += [
+        CliRunner().invoke(app, [*fit, *options]) for options in (["--ess", "600"], ["--ci", "2"])
+    ]
     codes = [run.exit_code for run in runs]
     assert codes == [1, 0, 2]
     records = [json.loads(run.stdout) | {"provenance": None} for run in runs[:2]]
@@ -160,7 +199,9 @@ def fits_of(folder: Path) -> Any:
     return [codes, records]
 
 
-@pytest.mark.parametrize("what", [pytest.param("analyses", marks=pytest.mark.slow), "page", "rows", "population", "fits"])
+@pytest.mark.parametrize(
+    "what", [pytest.param("analyses", marks=pytest.mark.slow), "page", "rows", "population", "fits"]
+)
 def test_words_decide_nothing(
     what: str,
     campaigns: dict[str, lb.Campaign],
@@ -171,9 +212,12 @@ def test_words_decide_nothing(
     """Decisions, numbers, exit codes and campaigns left out; of a campaign that the model expects and one that it does not."""
     undrawn(monkeypatch)
     work: dict[str, Callable[[], Any]] = {
-        "analyses": lambda: analyses_of(campaigns["good"]), "page": lambda: page_of(request.getfixturevalue("turned")),
-        "rows": lambda: rows_of(folders), "population": population_of, "fits": lambda: fits_of(folders["good"]),
-    }  # fmt: skip
+        "analyses": lambda: analyses_of(campaigns["good"]),
+        "page": lambda: page_of(request.getfixturevalue("turned")),
+        "rows": lambda: rows_of(folders),
+        "population": population_of,
+        "fits": lambda: fits_of(folders["good"]),
+    }
     plain = work[what]()
     assert reword(monkeypatch) > 30
     assert same(plain, work[what]()) >= 5
@@ -195,23 +239,34 @@ def test_every_kind_has_its_words(words: dict[str, Any], kinds: Any) -> None:
     assert set(words) == set(map(str, kinds))
 
 
-PRIVATE = (
-    r"told (from|apart)|tells? \w* ?apart|lopsided|unasked|in company|Idle here|foret(ell|old)|set aside|for granted|tion aside"
-)
+PRIVATE = r"told (from|apart)|tells? \w* ?apart|lopsided|unasked|in company|Idle here|foret(ell|old)|set aside|for granted|tion aside"
 
 
 def test_words_are_those_of_the_field(root: Path) -> None:
     """Terms of art in the order of the alphabet; words of this project alone are nowhere."""
     glossary = tomllib.loads((TEMPLATES / "glossary.toml").read_text(encoding="utf-8"))
     assert list(glossary) == sorted(glossary, key=str.casefold)
-    pages = [*TEMPLATES.parents[1].rglob("*.py"), *TEMPLATES.iterdir(), *(root / "docs").rglob("*.md"), root / "README.md"]
-    found = {f"{page.name}: {own[0]}" for page in pages for own in re.finditer(PRIVATE, page.read_text(encoding="utf-8"))}
+    pages = [
+        *TEMPLATES.parents[1].rglob("*.py"),
+        *TEMPLATES.iterdir(),
+        *(root / "docs").rglob("*.md"),
+        root / "README.md",
+    ]
+    found = {
+        f"{page.name}: {own[0]}"
+        for page in pages
+        for own in re.finditer(PRIVATE, page.read_text(encoding="utf-8"))
+    }
     assert not found
 
 
 def test_a_decision_by_words_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     def count(campaign: lb.Campaign) -> list[str]:
-        return [text for text in wording.preview_sentences(lb.preview(campaign)) if text.startswith("Note: One")]
+        return [
+            text
+            for text in wording.preview_sentences(lb.preview(campaign))
+            if text.startswith("Note: One")
+        ]
 
     one_way = simulated(plan((30,) * 3, forces_N=FORCES_N))
     plain = count(one_way)

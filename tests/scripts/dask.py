@@ -30,11 +30,21 @@ if __name__ == "__main__":
         client._gather = lost_once_gathered
         found = dict(done(job, range(20), executor))
     lost = [k for k, value in found.items() if isinstance(value, Lost)]
-    print(json.dumps([sorted(found), lost, all(found[k] == (max, [k * k, 0]) for k in found if k not in lost)]))
+    print(
+        json.dumps(
+            [
+                sorted(found),
+                lost,
+                all(found[k] == (max, [k * k, 0]) for k in found if k not in lost),
+            ]
+        )
+    )
     home.ANSWER_S = 1.0
     import distributed
 
-    other = distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None)
+    other = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+    )
     for address in ("nonsense", "tcp://127.0.0.1:1", other.scheduler_address):
         try:
             with dask_executor(address):

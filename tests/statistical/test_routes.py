@@ -16,10 +16,12 @@ import ldbb_bayes as lb
 from ldbb_bayes.inference.mcmc import StoppingRule
 
 PLANS = {
-    "circles": plan(), "arcs": plan((30, 40, 35, 30), arc_deg=220.0), "work ball clocked": plan(work_deg=40.0),
+    "circles": plan(),
+    "arcs": plan((30, 40, 35, 30), arc_deg=220.0),
+    "work ball clocked": plan(work_deg=40.0),
     "both balls clocked, arcs": plan((40, 30, 9, 26), work_deg=40.0, tool_deg=-65.0, arc_deg=300.0),
     "few readings": plan((9, 40, 12, 30)),
-}  # fmt: skip
+}
 MODELS = {
     "constant": lb.HybridModel.first(0),
     "linear": lb.HybridModel.first(1),
@@ -29,7 +31,9 @@ MODELS = {
 RULE = StoppingRule(ess=5000.0)
 
 
-def differences(model: lb.HybridModel, campaign: lb.Campaign, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def differences(
+    model: lb.HybridModel, campaign: lb.Campaign, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Of both: (mean − exact) in Monte Carlo errors, and sd / exact − 1."""
     exact = lb.marginals(model, campaign)
     z, ratio = [], []
@@ -54,7 +58,11 @@ def test_simulated_campaigns() -> None:
     """Five plans, four models. Of some seven hundred differences a few pass three Monte Carlo errors by chance."""
     every_z, every_ratio = [], []
     for k, planned in enumerate(PLANS.values()):
-        campaign = lb.HybridModel.first(0).simulate(planned, seed=k, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+        campaign = (
+            lb.HybridModel.first(0)
+            .simulate(planned, seed=k, parameters=TRUTH, hyper_um=HYPER_UM)
+            .campaign
+        )
         for model in MODELS.values():
             z, ratio = differences(model, campaign, k)
             every_z.append(z.ravel())
@@ -83,7 +91,12 @@ def test_calibrated_with_radii_directions_and_drift(plans: ModuleType) -> None:
 def test_left_out_hysteresis_is_noticed(plans: ModuleType) -> None:
     """The check can fail: readings with hysteresis, a model without."""
     result = lb.validate(
-        plans.MODEL.without("hysteresis"), plans.both_directions(), generator=plans.MODEL, replicates=60, draws=49, seed=12
+        plans.MODEL.without("hysteresis"),
+        plans.both_directions(),
+        generator=plans.MODEL,
+        replicates=60,
+        draws=49,
+        seed=12,
     )
     assert not result.calibrated
 
@@ -91,13 +104,18 @@ def test_left_out_hysteresis_is_noticed(plans: ModuleType) -> None:
 # ---- against the dense oracle
 
 CASES = {
-    "full circles": plan((40, 40, 40, 40)), "arcs": plan((30, 40, 35, 30), arc_deg=220.0), "few, unequal": plan((9, 40, 12, 30)),
-    "few, unequal arcs": plan((9, 40, 12, 30), arc_deg=220.0), "one ball clocked": plan((40, 40, 40, 40), work_deg=40.0),
+    "full circles": plan((40, 40, 40, 40)),
+    "arcs": plan((30, 40, 35, 30), arc_deg=220.0),
+    "few, unequal": plan((9, 40, 12, 30)),
+    "few, unequal arcs": plan((9, 40, 12, 30), arc_deg=220.0),
+    "one ball clocked": plan((40, 40, 40, 40), work_deg=40.0),
     "both balls clocked": plan((40, 30, 9, 26), work_deg=40.0, tool_deg=-65.0),
-}  # fmt: skip
+}
 
 
-def reference(campaign: lb.Campaign, degree: int, **options: object) -> tuple[np.ndarray, np.ndarray]:
+def reference(
+    campaign: lb.Campaign, degree: int, **options: object
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean and sd of (β, φ) from the oracle."""
     x, weight = oracle_of(campaign, degree, **options).posterior(points=15_000, draws=10, seed=11)
     mean = weight @ x
@@ -127,4 +145,7 @@ def test_a_wrong_model_fails_the_same_comparison() -> None:
     campaign = simulated(CASES["full circles"])
     mean, sd = reference(campaign, 0, terms=("form", "length", "force", "setup", "discrepancy"))
     found_mean, found_sd = sampled(campaign, lb.HybridModel.first(0))
-    assert max(np.abs((found_mean - mean) / sd).max() / 0.1, np.abs(found_sd / sd - 1.0).max() / 0.05) > 1.0
+    assert (
+        max(np.abs((found_mean - mean) / sd).max() / 0.1, np.abs(found_sd / sd - 1.0).max() / 0.05)
+        > 1.0
+    )

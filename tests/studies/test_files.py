@@ -33,11 +33,17 @@ def test_awkward(name: str, tmp_path: Path) -> None:
     assert len(campaign.tests) == len(wanted.tests)
     for test, own in zip(campaign.tests, wanted.tests, strict=True):
         order = np.argsort(np.mod(np.round(test.angle_deg, 3), 360.0))
-        np.testing.assert_allclose(np.mod(test.angle_deg[order] - own.angle_deg + 180.0, 360.0) - 180.0, 0.0, atol=1e-3)
+        np.testing.assert_allclose(
+            np.mod(test.angle_deg[order] - own.angle_deg + 180.0, 360.0) - 180.0, 0.0, atol=1e-3
+        )
         np.testing.assert_allclose(test.reading_um[order], own.reading_um, atol=6e-3)
         assert test.force_N == pytest.approx(own.force_N, abs=1e-4)
-    again = imported(tmp_path, case, "again", "--layout", str(tmp_path / "campaign" / "import.toml"))
-    assert [test.reading_um.tolist() for test in again.tests] == [test.reading_um.tolist() for test in campaign.tests]
+    again = imported(
+        tmp_path, case, "again", "--layout", str(tmp_path / "campaign" / "import.toml")
+    )
+    assert [test.reading_um.tolist() for test in again.tests] == [
+        test.reading_um.tolist() for test in campaign.tests
+    ]
     assert again.forces_N.tolist() == campaign.forces_N.tolist()
 
 
@@ -54,19 +60,25 @@ CURES: dict[str, str] = cases(__file__, "cures.toml")
 LINES = "08 09 10 11 12 13 14 16 17 18 19 20 21 22 41 43 63"
 
 
-@pytest.mark.parametrize("name", [*CURES, *(name for name in malformed.CASES if name[:2] in LINES.split())])
+@pytest.mark.parametrize(
+    "name", [*CURES, *(name for name in malformed.CASES if name[:2] in LINES.split())]
+)
 def test_the_cure_that_is_named_works(name: str, tmp_path: Path) -> None:
     case = malformed.CASES[name]
     path = tmp_path / case.file
     path.write_bytes(case.content)
 
     def done(*options: str) -> Result:
-        return CliRunner().invoke(app, ["import", str(path), "--out", str(tmp_path / "c"), *options])
+        return CliRunner().invoke(
+            app, ["import", str(path), "--out", str(tmp_path / "c"), *options]
+        )
 
     said = done(*case.options).output
     if name in CURES:
         options = [own.replace("36_N", "36 N") for own in CURES[name].split()]
-        assert not options or options[0] in said or options[0] in case.options or name == "33_metres", said
+        assert (
+            not options or options[0] in said or options[0] in case.options or name == "33_metres"
+        ), said
         last = done(*(own for own in case.options if not options), *options) if options else done()
     else:
         (line,) = re.findall(r"line (\d+):", said)
@@ -81,7 +93,9 @@ def without_memory(found: fuzz.Findings) -> list[str]:
     return [line for line in found.wrong if not line.endswith(" MB")]
 
 
-@pytest.mark.parametrize("name", ["import, text", "import, workbook", "layout", "tidy table", "model", "truths"])
+@pytest.mark.parametrize(
+    "name", ["import, text", "import, workbook", "layout", "tidy table", "model", "truths"]
+)
 def test_a_few_hundred_mutations(name: str) -> None:
     found = fuzz.fuzz(name, 300, 11, {})
     assert without_memory(found) == []

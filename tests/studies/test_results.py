@@ -35,7 +35,9 @@ def near(one: float, other: float, relative: float = 1e-3) -> bool:
     return one == pytest.approx(other, rel=relative)
 
 
-@pytest.mark.parametrize(("name", "claim"), [(name, claim) for name, claims in CLAIMS.items() for claim in claims])
+@pytest.mark.parametrize(
+    ("name", "claim"), [(name, claim) for name, claims in CLAIMS.items() for claim in claims]
+)
 def test_what_a_study_states(name: str, claim: str) -> None:
     assert eval(claim, {"near": near, **stated(name)})
 
@@ -78,7 +80,10 @@ def test_the_script_makes_the_campaign_that_is_shipped(recovered: Campaign) -> N
         np.testing.assert_array_equal(ours.angle_deg, shipped.angle_deg)
         np.testing.assert_allclose(ours.reading_um, shipped.reading_um, atol=1e-8)
     table = printed("table_4_simulation").set_index("error")
-    assert (table.loc["E_YY1", "estimated"], table.loc["E_YY1", "percent_difference"]) == ("-2.2195E-04", "0.8863")
+    assert (table.loc["E_YY1", "estimated"], table.loc["E_YY1", "percent_difference"]) == (
+        "-2.2195E-04",
+        "0.8863",
+    )
 
 
 def test_one_circle_ignored() -> None:
@@ -92,7 +97,9 @@ def test_one_circle_ignored() -> None:
         vague.fixed[:] += data.jacobian[:, own] @ data.jacobian[:, own].T
         ignored = harmonics.Model(data.without(circle), grid=grid).log_bayes_factor()
         assert ignored == pytest.approx(vague.log_bayes_factor(), abs=0.01)
-        assert ignored != pytest.approx(harmonics.Model(data, grid=grid).log_bayes_factor(), abs=0.5)
+        assert ignored != pytest.approx(
+            harmonics.Model(data, grid=grid).log_bayes_factor(), abs=0.5
+        )
 
 
 def test_a_broken_evidence_would_be_seen() -> None:
@@ -101,20 +108,34 @@ def test_a_broken_evidence_would_be_seen() -> None:
     rng = np.random.default_rng(1)
     log_odds = rng.normal(0.0, 2.0, 400)
     outcome = (rng.random(400) < 1.0 / (1.0 + np.exp(-log_odds))).astype(float)
-    honest, sure = (reliability(1.0 / (1.0 + np.exp(-factor * log_odds)), outcome) for factor in (1.0, 4.0))
+    honest, sure = (
+        reliability(1.0 / (1.0 + np.exp(-factor * log_odds)), outcome) for factor in (1.0, 4.0)
+    )
     assert abs(honest["spiegelhalter_z"]) < 3.0 < abs(sure["spiegelhalter_z"])
 
 
 def test_machines_as_they_are_in_the_limits() -> None:
     """Rigid: the exact forward model; linear springs: Eq. 20, but for deflection over radius; a lobe: its order alone."""
     sys.modules.pop("machines", None)
-    machines, angle = module_of("12_real_machines", "machines"), np.deg2rad(np.arange(0.0, 360.0, 2.5))
+    machines, angle = (
+        module_of("12_real_machines", "machines"),
+        np.deg2rad(np.arange(0.0, 360.0, 2.5)),
+    )
     drawn = machines.draw_machine(machines.FAMILIES["mild"], np.random.default_rng(3))
     for springs, errors in ((0.0, drawn.geometry), (1e-3, {}), (1.0, {})):
         compliance = {name: springs * value for name, value in drawn.compliance.items()}
-        made = replace(drawn, compliance=compliance, slope=dict.fromkeys(compliance, 0.0), geometry=errors)
+        made = replace(
+            drawn, compliance=compliance, slope=dict.fromkeys(compliance, 0.0), geometry=errors
+        )
         trace = machines.trace_mm(made, 742.0, angle)
-        exact = exact_reading_mm(Machine(), Circle(), angle, force_N=742.0, compliances=compliance, geometric_errors=errors)
+        exact = exact_reading_mm(
+            Machine(),
+            Circle(),
+            angle,
+            force_N=742.0,
+            compliances=compliance,
+            geometric_errors=errors,
+        )
         assert np.abs(trace - exact).max() <= 1e-12 + 1e-4 * springs * np.abs(exact).max()
     lobed = machines.ball(np.random.default_rng(1), 2.0, 5.0, True)
     (order,) = np.flatnonzero(lobed) + 2
@@ -122,9 +143,16 @@ def test_machines_as_they_are_in_the_limits() -> None:
     assert np.abs(lobed).sum() == pytest.approx(2.5e-3, rel=1e-4)
     bent = replace(drawn, geometry={}, contact=(0.3, 0.4), own_load=(0.1, -0.2))
     along = np.diag(machines.deflection_mm(bent, 742.0, 742.0, np.array([0.0, np.pi / 2]))) / 742.0
-    assert along == pytest.approx([bent.secant(name, 742.0) for name in ("C_XXX", "C_YYY")], rel=1e-3)
-    drive = dict.fromkeys(("mismatch", "friction", "spikes"), np.zeros(2)) | {"lost": np.array([2e-3, 0.0])}
-    there, back = (np.fft.rfft(machines._drives(angle, sign, drive, np.random.default_rng(1)))[:13] for sign in (1.0, -1.0))
+    assert along == pytest.approx(
+        [bent.secant(name, 742.0) for name in ("C_XXX", "C_YYY")], rel=1e-3
+    )
+    drive = dict.fromkeys(("mismatch", "friction", "spikes"), np.zeros(2)) | {
+        "lost": np.array([2e-3, 0.0])
+    }
+    there, back = (
+        np.fft.rfft(machines._drives(angle, sign, drive, np.random.default_rng(1)))[:13]
+        for sign in (1.0, -1.0)
+    )
     assert np.flatnonzero(np.abs(there) > 1e-3).tolist() == [2, 4, 6, 8, 10, 12]
     np.testing.assert_allclose(there, -back, atol=1e-12)
 
@@ -132,36 +160,75 @@ def test_machines_as_they_are_in_the_limits() -> None:
 def test_pages_of_the_handbook_quote_the_studies() -> None:
     seen = stated("08_other_campaigns")["simulated"]
     page = (ROOT / "docs" / "how-to" / "directions_radii_balls.md").read_text(encoding="utf-8")
-    radii, ways = ("one radius", "two radii"), ("five clockwise", "ten clockwise", "both directions")
-    shown = (("E_C0YX", 1e6, "µrad", radii), ("E_YX2", 1e9, "µm/m²", radii), ("C_XYX", 1e6, "nm/N", ways))
+    radii, ways = (
+        ("one radius", "two radii"),
+        ("five clockwise", "ten clockwise", "both directions"),
+    )
+    shown = (
+        ("E_C0YX", 1e6, "µrad", radii),
+        ("E_YX2", 1e9, "µm/m²", radii),
+        ("C_XYX", 1e6, "nm/N", ways),
+    )
     for name, factor, unit, kinds in shown:
         for kind in kinds:
             entry = seen[kind]["shown"][name]
-            assert f"{entry['u'] * factor:.3g} {unit}, {entry['coverage']:.3f}" in page, (name, kind)
+            assert f"{entry['u'] * factor:.3g} {unit}, {entry['coverage']:.3f}" in page, (
+                name,
+                kind,
+            )
     one, six = stated("91_fleet"), stated("05_next_campaign")["six"]["efficiency"]
     many, run = stated("11_many_campaigns"), one["runs"]["process 2 1000"]
-    pages = "".join((ROOT / "docs" / "how-to" / name).read_text("utf-8") for name in ("shop_floor.md", "next_tests.md"))
-    assert many["trend"] | {"latest_found": 3, "false_alarms": 0, "found_at_all": many["setting"]["series"]} == many["trend"]
+    pages = "".join(
+        (ROOT / "docs" / "how-to" / name).read_text("utf-8")
+        for name in ("shop_floor.md", "next_tests.md")
+    )
+    assert (
+        many["trend"]
+        | {"latest_found": 3, "false_alarms": 0, "found_at_all": many["setting"]["series"]}
+        == many["trend"]
+    )
     for words in (
-        f"fit {run['per_second']:.1f} campaigns", f"{one['scaling']['process']:.1f} times as many",
-        f"in {round(run['worker_MB'], -1):.0f} MB", f"In {many['setting']['fleets']} simulated fleets",
-        f"on all of {many['setting']['series']} machines", f"on {many['setting']['quiet']} that stayed",
+        f"fit {run['per_second']:.1f} campaigns",
+        f"{one['scaling']['process']:.1f} times as many",
+        f"in {round(run['worker_MB'], -1):.0f} MB",
+        f"In {many['setting']['fleets']} simulated fleets",
+        f"on all of {many['setting']['series']} machines",
+        f"on {many['setting']['quiet']} that stayed",
         f"is {six['recommended']:.2f} against {six['equal steps']:.2f}",
-    ):  # fmt: skip
+    ):
         assert words in pages, words
 
 
 def test_pages_of_the_explanation_state_what_studies_found_and_the_model_assumes() -> None:
-    assert {path.name: path.read_text(encoding="utf-8") == text for path, text in explanation.written().items()} == dict.fromkeys(
-        ["confounding.md", "evidence.md", "model.md", "paper.md", "report.md", "validation.md", "verdicts.md"], True
+    assert {
+        path.name: path.read_text(encoding="utf-8") == text
+        for path, text in explanation.written().items()
+    } == dict.fromkeys(
+        [
+            "confounding.md",
+            "evidence.md",
+            "model.md",
+            "paper.md",
+            "report.md",
+            "validation.md",
+            "verdicts.md",
+        ],
+        True,
     )
 
 
 def test_the_lines_of_the_readme_and_the_table_of_priors() -> None:
     """They say what the studies found and what the default model assumes: their templates, filled with it."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8").split("## The paper, re-examined")[1].split("\n## ")[0]
+    text = (
+        (ROOT / "README.md")
+        .read_text(encoding="utf-8")
+        .split("## The paper, re-examined")[1]
+        .split("\n## ")[0]
+    )
     assert "](studies/README.md)" in text
-    results = {path.parent.name: stated(path.parent.name) for path in STUDIES.glob("[01]*/results.json")}
+    results = {
+        path.parent.name: stated(path.parent.name) for path in STUDIES.glob("[01]*/results.json")
+    }
     assert text.endswith(f"\n\n{study.page(STUDIES, 'six_lines.md', results)}")
     terms = {type(term).__name__: term for term in lb.HybridModel.first().nuisances}
     priors = study.page(STUDIES, "priors.md", {"prior": lb.Prior.first(), **terms})

@@ -20,7 +20,15 @@ STUDIES = Path(__file__).parents[2] / "studies"
 FOLDERS = sorted(path.parent for path in STUDIES.glob("[0-9][0-9]_*/run.py"))
 IDS = [folder.name for folder in FOLDERS]
 # Time the machinery itself against other packages, feed every reader with what is broken, and simulate by the exact chain.
-BEHIND_THE_SCENES = {"06_validation", "90_speed", "10_files", "11_many_campaigns", "12_real_machines", "91_fleet", "92_peers"}
+BEHIND_THE_SCENES = {
+    "06_validation",
+    "90_speed",
+    "10_files",
+    "11_many_campaigns",
+    "12_real_machines",
+    "91_fleet",
+    "92_peers",
+}
 PARTS = ("**Question.**", "**Method.**", "**Answer.**", "**Limits.**")
 BY_HAND = re.compile(
     r"\{\{.*?\}\}|\{%.*?%\}|\{#.*?#\}|`[^`]*`|\]\([^)]*\)|^# \d\d|^    .*$"
@@ -32,7 +40,9 @@ BY_HAND = re.compile(
 
 def numbers_by_hand(template: str) -> list[str]:
     """Digits of a template that do not come from results.json, and are no name."""
-    return [line.strip() for line in BY_HAND.sub(" ", template).splitlines() if re.search(r"\d", line)]
+    return [
+        line.strip() for line in BY_HAND.sub(" ", template).splitlines() if re.search(r"\d", line)
+    ]
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=IDS)
@@ -52,21 +62,40 @@ def test_the_page_is_written_from_the_numbers(folder: Path) -> None:
         assert (folder / name).is_file(), name
 
 
-@pytest.mark.parametrize("folder", [f for f in FOLDERS if f.name not in BEHIND_THE_SCENES], ids=lambda f: f.name)
+@pytest.mark.parametrize(
+    "folder", [f for f in FOLDERS if f.name not in BEHIND_THE_SCENES], ids=lambda f: f.name
+)
 def test_studies_use_the_public_interface_only(folder: Path) -> None:
     for path in folder.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom):
-                assert not (node.module or "").startswith("ldbb_bayes"), f"{path.name}: {node.module}"
+                assert not (node.module or "").startswith("ldbb_bayes"), (
+                    f"{path.name}: {node.module}"
+                )
             if isinstance(node, ast.Import):
-                assert all(alias.name.split(".")[0] != "ldbb_bayes" or alias.name == "ldbb_bayes" for alias in node.names)
-            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "lb":
+                assert all(
+                    alias.name.split(".")[0] != "ldbb_bayes" or alias.name == "ldbb_bayes"
+                    for alias in node.names
+                )
+            if (
+                isinstance(node, ast.Attribute)
+                and isinstance(node.value, ast.Name)
+                and node.value.id == "lb"
+            ):
                 assert not node.attr.startswith("_"), f"{path.name}: lb.{node.attr}"
 
 
 def test_differences_are_seen() -> None:
-    made = study.Study(Path(), lambda effort: {}, tolerance=0.01, absolute={"share/*": 0.02}, once=("seconds/*",))
-    stated = {"a": 1.0, "share": {"x": 0.0}, "seconds": {"s": 1.0}, "word": "yes", "list": [1.0, 2.0]}
+    made = study.Study(
+        Path(), lambda effort: {}, tolerance=0.01, absolute={"share/*": 0.02}, once=("seconds/*",)
+    )
+    stated = {
+        "a": 1.0,
+        "share": {"x": 0.0},
+        "seconds": {"s": 1.0},
+        "word": "yes",
+        "list": [1.0, 2.0],
+    }
 
     def wrong(**new: object) -> list[str]:
         return study.differences(json.loads(json.dumps(stated | new)), stated, made)
@@ -85,7 +114,11 @@ def test_differences_are_seen() -> None:
 def test_simulated_campaigns_that_differ_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     kept = pd.DataFrame({"kind": ["a", "a"], "seed": [0, 1], "x": [1.0, 2.0]})
     study._compare(kept.assign(x=[1.0, 2.01]), kept, "here", 0.01)
-    for other in (kept.assign(x=[1.0, 2.03]), kept.assign(x=[1.0, float("nan")]), kept.assign(y=1.0)):
+    for other in (
+        kept.assign(x=[1.0, 2.03]),
+        kept.assign(x=[1.0, float("nan")]),
+        kept.assign(y=1.0),
+    ):
         with pytest.raises(SystemExit, match="here"):
             study._compare(other, kept, "here", 0.01)
     study._compare(kept.assign(x=[1.0, 2.5]), kept, "here", 0.01, astray=0.5)
@@ -98,7 +131,9 @@ def test_the_papers_tables_and_figures_are_found_by_number() -> None:
     text = (STUDIES / "README.md").read_text(encoding="utf-8")
     tables, figures = text.split("## The paper's tables")[1].split("## The paper's figures")
     for part, count in ((tables, 9), (figures, 16)):
-        assert [int(n) for n in re.findall(r"^\| (\d+) \|", part, re.MULTILINE)] == list(range(1, count + 1))
+        assert [int(n) for n in re.findall(r"^\| (\d+) \|", part, re.MULTILINE)] == list(
+            range(1, count + 1)
+        )
     for target in re.findall(r"\]\(([^)#]+)", text):
         assert (STUDIES / target).is_file(), target
     for folder in STUDIES.glob("[0-9][0-9]_*/"):
@@ -114,7 +149,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import ldbb_bayes as lb
 from study import DATA, Effort, Study, run
 """
-SMALLEST = ABOVE + textwrap.dedent(str(study.__doc__).partition("The smallest study:\n")[2].partition("\nand in")[0])
+SMALLEST = ABOVE + textwrap.dedent(
+    str(study.__doc__).partition("The smallest study:\n")[2].partition("\nand in")[0]
+)
 
 
 @pytest.fixture
@@ -149,15 +186,27 @@ def ended(folder: Path, *options: str) -> str:
 
 def command(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     """``python studies`` in a process of its own."""
-    return subprocess.run([sys.executable, str(folder), *options], capture_output=True, text=True, check=False, timeout=900)
+    return subprocess.run(
+        [sys.executable, str(folder), *options],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=900,
+    )
 
 
 def test_one_command_runs_them(smallest: Path) -> None:
     """And fails when a number has drifted."""
     stated = smallest / "results.json"
-    stated.write_text(json.dumps({"rmse_um": 1.02 * json.loads(stated.read_text())["rmse_um"]}), encoding="utf-8")
+    stated.write_text(
+        json.dumps({"rmse_um": 1.02 * json.loads(stated.read_text())["rmse_um"]}), encoding="utf-8"
+    )
     done = command(smallest.parent, "0", "--quick")
-    assert (done.returncode, "rmse_um" in done.stderr, "Not reproduced: 00_smallest" in done.stderr) == (1, True, True)
+    assert (
+        done.returncode,
+        "rmse_um" in done.stderr,
+        "Not reproduced: 00_smallest" in done.stderr,
+    ) == (1, True, True)
 
 
 def test_files_that_are_missing_or_damaged(smallest: Path) -> None:
@@ -171,7 +220,9 @@ def test_files_that_are_missing_or_damaged(smallest: Path) -> None:
         ("README.md.j2", "{{ r.nothing }}", "a template asks for"),
     ):
         content = (smallest / name).read_bytes()
-        (smallest / name).unlink() if damage is None else (smallest / name).write_text(damage, encoding="utf-8")
+        (smallest / name).unlink() if damage is None else (smallest / name).write_text(
+            damage, encoding="utf-8"
+        )
         assert message in ended(smallest)
         (smallest / name).write_bytes(content)
 
@@ -187,7 +238,10 @@ def test_what_is_run_by_hand_still_runs(name: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     results = json.loads((tmp_path / "results.json").read_text())
     if name == "90_speed":
-        assert all(row["worst_mean_z"] < 5.0 and row["worst_sd_error"] < 0.15 for row in results["race"].values())
+        assert all(
+            row["worst_mean_z"] < 5.0 and row["worst_sd_error"] < 0.15
+            for row in results["race"].values()
+        )
     else:
         assert len(results["runs"]) == 6
         assert all(results["same_dataset"].values())
@@ -199,6 +253,8 @@ def test_a_kept_campaign_that_was_changed_is_seen(tmp_path: Path) -> None:
     (tmp_path / "rows.csv").write_text("kind,seed,x\na,0,1\na,1,2\n", encoding="utf-8")
     made = study.Study(tmp_path, lambda effort: {"count": 2.0}, once=("seconds",))
     study._state(made, "write")
-    assert study._compare_with_stated(made, "usual") == ["seconds: the study names it, but nothing it measures is called so"]
+    assert study._compare_with_stated(made, "usual") == [
+        "seconds: the study names it, but nothing it measures is called so"
+    ]
     (tmp_path / "rows.csv").write_text("kind,seed,x\na,0,1\na,1,3\n", encoding="utf-8")
     assert any("kept/rows.csv" in text for text in study._compare_with_stated(made, "usual"))

@@ -23,9 +23,14 @@ from ldbb_bayes.result import Array
 from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = [
-    "budget_bars", "compliance_with_local_fits", "evidence", "expected_widths", "geometry_with_local_fits",
-    "prior_and_posterior", "rank_ecdf",
-]  # fmt: skip
+    "budget_bars",
+    "compliance_with_local_fits",
+    "evidence",
+    "expected_widths",
+    "geometry_with_local_fits",
+    "prior_and_posterior",
+    "rank_ecdf",
+]
 
 
 # ---- identifiability and budgets
@@ -43,7 +48,9 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
         factor, _ = display_unit(entry.unit)
         proper = bool(np.isfinite(entry.prior_sd))
         mean, sd = entry.mean * factor, entry.sd * factor
-        centre, reach = (entry.prior_mean * factor, entry.prior_sd * factor) if proper else (mean, sd)
+        centre, reach = (
+            (entry.prior_mean * factor, entry.prior_sd * factor) if proper else (mean, sd)
+        )
         wide = np.linspace(centre - 3.2 * reach, centre + 3.2 * reach, 121)
         value = np.sort(np.concatenate([wide, np.linspace(-4.0, 4.0, 81) * sd + mean]))
         if proper:
@@ -54,7 +61,9 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
         axes.spines["left"].set_visible(False)
         axes.set_title(f"{display_name(entry.name)}:\n{entry.verdict}", fontsize=8)
         axes.set_xlabel(f"u = {_size(entry.sd, entry.unit)}", fontsize=7)
-    figure.suptitle("Before the readings (grey) and after (line), each scaled to its peak; without the limit C ≥ 0")
+    figure.suptitle(
+        "Before the readings (grey) and after (line), each scaled to its peak; without the limit C ≥ 0"
+    )
     return figure
 
 
@@ -70,16 +79,39 @@ def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
     axes = figure.subplots()
     rows = style.name_rows(axes, list(budgets))
     start = np.zeros(len(rows))
-    for term, colour in style.term_colours(line.term for budget in budgets.values() for line in budget.contributions).items():
+    for term, colour in style.term_colours(
+        line.term for budget in budgets.values() for line in budget.contributions
+    ).items():
         share = np.array([100.0 * own.share(term) for own in budgets.values()])
         if share.max() >= _VISIBLE:
             words = source_words(term)
-            axes.barh(rows, share, left=start, color=colour, edgecolor="white", linewidth=0.4, height=0.8, label=words)
+            axes.barh(
+                rows,
+                share,
+                left=start,
+                color=colour,
+                edgecolor="white",
+                linewidth=0.4,
+                height=0.8,
+                label=words,
+            )
             ink = "white" if np.dot(to_rgb(colour), (0.2126, 0.7152, 0.0722)) < 0.45 else "black"
             for k in np.flatnonzero(share > _PER_LETTER * len(words)):  # for grey print
-                axes.text(start[k] + 0.5 * share[k], rows[k], words, color=ink, fontsize=6.5, ha="center", va="center")
+                axes.text(
+                    start[k] + 0.5 * share[k],
+                    rows[k],
+                    words,
+                    color=ink,
+                    fontsize=6.5,
+                    ha="center",
+                    va="center",
+                )
             start = start + share
-    axes.set(xlim=(0.0, 100.0), xlabel="share of the variance (%)", title="What each uncertainty is made of; right: u")
+    axes.set(
+        xlim=(0.0, 100.0),
+        xlabel="share of the variance (%)",
+        title="What each uncertainty is made of; right: u",
+    )
     style.right_labels(axes, rows, [_size(budget.u, budget.unit) for budget in budgets.values()])
     figure.legend(loc="outside lower center", ncols=4, fontsize=7)
     return figure
@@ -100,9 +132,15 @@ _NEAR, _BREAK = 20.0, ((-0.6, -1.0), (0.6, 1.0))
 def evidence(comparison: Comparison) -> Figure:
     """ln B under every width of the slopes' prior and every assumption, dots with 95 % of the numerical error; right: how well
     the readings support the assumption. The scale is linear, broken where assumptions that the readings reject lie far out."""
-    scales = [(f"slope scale {own.slope_scale:g}", own.log_bayes_factor, own.error, None) for own in comparison.prior_sensitivity]
+    scales = [
+        (f"slope scale {own.slope_scale:g}", own.log_bayes_factor, own.error, None)
+        for own in comparison.prior_sensitivity
+    ]
     every = [(own, comparison.gain(own)) for own in comparison.discrepancy_sensitivity]
-    entries = scales + [(own.assumption, own.log_bayes_factor, own.log_bayes_factor_error, gain) for own, gain in every]
+    entries = scales + [
+        (own.assumption, own.log_bayes_factor, own.log_bayes_factor_error, gain)
+        for own, gain in every
+    ]
     value = np.array([entry[1] for entry in entries])
     error = 1.96 * np.nan_to_num([float(entry[2]) for entry in entries], posinf=0.0)
     allowed = np.array([True] * len(scales) + [comparison.allowed(own) for own, _ in every])
@@ -117,7 +155,15 @@ def evidence(comparison: Comparison) -> Figure:
     for k, (axes, limits) in enumerate(zip(parts, ends, strict=True)):
         for chosen, face in ((allowed, ACCENT), (~allowed, "white")):
             own = chosen & (value >= limits[0]) & (value <= limits[1])
-            axes.errorbar(value[own], rows[own], xerr=error[own], fmt="o", color=ACCENT, markerfacecolor=face, markersize=4)
+            axes.errorbar(
+                value[own],
+                rows[own],
+                xerr=error[own],
+                fmt="o",
+                color=ACCENT,
+                markerfacecolor=face,
+                markersize=4,
+            )
         axes.set_xlim(limits)
         axes.locator_params(axis="x", nbins=6 if k == middle else 2)
         axes.xaxis.set_major_formatter(lambda place, _: f"{place:g}".replace("-", "−"))
@@ -127,10 +173,21 @@ def evidence(comparison: Comparison) -> Figure:
         if limits[0] < 0.0 < limits[1]:
             axes.axvline(0.0, color="black", linewidth=0.8)
         for end in ([1.0] if k + 1 < len(ends) else []) + ([0.0] if k else []):  # the break
-            axes.plot(end, 0.0, marker=_BREAK, color="black", markersize=8, transform=axes.transAxes, clip_on=False)
+            axes.plot(
+                end,
+                0.0,
+                marker=_BREAK,
+                color="black",
+                markersize=8,
+                transform=axes.transAxes,
+                clip_on=False,
+            )
     parts[0].set_yticks(rows, [entry[0] for entry in entries], fontsize=7)
     parts[middle].set_xlabel(f"ln B({comparison.sensitivity_of}) (nat)")
-    gains = ["" if gain is None else f"{gain:+.{int(abs(gain) < 100.0)}f}".replace("-", "−") for *_, gain in entries]
+    gains = [
+        "" if gain is None else f"{gain:+.{int(abs(gain) < 100.0)}f}".replace("-", "−")
+        for *_, gain in entries
+    ]
     style.right_labels(parts[-1], rows, gains)
     figure.suptitle(
         "Slope scale: sd(slope) (largest − smallest force) / sd(C)\n"
@@ -159,7 +216,14 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
         words = f"{100 * curve.ci_prob:g} %, averaged over slope subsets"
         band(axes, force, (curve.low * factor, curve.high * factor), ACCENT, label=words)
         tangent = np.gradient(force * curve.mean, force) * factor
-        axes.plot(force, tangent, color="black", linewidth=0.9, linestyle=":", label="d(F·C)/dF: for local fits")
+        axes.plot(
+            force,
+            tangent,
+            color="black",
+            linewidth=0.9,
+            linestyle=":",
+            label="d(F·C)/dF: for local fits",
+        )
 
     return _against_force(comparison, list(curves), "Compliance", beneath)
 
@@ -169,10 +233,14 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
     """Geometric errors of every model and of local fits against force (the paper's Fig. 16)."""
     first = next(iter(comparison.models.values()))
     names = [name for name in first.parameters if name.startswith("E_")]
-    return _against_force(comparison, names, "Geometric errors: the model has them constant", lambda *_: None)
+    return _against_force(
+        comparison, names, "Geometric errors: the model has them constant", lambda *_: None
+    )
 
 
-def _against_force(comparison: Comparison, names: list[str], what: str, beneath: Callable[..., None]) -> Figure:
+def _against_force(
+    comparison: Comparison, names: list[str], what: str, beneath: Callable[..., None]
+) -> Figure:
     """A panel for every parameter: what ``beneath`` draws, the mean of every model, local fits."""
     first = next(iter(comparison.models.values()))
     force = np.array(next(iter(first.compliance_against_force.values())).force_N)
@@ -182,8 +250,14 @@ def _against_force(comparison: Comparison, names: list[str], what: str, beneath:
         beneath(axes, name, factor)
         for k, (model, own) in enumerate(comparison.models.items()):
             curve = own.compliance_against_force.get(name)
-            x, mean = (force, own.parameters[name].mean + 0.0 * force) if curve is None else (curve.force_N, curve.mean)
-            axes.plot(x, mean * factor, color=PALETTE[k], linestyle=_DASHES[k % 3], label=f"{model}, mean")
+            x, mean = (
+                (force, own.parameters[name].mean + 0.0 * force)
+                if curve is None
+                else (curve.force_N, curve.mean)
+            )
+            axes.plot(
+                x, mean * factor, color=PALETTE[k], linestyle=_DASHES[k % 3], label=f"{model}, mean"
+            )
         _local(axes, comparison.local_fits, name, factor)
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.set(xlabel="force (N)", ylabel=label)
@@ -197,16 +271,37 @@ def _local(axes: Axes, local: pd.DataFrame, name: str, factor: float) -> None:
     if local.empty:
         return
     rows = local[local["parameter"] == name]
-    force, middle, other = (rows[key].to_numpy(float) for key in ("force_N", "mean", "least_squares"))
+    force, middle, other = (
+        rows[key].to_numpy(float) for key in ("force_N", "mean", "least_squares")
+    )
     reach = np.abs([middle - rows["ci_low"], rows["ci_high"] - middle]) * factor
     axes.errorbar(
-        force, middle * factor, yerr=reach, fmt="o", color="black", markersize=3, linewidth=1.0, label="local, posterior"
+        force,
+        middle * factor,
+        yerr=reach,
+        fmt="o",
+        color="black",
+        markersize=3,
+        linewidth=1.0,
+        label="local, posterior",
     )
     low, high = axes.get_ylim()
-    axes.plot(force, other * factor, "x", color=PALETTE[1], markersize=4, label="local, least squares")
-    for beyond, end, marker in ((other * factor < low, 0.03, "v"), (other * factor > high, 0.97, "^")):
+    axes.plot(
+        force, other * factor, "x", color=PALETTE[1], markersize=4, label="local, least squares"
+    )
+    for beyond, end, marker in (
+        (other * factor < low, 0.03, "v"),
+        (other * factor > high, 0.97, "^"),
+    ):
         foot = axes.get_xaxis_transform()
-        axes.plot(force[beyond], np.full(beyond.sum(), end), marker, color=PALETTE[1], markersize=4, transform=foot)
+        axes.plot(
+            force[beyond],
+            np.full(beyond.sum(), end),
+            marker,
+            color=PALETTE[1],
+            markersize=4,
+            transform=foot,
+        )
     axes.set_ylim(low, high)
 
 
@@ -224,7 +319,12 @@ def rank_ecdf(validation: Validation) -> Figure:
         outside = name in validation.outside
         band(axes, level, (lower - level, upper - level), GREY, 0.25, step="mid")
         axes.axhline(0.0, color=GREY, linewidth=0.6)
-        axes.plot(level, validation.ecdf(name) - level, color=PALETTE[1] if outside else ACCENT, drawstyle="steps-mid")
+        axes.plot(
+            level,
+            validation.ecdf(name) - level,
+            color=PALETTE[1] if outside else ACCENT,
+            drawstyle="steps-mid",
+        )
         shown = "ln likelihood" if name == LOG_LIKELIHOOD else display_name(name)
         axes.set_title(f"{shown}: outside" if outside else shown, fontsize=8)
         axes.set_xticks([0.0, 0.5, 1.0])
@@ -251,25 +351,57 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
     """How narrow each interval gets with what: u of every parameter in its unit, ``today`` where it is given (inside units), with
     the recommended tests, with those compared, and with ever more of the recommended ones; bars to a scale of each parameter."""
     count = int(design.table["count"].sum())
-    kinds = {"today": ({name: today.get(name, np.nan) for name in design.expected}, GREY)} if today else {}
-    kinds[f"{count} more" if design.augment else f"{count} recommended"] = _sizes(design.expected), ACCENT
+    kinds = (
+        {"today": ({name: today.get(name, np.nan) for name in design.expected}, GREY)}
+        if today
+        else {}
+    )
+    kinds[f"{count} more" if design.augment else f"{count} recommended"] = (
+        _sizes(design.expected),
+        ACCENT,
+    )
     kinds |= {judged.name: (_sizes(judged.expected), LIGHT) for judged in design.compared}
-    kinds["ever more of these"] = {name: own.floor_sd for name, own in design.expected.items()}, "white"
+    kinds["ever more of these"] = (
+        {name: own.floor_sd for name, own in design.expected.items()},
+        "white",
+    )
     step, rows = len(kinds) + 1.8, -(-len(design.expected) // _ACROSS)
     figure = style.new_figure(style.WIDTH, 0.4 + 0.15 * step * rows)
     axes = figure.subplots()
-    left, top = np.arange(len(design.expected)) % _ACROSS, -step * (np.arange(len(design.expected)) // _ACROSS)
+    left, top = (
+        np.arange(len(design.expected)) % _ACROSS,
+        -step * (np.arange(len(design.expected)) // _ACROSS),
+    )
     units = [display_unit(own.unit) for own in design.expected.values()]
-    sizes = np.array([[own[name] for name in design.expected] for own, _ in kinds.values()]) * [factor for factor, _ in units]
+    sizes = np.array([[own[name] for name in design.expected] for own, _ in kinds.values()]) * [
+        factor for factor, _ in units
+    ]
     lengths = np.where(np.isfinite(sizes), sizes, 0.0)
     lengths *= _LONGEST / np.maximum(lengths.max(axis=0), np.finfo(float).tiny)
     for k, (words, (_, colour)) in enumerate(kinds.items()):
-        axes.barh(top - 1.0 - k, lengths[k], 0.75, left, color=colour, edgecolor=GREY, linewidth=0.6, label=words)
+        axes.barh(
+            top - 1.0 - k,
+            lengths[k],
+            0.75,
+            left,
+            color=colour,
+            edgecolor=GREY,
+            linewidth=0.6,
+            label=words,
+        )
         for x, y, size in zip(left + lengths[k] + 0.02, top - 1.0 - k, sizes[k], strict=True):
-            axes.text(x, y, round_uncertainty(size)[0] if np.isfinite(size) else "–", fontsize=7, va="center")
+            axes.text(
+                x,
+                y,
+                round_uncertainty(size)[0] if np.isfinite(size) else "–",
+                fontsize=7,
+                va="center",
+            )
         for y in np.unique(top):
             axes.text(-0.03, y - 1.0 - k, words, fontsize=7, ha="right", va="center")
-    for x, y, name, (_, unit) in zip(left.tolist(), top.tolist(), design.expected, units, strict=True):
+    for x, y, name, (_, unit) in zip(
+        left.tolist(), top.tolist(), design.expected, units, strict=True
+    ):
         aim = "" if name in design.parameters else ", not aimed at"
         axes.text(x, y, f"{display_name(name)} ({unit}){aim}", fontsize=7.5, va="center")
     axes.set(xlim=(0.0, _ACROSS), ylim=(top[-1] - len(kinds) - 0.6, 0.7), xticks=[], yticks=[])

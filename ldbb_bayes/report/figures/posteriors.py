@@ -20,8 +20,20 @@ from matplotlib.figure import Figure
 from ldbb_bayes.analysis import circularity as of_path
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, numbers_of, priors_of, record_of
-from ldbb_bayes.inference.predictive import band_um, new_circle_coefficients, residuals_mm, shared_coefficients
+from ldbb_bayes.inference.posterior import (
+    bound_of,
+    curves_of,
+    draws_of,
+    numbers_of,
+    priors_of,
+    record_of,
+)
+from ldbb_bayes.inference.predictive import (
+    band_um,
+    new_circle_coefficients,
+    residuals_mm,
+    shared_coefficients,
+)
 from ldbb_bayes.machine import chain
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
@@ -29,12 +41,30 @@ from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, FAINT, GREY, PALETTE, band, panels, styled
 from ldbb_bayes.result import Array
-from ldbb_bayes.units import display_name, display_unit, inside_name, plus_minus, round_like, round_uncertainty
+from ldbb_bayes.units import (
+    display_name,
+    display_unit,
+    inside_name,
+    plus_minus,
+    round_like,
+    round_uncertainty,
+)
 
 __all__ = [
-    "FIGURES", "WORDS", "circularity", "compliance_against_force", "compliance_atlas", "contributions", "corner", "forest",
-    "geometric_atlas", "parameter_contributions", "residuals", "save_figures", "traces",
-]  # fmt: skip
+    "FIGURES",
+    "WORDS",
+    "circularity",
+    "compliance_against_force",
+    "compliance_atlas",
+    "contributions",
+    "corner",
+    "forest",
+    "geometric_atlas",
+    "parameter_contributions",
+    "residuals",
+    "save_figures",
+    "traces",
+]
 
 # Direct compliances, rotations for moments, scale gains, squareness.
 _CORNER = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
@@ -49,7 +79,9 @@ _BOXED = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5
 
 _CATALOGUE = files("ldbb_bayes.report") / "templates" / "words_en.toml"
 # What the figures of the sheets say, for another language to say otherwise.
-WORDS: Mapping[str, str] = MappingProxyType(tomllib.loads(_CATALOGUE.read_text(encoding="utf-8"))["figures"])
+WORDS: Mapping[str, str] = MappingProxyType(
+    tomllib.loads(_CATALOGUE.read_text(encoding="utf-8"))["figures"]
+)
 
 
 # ---- parameters
@@ -72,12 +104,30 @@ def forest(posterior: xr.DataTree) -> Figure:
             draws = np.asarray(group[name]).ravel()
             found = numbers_of(draws, 0.95)
             first, last = np.quantile(draws, [0.25, 0.75]) * factor
-            axes.plot([found["ci_low"] * factor, found["ci_high"] * factor], [row, row], color=ACCENT, linewidth=1.4)
+            axes.plot(
+                [found["ci_low"] * factor, found["ci_high"] * factor],
+                [row, row],
+                color=ACCENT,
+                linewidth=1.4,
+            )
             axes.plot([first, last], [row, row], color=ACCENT, linewidth=4.0, solid_capstyle="butt")
-            axes.plot(found["mean"] * factor, row, "o", color="white", markeredgecolor=ACCENT, markersize=3.6)
-            texts.append(plus_minus(found["mean"], found["sd"], (found["ci_low"], found["ci_high"]), units[name]))
+            axes.plot(
+                found["mean"] * factor,
+                row,
+                "o",
+                color="white",
+                markeredgecolor=ACCENT,
+                markersize=3.6,
+            )
+            texts.append(
+                plus_minus(
+                    found["mean"], found["sd"], (found["ci_low"], found["ci_high"]), units[name]
+                )
+            )
         axes.axvline(0.0, color=GREY, linewidth=0.8)
-        axes.set_xlim(axes.get_xlim())  # as wide as the readings leave it: a prior may be much wider
+        axes.set_xlim(
+            axes.get_xlim()
+        )  # as wide as the readings leave it: a prior may be much wider
         for row, name in zip(rows, names, strict=True):
             if prior_sd[name] is not None:
                 before = np.quantile(np.asarray(posterior["prior"][name]), [0.025, 0.975]) * factor
@@ -86,7 +136,9 @@ def forest(posterior: xr.DataTree) -> Figure:
         style.right_labels(axes, rows, texts)
     flat = all(prior_sd[name] is None for name in units)
     title = "95 % and 50 % intervals; dot: mean; right: value ± U (k = 2) or 95 % interval"
-    figure.suptitle(title if flat else f"{title}\nFaint line: 95 % of the prior, as far as the panel goes")
+    figure.suptitle(
+        title if flat else f"{title}\nFaint line: 95 % of the prior, as far as the panel goes"
+    )
     return figure
 
 
@@ -95,7 +147,11 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
     """C(F) of every compliance with its 95 % band over the tested forces; ``words``: labels, by default English."""
     bound = bound_of(posterior)
     forces = bound.setting.force_N
-    force = np.linspace(forces.min(), forces.max(), 31) if np.ptp(forces) > 0 else forces[0] * np.array([0.95, 1.05])
+    force = (
+        np.linspace(forces.min(), forces.max(), 31)
+        if np.ptp(forces) > 0
+        else forces[0] * np.array([0.95, 1.05])
+    )
     curves = curves_of(posterior, force, _DRAWS_OF_CURVES)
     few = len(bound.compliances) <= 6
     columns = 3 if few else 5
@@ -103,10 +159,22 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
     for j, (axes, kind) in enumerate(zip(every, bound.compliances, strict=True)):
         factor, text = style.axis_label(kind.label, compliance_unit(kind))
         value = curves[:, :, j] * factor
-        band(axes, force, np.quantile(value, [0.025, 0.975], axis=0), ACCENT, 0.3, label=words["interval"])
+        band(
+            axes,
+            force,
+            np.quantile(value, [0.025, 0.975], axis=0),
+            ACCENT,
+            0.3,
+            label=words["interval"],
+        )
         axes.plot(force, value.mean(axis=0), color=ACCENT, label=words["mean"])
         foot = axes.get_xaxis_transform()
-        look: dict[str, Any] = {"color": "black", "markersize": 4, "clip_on": False, "transform": foot}
+        look: dict[str, Any] = {
+            "color": "black",
+            "markersize": 4,
+            "clip_on": False,
+            "transform": foot,
+        }
         axes.plot(forces, np.zeros_like(forces), "^", label=words["tested"], **look)
         axes.axhline(0.0, color=GREY, linewidth=0.8)
         name = axes.set_ylabel if few else axes.set_title
@@ -134,7 +202,9 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     group = posterior["posterior"]
     if names is None:
         every = list(record_of(posterior)["model"]["groups"])
-        names = [name for kind in _CORNER for name in every if re.fullmatch(kind, name)][:_MOST_IN_CORNER] or every[:6]
+        names = [name for kind in _CORNER for name in every if re.fullmatch(kind, name)][
+            :_MOST_IN_CORNER
+        ] or every[:6]
     names = [inside_name(name) for name in names]
     check_known("parameter", names, [str(name) for name in group.data_vars])
     columns = {}
@@ -144,9 +214,16 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
         if np.ptp(draws) > 0:
             columns[label.replace(" (", "\n(")] = draws
     figure = Figure(figsize=(1.55 * len(columns) + 0.6,) * 2)
-    look: dict[str, Any] = {"color": ACCENT, "plot_datapoints": False, "max_n_ticks": 3, "labelpad": 0.14}
+    look: dict[str, Any] = {
+        "color": ACCENT,
+        "plot_datapoints": False,
+        "max_n_ticks": 3,
+        "labelpad": 0.14,
+    }
     values = np.column_stack(list(columns.values()))
-    draw_corner(values, fig=figure, labels=list(columns), levels=(0.393, 0.865), smooth=1.0, bins=30, **look)
+    draw_corner(
+        values, fig=figure, labels=list(columns), levels=(0.393, 0.865), smooth=1.0, bins=30, **look
+    )
     for axes in figure.axes:
         axes.grid(visible=False)
         axes.tick_params(labelsize=7)
@@ -177,42 +254,104 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
     planes, colours = bound.setting.planes, style.force_colours(forces.tolist())
     every = -(-sum(map(len, readings)) // _MOST_DOTS)
     heads = [_head(bound, plane, every, zero, banded, words) for plane in planes]
-    figure = Figure(figsize=(0.75 + 3.6 * len(planes), 3.5 + 0.12 * max(head.count("\n") + 1 for head in heads)))
+    figure = Figure(
+        figsize=(0.75 + 3.6 * len(planes), 3.5 + 0.12 * max(head.count("\n") + 1 for head in heads))
+    )
     across, up = figure.get_figwidth(), figure.get_figheight()
     for k, plane in enumerate(planes):
-        axes: Any = figure.add_axes(((0.4 + 3.6 * k) / across, 0.25 / up, 2.9 / across, 2.9 / up), projection="polar")
+        axes: Any = figure.add_axes(
+            ((0.4 + 3.6 * k) / across, 0.25 / up, 2.9 / across, 2.9 / up), projection="polar"
+        )
         here = [r for r, test in enumerate(tests) if test.plane == plane]
         both = plane in bound.setting.both_ways
         for r in here:
             if banded:
-                band(axes, _GRID[::3], zero + band_um(new[:, r], phi[:, 0], _GRID[::3], rng), colours[r], 0.25)
+                band(
+                    axes,
+                    _GRID[::3],
+                    zero + band_um(new[:, r], phi[:, 0], _GRID[::3], rng),
+                    colours[r],
+                    0.25,
+                )
             dots = slice(None, None, every)
-            axes.plot(tests[r].angles_rad()[dots], zero + readings[r][dots], ".", color=colours[r], markersize=1.4 * thin)
+            axes.plot(
+                tests[r].angles_rad()[dots],
+                zero + readings[r][dots],
+                ".",
+                color=colours[r],
+                markersize=1.4 * thin,
+            )
             dotted = ":" if both and tests[r].direction == "CCW" else "-"
-            axes.plot(_GRID[::2], zero + predicted[r][::2], color=colours[r], linewidth=thin, linestyle=dotted)
-        axes.plot(_GRID[::2], np.full_like(_GRID[::2], zero), color="black", linewidth=0.8, linestyle=_DASHED)
+            axes.plot(
+                _GRID[::2],
+                zero + predicted[r][::2],
+                color=colours[r],
+                linewidth=thin,
+                linestyle=dotted,
+            )
+        axes.plot(
+            _GRID[::2],
+            np.full_like(_GRID[::2], zero),
+            color="black",
+            linewidth=0.8,
+            linestyle=_DASHED,
+        )
         ends = {0: f"+{chain.PLANES[plane].first}", 90: f"+{chain.PLANES[plane].second}"}
-        axes.set_xticks(np.deg2rad(range(0, 360, 45)), [ends.get(angle, f"{angle}°") for angle in range(0, 360, 45)])
+        axes.set_xticks(
+            np.deg2rad(range(0, 360, 45)),
+            [ends.get(angle, f"{angle}°") for angle in range(0, 360, 45)],
+        )
         axes.tick_params(pad=0)
         axes.set_rlim(0.0, zero + high + 0.06 * span)
         axes.set_rgrids((zero + rings).tolist(), [""] * len(rings))
         for ring, unit in zip(rings, [""] * (len(rings) - 1) + [" µm"], strict=True):
             text = f"{ring:g}{unit}".replace("-", "−")
-            axes.text(np.deg2rad(247.5), zero + ring, text, fontsize=7, ha="center", va="center", zorder=5, bbox=_BOXED)
+            axes.text(
+                np.deg2rad(247.5),
+                zero + ring,
+                text,
+                fontsize=7,
+                ha="center",
+                va="center",
+                zorder=5,
+                bbox=_BOXED,
+            )
         axes.set_title(heads[k], fontsize=7, pad=8)
     levels = np.unique(forces)
-    mean = [np.mean([r.mean() for r, own in zip(readings, forces, strict=True) if own == force]) for force in levels[[0, -1]]]
+    mean = [
+        np.mean([r.mean() for r, own in zip(readings, forces, strict=True) if own == force])
+        for force in levels[[0, -1]]
+    ]
     _force_scale(figure, levels, bool(mean[-1] >= mean[0]), words["force"])
     return figure
 
 
-def _head(bound: BoundModel, plane: str, every: int, zero: float, banded: bool, words: Mapping[str, str]) -> str:
+def _head(
+    bound: BoundModel, plane: str, every: int, zero: float, banded: bool, words: Mapping[str, str]
+) -> str:
     """What the marks of one plane mean, in lines that its circle is wide enough for."""
-    radii = {radius for radius, own in zip(bound.setting.radius_mm, bound.setting.plane, strict=True) if own == plane}
-    said = [words["readings" if every == 1 else "some_readings"].format(every=every), words["prediction"]]
-    said += [words[key] for key, there in (("counterclockwise", plane in bound.setting.both_ways), ("band", banded)) if there]
-    scale = words["rings" if len(radii) == 1 else "rings_of_several_radii"].format(scale=f"{max(radii) * 1e3 / zero:.0f}")
-    lines = [f"{words['plane']} {plane}", ", ".join(said), scale.replace(" : ", "\N{NO-BREAK SPACE}:\N{NO-BREAK SPACE}")]
+    radii = {
+        radius
+        for radius, own in zip(bound.setting.radius_mm, bound.setting.plane, strict=True)
+        if own == plane
+    }
+    said = [
+        words["readings" if every == 1 else "some_readings"].format(every=every),
+        words["prediction"],
+    ]
+    said += [
+        words[key]
+        for key, there in (("counterclockwise", plane in bound.setting.both_ways), ("band", banded))
+        if there
+    ]
+    scale = words["rings" if len(radii) == 1 else "rings_of_several_radii"].format(
+        scale=f"{max(radii) * 1e3 / zero:.0f}"
+    )
+    lines = [
+        f"{words['plane']} {plane}",
+        ", ".join(said),
+        scale.replace(" : ", "\N{NO-BREAK SPACE}:\N{NO-BREAK SPACE}"),
+    ]
     return "\n".join(textwrap.fill(line, 72) for line in lines[len(bound.setting.planes) == 1 :])
 
 
@@ -243,7 +382,9 @@ def residuals(posterior: xr.DataTree) -> Figure:
     """Reading minus prediction (machine, bar and balls) against angle, of ten tests at most."""
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
-    rest = [r * 1e3 for r in residuals_mm(bound, shared_coefficients(bound, phi, beta).mean(axis=0))]
+    rest = [
+        r * 1e3 for r in residuals_mm(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
+    ]
     tests, colours = bound.campaign.tests, style.force_colours(bound.setting.force_N.tolist())
     shown = np.unique(np.linspace(0, len(rest) - 1, 10).astype(int)).tolist()
     figure, every = panels(len(shown), 1, 0.6, 0.9, sharex=True, sharey=True)
@@ -257,14 +398,18 @@ def residuals(posterior: xr.DataTree) -> Figure:
         axes.set(ylim=(-limit, limit), yticks=(-step, 0.0, step))
     every[-1].set(xlim=(0.0, 360.0), xticks=range(0, 361, 45), xlabel="angle of the bar (°)")
     few = "" if len(shown) == len(rest) else f", {len(shown)} of {len(rest)} tests"
-    figure.suptitle(f"Reading minus prediction{few}; each circle's own shift and discrepancy are left in")
+    figure.suptitle(
+        f"Reading minus prediction{few}; each circle's own shift and discrepancy are left in"
+    )
     return figure
 
 
 _PANELS: tuple[tuple[tuple[str, ...], str], ...] = (
-    (("G",), "G (µm)"), (("F_max", "F_min"), "F_max, F_min (µm)"), (("squareness",), "squareness (µm/m)"),
+    (("G",), "G (µm)"),
+    (("F_max", "F_min"), "F_max, F_min (µm)"),
+    (("squareness",), "squareness (µm/m)"),
     (("scale_mismatch",), "scale mismatch (µm/m)"),
-)  # fmt: skip
+)
 
 
 @styled
@@ -273,7 +418,9 @@ def circularity(posterior: xr.DataTree) -> Figure:
     readings themselves, balls and bar included."""
     bound = bound_of(posterior)
     top = float(bound.setting.force_N.max())
-    table = of_path.circularity(posterior, np.linspace(0.0, top, 13).tolist(), draws=_DRAWS_OF_PATHS)
+    table = of_path.circularity(
+        posterior, np.linspace(0.0, top, 13).tolist(), draws=_DRAWS_OF_PATHS
+    )
     measured, _ = of_path.measured_circularity(posterior)
     planes = bound.setting.planes
     figure, every = panels(4 * len(planes), 2, 1.8, 0.3)
@@ -281,7 +428,9 @@ def circularity(posterior: xr.DataTree) -> Figure:
         plane = planes[k // 4]
         own = table[table["plane"] == plane]
         # Other radii have other paths: only readings of the circle that is drawn.
-        read = measured[(measured["plane"] == plane) & (measured["radius_mm"] == own["radius_mm"].iloc[0])]
+        read = measured[
+            (measured["plane"] == plane) & (measured["radius_mm"] == own["radius_mm"].iloc[0])
+        ]
         for name, colour in zip(names, PALETTE, strict=False):
             rows = own[own["quantity"] == name]
             band(axes, rows["force_N"], (rows["ci_low"], rows["ci_high"]), colour)
@@ -290,11 +439,17 @@ def circularity(posterior: xr.DataTree) -> Figure:
         axes.set(xlabel="force (N)", ylabel=label, xlim=(-0.02 * top, 1.02 * top))
         if len(planes) > 1:
             axes.set_title(f"Plane {plane}")
-    figure.suptitle("The machine's path: median and 95 % band; crosses: the readings, balls and bar included")
+    figure.suptitle(
+        "The machine's path: median and 95 % band; crosses: the readings, balls and bar included"
+    )
     return figure
 
 
-_SOURCES = {of_path.TOGETHER: ("black", "-"), of_path.COMPLIANCE: (PALETTE[0], "--"), of_path.GEOMETRY: (PALETTE[1], ":")}
+_SOURCES = {
+    of_path.TOGETHER: ("black", "-"),
+    of_path.COMPLIANCE: (PALETTE[0], "--"),
+    of_path.GEOMETRY: (PALETTE[1], ":"),
+}
 
 
 @styled
@@ -344,13 +499,17 @@ _HEAD = "Line: mean, band: 95 %\nAbove: peak to peak {}, median and 95 % interva
 
 def _outer(every: Sequence[Axes], columns: int) -> None:
     for k, axes in enumerate(every):
-        axes.set(xlim=(0.0, 360.0), xticks=(0, 180, 360), ylabel="" if k % columns else "reading (µm)")
+        axes.set(
+            xlim=(0.0, 360.0), xticks=(0, 180, 360), ylabel="" if k % columns else "reading (µm)"
+        )
         axes.tick_params(labelbottom=k + columns >= len(every))
         if k // columns == (len(every) - 1) // columns:
             axes.set_xlabel("angle (°)")
 
 
-def _paths(posterior: xr.DataTree, bound: BoundModel, plane: str, force_N: float, *only: str) -> Mapping[str, Array]:
+def _paths(
+    posterior: xr.DataTree, bound: BoundModel, plane: str, force_N: float, *only: str
+) -> Mapping[str, Array]:
     """Paths on the first circle of a plane, (draws, 360) [µm], all or only these: of the very draws of
     `analysis.circularity.contributions`."""
     r, (beta, _) = of_path.first_circle(bound, plane), draws_of(posterior, bound, of_path.DRAWS)
@@ -380,7 +539,9 @@ def compliance_atlas(machine: chain.Machine, circle: chain.Circle | None = None)
     machine = chain.Machine(machine.topology, where.plane, machine.frames_mm)
     names = [name.label for name in chain.wrench_names(machine)]
     kept = chain.kept_compliances(machine, where)
-    colour = {name: PALETTE[k % len(PALETTE)] for k, members in enumerate(kept.sets) for name in members}
+    colour = {
+        name: PALETTE[k % len(PALETTE)] for k, members in enumerate(kept.sets) for name in members
+    }
     columns = dict(zip(names, chain.wrench_jacobian(machine, where, _GRID).T, strict=True))
     title = f"{machine.topology}, plane {machine.plane}: patterns of the {len(names)} joint compliances\n"
     title += "One colour: proportional, only their sum can be identified. Bold: kept"
@@ -398,30 +559,61 @@ def geometric_atlas(machine: chain.Machine, circle: chain.Circle | None = None) 
     return _atlas(columns, dict.fromkeys(names, ACCENT), set(names), set(), title)
 
 
-def _atlas(columns: Mapping[str, Array], colour: Mapping[str, str], bold: set[str], null: set[str], title: str) -> Figure:
+def _atlas(
+    columns: Mapping[str, Array],
+    colour: Mapping[str, str],
+    bold: set[str],
+    null: set[str],
+    title: str,
+) -> Figure:
     figure, every = panels(len(columns), 4, 1.7, 0.7, subplot_kw={"projection": "polar"})
     axes: Any
     for axes, (name, values) in zip(every, columns.items(), strict=True):
         peak = float(np.abs(values).max())
         swing = values / peak if name not in null and peak > 0.0 else np.zeros_like(values)
         axes.plot(_GRID, np.ones_like(_GRID), color=GREY, linewidth=0.8, linestyle=_DASHED)
-        axes.plot(_GRID, 1.0 + _RISE * swing, color=colour.get(name, GREY), linewidth=2.0 if name in bold else 1.1)
+        axes.plot(
+            _GRID,
+            1.0 + _RISE * swing,
+            color=colour.get(name, GREY),
+            linewidth=2.0 if name in bold else 1.1,
+        )
         axes.set_rlim(0.0, 1.0 + 1.1 * _RISE)
         axes.set_rticks([])
         axes.spines["polar"].set_visible(False)
         axes.set_xticks(np.deg2rad([0, 90, 180, 270]), ["", "", "", ""])
         note = " (no effect)" if name in null else ""
-        axes.set_title(display_name(name) + note, fontweight="bold" if name in bold else "normal", pad=4)
+        axes.set_title(
+            display_name(name) + note, fontweight="bold" if name in bold else "normal", pad=4
+        )
     figure.suptitle(title)
     return figure
 
 
-_DRAWN = (traces, residuals, forest, compliance_against_force, corner, contributions, parameter_contributions, circularity)
-FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType({draw.__name__: draw for draw in _DRAWN})
+_DRAWN = (
+    traces,
+    residuals,
+    forest,
+    compliance_against_force,
+    corner,
+    contributions,
+    parameter_contributions,
+    circularity,
+)
+FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
+    {draw.__name__: draw for draw in _DRAWN}
+)
 
 
 def save_figures(
-    posterior: xr.DataTree, folder: str | os.PathLike[str], *, formats: tuple[str, ...] = ("png", "svg")
+    posterior: xr.DataTree,
+    folder: str | os.PathLike[str],
+    *,
+    formats: tuple[str, ...] = ("png", "svg"),
 ) -> list[Path]:
     """Draw every figure of a posterior into a ``folder``, in these ``formats`` (png, svg, pdf), and return the files written."""
-    return [path for name, draw in FIGURES.items() for path in style.save_figure(draw(posterior), folder, name, formats=formats)]
+    return [
+        path
+        for name, draw in FIGURES.items()
+        for path in style.save_figure(draw(posterior), folder, name, formats=formats)
+    ]

@@ -31,7 +31,9 @@ _TERMS = "BallForm BarLength Mount ForceError SetupShift Discrepancy Hysteresis 
 _COLOURS = (*(PALETTE[k] for k in (1, 3, 0, 4, 5, 2, 6)), "#F0E442", GREY, LIGHT)
 _TERM_COLOURS = dict(zip(_TERMS.split(), _COLOURS, strict=True))
 _SPARE = ("#882255", "#44AA99", "#999933", "#332288")
-_STYLE = mpl.rc_params_from_file(Path(__file__).with_name("figures.mplstyle"), use_default_template=False)
+_STYLE = mpl.rc_params_from_file(
+    Path(__file__).with_name("figures.mplstyle"), use_default_template=False
+)
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
@@ -59,7 +61,9 @@ def force_colours(forces_N: Sequence[float]) -> list[Any]:
     """One colour per force, light to dark in order of force; the lightest still stands out from paper, in grey too."""
     levels = distinct_forces(forces_N)
     places = np.searchsorted(levels, forces_N, side="right") - 1
-    return [mpl.colormaps["viridis"](0.72 - 0.72 * place / max(len(levels) - 1, 1)) for place in places]
+    return [
+        mpl.colormaps["viridis"](0.72 - 0.72 * place / max(len(levels) - 1, 1)) for place in places
+    ]
 
 
 def axis_label(name: str, unit: str) -> tuple[float, str]:
@@ -68,7 +72,9 @@ def axis_label(name: str, unit: str) -> tuple[float, str]:
     return factor, f"{display_name(name)} ({label})"
 
 
-def panels(count: int, columns: int, height: float, extra: float = 0.6, **shared: Any) -> tuple[Figure, list[Axes]]:
+def panels(
+    count: int, columns: int, height: float, extra: float = 0.6, **shared: Any
+) -> tuple[Figure, list[Axes]]:
     """Return a figure with ``count`` panels, at most ``columns`` in a row of ``height`` inches."""
     columns = min(count, columns)
     rows = -(-count // columns)
@@ -118,7 +124,11 @@ def legend_below(figure: Figure, axes: Axes, columns: int = 6) -> None:
 
 
 def save_figure(
-    figure: Figure, folder: str | os.PathLike[str], name: str, *, formats: tuple[str, ...] = ("png", "svg")
+    figure: Figure,
+    folder: str | os.PathLike[str],
+    name: str,
+    *,
+    formats: tuple[str, ...] = ("png", "svg"),
 ) -> list[Path]:
     """Write one figure into a folder under a name, the same bytes for the same figure; returns the files written."""
     folder = Path(folder)
@@ -126,5 +136,7 @@ def save_figure(
     written = [folder / f"{name}.{kind}" for kind in formats]
     for path, kind in zip(written, formats, strict=True):
         with mpl.rc_context({"svg.hashsalt": "ldbb"}):
-            figure.savefig(path, format=kind, dpi=160, metadata={"Date": None} if kind == "svg" else None)
+            figure.savefig(
+                path, format=kind, dpi=160, metadata={"Date": None} if kind == "svg" else None
+            )
     return written
