@@ -1,4 +1,5 @@
-"""The documentation: Sphinx, MyST and numpydoc, without a network. What the package knows is written from it, not by hand."""
+"""The documentation: Sphinx, MyST and numpydoc, without a network. What the package knows is
+written from it, not by hand."""
 
 from __future__ import annotations
 
@@ -71,7 +72,8 @@ def glossary() -> str:
 
 
 def commands() -> str:
-    """Every command as Typer documents it; the panels of options that several commands have are written once, at the end."""
+    """Every command as Typer documents it; the panels of options that several commands have are
+    written once, at the end."""
     from typer import Context
     from typer.cli import get_docs_for_click
     from typer.main import get_command
@@ -318,7 +320,8 @@ def said(kind: type, name: str) -> str:
 
 
 def forms(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Put what our docstrings say in short (errors in a sentence, descriptions behind the colon) in the form of numpydoc."""
+    """Put what our docstrings say in short (errors in a sentence, descriptions behind the colon) in
+    the form of numpydoc."""
     text = "\n".join(lines)
     found = re.search(
         r"^(InputError) ((?:for|naming|when|where|names)\b.*?\.)(?: (?=[A-Z])|$)(?=\n|\Z)",
@@ -422,7 +425,8 @@ def write(app: Sphinx, page: str, source: list[str]) -> None:
 
 
 def named(link: re.Match[str], page: Path) -> str:
-    """Return a link as it is, or the words of one that leads out of the documentation with the place of the file."""
+    """Return a link as it is, or the words of one that leads out of the documentation with the
+    place of the file."""
     target = (page.parent / link[2]).resolve()
     place = target.relative_to(PACKAGE.parent).as_posix().removesuffix("/README.md")
     inside = target.is_relative_to(Path(__file__).parent)

@@ -8,7 +8,8 @@ __all__ = ["run"]
 
 
 def run() -> None:
-    """Load the commands and run the one typed; Ctrl-C at any time ends it with one line, exit code 130."""
+    """Load the commands and run the one typed; Ctrl-C at any time ends it with one line, exit code
+    130."""
     try:
         from ldbb_bayes.cli import main
 

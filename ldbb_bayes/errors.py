@@ -14,7 +14,8 @@ LONGEST_MESSAGE = 1200
 
 
 class InputError(ValueError):
-    """Input that cannot be used. The message says in one line what must hold, what was found, and how to mend it.
+    """Input that cannot be used. The message says in one line what must hold, what was found, and
+    how to mend it.
 
     Of what is longer than 1200 characters, a file's own text, the middle is left out.
     """
@@ -42,7 +43,8 @@ def placed(place: object) -> Iterator[None]:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """The known name most like ``name``; of several that are as like, one of the same letters, or beginning like it."""
+    """The known name most like ``name``; of several that are as like, one of the same letters, or
+    beginning like it."""
     own = name.lower()
 
     def alike(one: str) -> tuple[float, bool, int]:
@@ -53,7 +55,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def check_known(what: str, names: Iterable[str], known: Iterable[str], more: str = "") -> None:
-    """Refuse the first of ``names`` that is not known, with the nearest known name and the whole list, and what else may help."""
+    """Refuse the first of ``names`` that is not known, with the nearest known name and the whole
+    list, and what else may help."""
     candidates = list(known)
     for name in names:
         if not candidates:
@@ -66,7 +69,8 @@ def check_known(what: str, names: Iterable[str], known: Iterable[str], more: str
 def renamed(
     what: str, name: str, today: Mapping[str, str], *, refused_from: str, stacklevel: int = 3
 ) -> str:
-    """Return what ``name`` is called today, with a FutureWarning where it is the name of an earlier version."""
+    """Return what ``name`` is called today, with a FutureWarning where it is the name of an earlier
+    version."""
     if name not in today:
         return name
     cure = f"Write {today[name]!r}; {refused_from} refuses the old name."
@@ -79,16 +83,21 @@ def renamed(
 
 
 def plain_reason(error: BaseException) -> str | None:
-    """What a user is told, in one line, of an error that input, files or a breakdown of the numbers can cause; None of others."""
+    """What a user is told, in one line, of an error that input, files or a breakdown of the numbers
+    can cause; None of others."""
     if isinstance(error, InputError):
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename or 'the output'} must be usable, got: {error.strerror}. Check it."
     if isinstance(error, ArithmeticError):
-        return f"the numbers must be within reach of double precision, got: {error}. Check units and magnitudes."
+        return (
+            f"the numbers must be within reach of double precision, got: {error}. Check units and"
+            " magnitudes."
+        )
     if type(error).__name__ == "LinAlgError":
         return (
-            f"the campaign must determine the model, got a numerical breakdown ({error}). "
-            "Look for forces or angles that hardly differ, readings or priors of an impossible size (ldbb-bayes check)."
+            f"the campaign must determine the model, got a numerical breakdown ({error}). Look for"
+            " forces or angles that hardly differ, readings or priors of an impossible size"
+            " (ldbb-bayes check)."
         )
     return None

@@ -1,4 +1,5 @@
-"""Files read and written: whole or not at all, whatever happens meanwhile; TOML, XML, and what does not fit refused by name."""
+"""Files read and written: whole or not at all, whatever happens meanwhile; TOML, XML, and what does
+not fit refused by name."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ T = TypeVar("T")
 
 
 def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
-    """Return the content of a file of sensible size; `InputError` for a device, pipe or folder, and what cannot be read."""
+    """Return the content of a file of sensible size; `InputError` for a device, pipe or folder, and
+    what cannot be read."""
     try:
         got = "a folder" if path.is_dir() else "no ordinary file" if path.exists() else "nothing"
         cure = f"Name the files in it: {path}/*" if path.is_dir() else "Check the path"
@@ -55,7 +57,8 @@ def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
             raw = file.read(largest + 1)
     except OSError as error:
         raise InputError(
-            f"{path} must be a readable file, got: {error.strerror}. Check the name and the permissions."
+            f"{path} must be a readable file, got: {error.strerror}. Check the name and the"
+            " permissions."
         ) from None
     cure = "got more. Remove what does not belong there, or split it"
     require(len(raw) <= largest, f"{path} must be at most {largest / 2**20:g} MB, {cure}.")
@@ -79,7 +82,8 @@ def _writing(target: Path) -> Iterator[None]:
 
 
 def write_whole(target: Path, content: bytes) -> None:
-    """Write a file in one step, or leave what was there; of two that write the same one the later wins whole."""
+    """Write a file in one step, or leave what was there; of two that write the same one the later
+    wins whole."""
     staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
     with _writing(target):
         try:
@@ -90,8 +94,8 @@ def write_whole(target: Path, content: bytes) -> None:
 
 
 def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> None:
-    """Refuse a target that must not be replaced or cannot be written, before any work is done. An existing folder may be replaced
-    with ``force``, where it holds only names that are ``ours``."""
+    """Refuse a target that must not be replaced or cannot be written, before any work is done. An
+    existing folder may be replaced with ``force``, where it holds only names that are ``ours``."""
     try:
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             target.stat()
@@ -127,9 +131,10 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
 
 @contextmanager
 def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> Iterator[Path]:
-    """A scratch folder beside ``target`` that takes its place when the block ends well. The old folder is there until the new one
-    is whole; then the old one is renamed, and the new one. Of two runs into one folder the later wins whole. A link stays; what
-    it points to is replaced. Where writing fails the old target stands untouched."""
+    """A scratch folder beside ``target`` that takes its place when the block ends well. The old
+    folder is there until the new one is whole; then the old one is renamed, and the new one. Of two
+    runs into one folder the later wins whole. A link stays; what it points to is replaced. Where
+    writing fails the old target stands untouched."""
     check_target(target, force=force, ours=ours)
     target = target.resolve() if target.is_symlink() else target
     with _writing(target):
@@ -166,7 +171,8 @@ def _take_place(staging: Path, target: Path, *, force: bool) -> None:
     shutil.rmtree(retired, ignore_errors=True)
 
 
-# Keys of more parts cost time that grows with the square of their number; none of our files has more than three.
+# Keys of more parts cost time that grows with the square of their number; none of our files has
+# more than three.
 _DEEP = re.compile(
     r"(?:(?:[\w-]{1,200}|\"[^\"\n]{0,200}\"|'[^'\n]{0,200}')[ \t]{0,9}\.[ \t]{0,9}){8}"
 )
@@ -202,8 +208,9 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
 
 
 def validated(model: type[T], content: dict[str, Any], place: str) -> T:
-    """Return the content of a file as a pydantic model or dataclass. An `InputError` names the place and the first thing wrong, a
-    misspelt key, with the nearest known, before the gap it leaves."""
+    """Return the content of a file as a pydantic model or dataclass. An `InputError` names the
+    place and the first thing wrong, a misspelt key, with the nearest known, before the gap it
+    leaves."""
     try:
         return TypeAdapter(model).validate_python(content)
     except ValidationError as error:
@@ -230,7 +237,8 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
     if first["type"] in _UNKNOWN:
         known = [field.alias or name for name, field in owner.__pydantic_fields__.items()]
         raise InputError(
-            f"{place}: keys{where} must be among {', '.join(known)}, got {keys[-1]!r}. Did you mean {nearest(keys[-1], known)!r}?"
+            f"{place}: keys{where} must be among {', '.join(known)}, got {keys[-1]!r}. Did you mean"
+            f" {nearest(keys[-1], known)!r}?"
         )
     require(
         first["type"] != "missing",
@@ -254,7 +262,8 @@ def _invalid(what: str, first: Any) -> str:
 
 
 def refusing(what: str) -> Callable[[type[T]], type[T]]:
-    """Return a decorator of pydantic dataclasses: arguments that do not fit are an `InputError` that names the field."""
+    """Return a decorator of pydantic dataclasses: arguments that do not fit are an `InputError`
+    that names the field."""
 
     def decorated(cls: type[T]) -> type[T]:
         init = cls.__init__
@@ -286,12 +295,14 @@ def refusing(what: str) -> Callable[[type[T]], type[T]]:
 
 
 def xml_of(raw: bytes, wanted: str) -> ElementTree.Element:
-    """Return the root element; document types, and so entities, and great depth are refused. ``wanted``: what to give instead."""
+    """Return the root element; document types, and so entities, and great depth are refused.
+    ``wanted``: what to give instead."""
     depth = 0
 
     def refuse(*_: object) -> None:
         raise InputError(
-            "the file must have no document type (DTD), got one. Remove <!DOCTYPE …> and its entities."
+            "the file must have no document type (DTD), got one. Remove <!DOCTYPE …> and its"
+            " entities."
         )
 
     def move(step: int) -> None:

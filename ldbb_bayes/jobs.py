@@ -1,4 +1,5 @@
-"""Independent jobs on this process, the cores of this machine or a Dask cluster: every result once, whatever workers die."""
+"""Independent jobs on this process, the cores of this machine or a Dask cluster: every result once,
+whatever workers die."""
 
 from __future__ import annotations
 
@@ -51,13 +52,14 @@ ANSWER_S = 10.0
 _TURN = threading.RLock()
 _PER_WORKER, _UNCOUNTED = 4, 64
 _UNGUARDED = (
-    "worker processes must be able to start, got some that ended at once. A script must do its work under "
-    '`if __name__ == "__main__":`, because every worker imports it.'
+    "worker processes must be able to start, got some that ended at once. A script must do its work"
+    ' under `if __name__ == "__main__":`, because every worker imports it.'
 )
 
 
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """Return the same function; while it runs BLAS has one thread: its matrices are small, and waiting threads cost far more."""
+    """Return the same function; while it runs BLAS has one thread: its matrices are small, and
+    waiting threads cost far more."""
 
     @functools.wraps(function)
     def inner(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -71,7 +73,10 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 class Lost:
     """What a job gives whose worker died twice."""
 
-    reason: str = "its worker died twice, the second time with no other job at work (killed, or out of memory?)"
+    reason: str = (
+        "its worker died twice, the second time with no other job at work (killed, or out of"
+        " memory?)"
+    )
 
 
 class WorkerDied(RuntimeError):
@@ -81,14 +86,17 @@ class WorkerDied(RuntimeError):
 def done(
     function: Callable[[T], R], jobs: Iterable[T], executor: Executor | None = None
 ) -> Iterator[tuple[int, R | Lost]]:
-    """Run a function on every job, one BLAS thread each, and yield (index from 0, result) as they come.
+    """Run a function on every job, one BLAS thread each, and yield (index from 0, result) as they
+    come.
 
-    A job whose worker dies (killed, out of memory) is tried once more when all others are done, with no other job at work; then
-    it is `Lost`. Threads of one process take turns: processes are faster.
+    A job whose worker dies (killed, out of memory) is tried once more when all others are done,
+    with no other job at work; then it is `Lost`. Threads of one process take turns: processes are
+    faster.
 
-    On other processes the function is imported, and jobs, read as far as needed, and results are pickled. Without an executor
-    they run here, one after the other. The exception of the first job that raises is raised, with a note that says which; what is
-    pending is cancelled, as it is when the iterator is closed. An executor that gave its jobs up is an `InputError`.
+    On other processes the function is imported, and jobs, read as far as needed, and results are
+    pickled. Without an executor they run here, one after the other. The exception of the first job
+    that raises is raised, with a note that says which; what is pending is cancelled, as it is when
+    the iterator is closed. An executor that gave its jobs up is an `InputError`.
     """
     fresh, again = enumerate(jobs), deque[tuple[int, T]]()
     room = (
@@ -126,8 +134,9 @@ def done(
             del future  # a result is not kept while the consumer works on the next
     except BrokenExecutor as error:
         raise InputError(
-            "the executor must last as long as its jobs, got one that gave them up (its workers died, or its scheduler ended). "
-            "Finished work is kept. Run what is left on process_executor() of ldbb_bayes.jobs, which starts workers afresh."
+            "the executor must last as long as its jobs, got one that gave them up (its workers"
+            " died, or its scheduler ended). Finished work is kept. Run what is left on"
+            " process_executor() of ldbb_bayes.jobs, which starts workers afresh."
         ) from error
     finally:
         for future in flying:
@@ -135,7 +144,8 @@ def done(
 
 
 def ahead(call: Callable[[], R], executor: Executor | None) -> Callable[[], R]:
-    """Begin a call on an executor, and return what gives its result: worked out here where there is none, or it failed there."""
+    """Begin a call on an executor, and return what gives its result: worked out here where there is
+    none, or it failed there."""
     future = None if executor is None else executor.submit(call)
 
     def result() -> R:
@@ -159,14 +169,16 @@ def _submitted(call: Callable[[], R], executor: Executor | None) -> Future[R]:
 
 
 def _alone(function: Callable[[T], R], work: T) -> R:
-    """The number of BLAS threads and the filters of warnings are the whole process's: its threads take turns."""
+    """The number of BLAS threads and the filters of warnings are the whole process's: its threads
+    take turns."""
     with _TURN, threadpool_limits(1):
         return function(work)
 
 
 @contextmanager
 def process_executor(workers: int = 0) -> Iterator[Executor]:
-    """Yield processes of this machine (0: one per core), one BLAS thread each; an interruption or an error stops them."""
+    """Yield processes of this machine (0: one per core), one BLAS thread each; an interruption or
+    an error stops them."""
     _refuse_to_nest()
     pool = _Processes(workers or _usable_cores())
     try:
@@ -189,9 +201,10 @@ def _usable_cores() -> int:
 
 
 class _Processes(ThreadPoolExecutor):
-    """Every thread has a process of its own behind a pipe of its own. So one that dies, even in the middle of sending, takes no
-    other job with it and leaves nobody waiting: the pools of the standard library and of loky share one pipe for all results, and
-    wait for ever for the rest of what a killed worker sent."""
+    """Every thread has a process of its own behind a pipe of its own. So one that dies, even in the
+    middle of sending, takes no other job with it and leaves nobody waiting: the pools of the
+    standard library and of loky share one pipe for all results, and wait for ever for the rest of
+    what a killed worker sent."""
 
     def __init__(self, workers: int) -> None:
         super().__init__(workers)
@@ -278,14 +291,16 @@ def _serve(pipe: Connection) -> None:
 
 
 def _refuse_to_nest() -> None:
-    """End a worker that is still importing an unguarded script: its parent will say what is wrong, once."""
+    """End a worker that is still importing an unguarded script: its parent will say what is wrong,
+    once."""
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         sys.exit(1)
 
 
-# Dask has workers give freed memory back, to be fetched again page by page: stacks of small matrices take more than twice as
-# long. A worker's profile of itself grows with the jobs it has run; what it logs of connections that close is no matter of the
-# user's. A worker that is killed while it starts is not replaced: what kills one is not begun again at once, but by `done`, last.
+# Dask has workers give freed memory back, to be fetched again page by page: stacks of small
+# matrices take more than twice as long. A worker's profile of itself grows with the jobs it has
+# run; what it logs of connections that close is no matter of the user's. A worker that is killed
+# while it starts is not replaced: what kills one is not begun again at once, but by `done`, last.
 _DASK: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.comm.timeouts.connect": ANSWER_S,
@@ -301,21 +316,24 @@ _DASK: dict[str, Any] = {
 
 
 def dask_setup(_: Any) -> None:
-    """In every worker of this machine: Ctrl-C reaches all processes of the terminal; the first one answers."""
+    """In every worker of this machine: Ctrl-C reaches all processes of the terminal; the first one
+    answers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
 def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Executor]:
-    """Yield workers of Dask, one process and one BLAS thread each: of the scheduler at an address (tcp://10.0.0.1:8786), or of a
-    cluster on this machine, by default one per core, that ends with the context."""
+    """Yield workers of Dask, one process and one BLAS thread each: of the scheduler at an address
+    (tcp://10.0.0.1:8786), or of a cluster on this machine, by default one per core, that ends with
+    the context."""
     _refuse_to_nest()
     try:
         import dask
         import distributed
     except ImportError as error:
         raise InputError(
-            f"--executor dask must find the library {error.name}, got none. Install it with pip install 'ldbb-bayes[fleet]'."
+            f"--executor dask must find the library {error.name}, got none. Install it with pip"
+            " install 'ldbb-bayes[fleet]'."
         ) from None
     # What they have to say comes as exceptions.
     for name in (
@@ -350,7 +368,8 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
 
 
 class _OnDask(ThreadPoolExecutor):
-    """Every thread waits for one job of Dask: `Client.get_executor` waits for ever for a result that is lost as it arrives."""
+    """Every thread waits for one job of Dask: `Client.get_executor` waits for ever for a result
+    that is lost as it arrives."""
 
     def __init__(self, client: Any) -> None:
         super().__init__(_UNCOUNTED)
@@ -371,10 +390,12 @@ class _OnDask(ThreadPoolExecutor):
 
 @contextmanager
 def _cluster(workers: int) -> Iterator[Any]:
-    """A cluster on this machine; results are there at its end, so one that closes slowly (a worker died) is left to do so."""
+    """A cluster on this machine; results are there at its end, so one that closes slowly (a worker
+    died) is left to do so."""
     from distributed import LocalCluster
 
-    # Any free port: without a dashboard it would still ask for 8787, and warn where another cluster has it.
+    # Any free port: without a dashboard it would still ask for 8787, and warn where another cluster
+    # has it.
     options: dict[str, Any] = {
         "dashboard_address": None,
         "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
@@ -397,7 +418,8 @@ def _cluster(workers: int) -> Iterator[Any]:
 
 
 def _check_workers(client: Any, scheduler: str) -> None:
-    """Those there must give the numbers that are given here: others fail at every job, or mix versions in one table."""
+    """Those there must give the numbers that are given here: others fail at every job, or mix
+    versions in one table."""
     answers = client.run(partial(versions, python=True), on_error="return")
     if not answers:
         warnings.warn(
@@ -431,7 +453,8 @@ def versions(*, python: bool = False) -> dict[str, str]:
 def executor_named(
     kind: str, workers: int = 0, scheduler: str | None = None
 ) -> Iterator[Executor | None]:
-    """Yield what the options of commands ask for; None where there is one process only, and jobs are run here."""
+    """Yield what the options of commands ask for; None where there is one process only, and jobs
+    are run here."""
     check_known("--executor", [kind], EXECUTORS)
     require(workers >= 0, f"--workers must be 0 or more, got {workers}. 0 is one per core.")
     if scheduler is not None:

@@ -1,4 +1,5 @@
-"""How objects show themselves: findings that go to JSON and back, short reprs, and one table for terminal and HTML."""
+"""How objects show themselves: findings that go to JSON and back, short reprs, and one table for
+terminal and HTML."""
 
 from __future__ import annotations
 
@@ -106,13 +107,14 @@ else:
     """A table, in JSON a list of its rows, null where a cell is missing."""
 
 
-# Longest repr, longest value and most entries of a collection in one; rows of a table printed whole; narrowest and widest print.
+# Longest repr, longest value and most entries of a collection in one; rows of a table printed
+# whole; narrowest and widest print.
 _LONGEST, _LONGEST_VALUE, _MOST_ENTRIES, _MOST_ROWS, _NARROW, _WIDE = 80, 56, 12, 60, 80, 120
 
 
 def entries_of(thing: Any) -> dict[str, Any]:
-    """Return what an object shows of itself: what its class names in ``shown``, else the fields of a dataclass or pydantic model;
-    nothing of anything else."""
+    """Return what an object shows of itself: what its class names in ``shown``, else the fields of
+    a dataclass or pydantic model; nothing of anything else."""
     own = (
         [one.name for one in fields(thing)]
         if is_dataclass(thing)
@@ -122,8 +124,8 @@ def entries_of(thing: Any) -> dict[str, Any]:
 
 
 def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
-    """Return a value on one line: arrays, tables and long collections by their size; of an object what is not empty, of a
-    long one what is not usual, as far as there is room."""
+    """Return a value on one line: arrays, tables and long collections by their size; of an object
+    what is not empty, of a long one what is not usual, as far as there is room."""
     kind = type(value).__name__
     if getattr(value, "shape", ()):
         return f"<{kind}, {' × '.join(map(str, value.shape))}>"
@@ -157,7 +159,8 @@ def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
 
 
 class Shown:
-    """Base of what users have in hand: a repr of one line; tables and sentences in print and in a notebook."""
+    """Base of what users have in hand: a repr of one line; tables and sentences in print and in a
+    notebook."""
 
     shown: ClassVar[tuple[str, ...]] = ()
 
@@ -182,8 +185,8 @@ def _width() -> int:
 
 
 class Result(Shown):
-    """Base of the frozen dataclasses that analyses return. Numbers, names and enums only: `ldbb_bayes.report.wording` writes the
-    sentences, and nothing decides by reading them."""
+    """Base of the frozen dataclasses that analyses return. Numbers, names and enums only:
+    `ldbb_bayes.report.wording` writes the sentences, and nothing decides by reading them."""
 
     __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
 
@@ -194,7 +197,8 @@ class Result(Shown):
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """The findings that `as_dict` wrote; keys that are no findings (sentences, provenance) are passed over."""
+        """The findings that `as_dict` wrote; keys that are no findings (sentences, provenance) are
+        passed over."""
         result: Self = _adapter(cls).validate_python(values)
         return result
 
@@ -207,8 +211,9 @@ class ByName(Shown, dict[str, T]):
 
 
 class ByClass(Generic[T]):
-    """A function that is another one for every kind of result. They are kept by the names of the classes, so that words for a
-    result are registered without importing the analysis that makes it."""
+    """A function that is another one for every kind of result. They are kept by the names of the
+    classes, so that words for a result are registered without importing the analysis that makes
+    it."""
 
     def __init__(self, default: Callable[[Any], T]) -> None:
         self._default, self._registered = default, dict[str, Callable[[Any], T]]()
@@ -229,8 +234,9 @@ class ByClass(Generic[T]):
 def read_result(
     path: str | os.PathLike[str], what: str, command: str, read: Callable[[dict[str, Any]], T]
 ) -> T:
-    """Return what ``command`` wrote into a folder, as the file ``what``.json, or into the file itself; ``read`` takes its JSON to
-    the result. A file that is missing, damaged, or not one of ours is refused."""
+    """Return what ``command`` wrote into a folder, as the file ``what``.json, or into the file
+    itself; ``read`` takes its JSON to the result. A file that is missing, damaged, or not one of
+    ours is refused."""
     source = Path(path) / f"{what}.json" if Path(path).is_dir() else Path(path)
     cure = f"got {path}. Give the --out folder of a {command}."
     require(source.is_file(), f"{what} must be a folder with {what}.json or such a file, {cure}")
@@ -264,8 +270,8 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
 
 @dataclass(frozen=True)
 class Table:
-    """A table as it is read, and as it is filed. Columns that are ``numeric`` stand flush right. A number is shown with four
-    digits, None as a dash, all else as it is."""
+    """A table as it is read, and as it is filed. Columns that are ``numeric`` stand flush right. A
+    number is shown with four digits, None as a dash, all else as it is."""
 
     caption: str
     heads: tuple[str, ...]  #: of the columns, with their units: force (N)
@@ -281,7 +287,8 @@ class Table:
         *,
         text: Collection[str] = (),
     ) -> Self:
-        """Return a table whose columns are numbers but for the first and those named in ``text``."""
+        """Return a table whose columns are numbers but for the first and those named in
+        ``text``."""
         numeric = tuple(k > 0 and head not in text for k, head in enumerate(heads))
         return cls(caption, tuple(heads), numeric, tuple(tuple(row) for row in rows))
 
@@ -290,9 +297,10 @@ class Table:
         return tuple(tuple(typeset(_cell(value)) for value in row) for row in self.rows)
 
     def text(self, width: int = 120) -> str:
-        """Return the table as lines of at most ``width`` characters, no number or phrase broken. Where it is too wide, heads are
-        broken into lines; then what is the same in every row is said once, at the end; then columns go beneath their row, text
-        before numbers, the last first."""
+        """Return the table as lines of at most ``width`` characters, no number or phrase broken.
+        Where it is too wide, heads are broken into lines; then what is the same in every row is
+        said once, at the end; then columns go beneath their row, text before numbers, the last
+        first."""
         heads, rows = [*map(typeset, self.heads)], self.shown()
         kept, same, beneath = list(range(len(heads))), list[int](), list[int]()
         lines = {k: heads[k].replace(" (", "\n(").split("\n") for k in kept}
@@ -393,8 +401,9 @@ _NAMING = ("parameter", "quantity", "source")  # columns that name a numbered ro
 def readable(
     frame: pd.DataFrame, caption: str = "", units: Mapping[str, str] | None = None
 ) -> pd.DataFrame:
-    """Return a frame whose print has every column within 80 characters, and that a notebook shows under its caption; ``units`` of
-    columns stand in their heads. What rows have in an inside unit is printed in the one for reading, and kept as it is."""
+    """Return a frame whose print has every column within 80 characters, and that a notebook shows
+    under its caption; ``units`` of columns stand in their heads. What rows have in an inside unit
+    is printed in the one for reading, and kept as it is."""
     made: pd.DataFrame = _frame_class()(frame)
     made.attrs = {**frame.attrs, "caption": caption, "units": dict(units or {})}
     return made
@@ -430,7 +439,8 @@ def __getattr__(name: str) -> Any:
 
 
 def table_of(frame: pd.DataFrame) -> Table:
-    """Return a frame as it is read: numbers with the unit of their row, converted; of a long one the first and last rows."""
+    """Return a frame as it is read: numbers with the unit of their row, converted; of a long one
+    the first and last rows."""
     caption, units = frame.attrs.get("caption", ""), frame.attrs.get("units", {})
     if naming := [
         name
@@ -458,7 +468,8 @@ def table_of(frame: pd.DataFrame) -> Table:
 
 
 def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:
-    """Return a text as lines of at most ``width`` characters; a number keeps sign and unit, a word or path stays whole."""
+    """Return a text as lines of at most ``width`` characters; a number keeps sign and unit, a word
+    or path stays whole."""
     filled = textwrap.wrap(
         _glued(text),
         width,
@@ -484,7 +495,8 @@ _UNBREAKABLE = "|".join(
 
 
 def _glued(text: str) -> str:
-    """The text with spaces that must not end a line made unbreakable: before units, beside signs, in short brackets."""
+    """The text with spaces that must not end a line made unbreakable: before units, beside signs,
+    in short brackets."""
     text = re.sub(_UNBREAKABLE, "\xa0", text)
     return re.sub(r"[(\[][^()\[\]]{1,16}[)\]]", lambda match: match[0].replace(" ", "\xa0"), text)
 

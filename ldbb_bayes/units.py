@@ -1,4 +1,5 @@
-"""Names and units for reading: parameters as the paper prints them, inside units (mm, N, rad) as users speak of them."""
+"""Names and units for reading: parameters as the paper prints them, inside units (mm, N, rad) as
+users speak of them."""
 
 from __future__ import annotations
 
@@ -55,7 +56,8 @@ _UNITS: Mapping[str, tuple[float, str]] = {
     "um": (1.0, "µm"),
     "": (1.0, ""),
 }
-# Units one may write: in mm and N, and their powers of length and force; angles and ratios have neither.
+# Units one may write: in mm and N, and their powers of length and force; angles and ratios have
+# neither.
 _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _ATOMS: Mapping[str, tuple[float, int, int]] = {
     **{prefix + "m": (size * 1e3, 1, 0) for prefix, size in _PREFIXES.items()},
@@ -83,8 +85,8 @@ def display_unit(unit: str) -> tuple[float, str]:
 def to_inside(text: str, unit: str, what: str = "value") -> float:
     """A number with its unit, "0.5 nm/N", as the number in an inside unit, here of mm/N: 5e-7.
 
-    Any unit of the same kind will do: nm/N, µm/kN or um/kN; nm/N per kN, nm/N/kN; µrad/(N m), µrad/N/m. InputError for a number
-    alone, and a unit of another kind.
+    Any unit of the same kind will do: nm/N, µm/kN or um/kN; nm/N per kN, nm/N/kN; µrad/(N m),
+    µrad/N/m. InputError for a number alone, and a unit of another kind.
     """
     parts = re.fullmatch(
         r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)(.*)",
@@ -95,14 +97,16 @@ def to_inside(text: str, unit: str, what: str = "value") -> float:
     if parts is None or written is None or wanted is None or written[1:] != wanted[1:]:
         label = _UNITS[unit][1] if unit in _UNITS else unit
         raise InputError(
-            f"{what} must be a number with its unit, got {text!r}. Write it in {label}, like 0.5 {label}."
+            f"{what} must be a number with its unit, got {text!r}. Write it in {label}, like 0.5"
+            f" {label}."
         )
     return float(f"{float(parts[1]) * (written[0] / wanted[0]):.15g}")
 
 
 def setting_to_inside(name: str, value: Any, what: str) -> Any:
-    """A setting written with its unit as the number in the unit that ends its name: "60 nm/N" for direct_mm_per_N is 6e-5, "3 µm"
-    for sd_um is 3; a ratio, "10 %", where it names none. Anything else, such as a number, as it is."""
+    """A setting written with its unit as the number in the unit that ends its name: "60 nm/N" for
+    direct_mm_per_N is 6e-5, "3 µm" for sd_um is 3; a ratio, "10 %", where it names none. Anything
+    else, such as a number, as it is."""
     if not isinstance(value, str):
         return value
     above, _, below = name.partition("_per_")
@@ -147,8 +151,9 @@ def inside_name(text: str) -> str:
 
 
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
-    """Return the items from the largest key to the smallest; those within the relative tolerance of one another keep their order.
-    So what is named first does not hang on the rounding of a processor. A trillionth of the largest key counts as zero."""
+    """Return the items from the largest key to the smallest; those within the relative tolerance of
+    one another keep their order. So what is named first does not hang on the rounding of a
+    processor. A trillionth of the largest key counts as zero."""
     left = sorted(
         ((key(item), i, item) for i, item in enumerate(items)),
         key=lambda entry: (-entry[0], entry[1]),
@@ -165,7 +170,8 @@ def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 
 
 
 def round_uncertainty(uncertainty: float, digits: int = 2) -> tuple[str, int]:
-    """The uncertainty to significant ``digits``, and the number of decimals it leaves (negative left of the point)."""
+    """The uncertainty to significant ``digits``, and the number of decimals it leaves (negative
+    left of the point)."""
     if not math.isfinite(uncertainty) or uncertainty <= 0:
         return ("0" if uncertainty == 0 else "?"), digits
     decimals = digits - 1 - int(f"{uncertainty:.{digits - 1}e}".partition("e")[2])
@@ -219,7 +225,8 @@ def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> S
 
 
 def is_skewed(mean: float, interval: tuple[float, float]) -> bool:
-    """Whether the middle of the interval lies off the mean by more than a tenth of the interval's width."""
+    """Whether the middle of the interval lies off the mean by more than a tenth of the interval's
+    width."""
     low, high = interval
     return abs(low + high - 2.0 * mean) > 0.2 * (high - low)
 
@@ -241,7 +248,8 @@ def stiffness(median: float, interval: tuple[float, float]) -> str:
 
 
 def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str) -> str:
-    """Value ± U (k = 2) to the same place and unit; value and interval where the distribution is skewed."""
+    """Value ± U (k = 2) to the same place and unit; value and interval where the distribution is
+    skewed."""
     factor, label = display_unit(unit)
     if is_skewed(mean, interval):
         whole = state(mean, sd, interval, unit)
@@ -251,7 +259,8 @@ def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str)
 
 
 def typeset(text: str) -> str:
-    """Return the text with minus signs before numbers and powers of ten in full: -5.85 → −5.85, 3.1e-05 → 3.1·10⁻⁵."""
+    """Return the text with minus signs before numbers and powers of ten in full: -5.85 → −5.85,
+    3.1e-05 → 3.1·10⁻⁵."""
     raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
     text = re.sub(
         r"(?<=\d)e([+-])0*(\d+)\b",

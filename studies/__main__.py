@@ -1,5 +1,5 @@
-"""Run the studies: `python studies` all but those run by hand, `python studies 01 04` some, `--quick` for a smaller run of each,
-`--at-once 2` two of them at a time.
+"""Run the studies: `python studies` all but those run by hand, `python studies 01 04` some,
+`--quick` for a smaller run of each, `--at-once 2` two of them at a time.
 
 Exit code 1 when a number that a study states is not reproduced.
 """
@@ -26,7 +26,8 @@ def studies() -> list[Path]:
 
 
 def ran(path: Path, options: list[str], *, aside: bool) -> tuple[int, float]:
-    """Exit code and seconds of one study; run ``aside`` of others, what it prints comes in one piece when it ends."""
+    """Exit code and seconds of one study; run ``aside`` of others, what it prints comes in one
+    piece when it ends."""
     start = time.perf_counter()
     if not aside:
         print(f"== {path.name}", flush=True)

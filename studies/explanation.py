@@ -1,4 +1,5 @@
-"""Pages of docs/explanation that state numbers: their templates, filled with what studies found and the default model assumes.
+"""Pages of docs/explanation that state numbers: their templates, filled with what studies found and
+the default model assumes.
 
 python studies/explanation.py   # writes them
 """

@@ -1,4 +1,5 @@
-"""What every study has in common: measure, compare with what is stated, write the page from the numbers.
+"""What every study has in common: measure, compare with what is stated, write the page from the
+numbers.
 
 A study is a folder with
 
@@ -9,11 +10,13 @@ A study is a folder with
     *.png           the figures                }
     *.csv           simulated campaigns, one row each, where there are any
 
-`run.py` measures again and fails when a stated number is not reproduced. Of simulated campaigns it makes a part again
-(`--quick`: fewer) and compares them row by row with those kept; the page is about all that are kept. The smallest study:
+`run.py` measures again and fails when a stated number is not reproduced. Of simulated campaigns it
+makes a part again (`--quick`: fewer) and compares them row by row with those kept; the page is
+about all that are kept. The smallest study:
 
     def measure(effort: Effort) -> dict[str, Any]:
-        return {"rmse_um": lb.least_squares(lb.read_campaign(DATA / "recovered_experiment")).quality.rmse_um}
+        return {"rmse_um": lb.least_squares(lb.read_campaign(DATA /
+        "recovered_experiment")).quality.rmse_um}
 
     run(Study(Path(__file__).resolve().parent, measure))
 
@@ -79,7 +82,8 @@ class Study:
     draw : callable
         Numbers → figures by file name; called by ``--write`` only.
     tolerance : float
-        Relative, of every number; where a number is smaller than one, absolute for those named in ``absolute``.
+        Relative, of every number; where a number is smaller than one, absolute for those named in
+        ``absolute``.
     absolute : dict of pattern to float
         Numbers (paths as a/b/c) that may differ by as much.
     once : tuple of patterns
@@ -98,7 +102,8 @@ class Study:
 
 
 def run(study: Study) -> None:
-    """The command line of every study: measure and compare with what is stated; ``--write`` and ``--restate`` state anew."""
+    """The command line of every study: measure and compare with what is stated; ``--write`` and
+    ``--restate`` state anew."""
     parser = argparse.ArgumentParser(
         description=sys.modules["__main__"].__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
@@ -257,7 +262,8 @@ def _paths(value: Any, path: str = "") -> list[str]:
 
 
 def _pages_that_differ(folder: Path) -> list[str]:
-    """Pages that are not what their templates give, and figures that they show and are not there."""
+    """Pages that are not what their templates give, and figures that they show and are not
+    there."""
     wrong = [
         f"{path.name}.j2 must exist. {RESTORE}"
         for path in folder.glob("*.md")
@@ -317,7 +323,8 @@ def pages(folder: Path) -> list[str]:
 
 
 def page(folder: Path, name: str = "README.md", results: Mapping[str, Any] | None = None) -> str:
-    """A page of a study: its template filled with ``results`` as ``r`` (default: results.json), other JSON under its name."""
+    """A page of a study: its template filled with ``results`` as ``r`` (default: results.json),
+    other JSON under its name."""
     environment = Environment(
         loader=FileSystemLoader(folder),
         undefined=StrictUndefined,
@@ -399,8 +406,8 @@ def replicated(
 ) -> pd.DataFrame:
     """Simulated campaigns, one row each with columns kind, seed and what ``job(kind, seed)`` gives.
 
-    ``--write`` makes all of them and keeps them in ``path``. Otherwise ``again[effort]`` of each kind are made again, and each
-    must be what is kept; all that are kept are returned.
+    ``--write`` makes all of them and keeps them in ``path``. Otherwise ``again[effort]`` of each
+    kind are made again, and each must be what is kept; all that are kept are returned.
 
     Parameters
     ----------
@@ -428,13 +435,14 @@ def kept(
     tolerance: float = 0.01,
     astray: float = 0.0,
 ) -> pd.DataFrame:
-    """Keep the rows made (``--write``), or compare them with those kept; returns all that are kept, see `replicated`.
+    """Keep the rows made (``--write``), or compare them with those kept; returns all that are kept,
+    see `replicated`.
 
     Parameters
     ----------
     astray : float
-        Share of the rows made again that may differ by more: those of random draws part for good where a choice hangs on the
-        last digit, which versions of the libraries round differently.
+        Share of the rows made again that may differ by more: those of random draws part for good
+        where a choice hangs on the last digit, which versions of the libraries round differently.
     """
     if effort == "write":
         made.to_csv(path, index=False, float_format="%.6g", lineterminator="\n")
@@ -442,12 +450,14 @@ def kept(
     known = pd.read_csv(path)
     if not {"kind", "seed"} <= set(known.columns):
         sys.exit(
-            f"{path.parent.name}/{path.name}: must have columns kind and seed, has {', '.join(known.columns)}. {RESTORE}"
+            f"{path.parent.name}/{path.name}: must have columns kind and seed, has"
+            f" {', '.join(known.columns)}. {RESTORE}"
         )
     counts = {str(kind): int(count) for kind, count in known["kind"].value_counts().items()}
     if counts != dict(kinds):
         sys.exit(
-            f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}. {RESTORE}"
+            f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}."
+            f" {RESTORE}"
         )
     _compare(made, known, f"{path.parent.name}/{path.name}", tolerance, astray)
     return known
@@ -466,8 +476,10 @@ def _compare(
         sys.exit(f"{where}: {', '.join(missing)} are not kept. {RESTORE}")
     off = pd.DataFrame(
         {
-            name: ((both[name] - both[f"{name} kept"]).abs() > tolerance * kept[name].abs().max())
-            | (both[name].isna() != both[f"{name} kept"].isna())
+            name: (
+                ((both[name] - both[f"{name} kept"]).abs() > tolerance * kept[name].abs().max())
+                | (both[name].isna() != both[f"{name} kept"].isna())
+            )
             for name in numbers
         }
     )
@@ -475,8 +487,8 @@ def _compare(
     if len(rows) > astray * len(both):
         row, name = both.iloc[rows[0]], off.columns[off.iloc[rows[0]]][0]
         sys.exit(
-            f"{where}: {row['kind']}, seed {row['seed']}: {name} is {row[name]:.6g}, kept {row[f'{name} kept']:.6g}; "
-            f"{len(rows)} of {len(both)} rows differ"
+            f"{where}: {row['kind']}, seed {row['seed']}: {name} is {row[name]:.6g}, kept"
+            f" {row[f'{name} kept']:.6g}; {len(rows)} of {len(both)} rows differ"
         )
     if len(rows):
         print(f"{where}: {len(rows)} of {len(both)} rows of random draws came out differently")
@@ -484,7 +496,8 @@ def _compare(
 
 @contextmanager
 def executor() -> Iterator[Executor | None]:
-    """What the jobs run on, as ``--executor``, ``--scheduler`` and ``--workers`` ask; default: all cores; None: this process."""
+    """What the jobs run on, as ``--executor``, ``--scheduler`` and ``--workers`` ask; default: all
+    cores; None: this process."""
     with executor_named(_ASKED.executor, _ASKED.workers, _ASKED.scheduler) as found:
         if _ASKED.scheduler is not None:
             _send_along()
@@ -492,7 +505,8 @@ def executor() -> Iterator[Executor | None]:
 
 
 def _send_along() -> None:
-    """Modules of the studies go to the workers with the jobs: other machines have the package alone."""
+    """Modules of the studies go to the workers with the jobs: other machines have the package
+    alone."""
     import cloudpickle
 
     for module in list(sys.modules.values()):
@@ -515,7 +529,8 @@ def _on_all_cores(
             if isinstance(row, Lost):
                 kind, seed = jobs[index]
                 raise lb.InputError(
-                    f"every simulated campaign must give a row, {kind}, seed {seed} gave none: {row.reason}."
+                    f"every simulated campaign must give a row, {kind}, seed {seed} gave none:"
+                    f" {row.reason}."
                 )
             rows[index] = row
             if sys.stderr.isatty():

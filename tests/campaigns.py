@@ -98,7 +98,8 @@ def written(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
 
 @contextmanager
 def full_disk(largest_bytes: int) -> Iterator[None]:
-    """Files may not grow beyond so much: as on a full disk, writing fails in the middle (Python ignores SIGXFSZ)."""
+    """Files may not grow beyond so much: as on a full disk, writing fails in the middle (Python
+    ignores SIGXFSZ)."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (largest_bytes, hard))
     try:

@@ -1,4 +1,5 @@
-"""A third route to the posterior: β integrated out, importance sampling over φ from a wide t, exact draws of β given φ."""
+"""A third route to the posterior: β integrated out, importance sampling over φ from a wide t, exact
+draws of β given φ."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ _WIDER, _FREEDOM, _PROPOSALS = 1.3, 4, 8
 
 
 def collapsed(posterior: HyperPosterior, size: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Draws of β (size, p) and φ (size, h): no lattice, no Markov chain. Few φ are drawn more than once."""
+    """Draws of β (size, p) and φ (size, h): no lattice, no Markov chain. Few φ are drawn more than
+    once."""
     rng, root = np.random.default_rng(seed), posterior.modes[0][1]
     proposal = stats.multivariate_t(posterior.mode, _WIDER**2 * root @ root.T, _FREEDOM, seed=rng)
     free = proposal.rvs(_PROPOSALS * size).reshape(-1, len(posterior.mode))

@@ -44,7 +44,8 @@ def recovered() -> Campaign:
 
 @pytest.fixture(scope="module")
 def few_states() -> Iterator[None]:
-    """Designs average over few values of the hyper-parameters: how they are chosen does not hang on it."""
+    """Designs average over few values of the hyper-parameters: how they are chosen does not hang on
+    it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(candidates, "_REPORTED", 16)
         patch.setattr(candidates, "_SEARCHED", 4)
@@ -58,7 +59,8 @@ def rng() -> np.random.Generator:
 
 @pytest.fixture(scope="session")
 def compared(recovered: Campaign) -> Comparison:
-    """Constant and linear compliance on the recovered experiment, from its golden, which the slow tests hold to the code."""
+    """Constant and linear compliance on the recovered experiment, from its golden, which the slow
+    tests hold to the code."""
     record = json.loads(
         (ROOT / "tests" / "goldens" / "compare_recovered.json").read_text(encoding="utf-8")
     )
@@ -75,7 +77,8 @@ def published(recovered: Campaign, compared: Comparison) -> tuple[Document, str]
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """Debian's Chromium, which asks nobody for anything; skipped where it or playwright is missing."""
+    """Debian's Chromium, which asks nobody for anything; skipped where it or playwright is
+    missing."""
     playwright = pytest.importorskip(
         "playwright.sync_api", reason="playwright is not installed (pip install '.[browser]')"
     )

@@ -1,4 +1,5 @@
-"""Exit code 0 where this processor can run the kernels of an OpenBLAS core type: `python tests/cores.py SkylakeX`."""
+"""Exit code 0 where this processor can run the kernels of an OpenBLAS core type: `python
+tests/cores.py SkylakeX`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Fleets made up at the level of statistics, all Gaussian; and what they say, from one dense matrix of everything."""
+"""Fleets made up at the level of statistics, all Gaussian; and what they say, from one dense matrix
+of everything."""
 
 from __future__ import annotations
 
@@ -111,7 +112,8 @@ def of_campaigns(statistics: FleetStatistics, places: Any) -> FleetStatistics:
 
 
 def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """ln p(estimates | s), and mean and covariance of (c_1 … c_n, μ, b) given them: every campaign's maximum as a reading."""
+    """ln p(estimates | s), and mean and covariance of (c_1 … c_n, μ, b) given them: every
+    campaign's maximum as a reading."""
     information, weighted = statistics.likelihood.precision, statistics.likelihood.shift
     names = list(dict.fromkeys(statistics.machines))
     c, q, n = len(statistics.parameters), weighted.shape[1], len(names)
@@ -137,7 +139,8 @@ def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.nd
     return log_density, gain @ reading, prior - gain @ design @ prior
 
 
-# ---- rows of a batch of one machine's campaigns, drawn from what one campaign like them says (its Λ)
+# ---- rows of a batch of one machine's campaigns, drawn from what one campaign like them says (its
+# Λ)
 
 
 @cache

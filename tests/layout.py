@@ -1,4 +1,5 @@
-"""What every figure must be: each text inside the page, no two over one another, no legend over data, a unit on every axis."""
+"""What every figure must be: each text inside the page, no two over one another, no legend over
+data, a unit on every axis."""
 
 from __future__ import annotations
 

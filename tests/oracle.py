@@ -1,8 +1,10 @@
-"""The dense textbook version of the model, written from the measurement model alone, in both its editions.
+"""The dense textbook version of the model, written from the measurement model alone, in both its
+editions.
 
-Nothing of ldbb_bayes is imported. Every test's columns are evaluated at its own angles, the covariance of all readings is one
-n × n matrix, hyper-parameters are integrated by importance sampling about the mode, the truncation is by rejection.
-Columns are typed in for the paper's machine: tool at x = R cos θ, y = R sin θ.
+Nothing of ldbb_bayes is imported. Every test's columns are evaluated at its own angles, the
+covariance of all readings is one n × n matrix, hyper-parameters are integrated by importance
+sampling about the mode, the truncation is by rejection. Columns are typed in for the paper's
+machine: tool at x = R cos θ, y = R sin θ.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ class OracleTest:
 
 @dataclass
 class Stated:
-    """What is known of the parts; a U is expanded, k = 2. The defaults are what the model assumes where nothing is stated."""
+    """What is known of the parts; a U is expanded, k = 2. The defaults are what the model assumes
+    where nothing is stated."""
 
     sphericity_um: dict[str, float] = field(default_factory=dict)  # ball -> S
     harmonics_um: dict[str, dict[int, tuple[float, float, float]]] = field(
@@ -92,7 +95,8 @@ def projected_power(power: float, angle: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Oracle:
-    """The model of one campaign; ``terms`` lists the nuisances that are on, all those of the edition by default."""
+    """The model of one campaign; ``terms`` lists the nuisances that are on, all those of the
+    edition by default."""
 
     tests: list[OracleTest]
     degree: int
@@ -160,7 +164,8 @@ class Oracle:
         self.scales = np.array([SCALES[self.edition].get(name, 1.0) for name in self.hypers])
 
     def _add(self, columns: np.ndarray, sd: float, *hypers: str, order: int = 0) -> None:
-        """Coefficients of standard deviation sd × hyper-parameters × (order/6)^−p, the last where an order is given."""
+        """Coefficients of standard deviation sd × hyper-parameters × (order/6)^−p, the last where
+        an order is given."""
         scaled = columns.reshape(self.y.size, -1) * sd
         self.grams[hypers, order] = self.grams.get((hypers, order), 0.0) + scaled @ scaled.T
 
@@ -280,7 +285,8 @@ class Oracle:
         return phi if isinstance(phi, Mapping) else dict(zip(self.hypers, phi, strict=True))
 
     def shared(self, phi: Phi) -> np.ndarray:
-        """Covariance of what is not separate for every test: without set-up shift, discrepancy and noise."""
+        """Covariance of what is not separate for every test: without set-up shift, discrepancy and
+        noise."""
         return self._sum(phi, [key for key in self.grams if not {"delta", "kappa"} & set(key[0])])
 
     def covariance(self, phi: Phi) -> np.ndarray:
@@ -327,7 +333,8 @@ class Oracle:
         return np.where(p, 0.5 + 3.0 * special.expit(free), np.exp(np.where(p, 0.0, free)))
 
     def log_prior_of_log(self, free: np.ndarray) -> float:
-        """Of ln φ and logit p; beyond 30 scales is next to nothing, and the dense covariance too ill-conditioned."""
+        """Of ln φ and logit p; beyond 30 scales is next to nothing, and the dense covariance too
+        ill-conditioned."""
         phi = self.phi(free)
         if np.any(phi > 30.0 * self.scales):
             return -np.inf
@@ -390,7 +397,8 @@ class Oracle:
     def _propose(
         self, centre: np.ndarray, spread: np.ndarray, standard: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-        """Student-t points about a centre; ln p(y, φ) over their density, −inf outside the prior; β given φ of those inside."""
+        """Student-t points about a centre; ln p(y, φ) over their density, −inf outside the prior; β
+        given φ of those inside."""
         log_phi = centre + standard @ spread.T
         log_proposal = stats.t.logpdf(standard, 5).sum(axis=1) - np.log(
             np.abs(np.linalg.det(spread))
@@ -406,7 +414,8 @@ class Oracle:
     def log_evidence(
         self, *, points: int = 4096, draws: int = 64, seed: int = 0
     ) -> tuple[float, float]:
-        """ln Z, truncation included where it is on, and its standard error: quasi-random importance sampling about the mode."""
+        """ln Z, truncation included where it is on, and its standard error: quasi-random importance
+        sampling about the mode."""
         rng = np.random.default_rng(seed)
         centre, spread = self._locate(rng)
         rows = self._rows()
@@ -442,7 +451,8 @@ class Oracle:
         return np.array(rows)
 
     def _log_prob_prior(self) -> float:
-        """ln P(T): for three compliances, ½ at degree 0; at degree 1 two half-planes of known correlation."""
+        """ln P(T): for three compliances, ½ at degree 0; at degree 1 two half-planes of known
+        correlation."""
         if not self.truncated:
             return 0.0
         if self.mean.any():
@@ -462,7 +472,8 @@ class Oracle:
         )
 
     def _locate(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Where the posterior of ln φ lies, and a root of its covariance, from a first round of importance sampling."""
+        """Where the posterior of ln φ lies, and a root of its covariance, from a first round of
+        importance sampling."""
 
         def negative(log_phi: np.ndarray) -> float:
             prior = self.log_prior_of_log(log_phi)

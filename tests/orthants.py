@@ -1,4 +1,5 @@
-"""Orthant problems whose ln P is found by sums over a line: rows that share one factor, chains, cones in a plane, pairs."""
+"""Orthant problems whose ln P is found by sums over a line: rows that share one factor, chains,
+cones in a plane, pairs."""
 
 from __future__ import annotations
 
@@ -44,7 +45,8 @@ def one_factor(mean: np.ndarray, loading: np.ndarray) -> Case:
 
 
 def chain(mean: np.ndarray, rho: np.ndarray) -> Case:
-    """u_i − mean_i = ρ_i (u_{i−1} − mean_{i−1}) + √(1 − ρ_i²) e_i: one transition after another over a grid of u."""
+    """u_i − mean_i = ρ_i (u_{i−1} − mean_{i−1}) + √(1 − ρ_i²) e_i: one transition after another
+    over a grid of u."""
     m, root = len(mean), np.eye(len(mean))
     for i in range(1, m):
         root[i] = rho[i - 1] * root[i - 1]
@@ -64,7 +66,8 @@ def chain(mean: np.ndarray, rho: np.ndarray) -> Case:
 
 
 def cone(mean: np.ndarray, rows: np.ndarray) -> Case:
-    """Many rows of two coordinates: ∫ φ(x) P(y between its bounds | x) dx; no row may be parallel to y."""
+    """Many rows of two coordinates: ∫ φ(x) P(y between its bounds | x) dx; no row may be parallel
+    to y."""
 
     def log_density(x: np.ndarray) -> np.ndarray:
         edge = -(mean + np.outer(x, rows[:, 0])) / rows[:, 1]
@@ -78,7 +81,8 @@ def cone(mean: np.ndarray, rows: np.ndarray) -> Case:
 
 
 def random_case(rng: np.random.Generator) -> Case:
-    """A case of 2 to 10 rows, correlated by up to 0.99, held or broken by up to 30 sd, some with rows that follow from others."""
+    """A case of 2 to 10 rows, correlated by up to 0.99, held or broken by up to 30 sd, some with
+    rows that follow from others."""
     kind, m = rng.integers(4), int(rng.integers(2, 11))
     mean = rng.normal(0.0, rng.choice([0.5, 2.0]), m) + rng.choice(
         [1.0, 0.0, -2.0, -6.0, -12.0, -30.0]

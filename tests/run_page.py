@@ -1,7 +1,9 @@
-"""Run the python and sh blocks of a page in order, in this folder, and compare what they print with what the page shows.
+"""Run the python and sh blocks of a page in order, in this folder, and compare what they print with
+what the page shows.
 
-A ``text`` block after another shows what that one prints: its lines, in order, an ellipsis for what is left out, numbers to a
-tenth. A comment ``<!-- not executed: reason -->`` before a block keeps it from being run.
+A ``text`` block after another shows what that one prints: its lines, in order, an ellipsis for what
+is left out, numbers to a tenth. A comment ``<!-- not executed: reason -->`` before a block keeps it
+from being run.
 """
 
 import io
@@ -20,7 +22,8 @@ NUMBER = re.compile(r"(?<![\w.])[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
 
 
 def same(shown: str, printed: str) -> bool:
-    """Whether two lines have the same words, and the same numbers to a tenth or three units of the last digit shown."""
+    """Whether two lines have the same words, and the same numbers to a tenth or three units of the
+    last digit shown."""
     words, own = (
         " ".join(NUMBER.sub(" # ", line).split()) for line in (shown.removesuffix("…"), printed)
     )
@@ -76,7 +79,8 @@ def main(page: Path) -> None:
             )
         if not skipped and (line := missing(shown, printed.getvalue())):
             sys.exit(
-                f"{page.name}: {line.strip()!r} is not printed by\n{code}which prints\n{printed.getvalue()}"
+                f"{page.name}: {line.strip()!r} is not printed by\n{code}which"
+                f" prints\n{printed.getvalue()}"
             )
 
 

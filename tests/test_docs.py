@@ -1,4 +1,5 @@
-"""Pages for users are true and plain: blocks run and print what is shown, sentences are short, the workbook is the experiment."""
+"""Pages for users are true and plain: blocks run and print what is shown, sentences are short, the
+workbook is the experiment."""
 
 import re
 import subprocess
@@ -52,7 +53,8 @@ def test_what_is_not_printed_is_seen() -> None:
 
 @pytest.mark.parametrize("page", LESSONS, ids=str)
 def test_no_sentence_is_long(page: Path) -> None:
-    """Of the text, list items and table cells; code, links' addresses and comments count as a word."""
+    """Of the text, list items and table cells; code, links' addresses and comments count as a
+    word."""
     text = re.sub(
         r"^```.*?^```$|<!--.*?-->|\]\([^)]*\)|`[^`]*`",
         " code ",

@@ -1,4 +1,5 @@
-"""The package answers what it answered when the goldens were written (tests/goldens/make.py writes them, and says how to)."""
+"""The package answers what it answered when the goldens were written (tests/goldens/make.py writes
+them, and says how to)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Independent jobs: every result once, few in flight, and what happens when a job raises, a worker dies or nobody wants more."""
+"""Independent jobs: every result once, few in flight, and what happens when a job raises, a worker
+dies or nobody wants more."""
 
 from __future__ import annotations
 
@@ -174,7 +175,8 @@ def test_an_executor_that_gives_up_is_refused_after_what_is_done() -> None:
 
 
 def test_processes(tmp_path: Path) -> None:
-    """Two that last, none of them this one; killed ones cost nothing but their job, a job that always kills its worker a row."""
+    """Two that last, none of them this one; killed ones cost nothing but their job, a job that
+    always kills its worker a row."""
     with process_executor(2) as executor:
         found = {own for _, own in done(where, range(20), executor)}
         assert {threads for _, threads in found} == {"1"}
@@ -307,8 +309,8 @@ def test_dask(tmp_path: Path) -> None:
     assert json.loads(first) == [list(range(20)), [9], True], ended.stderr
     assert (tmp_path / "died").exists()
     assert (
-        "must be the address of a Dask scheduler that is at work, got 'nonsense' (missing port number"
-        in refused[0]
+        "must be the address of a Dask scheduler that is at work, got 'nonsense' (missing port"
+        " number" in refused[0]
     )
     assert "got 'tcp://127.0.0.1:1' (" in refused[1]
     assert refused[2].startswith("workers must have one thread each, got 2 at inproc://")

@@ -23,7 +23,8 @@ from ldbb_bayes.report.wording import cure_words, remedy_words
 
 @dataclass(frozen=True)
 class PitchError(lb.Term):
-    """cos 5θ, sin 5θ in proportion to the radius, the same in all tests: pitch of the screws, with a scale of its own."""
+    """cos 5θ, sin 5θ in proportion to the radius, the same in all tests: pitch of the screws, with
+    a scale of its own."""
 
     scale_um: float = 4.0
     calibration = "a laser measurement of the screws"
@@ -88,7 +89,8 @@ def test_toml_both_ways() -> None:
 
 
 def test_fit_finds_it(posterior: Any, campaign: lb.Campaign) -> None:
-    """The amplitude that the plain mean of the circles' fifth order has; the scale learnt with it."""
+    """The amplitude that the plain mean of the circles' fifth order has; the scale learnt with
+    it."""
     found = lb.nuisances(posterior).loc[["pitch_error_cos5", "pitch_error_sin5"]]
     assert set(found["term"]) == {"PitchError"}
     angle = campaign.tests[0].angles_rad()
@@ -189,7 +191,8 @@ def test_simulation_based_calibration_passes() -> None:
 
 
 def test_a_prior_mean_of_its_columns_counts(campaign: lb.Campaign) -> None:
-    """In simulated readings, and in the likelihood: readings with 3 µm more of cos 5θ are as probable under it as without."""
+    """In simulated readings, and in the likelihood: readings with 3 µm more of cos 5θ are as
+    probable under it as without."""
     plain, phi = lb.HybridModel.first(0), np.array([[3e-4, 5e-4, 2e-4, 2e-3]])
     model = plain.with_term(KnownLobe())
     more = tuple(

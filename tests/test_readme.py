@@ -1,4 +1,5 @@
-"""README, docs and notebook are true: their commands and links exist, the picture of the house is the house."""
+"""README, docs and notebook are true: their commands and links exist, the picture of the house is
+the house."""
 
 from __future__ import annotations
 

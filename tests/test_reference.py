@@ -1,4 +1,5 @@
-"""The documentation: it builds without a warning, its links lead somewhere, and every public name is in the reference."""
+"""The documentation: it builds without a warning, its links lead somewhere, and every public name
+is in the reference."""
 
 from __future__ import annotations
 
@@ -65,7 +66,8 @@ def test_links_lead_somewhere(root: Path, tmp_path: Path) -> None:
     assert [fault for page in every for fault in faults(page, root)] == []
     bad = tmp_path / "bad.md"
     bad.write_text(
-        "# A head\n[a](#a-head) [b](#b) [c](missing.md) ![d](d.png) [e](http:/nowhere) [f](https://a.org/b)"
+        "# A head\n[a](#a-head) [b](#b) [c](missing.md) ![d](d.png) [e](http:/nowhere)"
+        " [f](https://a.org/b)"
     )
     assert len(faults(bad, tmp_path)) == 4
 
@@ -85,7 +87,8 @@ def test_every_public_name_is_in_the_reference_with_an_example(root: Path) -> No
 
 @pytest.mark.parametrize("name", sorted(set(lb.__all__) - {"__version__", "figures"}))
 def test_arguments_and_fields_are_documented(name: str) -> None:
-    """Each by its name in the docstring, by ``#:`` beside it, or for all functions at once; numbers of arrays have shapes."""
+    """Each by its name in the docstring, by ``#:`` beside it, or for all functions at once; numbers
+    of arrays have shapes."""
     what = getattr(lb, name)
     text = inspect.getdoc(what) or ""
     if dataclasses.is_dataclass(what):
@@ -137,7 +140,8 @@ def test_json_has_the_keys_of_the_reference(root: Path, recovered: lb.Campaign) 
     importlib.util.find_spec("myst_parser") is None, reason="The extra docs is not installed"
 )
 def test_the_documentation_builds(root: Path, tmp_path: Path) -> None:
-    """Without a warning, without a network, in under three minutes; a page without its place in the order is a warning."""
+    """Without a warning, without a network, in under three minutes; a page without its place in the
+    order is a warning."""
     build = [sys.executable, "-m", "sphinx", "-W", "-n", "-q", str(root / "docs"), str(tmp_path)]
     done = subprocess.run(build, capture_output=True, text=True, check=False, timeout=180)
     assert (done.returncode, done.stderr) == (0, "")

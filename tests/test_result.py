@@ -26,7 +26,8 @@ FORCES_N = (36.0, 400.0, 742.0)
 
 @pytest.fixture(scope="module")
 def shown() -> tuple[list[Any], list[pd.DataFrame]]:
-    """Objects of every public class, and the tables of every public function that returns one, the summary first."""
+    """Objects of every public class, and the tables of every public function that returns one, the
+    summary first."""
     tests = [
         lb.CircularTest(F, np.arange(40) * 9.0, direction=way)
         for F in FORCES_N

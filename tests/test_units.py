@@ -1,4 +1,5 @@
-"""What a reader sees: numbers rounded after the GUM, one set of units, and an order that does not hang on rounding."""
+"""What a reader sees: numbers rounded after the GUM, one set of units, and an order that does not
+hang on rounding."""
 
 from __future__ import annotations
 
@@ -74,7 +75,9 @@ def test_units_as_they_are_typed(text: str, unit: str, expected: float) -> None:
 def test_a_number_of_another_kind_is_refused(text: str) -> None:
     with pytest.raises(
         InputError,
-        match=r"^--target must be a number with its unit, got .* Write it in nm/N, like 0.5 nm/N\.$",
+        match=(
+            r"^--target must be a number with its unit, got .* Write it in nm/N, like 0.5 nm/N\.$"
+        ),
     ):
         units.to_inside(text, "mm/N", "--target")
 
@@ -135,7 +138,8 @@ def test_in_a_sentence(
 
 
 def test_stiffness() -> None:
-    """1 / 54.8 nm/N = 18.2 N/µm; only a lower limit where C may be a fifth of its median or less."""
+    """1 / 54.8 nm/N = 18.2 N/µm; only a lower limit where C may be a fifth of its median or
+    less."""
     assert units.stiffness(5.48e-5, (4.82e-5, 6.13e-5)) == "18.2 [16.3, 20.7]"
     assert units.stiffness(5.48e-5, (5.47e-5, 5.49e-5)) == "18.248 [18.215, 18.282]"
     assert units.stiffness(5.48e-5, (0.0, 6.13e-5)) == "at least 16.3"

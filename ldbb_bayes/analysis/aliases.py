@@ -35,7 +35,8 @@ EXACTLY = 0.05
 
 
 class NullSpace:
-    """Columns in units of the prior sd, the first p of them parameters of interest, and what is too small to be seen."""
+    """Columns in units of the prior sd, the first p of them parameters of interest, and what is too
+    small to be seen."""
 
     def __init__(self, scaled: Array, p: int, limit: float) -> None:
         self.scaled, self.p, self.limit = scaled, p, limit
@@ -43,9 +44,10 @@ class NullSpace:
         self.largest = np.abs(scaled).max(axis=0)
 
     def sparse(self) -> list[tuple[int, Array]]:
-        """A basis of the null space: pivots and vectors, each with a one at its pivot. Nuisances that no reading sees by
-        themselves are left aside. First what parameters do among themselves, then every nuisance that the other parameters
-        imitate by themselves, then what is left of the null space. Each vector has a pivot that the others lack."""
+        """A basis of the null space: pivots and vectors, each with a one at its pivot. Nuisances
+        that no reading sees by themselves are left aside. First what parameters do among
+        themselves, then every nuisance that the other parameters imitate by themselves, then what
+        is left of the null space. Each vector has a pivot that the others lack."""
         own = np.arange(self.p)
         seen = self.largest > self.limit
         every = np.flatnonzero(seen | (np.arange(len(seen)) < self.p))
@@ -69,7 +71,8 @@ class NullSpace:
         return {pivot: vector for pivot, vector in vectors.items() if vector is not None}
 
     def _null_space(self, columns: NDArray[np.intp]) -> Array:
-        """Orthonormal directions, shape (columns, k), along which one prior sd moves no reading by more than the limit."""
+        """Orthonormal directions, shape (columns, k), along which one prior sd moves no reading by
+        more than the limit."""
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
         singular = np.append(singular, np.zeros(len(columns) - len(singular)))
         vectors = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
@@ -78,7 +81,8 @@ class NullSpace:
         return vectors
 
     def _imitation(self, target: int, others: NDArray[np.intp]) -> Array | None:
-        """One of the target and, by least squares, the least of the others that undo it, or None when they cannot."""
+        """One of the target and, by least squares, the least of the others that undo it, or None
+        when they cannot."""
         solved = np.zeros(self.scaled.shape[1])
         solved[others] = -np.linalg.lstsq(
             self._triangle[:, others], self._triangle[:, target], rcond=1e-12
@@ -98,7 +102,8 @@ class NullSpace:
 
 
 def _pivots(null: Array, preferred: NDArray[np.bool_]) -> list[int]:
-    """As many rows of the null space as it has dimensions, as independent as can be, preferred ones first."""
+    """As many rows of the null space as it has dimensions, as independent as can be, preferred ones
+    first."""
     pivots: list[int] = []
     rest = null.copy()
     while len(pivots) < null.shape[1]:
@@ -130,12 +135,15 @@ class Degeneracy:
         str, ...
     ]  # those of interest that do more than a fiftieth of what the nuisance does
     units: Mapping[str, str]  # of all parameters in it
-    modelled: bool  # whether the model has the nuisance: else nothing bounds it, and the intervals ignore it
+    # whether the model has the nuisance: else nothing bounds it, and the intervals ignore it
+    modelled: bool
     stated: (
         bool  # whether a certificate, or the model where its term was edited, says how large it is
     )
     prior_sds: float  # its length in units of the prior sd
-    change_um: float  # of a reading, the largest; 0 below 1e-9 of what its largest member does alone, which is rounding
+    # of a reading, the largest; 0 below 1e-9 of what its largest member does alone, which is
+    # rounding
+    change_um: float
 
     @property
     def nuisances(self) -> tuple[str, ...]:
@@ -144,7 +152,8 @@ class Degeneracy:
 
 
 class Cure(StrEnum):
-    """What would separate a degeneracy's members: further tests, or a calibration of the nuisance."""
+    """What would separate a degeneracy's members: further tests, or a calibration of the
+    nuisance."""
 
     FORCES = "forces"
     WORK_BALL = "work ball"
@@ -174,7 +183,8 @@ class Standing(Result):
 
 
 def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
-    """The sparse null space of a campaign's or plan's design, as far as it holds parameters of interest."""
+    """The sparse null space of a campaign's or plan's design, as far as it holds parameters of
+    interest."""
     names, owners, values, sd = _coefficients(bound)
     modelled = {type(term).__name__: term for term in bound.model.nuisances}
     edited = {type(term) for term in bound.model.nuisances if _usual(bound).get(type(term)) != term}
@@ -226,7 +236,8 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[Standing, ...]:
-    """Return degeneracies with effects that are not terms of the model, and what force alone separates."""
+    """Return degeneracies with effects that are not terms of the model, and what force alone
+    separates."""
     standing = (
         [Standing(StandingKind.FRICTION, hidden)] if (hidden := _like_friction(bound)) else []
     )
@@ -256,7 +267,8 @@ def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tup
 
 
 def _like_friction(bound: BoundModel) -> tuple[str, ...]:
-    """Cross compliances whose pattern, turned with the direction of travel, is one of the parameters' own."""
+    """Cross compliances whose pattern, turned with the direction of travel, is one of the
+    parameters' own."""
     by_name = {test.name: test for test in bound.campaign.tests}
     sign = np.array(
         [-1.0 if by_name[name].direction == "CCW" else 1.0 for name in bound.test_names]
@@ -274,7 +286,8 @@ def _like_friction(bound: BoundModel) -> tuple[str, ...]:
 
 
 def _coefficients(bound: BoundModel) -> tuple[list[str], list[str], Array, Array]:
-    """Names, owners, columns (tests, 25, m) and prior sd (m,) of parameters and of every shared nuisance, modelled or not."""
+    """Names, owners, columns (tests, 25, m) and prior sd (m,) of parameters and of every shared
+    nuisance, modelled or not."""
     own = {type(term): term for term in bound.model.nuisances}
     usual = _usual(bound)
     names, owners = list(bound.names), [""] * len(bound.names)
@@ -302,7 +315,8 @@ def _usual(bound: BoundModel) -> dict[type[Term], Term]:
 
 
 def _effects(bound: BoundModel, values: Array) -> Array:
-    """Change of readings per unit of the coefficients at up to ``_ANGLES`` angles of each test, shape (k, m) [mm]."""
+    """Change of readings per unit of the coefficients at up to ``_ANGLES`` angles of each test,
+    shape (k, m) [mm]."""
     rows = []
     by_name = {test.name: test for test in bound.campaign.tests}
     for r, name in enumerate(bound.test_names):
@@ -318,7 +332,8 @@ _MANY = 36
 
 
 def cures(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
-    """Return for each degeneracy what would end it: tests tried by adding them to the plan, and the nuisance's calibration."""
+    """Return for each degeneracy what would end it: tests tried by adding them to the plan, and the
+    nuisance's calibration."""
     plan, tried, every = bound.campaign.plan(), {}, []
     for cure, tests in _further_tests(plan).items():
         more = replace(plan, tests=(*plan.tests, *(replace(test, name="") for test in tests)))
@@ -336,7 +351,8 @@ def cures(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[tuple[Cure, .
 
 
 def _same(one: Degeneracy, other: Degeneracy) -> bool:
-    """Whether another plan still has it: the nuisance in the same pattern, or parameters two of which it shares."""
+    """Whether another plan still has it: the nuisance in the same pattern, or parameters two of
+    which it shares."""
     if one.term != other.term:
         return False
     if one.term:

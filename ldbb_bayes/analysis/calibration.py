@@ -1,8 +1,10 @@
-"""Are ranks uniform? The band that the empirical distribution of uniform numbers stays inside, everywhere at once.
+"""Are ranks uniform? The band that the empirical distribution of uniform numbers stays inside,
+everywhere at once.
 
-Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and Computing 32:32 (2022): pointwise binomial
-intervals, their level adjusted so that all of them hold together with the probability asked for. That probability is computed
-exactly here, count by count along the band.
+Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and Computing
+32:32 (2022): pointwise binomial intervals, their level adjusted so that all of them hold together
+with the probability asked for. That probability is computed exactly here, count by count along the
+band.
 """
 
 from __future__ import annotations
@@ -32,15 +34,17 @@ _BISECTIONS = 40
 
 
 def ecdf(ranks: Array, draws: int) -> Array:
-    """Empirical distribution of ranks in 0 … draws at (k + 1) / (draws + 1), k = 0 … draws − 1, shape (draws,)."""
+    """Empirical distribution of ranks in 0 … draws at (k + 1) / (draws + 1), k = 0 … draws − 1,
+    shape (draws,)."""
     counts = np.bincount(ranks, minlength=draws + 1)
     return np.asarray(np.cumsum(counts)[:-1] / len(ranks))
 
 
 @cache
 def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, Array]:
-    """Lower and upper ends of the band, each of shape (draws,), for the `ecdf` of so many ranks, uniform in 0 … draws: with
-    probability ``prob`` it stays inside as a whole; as near above that as whole counts allow."""
+    """Lower and upper ends of the band, each of shape (draws,), for the `ecdf` of so many ranks,
+    uniform in 0 … draws: with probability ``prob`` it stays inside as a whole; as near above that
+    as whole counts allow."""
     level = np.arange(1, draws + 1) / (draws + 1)
     below, above = (
         tail(np.arange(replicates + 1.0)[:, None], replicates, level) for tail in (bdtr, bdtrc)
@@ -63,7 +67,8 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
 
 
 def _coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
-    """P(lower ≤ counts ≤ upper at every level): from each level to the next a binomial share of the numbers not yet passed."""
+    """P(lower ≤ counts ≤ upper at every level): from each level to the next a binomial share of the
+    numbers not yet passed."""
     from scipy.stats import binom  # figures start without it
 
     before, origin, probability = 0.0, np.zeros(1, dtype=int), np.ones(1)
@@ -103,7 +108,8 @@ class Validation(Result):
 
     @cached_property
     def band(self) -> tuple[Array, Array]:
-        """The band of `ecdf` for one quantity, shape (draws,) each: together they hold with probability ``prob``."""
+        """The band of `ecdf` for one quantity, shape (draws,) each: together they hold with
+        probability ``prob``."""
         return simultaneous_band(self.replicates, self.draws, self.prob ** (1.0 / len(self.names)))
 
     def ecdf(self, name: str) -> Array:
@@ -126,9 +132,11 @@ class Validation(Result):
         return not self.outside and not self.failures
 
     def coverage(self) -> pd.DataFrame:
-        """Return the share of true values inside their equal-tailed intervals, one row per quantity, and its standard error.
+        """Return the share of true values inside their equal-tailed intervals, one row per
+        quantity, and its standard error.
 
-        Columns 50, 80, 95 (what the interval claims, in per cent) and u50, u80, u95 (binomial standard errors if calibrated).
+        Columns 50, 80, 95 (what the interval claims, in per cent) and u50, u80, u95 (binomial
+        standard errors if calibrated).
         """
         distance = np.abs(2 * self.ranks - self.draws)
         table = pd.DataFrame(index=list(self.names))
@@ -182,16 +190,19 @@ def validate(
     plan : forces, angles, clockings; readings are ignored.
     replicates, draws : simulated campaigns, and independent posterior draws of each.
     sampler : {"independent", "joint"}
-    generator : what the readings are drawn from; default ``model``. Another one shows what a wrong model does.
+    generator : what the readings are drawn from; default ``model``. Another one shows what a wrong
+        model does.
     prob : probability of the band, simultaneous over ranks and quantities.
-    executor : runs the replicates, one BLAS thread each; default: here, one after the other. The result does not depend on it.
+    executor : runs the replicates, one BLAS thread each; default: here, one after the other. The
+        result does not depend on it.
     progress : called with the number of replicates done and their total.
     """
     sampler = sampler_named(sampler)
     proper = not (model.prior.flat or (generator is not None and generator.prior.flat))
     require(
         proper,
-        "validation must start from proper priors, got flat ones: nothing can be drawn. Use the default preset.",
+        "validation must start from proper priors, got flat ones: nothing can be drawn. Use the"
+        " default preset.",
     )
     for name, value, least in (("replicates", replicates, 10), ("draws", draws, 9)):
         require(value >= least, f"{name} must be at least {least}, got {value}. Ask for more.")
@@ -226,7 +237,8 @@ def _ranks(
     draws: int,
     seed: np.random.SeedSequence,
 ) -> Array | str:
-    """Ranks of the truth among the draws of one simulated campaign, then whether emcee took over; or why there are none."""
+    """Ranks of the truth among the draws of one simulated campaign, then whether emcee took over;
+    or why there are none."""
     simulating, sampling = seed.spawn(2)
     simulation = generator.simulate(plan, seed=int(simulating.generate_state(1)[0]))
     bound = model.bind(simulation.campaign)

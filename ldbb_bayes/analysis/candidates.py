@@ -1,11 +1,13 @@
-"""The tests one could run, in which order to run them, what to expect of them, and the space of designs made of them.
+"""The tests one could run, in which order to run them, what to expect of them, and the space of
+designs made of them.
 
-Model properties, F0, force range and Ĉ, are the pilot's. Ball forms count as two terms as soon as any clocking differs; where
-none does, two terms and one are the same model.
+Model properties, F0, force range and Ĉ, are the pilot's. Ball forms count as two terms as soon as
+any clocking differs; where none does, two terms and one are the same model.
 
-Expected are the posterior sd of every parameter, the information gained, constant or linear: of the linear Gaussian model at
-given hyper-parameters, averaged over these; sd inside the truncation, evidence without it. This takes the general route through
-`ldbb_bayes.model.likelihood.Information` and none of the search's.
+Expected are the posterior sd of every parameter, the information gained, constant or linear: of the
+linear Gaussian model at given hyper-parameters, averaged over these; sd inside the truncation,
+evidence without it. This takes the general route through `ldbb_bayes.model.likelihood.Information`
+and none of the search's.
 """
 
 from __future__ import annotations
@@ -66,8 +68,9 @@ _ROUNDING = 1e-12
 
 
 def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[CircularTest, ...]:
-    """A test without readings for every plane of the pilot and every direction, by default those of the pilot there; else it is
-    like the pilot's test in that plane with the median number of readings, its angles in equal steps."""
+    """A test without readings for every plane of the pilot and every direction, by default those of
+    the pilot there; else it is like the pilot's test in that plane with the median number of
+    readings, its angles in equal steps."""
     made: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.tests):
         there = [test for test in pilot.tests if test.plane == plane]
@@ -85,9 +88,9 @@ def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[Ci
 def foreseen_by(
     pilot: Campaign, candidates: Sequence[CircularTest], judged: Sequence[CircularTest] = ()
 ) -> Campaign:
-    """The pilot, knowing of tests of a kind it has not run: what only they can show is in its model. Where candidates go both
-    ways in a plane, so do those foreseen: hysteresis then counts for every design. Tests that are only judged bring their
-    parameters, not their direction."""
+    """The pilot, knowing of tests of a kind it has not run: what only they can show is in its
+    model. Where candidates go both ways in a plane, so do those foreseen: hysteresis then counts
+    for every design. Tests that are only judged bring their parameters, not their direction."""
     both = {
         plane
         for plane in PLANES
@@ -108,7 +111,8 @@ def foreseen_by(
             *way,
         )
 
-    # A direction counts as foreseen only where it is: the pilot's own tests need not be part of what is analysed.
+    # A direction counts as foreseen only where it is: the pilot's own tests need not be part of
+    # what is analysed.
     there = {kind(test) for test in pilot.scope} | {
         kind(test, test.direction) for test in pilot.foreseen
     }
@@ -123,7 +127,8 @@ def grid_of_tests(
     clockings_deg: Sequence[Clocking],
     radii_mm: Sequence[float],
 ) -> tuple[CircularTest, ...]:
-    """Every combination as a planned test: all forces of the first template, radius and clocking, then of the next."""
+    """Every combination as a planned test: all forces of the first template, radius and clocking,
+    then of the next."""
     return tuple(
         replace(
             like,
@@ -141,7 +146,8 @@ def grid_of_tests(
 def bind_tests(
     model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep: bool
 ) -> BoundModel:
-    """The model bound to a plan of these tests, after the pilot's own where these are kept; F0, force range and Ĉ the pilot's."""
+    """The model bound to a plan of these tests, after the pilot's own where these are kept; F0,
+    force range and Ĉ the pilot's."""
     run = pilot.plan().tests
     planned = tuple(replace(test, name="") if test.name else test for test in tests)
     known = (*pilot.foreseen, *(replace(test, direction=None) for test in run))
@@ -153,8 +159,9 @@ def bind_tests(
 def running_order(
     tests: Sequence[CircularTest], rng: np.random.Generator
 ) -> tuple[CircularTest, ...]:
-    """The tests in the order in which to run them, so that drift is not force: blocks of one set-up, plane and radius, in them of
-    one work-ball clocking, in them of one tool-ball clocking, there and back; forces and directions of travel at random."""
+    """The tests in the order in which to run them, so that drift is not force: blocks of one
+    set-up, plane and radius, in them of one work-ball clocking, in them of one tool-ball clocking,
+    there and back; forces and directions of travel at random."""
 
     def blocks(
         tests: Sequence[CircularTest], key: Callable[[CircularTest], Any]
@@ -179,7 +186,8 @@ _PREDICTED_FORCES = 33
 
 
 def _prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
-    """W with tr(W S⁻¹) the variance of C_j(F) / var prior of C_j, averaged over the pilot's forces and the compliances."""
+    """W with tr(W S⁻¹) the variance of C_j(F) / var prior of C_j, averaged over the pilot's forces
+    and the compliances."""
     forces = (bound.pilot or bound.campaign).forces_N
     own = [bound.names.index(name) for name in chosen]
     prior = Prior.first() if bound.model.prior.flat else bound.model.prior
@@ -199,8 +207,9 @@ def _prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
 def objective_of(
     bound: BoundModel, run: int, phi: Array, chosen: Sequence[str], criterion: Criterion
 ) -> Objective:
-    """The candidates' information on the chosen parameters at every φ (K, h); nuisances that touch none of them are left out. The
-    model is bound to the tests already run, ``run`` of them, followed by the candidates."""
+    """The candidates' information on the chosen parameters at every φ (K, h); nuisances that touch
+    none of them are left out. The model is bound to the tests already run, ``run`` of them,
+    followed by the candidates."""
     rows, prior = [], []
     order = kept = proper = np.zeros(0, dtype=int)
     for k, information in enumerate(informations_of(bound, carried(bound, phi, run))):
@@ -229,7 +238,8 @@ def _compact(blocks: Sequence[Array]) -> Array:
 
 
 def _connected(blocks: Array, own: Sequence[int]) -> NDArray[np.int_]:
-    """Columns that share readings with those of interest, directly or through others; those of interest last."""
+    """Columns that share readings with those of interest, directly or through others; those of
+    interest last."""
     size = np.abs(blocks)
     label = components(np.einsum("rij,rik->jk", size, size) > 0.0)
     joined = np.isin(label, label[list(own)])
@@ -247,12 +257,14 @@ _KEPT: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 @dataclass(frozen=True)
 class Expected(Result):
-    """Prior sd of one parameter (infinite when flat), in inside units, and its expected posterior sd.
+    """Prior sd of one parameter (infinite when flat), in inside units, and its expected posterior
+    sd.
 
-    ``sd`` is inside the truncation, ``untruncated_sd`` without it: their squares are averaged over the hyper-parameters; infinite
-    where flat priors leave something undetermined. ``sd_error`` is the standard error of ``sd``, a mean over states of the
-    machine, as if these were independent; they are spread more evenly. ``floor_sd`` is what nuisances shared by all tests leave
-    if every test were run a million times, narrowed by the truncation as ``sd``.
+    ``sd`` is inside the truncation, ``untruncated_sd`` without it: their squares are averaged over
+    the hyper-parameters; infinite where flat priors leave something undetermined. ``sd_error`` is
+    the standard error of ``sd``, a mean over states of the machine, as if these were independent;
+    they are spread more evenly. ``floor_sd`` is what nuisances shared by all tests leave if every
+    test were run a million times, narrowed by the truncation as ``sd``.
     """
 
     unit: str
@@ -265,11 +277,14 @@ class Expected(Result):
 
 @dataclass(frozen=True)
 class Discrimination(Result):
-    """What ln B(with the slopes / without) will be: its mean [nat] and the probabilities of decisive evidence for what is true,
-    and for what is false, if there are slopes, and if there are none."""
+    """What ln B(with the slopes / without) will be: its mean [nat] and the probabilities of
+    decisive evidence for what is true, and for what is false, if there are slopes, and if there are
+    none."""
 
     size: float  #: of the slopes, in prior sd
-    augmented: bool  #: tests already run are part of it: slopes are as those leave them, else drawn from their prior × ``size``
+    #: tests already run are part of it: slopes are as those leave them, else drawn from their prior
+    #: × ``size``
+    augmented: bool
     threshold: float  #: |ln B| from which evidence is called decisive [nat]
     expected_with: float
     expected_without: float
@@ -278,14 +293,18 @@ class Discrimination(Result):
     misleading_with: float
     misleading_without: float
     power: dict[
-        str, float
-    ]  #: probability of decisive evidence if this slope alone is there, of plus or minus ``size`` prior sd
+        str,
+        float,
+        #: probability of decisive evidence if this slope alone is there, of plus or minus ``size``
+        #: prior sd
+    ]
 
 
 @dataclass(frozen=True, eq=False)
 class Forecast(Result):
-    """What to expect of tests: sd of every parameter; the expected Kullback-Leibler divergence of the posterior from the prior
-    [nat], infinite when that is flat; constant or linear, None without slopes or with flat priors."""
+    """What to expect of tests: sd of every parameter; the expected Kullback-Leibler divergence of
+    the posterior from the prior [nat], infinite when that is flat; constant or linear, None without
+    slopes or with flat priors."""
 
     expected: dict[str, Expected]  #: by parameter
     information_gain: Finite  #: expected [nat]
@@ -299,8 +318,9 @@ class Forecast(Result):
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """K equally likely states of the machine: hyper-parameters φ (K, h) [mm], and parameters β (K, p) inside the truncation, none
-    when their prior is flat. ``before``, at each φ, untruncated: the prior, or the posterior of tests that count as run."""
+    """K equally likely states of the machine: hyper-parameters φ (K, h) [mm], and parameters β (K,
+    p) inside the truncation, none when their prior is flat. ``before``, at each φ, untruncated: the
+    prior, or the posterior of tests that count as run."""
 
     phi: Array
     beta: Array
@@ -308,9 +328,9 @@ class States:
 
 
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
-    """Values of φ, equally likely, shape (size, h) [mm]: of its posterior given the pilot, or of its prior for a plan. For a
-    prior their number is rounded up to a power of two. With flat priors variances are σ² times something that does not depend on
-    it: one node, the root mean square."""
+    """Values of φ, equally likely, shape (size, h) [mm]: of its posterior given the pilot, or of
+    its prior for a plan. For a prior their number is rounded up to a power of two. With flat priors
+    variances are σ² times something that does not depend on it: one node, the root mean square."""
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
         points = Sobol(len(prior.names), np.random.default_rng(seed))
@@ -324,8 +344,9 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
 
 
 def carried(bound: BoundModel, phi: Array, run: int) -> Array:
-    """φ (K, h) of the pilot for a binding of ``run`` of its circles and of circles to come. These have λ = 1, as 1/λ² is one on
-    average; scales that do not act on the pilot are spread over their prior."""
+    """φ (K, h) of the pilot for a binding of ``run`` of its circles and of circles to come. These
+    have λ = 1, as 1/λ² is one on average; scales that do not act on the pilot are spread over their
+    prior."""
     pilot = bound.pilot or bound.campaign
     before = bound if pilot is bound.campaign else _posterior(bound.model, pilot).bound
     place = {name: k for k, name in enumerate(before.hyper_prior.names)}
@@ -387,9 +408,10 @@ def _posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
 def narrowed(
     bound: BoundModel, states: States, covariance: Array, seed: int
 ) -> tuple[Array, Array]:
-    """Expected posterior variances inside the truncation and their standard errors, (p,) each, from the covariances without it
-    (K, p, p). States that the new tests' forces rule out are left out. For every state the mean that the analysis would find is
-    drawn, and the truncated Gaussian about it is taken. The errors are those of a mean over as many states."""
+    """Expected posterior variances inside the truncation and their standard errors, (p,) each, from
+    the covariances without it (K, p, p). States that the new tests' forces rule out are left out.
+    For every state the mean that the analysis would find is drawn, and the truncated Gaussian about
+    it is taken. The errors are those of a mean over as many states."""
     each = np.einsum("kii->ki", covariance)
     plain, change = each.mean(axis=0), np.zeros_like(each)
     if bound.truncation.active:
@@ -403,8 +425,9 @@ def narrowed(
 def _change_inside(
     bound: BoundModel, states: States, possible: Array, covariance: Array, seed: int
 ) -> Array:
-    """What the truncation adds to the variances in possible states, shape (states, p). The mean m that an analysis will find is
-    m | β ~ N(m₁ + W (β − m₁), W C), W = 1 − C P₁, with the precision P₁ before the tests and the covariance C after them."""
+    """What the truncation adds to the variances in possible states, shape (states, p). The mean m
+    that an analysis will find is m | β ~ N(m₁ + W (β − m₁), W C), W = 1 − C P₁, with the precision
+    P₁ before the tests and the covariance C after them."""
     scale, start = bound.scale, states.before.mean[possible]
     both = np.outer(scale, scale)
     after = covariance[possible] / both
@@ -430,11 +453,13 @@ def discrimination_of(
     threshold: float = DECISIVE,
     seed: int = 1,
 ) -> Discrimination:
-    """What ln B will be, from the slopes' posterior covariances C (K, s, s) in units of their prior sd, one for every value of φ.
+    """What ln B will be, from the slopes' posterior covariances C (K, s, s) in units of their prior
+    sd, one for every value of φ.
 
-    ``before`` is their posterior after tests already run, in the same units; default: none were. With the mean m that the
-    analysis will find, ln B = ½ (ln det C + mᵀ C⁻¹ m). With P₁ the precision before, C = L Lᵀ and Lᵀ P₁ L = U e Uᵀ, what
-    z = Uᵀ L⁻¹ m consists of is independent: given slopes β with means e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and variances 1 − e.
+    ``before`` is their posterior after tests already run, in the same units; default: none were.
+    With the mean m that the analysis will find, ln B = ½ (ln det C + mᵀ C⁻¹ m). With P₁ the
+    precision before, C = L Lᵀ and Lᵀ P₁ L = U e Uᵀ, what z = Uᵀ L⁻¹ m consists of is independent:
+    given slopes β with means e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and variances 1 − e.
     """
     count, s = covariance.shape[:2]
     start = Gaussian.of(np.zeros((count, s)), np.ones((count, s))) if before is None else before
@@ -449,7 +474,8 @@ def discrimination_of(
     points = _points(count, s - 1, seed)
 
     def probability(centre: Array, variance: Array, level: float) -> float:
-        """P(ln B > level), z of these means (K, 1 or 2, s), which the points take in turn, and variances (K, s)."""
+        """P(ln B > level), z of these means (K, 1 or 2, s), which the points take in turn, and
+        variances (K, s)."""
         first = np.argsort(-variance, axis=1)[:, None]
         sd = np.sqrt(np.maximum(np.take_along_axis(variance[:, None], first, axis=2), _LEAST))
         own = np.take_along_axis(centre, first, axis=2)[
@@ -493,15 +519,16 @@ def discrimination_of(
 
 
 def _points(count: int, dimensions: int, seed: int) -> Array:
-    """Standard normal points, shape (count, _EACH, dimensions): quasi-random ones, moved at random for each."""
+    """Standard normal points, shape (count, _EACH, dimensions): quasi-random ones, moved at random
+    for each."""
     rng = np.random.default_rng(seed)
     points = Sobol(dimensions, rng).random(_EACH) if dimensions else np.zeros((_EACH, 0))
     return np.asarray(ndtri((points + rng.random((count, 1, dimensions))) % 1.0))
 
 
 def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:
-    """p(β | y, φ), ``run`` circles being the pilot's, about zero and floor sd (p,), both in units of the prior sd; none where
-    flat priors leave something open."""
+    """p(β | y, φ), ``run`` circles being the pilot's, about zero and floor sd (p,), both in units
+    of the prior sd; none where flat priors leave something open."""
     phi = carried(bound, phi, run)
     one = information_of(bound, phi[0])
     own, flat, size = one.own, one.flat, len(one.names)
@@ -532,8 +559,8 @@ _MOST_CANDIDATES = 5000
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """What is to be designed: the arguments of `ldbb_bayes.design` but for its goal, and what follows from them. ``judged`` are
-    the tests of designs that are to be compared."""
+    """What is to be designed: the arguments of `ldbb_bayes.design` but for its goal, and what
+    follows from them. ``judged`` are the tests of designs that are to be compared."""
 
     model: HybridModel
     pilot: Campaign
@@ -601,13 +628,17 @@ class Space:
             p for p in self.bound.parameters if (p.name in given if given else p.group in wanted)
         ]
         groups, only = {p.group for p in found}, self.criterion == "discriminate"
-        slopes = "criterion discriminate must be about slopes, got others or none. Name some (C_XYX_1), or use a degree above 0."
+        slopes = (
+            "criterion discriminate must be about slopes, got others or none. Name some (C_XYX_1),"
+            " or use a degree above 0."
+        )
         one = self.criterion != "c" or len(found) == 1
         require(one, f"criterion c must be given one parameter, got {len(found)}. Name it.")
         require(not only or groups == wanted, slopes)
         require(
             groups <= wanted,
-            "criterion i must be about compliances and their slopes, got a geometric error. Leave it out.",
+            "criterion i must be about compliances and their slopes, got a geometric error. Leave"
+            " it out.",
         )
         proper = (
             "criterion discriminate must have proper priors, got flat ones. Use the default preset."
@@ -626,7 +657,8 @@ class Space:
         return grid_of_tests(self.templates, self.forces_N, self.clockings_deg, self.radii_mm)
 
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
-        """One row per test: its force, clockings and radius, and the rest where it differs among candidates and judged."""
+        """One row per test: its force, clockings and radius, and the rest where it differs among
+        candidates and judged."""
         every = (*self.tests, *self.judged)
         columns = [
             "force_N",
@@ -647,7 +679,8 @@ class Space:
         return tuple(self.tests[i] for i in np.repeat(np.arange(len(self.tests)), found.counts))
 
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
-        """Equal steps of force, each at the nearest level, first clocking and radius; over planes and directions in turn."""
+        """Equal steps of force, each at the nearest level, first clocking and radius; over planes
+        and directions in turn."""
         levels = np.array(sorted(self.forces_N))
         steps = np.linspace(levels[0], levels[-1], number)
         nearest = [float(levels[np.argmin(np.round(np.abs(levels - step), 9))]) for step in steps]
@@ -694,8 +727,8 @@ class Space:
         return states_before(self.model, self.pilot, _REPORTED, self.seed, augment=self.augment)
 
     def forecast(self, tests: Sequence[CircularTest], *, states: States | None = None) -> Forecast:
-        """What to expect of tests (added to the pilot's own when ``augment``), over more hyper-parameters than the search uses.
-        ``states``: the machine as it may be before them."""
+        """What to expect of tests (added to the pilot's own when ``augment``), over more
+        hyper-parameters than the search uses. ``states``: the machine as it may be before them."""
         states = states or self.states
         bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
         after, floor = posteriors(bound, states.phi, len(self.pilot.tests) if self.augment else 0)

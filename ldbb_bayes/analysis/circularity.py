@@ -1,7 +1,8 @@
-"""Circular-test quantities in the sense of ISO 230-4, of the machine's own path and of the readings as they are.
+"""Circular-test quantities in the sense of ISO 230-4, of the machine's own path and of the readings
+as they are.
 
-Radial deviations are small beside R: a shift of the centre by (a, b) takes a cos θ + b sin θ from them (to e²/2R: 0.01 µm for a
-circle 50 µm off centre).
+Radial deviations are small beside R: a shift of the centre by (a, b) takes a cos θ + b sin θ from
+them (to e²/2R: 0.01 µm for a circle 50 µm off centre).
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ _SIDES = ((-1.0, 0.0, 1.0), (1.0, 1.0, 0.0))
 
 @dataclass(frozen=True)
 class Zone:
-    """A path about the centre of its least-squares circle: smallest and largest radial deviation from the nominal radius, and
-    that of the least-squares circle, in the unit of the deviations."""
+    """A path about the centre of its least-squares circle: smallest and largest radial deviation
+    from the nominal radius, and that of the least-squares circle, in the unit of the deviations."""
 
     lower: float
     upper: float
@@ -68,7 +69,8 @@ class Zone:
 
 
 def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
-    """The zone about the centre of the least-squares circle, of radial deviations at each angle, shape (n,), in any unit."""
+    """The zone about the centre of the least-squares circle, of radial deviations at each angle,
+    shape (n,), in any unit."""
     columns = _columns(angle_rad, deviation)
     mean, *centre = np.linalg.lstsq(columns, deviation, rcond=None)[0].tolist()
     rest = deviation - columns[:, 1:] @ centre
@@ -76,7 +78,8 @@ def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
 
 
 def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
-    """Width of the zone about the centre that makes it narrowest: a linear programme, solved exactly."""
+    """Width of the zone about the centre that makes it narrowest: a linear programme, solved
+    exactly."""
     from scipy.optimize import linprog
 
     columns = _columns(angle_rad, deviation)
@@ -100,7 +103,8 @@ def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
 def _columns(angle_rad: Array, deviation: Array) -> Array:
     require(
         len(deviation) >= _FEWEST and len(angle_rad) == len(deviation),
-        f"a zone must have at least {_FEWEST} angles with a deviation each, got {len(deviation)}. Give the trace.",
+        f"a zone must have at least {_FEWEST} angles with a deviation each, got {len(deviation)}."
+        " Give the trace.",
     )
     return np.column_stack([np.ones(len(angle_rad)), np.cos(angle_rad), np.sin(angle_rad)])
 
@@ -127,10 +131,12 @@ def measured_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFram
     Returns
     -------
     tests : DataFrame
-        One row per test: force_N, direction, plane, radius_mm, arc_deg; G, G_minimum_zone, F_max, F_min (about the least-squares
-        centre) [µm]; squareness and scale_mismatch [µm/m], not a number for less than a full circle.
+        One row per test: force_N, direction, plane, radius_mm, arc_deg; G, G_minimum_zone, F_max,
+        F_min (about the least-squares centre) [µm]; squareness and scale_mismatch [µm/m], not a
+        number for less than a full circle.
     pairs : DataFrame
-        One row per clockwise and counterclockwise test of the same circle: G_b, G_b_minimum_zone, D [µm].
+        One row per clockwise and counterclockwise test of the same circle: G_b, G_b_minimum_zone, D
+        [µm].
     """
     bound = (
         HybridModel.first(0).bind(posterior)
@@ -163,15 +169,17 @@ _COUNTERPART = {"AF_CIRCULARITY": "G", "AF_SQUARENESS": "squareness"}
 
 
 def compare_record(record: BallbarRecord, campaign: Campaign) -> pd.DataFrame:
-    """What Renishaw's software found, beside the readings of a campaign as `measured_circularity` has them.
+    """What Renishaw's software found, beside the readings of a campaign as `measured_circularity`
+    has them.
 
     InputError for a plan, or a record of another plane.
 
     Returns
     -------
-    One row per test in the record's plane, or pair of tests, and feature: feature, quantity, force_N, radius_mm, unit, record,
-    measured, difference (measured less record). Circularity is beside G, of a pair beside G_b; squareness beside squareness, in
-    the sign that each has. A record is of an unloaded bar: they agree where force does little.
+    One row per test in the record's plane, or pair of tests, and feature: feature, quantity,
+    force_N, radius_mm, unit, record, measured, difference (measured less record). Circularity is
+    beside G, of a pair beside G_b; squareness beside squareness, in the sign that each has. A
+    record is of an unloaded bar: they agree where force does little.
     """
     require(
         not campaign.is_plan, "a record must be compared with readings, got a plan. Run the tests."
@@ -277,11 +285,13 @@ def circularity(
 
     Returns
     -------
-    One row per plane, force and quantity: radius_mm, unit, mean, sd, median, ci_low, ci_high; on the first circle of the plane.
-    G, F_max, F_min about the least-squares centre and radius; squareness (in the sense and sign of the plane's own parameter,
-    E_C0YX in XY) and scale_mismatch (gain of the first axis less that of the second), as the second harmonic shows them,
-    compliance included; where the plane is run both ways G_b and D, the mean radius less the nominal one (G and F are then of the
-    mean path). A G is a largest difference: where the path is not known it is more often too large than too small.
+    One row per plane, force and quantity: radius_mm, unit, mean, sd, median, ci_low, ci_high; on
+    the first circle of the plane. G, F_max, F_min about the least-squares centre and radius;
+    squareness (in the sense and sign of the plane's own parameter, E_C0YX in XY) and scale_mismatch
+    (gain of the first axis less that of the second), as the second harmonic shows them, compliance
+    included; where the plane is run both ways G_b and D, the mean radius less the nominal one (G
+    and F are then of the mean path). A G is a largest difference: where the path is not known it is
+    more often too large than too small.
     """
     check_probability(ci_prob)
     units, rows = QUANTITIES | BIDIRECTIONAL, []
@@ -302,7 +312,8 @@ def circularity(
 def path_draws(
     posterior: xr.DataTree, forces_N: Sequence[float] = (), draws: int = 2000
 ) -> Iterator[tuple[dict[str, Any], dict[str, Array]]]:
-    """Plane, radius and force, and the draws of every quantity of `circularity` there, each (draws,)."""
+    """Plane, radius and force, and the draws of every quantity of `circularity` there, each
+    (draws,)."""
     bound, parts = bound_of(posterior), parts_of(posterior, draws)
     each = [_travel_draws(*part) for part in parts] if bound.setting.both_ways else [{}]
     travel = {
@@ -328,7 +339,8 @@ def path_draws(
             }
             if plane in travel:
                 constant, proportional = travel[plane]
-                # The least-squares centre common to both paths, path ± half of their difference, is that of their mean.
+                # The least-squares centre common to both paths, path ± half of their difference, is
+                # that of their mean.
                 half = (constant + force * proportional) * 1e3
                 traces = np.concatenate(
                     [(centred + way * half) @ basis(_ANGLE).T for way in (1.0, -1.0)], axis=1
@@ -351,7 +363,8 @@ def _spread(values: Array, ci_prob: float) -> dict[str, float]:
 
 
 def _travel_draws(bound: BoundModel, phi: Array, beta: Array) -> dict[str, tuple[Array, Array]]:
-    """Draws of the hysteresis in every plane run both ways, constant [mm] and per newton [mm/N], each (draws, 25)."""
+    """Draws of the hysteresis in every plane run both ways, constant [mm] and per newton [mm/N],
+    each (draws, 25)."""
     names = [name for term in shared_terms(bound.nuisance_columns) for name in term.names]
     columns, drawn = shared_columns(bound), draw_shared(bound, phi, beta, np.random.default_rng(0))
     found = {}
@@ -374,7 +387,8 @@ def _travel_draws(bound: BoundModel, phi: Array, beta: Array) -> dict[str, tuple
 
 
 def _per_second_order(bound: BoundModel, r: int) -> Array:
-    """Scale mismatch per µm of cos 2θ, squareness per µm of sin 2θ, on the circle of a test, shape (2,) [µm/m per µm]."""
+    """Scale mismatch per µm of cos 2θ, squareness per µm of sin 2θ, on the circle of a test, shape
+    (2,) [µm/m per µm]."""
     radius_m = float(bound.setting.radius_mm[r]) * 1e-3
     return np.array(
         [2.0 / radius_m, 1e3 / float(bound.setting.geometric[r][_SIN2, _squareness(bound, r)])]
@@ -407,7 +421,8 @@ def offsets(bound: BoundModel) -> Array:
 
 
 def _machine_columns(bound: BoundModel, r: int, force_N: float) -> tuple[Array, Array]:
-    """Columns of compliances and slopes at any force, and of geometric errors, on the circle of a test, each (25, p)."""
+    """Columns of compliances and slopes at any force, and of geometric errors, on the circle of a
+    test, each (25, p)."""
     geometric = np.array([p.group == "geometric" for p in bound.parameters])
     elastic = force_N * bound.setting.wrench[r] @ bound.compliance_at(force_N)
     return elastic, np.where(geometric, bound.interest[r], 0.0)
@@ -430,9 +445,10 @@ def contributions(
 
     Returns
     -------
-    One row per plane and source: the two together, compliance, geometry, every compliance (its slope included) and every
-    geometric error; radius_mm, force_N; maximum, minimum and peak_to_peak of the mean path; median, sd, ci_low and ci_high of the
-    peak-to-peak. Where a source is hardly known its median exceeds the peak-to-peak of its mean, which may be zero.
+    One row per plane and source: the two together, compliance, geometry, every compliance (its
+    slope included) and every geometric error; radius_mm, force_N; maximum, minimum and peak_to_peak
+    of the mean path; median, sd, ci_low and ci_high of the peak-to-peak. Where a source is hardly
+    known its median exceeds the peak-to-peak of its mean, which may be zero.
     """
     check_probability(ci_prob)
     bound = bound_of(posterior)
@@ -458,7 +474,8 @@ def contributions(
 def contribution_paths(
     bound: BoundModel, r: int, force_N: float, beta: Array, only: Collection[str] = ()
 ) -> Mapping[str, Array]:
-    """Contributions on the circle of test r at 0°, 1° … 359°, each (draws, 360) [µm], keyed as in `contributions`."""
+    """Contributions on the circle of test r at 0°, 1° … 359°, each (draws, 360) [µm], keyed as in
+    `contributions`."""
     turn = basis(_ANGLE).T * 1e3
     elastic, geometric = _machine_columns(bound, r, force_N)
     machine = np.where(offsets(bound), 0.0, geometric)

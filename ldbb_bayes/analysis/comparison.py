@@ -1,18 +1,23 @@
-"""compare(): what the readings say about models, how much, and what that rests on; which tests do not belong; `average`.
+"""compare(): what the readings say about models, how much, and what that rests on; which tests do
+not belong; `average`.
 
-p(M | y) ∝ p(y | M) p(M), every evidence by exact quadrature; the same again under other assumptions; every test predicted from
-the others. Models are compared on the same readings, with the same priors where they share parameters.
+p(M | y) ∝ p(y | M) p(M), every evidence by exact quadrature; the same again under other
+assumptions; every test predicted from the others. Models are compared on the same readings, with
+the same priors where they share parameters.
 
-Does every test belong with the others? Each is compared with circles that the others expect in its place. p-values are exact
-under the models compared: replicates come from p(y_r | y_−r), the models weighted by what the other tests say of them; the
-distance of a circle is measured alike for readings and replicates, order by order, and the smallest p-value of a test is judged
-by how small the replicates' smallest are. Over the tests the family-wise error is held by Holm's method, step by step: a flagged
-test is taken out before the rest is looked at again, or it would make its neighbours look odd.
+Does every test belong with the others? Each is compared with circles that the others expect in its
+place. p-values are exact under the models compared: replicates come from p(y_r | y_−r), the models
+weighted by what the other tests say of them; the distance of a circle is measured alike for
+readings and replicates, order by order, and the smallest p-value of a test is judged by how small
+the replicates' smallest are. Over the tests the family-wise error is held by Holm's method, step by
+step: a flagged test is taken out before the rest is looked at again, or it would make its
+neighbours look odd.
 
-p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the average over models, each by its exact posterior probability. They differ in
-whether compliance changes with force and in what else explains such a change, the rivals of slopes; every combination is as
-probable as another beforehand, as in `explanations`. A coefficient that a model lacks is zero in its draws, so that the share of
-zeros is the probability that it is not there (Hoeting, Madigan, Raftery and Volinsky 1999).
+p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the average over models, each by its exact posterior
+probability. They differ in whether compliance changes with force and in what else explains such a
+change, the rivals of slopes; every combination is as probable as another beforehand, as in
+`explanations`. A coefficient that a model lacks is zero in its draws, so that the share of zeros is
+the probability that it is not there (Hoeting, Madigan, Raftery and Volinsky 1999).
 """
 
 from __future__ import annotations
@@ -139,7 +144,8 @@ class ComparedModel:
     )
     elpd_lofo_se: Number  #: its standard error over the tests
     rmse_um: float  #: Eq. 34 of the posterior mean prediction, machine and shared nuisances
-    least_squares_rmse_um: Number  #: Eq. 34 of the paper's least squares (Eq. 31); not a number where forces do not determine it
+    #: Eq. 34 of the paper's least squares (Eq. 31); not a number where forces do not determine it
+    least_squares_rmse_um: Number
     degree: int
     parameters: dict[str, Estimate]
     compliance_against_force: dict[str, Curve]
@@ -165,7 +171,8 @@ class ComparedTest:
 
 @dataclass(frozen=True)
 class ScaledSlopes:
-    """The comparison with the slopes' prior sd at this multiple of sd(C) over the range of force."""
+    """The comparison with the slopes' prior sd at this multiple of sd(C) over the range of
+    force."""
 
     slope_scale: float
     log_bayes_factor: float
@@ -206,9 +213,13 @@ class Comparison(Result):
     compliance_against_force: dict[str, Curve]  #: averaged over the subsets
     tests: dict[str, ComparedTest]  #: empty for one test
     local_fits: Records  #: as of `local_fits`
-    tolerance: float  #: asked of every log evidence [nat]; a tenth of a nat of assumptions that the readings reject by ten
+    #: asked of every log evidence [nat]; a tenth of a nat of assumptions that the readings reject
+    #: by ten
+    tolerance: float
     largest_error: Finite  #: that was seen, of these assumptions aside
-    by_emcee: int = 0  #: evidences that emcee and bridge sampling took over, the weights of the nodes not to be trusted
+    #: evidences that emcee and bridge sampling took over, the weights of the nodes not to be
+    #: trusted
+    by_emcee: int = 0
     explanations: Explanations | None = (
         None  #: where the second model is the first with slopes, and has rivals of slopes
     )
@@ -221,11 +232,13 @@ class Comparison(Result):
 
     @property
     def headline(self) -> tuple[float, float]:
-        """ln B of the second model over the first and its error [nat]: averaged over rivals of slopes where there are any."""
+        """ln B of the second model over the first and its error [nat]: averaged over rivals of
+        slopes where there are any."""
         if self.explanations is None:
-            return self.log_bayes_factor[self.sensitivity_of], self.log_bayes_factor_error[
-                self.sensitivity_of
-            ]
+            return (
+                self.log_bayes_factor[self.sensitivity_of],
+                self.log_bayes_factor_error[self.sensitivity_of],
+            )
         return (
             self.explanations.averaged.log_bayes_factor,
             self.explanations.averaged.log_bayes_factor_error,
@@ -241,7 +254,8 @@ class Comparison(Result):
         return assumed.best - self.discrepancy_sensitivity[0].best
 
     def turning(self) -> list[Assumed]:
-        """Assumptions that turn the sign of `headline`, the best supported first; white noise alone is none."""
+        """Assumptions that turn the sign of `headline`, the best supported first; white noise alone
+        is none."""
         sign = np.sign(self.headline[0])
         turned = [
             a
@@ -269,7 +283,8 @@ class Comparison(Result):
 
 
 def read_comparison(path: str | os.PathLike[str]) -> Comparison:
-    """Return the comparison in a folder written by ``ldbb-bayes compare --out``, or in its comparison.json.
+    """Return the comparison in a folder written by ``ldbb-bayes compare --out``, or in its
+    comparison.json.
 
     InputError when the file is missing, damaged, or not one of ours.
     """
@@ -297,13 +312,16 @@ def compare(
     ----------
     models : mapping of name to HybridModel
         At least two. Sensitivity is of the second over the first.
-    evidence_only : only evidence and what it hangs on, three times as fast: no test left out, no slope subsets, no local fits.
+    evidence_only : only evidence and what it hangs on, three times as fast: no test left out, no
+        slope subsets, no local fits.
     tolerance : error asked of every log evidence [nat].
     ci_prob : probability of the bands of C(F) and of the intervals of local fits.
     seed : of replicates and bands.
     progress : called with the steps done and their number.
-    evidences : nodes to use and to add to, of this campaign: those that `average` uses too. Their tolerance is the one asked for.
-    executor : works out local fits and other assumptions meanwhile, with the same result; see `process_executor`. Default: here.
+    evidences : nodes to use and to add to, of this campaign: those that `average` uses too. Their
+        tolerance is the one asked for.
+    executor : works out local fits and other assumptions meanwhile, with the same result; see
+        `process_executor`. Default: here.
     """
     check_probability(ci_prob)
     evidences = _checked(models, campaign, evidences or Evidences(campaign, tolerance=tolerance))
@@ -412,7 +430,10 @@ def _checked(
     check_campaign(campaign)
     cure = "Give for example constant and linear compliance."
     require(len(models) > 1, f"models must be at least two, got {len(models)}. {cure}")
-    got = f"got {evidences.tolerance}: evidences are hundreds. For one model log_evidence goes further."
+    got = (
+        f"got {evidences.tolerance}: evidences are hundreds. For one model log_evidence goes"
+        " further."
+    )
     fine = _FINEST <= evidences.tolerance <= _COARSEST
     require(fine, f"tolerance must lie between {_FINEST:g} and {_COARSEST:g} nats, {got}")
     for one, other in itertools.combinations(models, 2):
@@ -432,25 +453,29 @@ def _under(
     evidences: Evidences,
     least: float,
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
-    """The models under assumptions, roughly where these are rejected, and the evidences that are not rough."""
-    return sensitivity.under(
-        names, assumptions, partial(evidences.unless_rejected, least)
-    ), evidences.every
+    """The models under assumptions, roughly where these are rejected, and the evidences that are
+    not rough."""
+    return (
+        sensitivity.under(names, assumptions, partial(evidences.unless_rejected, least)),
+        evidences.every,
+    )
 
 
 def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
-    """Scales at which the log Bayes factor changes sign, interpolated in the logarithm of the scale."""
+    """Scales at which the log Bayes factor changes sign, interpolated in the logarithm of the
+    scale."""
     x, y = np.log(scale), log_bayes_factor
     i = np.flatnonzero(np.sign(y[1:]) * np.sign(y[:-1]) < 0)
     return tuple(np.exp(x[i] + y[i] / (y[i] - y[i + 1]) * (x[i + 1] - x[i])).tolist())
 
 
 def _sum_over_tests(densities: Array) -> tuple[float, float]:
-    """Sum, and its standard error from the scatter over the tests; not a number where there is none."""
+    """Sum, and its standard error from the scatter over the tests; not a number where there is
+    none."""
     n = len(densities)
-    return float(densities.sum()) if n else np.nan, float(
-        np.sqrt(n * densities.var(ddof=1))
-    ) if n > 1 else np.nan
+    return float(densities.sum()) if n else np.nan, (
+        float(np.sqrt(n * densities.var(ddof=1))) if n > 1 else np.nan
+    )
 
 
 def _models(
@@ -520,14 +545,16 @@ _CLOSER, _TOGETHER, _MORE, _FEWER_TOGETHER = 0.05, 5, 2, 2
 
 @dataclass(frozen=True)
 class Outlier:
-    """One test against what the others, flagged ones aside, expect. Two tests that disagree with one another have a small p-value
-    both, and no flag: nothing says which of them is wrong."""
+    """One test against what the others, flagged ones aside, expect. Two tests that disagree with
+    one another have a small p-value both, and no flag: nothing says which of them is wrong."""
 
-    p_value: float  # probability that a circle of the same machine stands out so much in any Fourier order
+    # probability that a circle of the same machine stands out so much in any Fourier order
+    p_value: float
     family_wise_p_value: float  # the same, allowing for all tests (Holm)
     order_p_values: tuple[float, ...]  # of orders 0 … 12, each by itself
     worst_order: int
-    flag: bool  # the family-wise p-value is below 2 %, and more than half of the tests agree without it
+    # the family-wise p-value is below 2 %, and more than half of the tests agree without it
+    flag: bool
     distance: float  # in the worst order [−ln of a χ² tail]; it breaks ties of p
 
 
@@ -540,7 +567,8 @@ def belonging(
     tolerance: float = 1e-2,
     replicates: int | None = None,
 ) -> pd.DataFrame:
-    """Which tests do not belong with the others, under one or several models of a campaign of at least two tests.
+    """Which tests do not belong with the others, under one or several models of a campaign of at
+    least two tests.
 
     InputError for fewer than two tests, a plan, or an improper prior.
 
@@ -550,11 +578,13 @@ def belonging(
         Weighted by what the other tests say of them.
     seed : of the replicates.
     tolerance : error of every log evidence [nat].
-    replicates : circles drawn in the place of each test; no p-value is below one over their number. Default 20,000, or more.
+    replicates : circles drawn in the place of each test; no p-value is below one over their number.
+        Default 20,000, or more.
 
     Returns
     -------
-    One row per test: force_N, p_value, family_wise_p_value, flag, and order_0 … order_12, the p-values by Fourier order.
+    One row per test: force_N, p_value, family_wise_p_value, flag, and order_0 … order_12, the
+    p-values by Fourier order.
     """
     check_campaign(campaign)
     require(
@@ -565,7 +595,8 @@ def belonging(
     few = replicates is not None and replicates < least
     require(
         not few,
-        f"replicates must be at least {least} to judge {len(campaign.tests)} tests, got {replicates}. Leave them out.",
+        f"replicates must be at least {least} to judge {len(campaign.tests)} tests, got"
+        f" {replicates}. Leave them out.",
     )
     evidences = Evidences(campaign, tolerance=tolerance)
     weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
@@ -592,7 +623,8 @@ def outliers(
     tolerance: float,
     replicates: int | None = None,
 ) -> dict[str, Outlier]:
-    """Return every test against the others, from the nodes of all tests by model, and of all but one by model and test."""
+    """Return every test against the others, from the nodes of all tests by model, and of all but
+    one by model and test."""
     rng = np.random.default_rng(seed)
     names = next(iter(models.values())).bound.test_names
     size = replicates or max(_REPLICATES, _EACH * len(names))
@@ -629,8 +661,9 @@ def _against_the_others(
     size: int,
     rng: np.random.Generator,
 ) -> Outlier:
-    """One test against circles that the others expect in its place; a closer look where few lie as far out. Circles of one
-    posterior draw lie out together, so that small p-values need many draws."""
+    """One test against circles that the others expect in its place; a closer look where few lie as
+    far out. Circles of one posterior draw lie out together, so that small p-values need many
+    draws."""
     bound = next(iter(models.values())).bound
     r = bound.test_names.index(name)
     observed = harmonics_of(bound, r) @ np.asarray(bound.reduced[r].projection)
@@ -650,7 +683,8 @@ def _against_the_others(
 
 
 def _compared(observed: Array, replicates: Array) -> Outlier:
-    """Harmonics of a test, (25,), against those of replicates, (n, 25), other tests not yet allowed for."""
+    """Harmonics of a test, (25,), against those of replicates, (n, 25), other tests not yet allowed
+    for."""
     n = len(replicates)
     centred, own = replicates - replicates.mean(axis=0), observed - replicates.mean(axis=0)
     nearer, distances, every = [], [], []
@@ -702,15 +736,17 @@ def average(
     Parameters
     ----------
     models : mapping of name to HybridModel
-        For example constant and linear: the parameters of one are those of the largest, some fixed at zero.
+        For example constant and linear: the parameters of one are those of the largest, some fixed
+        at zero.
     campaign : with readings.
     draws : in four chains; each model has its share of them.
     evidences : those that `compare` was given: the models it weighed are not worked out again.
 
     Returns
     -------
-    As of `sample`, with the parameters of the largest model. ``sample_stats.model`` says which model a draw is of; the record
-    lists them (``averaged``) with rivals, log evidence and probability. Priors are averaged too.
+    As of `sample`, with the parameters of the largest model. ``sample_stats.model`` says which
+    model a draw is of; the record lists them (``averaged``) with rivals, log evidence and
+    probability. Priors are averaged too.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     check_campaign(campaign)
@@ -720,7 +756,8 @@ def average(
     cure = 'Call lb.average({"constant": model.with_degree(0), "linear": model}, campaign)'
     require(
         holds,
-        f"models must be HybridModels by name, not yet fitted, got {type(models).__name__}. {cure}.",
+        f"models must be HybridModels by name, not yet fitted, got {type(models).__name__}."
+        f" {cure}.",
     )
     require(
         len(models) > 0,
@@ -806,7 +843,8 @@ def _drawn(
 def _averaged(
     kinds: Sequence[tuple[str, tuple[str, ...]]], weighed: Sequence[Nodes], share: Array
 ) -> dict[str, Any]:
-    """Every model with its probability, and those of each given model and of each rival of slopes."""
+    """Every model with its probability, and those of each given model and of each rival of
+    slopes."""
     names = dict.fromkeys(
         [*(name for name, _ in kinds), *(rival for _, rivals in kinds for rival in rivals)]
     )
@@ -835,10 +873,14 @@ def _check_nested(bounds: Sequence[BoundModel], largest: BoundModel) -> None:
             largest.names
         )
         alike = alike and bound.setting.reference_force_N == largest.setting.reference_force_N
-        got = "got others (other terms, parameters or reference force). Make one from the other: linear.with_degree(0)."
+        got = (
+            "got others (other terms, parameters or reference force). Make one from the other:"
+            " linear.with_degree(0)."
+        )
         require(
             alike,
-            f"models must be nested, those of fewer parameters the largest with some fixed at zero, {got}",
+            "models must be nested, those of fewer parameters the largest with some fixed at zero,"
+            f" {got}",
         )
 
 
@@ -861,7 +903,8 @@ def _prior(
 
 
 def _together(bound: BoundModel, parts: Sequence[Part]) -> tuple[Array, Array]:
-    """β (n, p) and φ (n, h) of all parts, one after the other; zero where a model lacks a parameter."""
+    """β (n, p) and φ (n, h) of all parts, one after the other; zero where a model lacks a
+    parameter."""
     beta = [np.zeros((len(part.phi), len(bound.names))) for part in parts]
     for values, part in zip(beta, parts, strict=True):
         values[:, [bound.names.index(name) for name in part.bound.names]] = part.beta

@@ -1,7 +1,9 @@
-"""Conformity with tolerances: p = P(lower ≤ η ≤ upper | y) of JCGM 106, and decisions after ISO 14253-1; may the numbers be used?
+"""Conformity with tolerances: p = P(lower ≤ η ≤ upper | y) of JCGM 106, and decisions after ISO
+14253-1; may the numbers be used?
 
-A machine conforms where p is at least the confidence, for a normal posterior where the estimate lies inside each limit by the
-guard band; it does not conform where 1 − p is; in between nothing is decided.
+A machine conforms where p is at least the confidence, for a normal posterior where the estimate
+lies inside each limit by the guard band; it does not conform where 1 − p is; in between nothing is
+decided.
 """
 
 from __future__ import annotations
@@ -68,7 +70,8 @@ class Decision(StrEnum):
 
 @dataclass(frozen=True)
 class Tolerance(Shown):
-    """What a quantity may be, limits included, in inside units (mm, N, rad); None: no limit on that side."""
+    """What a quantity may be, limits included, in inside units (mm, N, rad); None: no limit on that
+    side."""
 
     lower: float | None = None  #: limit
     upper: float | None = None  #: limit
@@ -77,7 +80,8 @@ class Tolerance(Shown):
         low, high = self.ends
         require(
             low < high,
-            f"a tolerance must have a lower limit below its upper one, got {low:g} and {high:g}. Correct it.",
+            f"a tolerance must have a lower limit below its upper one, got {low:g} and {high:g}."
+            " Correct it.",
         )
         require(
             np.isfinite([low, high]).any(),
@@ -104,7 +108,9 @@ class Conformity(Result):
     mean: float  #: estimate
     sd: float  #: its standard uncertainty
     probability: float  #: of conformance
-    guard_band: float  #: how far the estimate must lie inside a limit so that the machine conforms; as far outside, it does not
+    #: how far the estimate must lie inside a limit so that the machine conforms; as far outside, it
+    #: does not
+    guard_band: float
     confidence: float  #: at which it is decided
     decision: Decision  #: by ISO 14253-1
 
@@ -123,7 +129,8 @@ class Quantity:
 
 
 def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[str, Quantity]:
-    """What may have a tolerance, by name: parameters with these units, stiffnesses, and the machine's path in these planes."""
+    """What may have a tolerance, by name: parameters with these units, stiffnesses, and the
+    machine's path in these planes."""
     found = {
         key: Quantity(unit, ("upper",) if _POSITIVE.fullmatch(key) else ("lower", "upper"))
         for key, unit in units.items()
@@ -145,9 +152,9 @@ def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
 def tolerances_in(
     known: Mapping[str, Quantity], given: Mapping[str, str | Tolerance]
 ) -> dict[str, Tolerance]:
-    """Tolerances by name: texts with a unit read, names and limits checked. ``60 nm/N`` is an upper limit of what cannot be
-    negative, of a stiffness a lower one (``18 N/µm``), of anything else ±; ``−20..40 µrad`` is both, and ``≤``, ``≥`` or ``±``
-    before a number say which."""
+    """Tolerances by name: texts with a unit read, names and limits checked. ``60 nm/N`` is an upper
+    limit of what cannot be negative, of a stiffness a lower one (``18 N/µm``), of anything else ±;
+    ``−20..40 µrad`` is both, and ``≤``, ``≥`` or ``±`` before a number say which."""
     read = {}
     for name, tolerance in ((inside_name(name), own) for name, own in given.items()):
         check_known("tolerance", [name], known)
@@ -155,7 +162,10 @@ def tolerances_in(
             tolerance if isinstance(tolerance, Tolerance) else _read(name, tolerance, known[name])
         )
         limit = own.lower if own.upper is None else own.upper
-        said = f"tolerance of {name} must have a limit above 0, for {name} cannot be negative, got {tolerance}. Leave the sign out."
+        said = (
+            f"tolerance of {name} must have a limit above 0, for {name} cannot be negative, got"
+            f" {tolerance}. Leave the sign out."
+        )
         require(limit is None or limit > 0.0 or not _NEVER_NEGATIVE.fullmatch(name), said)
     return read
 
@@ -165,7 +175,10 @@ def check_force(campaign: Campaign, force_N: float | None) -> None:
     least, most = (float(end) for end in (campaign.forces_N.min(), campaign.forces_N.max()))
     got = f"{campaign.name!r} was tested from {least:g} to {most:g} N, got {force_N}"
     cure = "Choose one within what was tested, or test at that force"
-    said = f"force_N (--force-N) must be a force from {_LEAST * least:g} to {_MOST * most:g} N, for {got}. {cure}."
+    said = (
+        f"force_N (--force-N) must be a force from {_LEAST * least:g} to {_MOST * most:g} N, for"
+        f" {got}. {cure}."
+    )
     require(force_N is None or (force_N > 0.0 and _LEAST * least <= force_N <= _MOST * most), said)
 
 
@@ -180,7 +193,8 @@ def _read(name: str, text: str, quantity: Quantity) -> Tolerance:
         low, high = (to_inside(end, quantity.unit, what) for end in (least, most))
         require(
             low < high,
-            f"{what} must have its lower limit first, got {text!r}. Write for example −20..40 µrad.",
+            f"{what} must have its lower limit first, got {text!r}. Write for example −20..40"
+            " µrad.",
         )
         return Tolerance(low, high)
     sign = re.match(r"\s*(±|≤|<=|≥|>=)?", text)
@@ -208,16 +222,18 @@ def conformity(
 ) -> dict[str, Conformity]:
     """Decide whether a machine conforms.
 
-    InputError for an unknown name, a number without its unit or with one of another kind, or limits the wrong way round.
+    InputError for an unknown name, a number without its unit or with one of another kind, or limits
+    the wrong way round.
 
     Parameters
     ----------
     posterior : from `average`, `sample` or `load`.
     tolerances : mapping of name to str or Tolerance, optional
-        Default: those of the campaign. Names are parameters, ``stiffness_X`` (1/C_XXX), and G, F_max and F_min of the machine's
-        path, with the plane where there are several (``G_YZ``).
-    force_N : at which compliances, stiffnesses and the path are stated, from a tenth of the least force tested to 1.5 times the
-        largest; default: the model's reference force, where C(F) is C.
+        Default: those of the campaign. Names are parameters, ``stiffness_X`` (1/C_XXX), and G,
+        F_max and F_min of the machine's path, with the plane where there are several (``G_YZ``).
+    force_N : at which compliances, stiffnesses and the path are stated, from a tenth of the least
+        force tested to 1.5 times the largest; default: the model's reference force, where C(F) is
+        C.
     confidence : probability that a decision asks for.
     """
     require(
@@ -289,7 +305,8 @@ def _decided(
 
 
 def _tail(outside: Array, score: float) -> float:
-    """Probability beyond a limit: the share of draws; where few are on either side, the normal tail, as far as they allow."""
+    """Probability beyond a limit: the share of draws; where few are on either side, the normal
+    tail, as far as they allow."""
     n, count = len(outside), int(outside.sum())
     if min(count, n - count) >= _FEW:
         return count / n
@@ -359,7 +376,8 @@ class ReasonKind(StrEnum):
 
 @dataclass(frozen=True)
 class Reason(Result):
-    """One reason: the parameters or tests it is about, and of those not determined what they are confounded with."""
+    """One reason: the parameters or tests it is about, and of those not determined what they are
+    confounded with."""
 
     kind: ReasonKind
     names: tuple[str, ...] = ()
@@ -375,7 +393,8 @@ class Judgement(Result):
 
 
 def is_determined(entry: ParameterIdentifiability) -> bool:
-    """Whether the readings determine a parameter: identified, or its u at most a third of what the prior says."""
+    """Whether the readings determine a parameter: identified, or its u at most a third of what the
+    prior says."""
     return entry.verdict == Verdict.IDENTIFIED or not entry.contraction < _HARDLY
 
 
@@ -388,9 +407,10 @@ def state_of(
 ) -> Judgement:
     """Say whether the numbers of a certificate can be used.
 
-    Not: where the sampler missed its target, the model does not expect the readings, or these contradict non-negative compliance.
-    With reservation: where what is ``stated`` (parameters) is hardly determined by the readings, rests on the prior, noise is
-    above what its prior expects, forces are too few for the degree, or the answer of ``comparison`` hangs on assumptions.
+    Not: where the sampler missed its target, the model does not expect the readings, or these
+    contradict non-negative compliance. With reservation: where what is ``stated`` (parameters) is
+    hardly determined by the readings, rests on the prior, noise is above what its prior expects,
+    forces are too few for the degree, or the answer of ``comparison`` hangs on assumptions.
     """
     concerns = {own.kind: own for own in reversed(fit.concerns)}
     grave = []

@@ -1,4 +1,5 @@
-"""Which forces, how many circles, which clockings: the best tests to run next, and what to expect of them."""
+"""Which forces, how many circles, which clockings: the best tests to run next, and what to expect
+of them."""
 
 from __future__ import annotations
 
@@ -45,9 +46,10 @@ _RESERVED = ("recommended", _STEPS)
 
 @dataclass(frozen=True)
 class Certificate(Result):
-    """That no shares of as many tests are better (Kiefer and Wolfowitz 1960): the largest sensitivity of all candidates does not
-    exceed the bound (for D with flat priors the number of parameters) by more than a ten-thousandth. Where the criterion is not
-    concave it is not ``global``: only designs nearby are ruled out."""
+    """That no shares of as many tests are better (Kiefer and Wolfowitz 1960): the largest
+    sensitivity of all candidates does not exceed the bound (for D with flat priors the number of
+    parameters) by more than a ten-thousandth. Where the criterion is not concave it is not
+    ``global``: only designs nearby are ruled out."""
 
     max_sensitivity: float
     bound: float
@@ -57,8 +59,9 @@ class Certificate(Result):
 
 @dataclass(frozen=True, eq=False)
 class Judged(Forecast):
-    """A design compared with the recommended one: name, one row per test (force_N and `Design.columns`), efficiency beside
-    the best shares of as many tests, and what to expect of it."""
+    """A design compared with the recommended one: name, one row per test (force_N and
+    `Design.columns`), efficiency beside the best shares of as many tests, and what to expect of
+    it."""
 
     name: str
     tests: Records
@@ -67,10 +70,11 @@ class Judged(Forecast):
 
 @dataclass(frozen=True)
 class Limits(Result):
-    """What the tests of a design do not show: number of forces where they are too few to show that the degree in force is wrong;
-    planes (with their direction) whose circles all run one way while hysteresis counts; whether there is a drift, which is taken
-    to have nothing to do with what differs between the tests; parameters that more circles of this kind would narrow by less than
-    a fifth, with their degeneracies and the cures of these."""
+    """What the tests of a design do not show: number of forces where they are too few to show that
+    the degree in force is wrong; planes (with their direction) whose circles all run one way while
+    hysteresis counts; whether there is a drift, which is taken to have nothing to do with what
+    differs between the tests; parameters that more circles of this kind would narrow by less than a
+    fifth, with their degeneracies and the cures of these."""
 
     levels: int | None
     one_way: dict[str, str]
@@ -116,7 +120,8 @@ class Design(Forecast):
     compared: tuple[Judged, ...]  #: equal steps of force, and the designs brought for comparison
     limits: Limits  #: what the tests do not show
     hyper_um: dict[str, float]  #: root mean square of the values averaged over [µm]
-    measured: bool  #: whether these are of their posterior given the pilot's readings, else of their prior
+    #: whether these are of their posterior given the pilot's readings, else of their prior
+    measured: bool
     pilot: Pilot  #: what it starts from
     #: Of every candidate, for the best shares: force_N, `columns`, sensitivity.
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
@@ -126,7 +131,8 @@ class Design(Forecast):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """What tables say of a test beside its force: clockings and radius; plane, direction and set-up where they differ."""
+        """What tables say of a test beside its force: clockings and radius; plane, direction and
+        set-up where they differ."""
         return tuple(map(str, self.table.columns[1:-1]))
 
     @property
@@ -136,13 +142,16 @@ class Design(Forecast):
 
     @property
     def model(self) -> HybridModel:
-        """The model for the analysis of the plan: F0 and the slopes' prior sd are the pilot's, whatever the plan's forces."""
+        """The model for the analysis of the plan: F0 and the slopes' prior sd are the pilot's,
+        whatever the plan's forces."""
         return self._at_hand().model
 
     def plan(self, *, seed: int = 1) -> Campaign:
-        """The tests as a plan, in the order in which to run them: blocks of one clocking, forces at random within.
+        """The tests as a plan, in the order in which to run them: blocks of one clocking, forces at
+        random within.
 
-        Where the model has a drift, at the pilot's pace and mean temperature. None of a design read from a file.
+        Where the model has a drift, at the pilot's pace and mean temperature. None of a design read
+        from a file.
         """
         own = self._at_hand()
         tests = _timed(running_order(own.tests, np.random.default_rng(seed)), own.pilot, own.model)
@@ -151,12 +160,14 @@ class Design(Forecast):
     def _at_hand(self) -> Planned:
         if not isinstance(self.planned, Planned):
             raise InputError(
-                "a design must be at hand, got one read from a file. Read the plan and the model.toml beside it."
+                "a design must be at hand, got one read from a file. Read the plan and the"
+                " model.toml beside it."
             )
         return self.planned
 
     def expected_table(self) -> pd.DataFrame:
-        """Expected sd of every parameter and its error beside prior, floor and baseline; inside units."""
+        """Expected sd of every parameter and its error beside prior, floor and baseline; inside
+        units."""
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
         frame.insert(0, "parameter", list(self.expected))
@@ -166,11 +177,15 @@ class Design(Forecast):
         )
 
     def __repr__(self) -> str:
-        return f"Design of {self.table['count'].sum()} tests, efficiency {self.efficiency:.3f} by criterion {self.criterion}"
+        return (
+            f"Design of {self.table['count'].sum()} tests, efficiency {self.efficiency:.3f} by"
+            f" criterion {self.criterion}"
+        )
 
 
 def read_design(path: str | os.PathLike[str]) -> Design:
-    """Return the design in a folder written by ``ldbb-bayes design --out``, or in its design.json."""
+    """Return the design in a folder written by ``ldbb-bayes design --out``, or in its
+    design.json."""
     return read_result(path, "design", "design", Design.from_dict)
 
 
@@ -209,21 +224,23 @@ def design(
 ) -> Design:
     """The best tests to run next.
 
-    Everything is of the linear Gaussian model, averaged over the hyper-parameters: their posterior given the pilot, or their
-    prior when the pilot is a plan. Criteria and evidence are without truncation, expected sd are inside it. F0, force range
-    and Ĉ are the pilot's: analyse the plan with `Design.model`. InputError for unknown names, or tests that leave parameters
-    undetermined.
+    Everything is of the linear Gaussian model, averaged over the hyper-parameters: their posterior
+    given the pilot, or their prior when the pilot is a plan. Criteria and evidence are without
+    truncation, expected sd are inside it. F0, force range and Ĉ are the pilot's: analyse the plan
+    with `Design.model`. InputError for unknown names, or tests that leave parameters undetermined.
 
     Parameters
     ----------
     pilot : a campaign already run, or a plan.
     tests : number of circles; default: as many as the pilot has.
     forces_N : levels to choose from; default: the pilot's range in steps of 1 N.
-    clockings_deg, radii_mm, directions : clockings (work ball, tool ball), radii and directions of travel (CW, CCW) to choose
-        from; default: balls not turned, the rest as in the pilot. If both directions may be chosen, hysteresis always counts.
+    clockings_deg, radii_mm, directions : clockings (work ball, tool ball), radii and directions of
+        travel (CW, CCW) to choose from; default: balls not turned, the rest as in the pilot. If
+        both directions may be chosen, hysteresis always counts.
     criterion : {"eig", "d", "a", "c", "i", "discriminate"}, optional
         Default: ``eig`` with proper priors, ``d`` with flat ones.
-    parameters : parameters of interest, all others nuisances; default: all that the criterion is about.
+    parameters : parameters of interest, all others nuisances; default: all that the criterion is
+        about.
     augment : the pilot's tests count as run: ``tests`` is how many are added.
     against : mapping of name to campaign or plan
         Designs to be judged beside.
@@ -238,13 +255,15 @@ def design(
     for name, campaign in against.items():
         require(
             name not in _RESERVED,
-            f"against must not use the name {name!r}, which is the design's own. Choose another name.",
+            f"against must not use the name {name!r}, which is the design's own. Choose another"
+            " name.",
         )
         check_campaign(campaign)
         machine, own = ((one.topology, dict(one.frames_mm)) for one in (pilot, campaign))
         require(
             own == machine,
-            f"{name} must be of the pilot's machine {machine[0]}, frames too, got {own[0]}. Leave it out.",
+            f"{name} must be of the pilot's machine {machine[0]}, frames too, got {own[0]}. Leave"
+            " it out.",
         )
     if forces_N is None:
         low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
@@ -315,7 +334,8 @@ def _designed(
 
 
 def _model_of(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
-    """The model as it should analyse these tests alone: F0 and the slopes' prior sd those of the pilot."""
+    """The model as it should analyse these tests alone: F0 and the slopes' prior sd those of the
+    pilot."""
     model, setting, prior = space.model, space.bound.setting, space.model.prior
     plain = replace(model, fixed=(), prior=replace(prior, overrides={}, means={}))
     there = BoundModel(

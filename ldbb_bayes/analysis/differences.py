@@ -1,7 +1,8 @@
-"""Two campaigns of one kind of machine: by how much does every parameter differ, and with what probability has it grown?
+"""Two campaigns of one kind of machine: by how much does every parameter differ, and with what
+probability has it grown?
 
-Before and after a repair, machine A and B. Independent instruments: the difference of independent posteriors. The same bar,
-balls, mount and force device: their errors cancel (`instrument`).
+Before and after a repair, machine A and B. Independent instruments: the difference of independent
+posteriors. The same bar, balls, mount and force device: their errors cancel (`instrument`).
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ _LEARNT, _DRAWS = 0.05, 20_000
 
 
 class _Together(NamedTuple):
-    """What both campaigns say: means (2, names), second less first with its sd, and where they disagree most about the
-    instrument, with the p-value of that (allowing for the number of coefficients; None where neither says anything)."""
+    """What both campaigns say: means (2, names), second less first with its sd, and where they
+    disagree most about the instrument, with the p-value of that (allowing for the number of
+    coefficients; None where neither says anything)."""
 
     means: Array
     difference: Array
@@ -44,7 +46,8 @@ class _Together(NamedTuple):
 def _of_one_instrument(
     bounds: Sequence[BoundModel], phi: Sequence[Array], read: Sequence[Array]
 ) -> _Together:
-    """Two campaigns run with one instrument; ``read``: rows that take β of each to the parameters compared, each (names, p)."""
+    """Two campaigns run with one instrument; ``read``: rows that take β of each to the parameters
+    compared, each (names, p)."""
     if (
         len(
             {
@@ -112,8 +115,8 @@ def _conflict(
     information: Sequence[Information],
     means: Sequence[Array],
 ) -> tuple[str, float] | None:
-    """Where the readings of both, each by itself, disagree most about a coefficient: what they say of it beyond its prior,
-    n ± 1/√l with l = 1/Var(ν | y) − 1/S, must be the same number."""
+    """Where the readings of both, each by itself, disagree most about a coefficient: what they say
+    of it beyond its prior, n ± 1/√l with l = 1/Var(ν | y) − 1/S, must be the same number."""
     places = np.array([[own.index(name) for name in alike] for own in names], dtype=int)
     scale = np.array([own.scale[at] for own, at in zip(information, places, strict=True)])
     variance = np.array(
@@ -163,9 +166,10 @@ def differences(
 
     Returns
     -------
-    One row per parameter both have, offsets of the tool ball left out: unit, first, second (means, at the first one's reference
-    force), difference, sd, ci_low, ci_high, probability_of_increase. ``attrs["conflict"]``: of one instrument, the coefficient in
-    which the campaigns disagree most about it, and the p-value of that (Bonferroni); else None.
+    One row per parameter both have, offsets of the tool ball left out: unit, first, second (means,
+    at the first one's reference force), difference, sd, ci_low, ci_high, probability_of_increase.
+    ``attrs["conflict"]``: of one instrument, the coefficient in which the campaigns disagree most
+    about it, and the p-value of that (Bonferroni); else None.
     """
     check_probability(ci_prob)
     one, two = bound_of(posterior), bound_of(other)
@@ -226,7 +230,8 @@ def _check(one: BoundModel, two: BoundModel, name: str) -> None:
         cure = "Compare campaigns of one kind of machine."
         require(
             own == others,
-            f"results must be of machines with the same {what}, got {own!r} and {others!r} ({name!r}). {cure}",
+            f"results must be of machines with the same {what}, got {own!r} and {others!r}"
+            f" ({name!r}). {cure}",
         )
     got = f"got {', '.join(one.setting.planes)} and {', '.join(two.setting.planes)} ({name!r})"
     cure = "a compliance would stand for other sets. Compare campaigns of the same planes."

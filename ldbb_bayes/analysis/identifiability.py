@@ -1,14 +1,17 @@
-"""What circles show: which numbers come from the readings, which from the prior, and which are two names for one thing.
+"""What circles show: which numbers come from the readings, which from the prior, and which are two
+names for one thing.
 
-Everything is of the linear Gaussian model at one value of the hyper-parameters φ, without truncation: no readings are needed, and
-a plan can be asked before it is run. With readings φ is its posterior mean (but what certificates are worth is averaged over
-p(φ | y)), without them its prior median.
+Everything is of the linear Gaussian model at one value of the hyper-parameters φ, without
+truncation: no readings are needed, and a plan can be asked before it is run. With readings φ is its
+posterior mean (but what certificates are worth is averaged over p(φ | y)), without them its prior
+median.
 
-The uncertainty budget of a parameter, in the form of the GUM, lists contributors, their own uncertainty, sensitivity and share.
-Given φ the estimation error of the parameters is a sum of independent parts, one for every source: a nuisance coefficient's
-deviation from its prior mean, a noise of the readings, the parameters' own deviation from their priors. Their shares
-(`Information.shares`) in the variance of the draws sum to one and give it back, truncation and unknown hyper-parameters included;
-without these they are the GUM's u_s²(y) / u²(y).
+The uncertainty budget of a parameter, in the form of the GUM, lists contributors, their own
+uncertainty, sensitivity and share. Given φ the estimation error of the parameters is a sum of
+independent parts, one for every source: a nuisance coefficient's deviation from its prior mean, a
+noise of the readings, the parameters' own deviation from their priors. Their shares
+(`Information.shares`) in the variance of the draws sum to one and give it back, truncation and
+unknown hyper-parameters included; without these they are the GUM's u_s²(y) / u²(y).
 """
 
 from __future__ import annotations
@@ -79,16 +82,18 @@ class Verdict(StrEnum):
 
     1. *confounded*, when a nuisance that the model leaves out looks exactly like it: nothing bounds it then.
     2. *confounded*, when nuisances that look exactly like it, whose size neither these readings measure nor a certificate states,
-       make up more than half of its standard uncertainty: knowing them would take a quarter of its variance. What is carried over
-       from other orders of the circle is not measured.
+       make up more than half of its standard uncertainty: knowing them would take a quarter of its
+       variance. What is carried over from other orders of the circle is not measured.
     3. *confounded*, when more than half of its variance lies along directions in which the priors outweigh the readings, and more
-       than half would vanish if something else were known: the nuisance terms, and with them the parameters that no reading
-       separates from it; or, where the priors outweigh the readings tenfold, the parameter it is correlated with most.
-       So are C_CXY and its like, with `Position`, where the circle's centre shifts in proportion to force.
+       than half would vanish if something else were known: the nuisance terms, and with them the
+       parameters that no reading separates from it; or, where the priors outweigh the readings
+       tenfold, the parameter it is correlated with most. So are C_CXY and its like, with
+       `Position`, where the circle's centre shifts in proportion to force.
     4. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of the prior sd.
     5. *identified* otherwise; but *confounded* with what looks exactly like it and the tests do not show: C_XYX with lost motion
-       in proportion to force, in one direction of travel; in tests that ran in the order of force, C_XXX and its like, where
-       `Position` is modelled C_CXY too, with drift of the bar's length and of the centre.
+       in proportion to force, in one direction of travel; in tests that ran in the order of force,
+       C_XXX and its like, where `Position` is modelled C_CXY too, with drift of the bar's length
+       and of the centre.
     """
 
     IDENTIFIED = "identified"
@@ -97,14 +102,16 @@ class Verdict(StrEnum):
 
 
 def lost_by_knowing(information: Information, known: Sequence[str]) -> Array:
-    """Share of the variance of every parameter that vanishes when these terms or coefficients are known, shape (p,)."""
+    """Share of the variance of every parameter that vanishes when these terms or coefficients are
+    known, shape (p,)."""
     return np.clip(1.0 - information.variances(known) / information.variances(), 0.0, 1.0)
 
 
 def unseen_share(information: Information, least: float = 1.0) -> Array:
-    """Share of the variance along directions in which the readings add less than ``least`` times the prior, shape (p,).
-    Directions of all coefficients, parameters and nuisances, in units of the prior sd: right singular vectors of the whitened
-    design, along which the readings add the squared singular value to a prior precision of one."""
+    """Share of the variance along directions in which the readings add less than ``least`` times
+    the prior, shape (p,). Directions of all coefficients, parameters and nuisances, in units of the
+    prior sd: right singular vectors of the whitened design, along which the readings add the
+    squared singular value to a prior precision of one."""
     rows = information.rows()
     missing = max(rows.shape[1] - len(rows), 0)
     _, singular, right = np.linalg.svd(
@@ -119,8 +126,8 @@ def unseen_share(information: Information, least: float = 1.0) -> Array:
 class ParameterIdentifiability(Result):
     """What readings and priors each say about one parameter, in inside units.
 
-    ``partners`` are terms (then parameters) that it is confounded with, the heaviest first; of one that is not confounded the
-    terms that hold at least 5 % of its variance all the same.
+    ``partners`` are terms (then parameters) that it is confounded with, the heaviest first; of one
+    that is not confounded the terms that hold at least 5 % of its variance all the same.
     """
 
     name: str  #: of the parameter
@@ -154,8 +161,11 @@ class Identifiability(Result):
         tuple[Cure, ...], ...
     ]  #: of each degeneracy, found by adding the tests to the plan and looking again
     standing: tuple[Standing, ...]  #: degeneracies with effects that are not terms of the model
-    effective_parameters: float  #: that the readings determine: the sum of the contractions, all of them when the prior is flat
-    alias: ByRow  #: change of each least-squares estimate (rows) per prior sd of a nuisance left out (columns); inside units
+    #: that the readings determine: the sum of the contractions, all of them when the prior is flat
+    effective_parameters: float
+    #: change of each least-squares estimate (rows) per prior sd of a nuisance left out (columns);
+    #: inside units
+    alias: ByRow
     correlation: ByRow  #: posterior correlations of parameters and shared nuisances
     #: Standard uncertainty by parameter and by what is certified of the instrument: none of these, and each there is none of yet.
     certificates: dict[str, dict[str, float]]
@@ -178,8 +188,9 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
 
 
 def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
-    """Standard uncertainty of every parameter that these certificates would leave, shape (p,) in inside units: the variance given
-    φ (w, h) [mm], averaged by the weights (w,), as of `hyper_nodes`, that it has without them."""
+    """Standard uncertainty of every parameter that these certificates would leave, shape (p,) in
+    inside units: the variance given φ (w, h) [mm], averaged by the weights (w,), as of
+    `hyper_nodes`, that it has without them."""
     stated = BoundModel(
         bound.model, replace(bound.campaign, instrument=instrument), pilot=bound.pilot
     )
@@ -189,8 +200,9 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
 def worth_of_certificates(
     bound: BoundModel, weight: Array, phi: Array
 ) -> dict[str, dict[str, float]]:
-    """Return standard uncertainties by what is certified and by parameter, inside units: with none of `CERTIFICATES`, with each
-    there is none of yet, and with all of them; ``weight`` and ``phi`` as of `hyper_nodes`."""
+    """Return standard uncertainties by what is certified and by parameter, inside units: with none
+    of `CERTIFICATES`, with each there is none of yet, and with all of them; ``weight`` and ``phi``
+    as of `hyper_nodes`."""
     own, none = bound.campaign.instrument, Instrument()
     open_ = {
         name: stated
@@ -238,7 +250,8 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
 
 @one_blas_thread
 def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
-    """The same of every parameter of a posterior, at its mean hyper-parameters; mean, sd and contraction are the draws'."""
+    """The same of every parameter of a posterior, at its mean hyper-parameters; mean, sd and
+    contraction are the draws'."""
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)
     prior_sd = [
@@ -251,7 +264,8 @@ def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
 
 
 def hyper_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Weights (w,) and φ (w, h) [mm]: nodes of p(φ | y), without truncation; of a plan the prior median alone."""
+    """Weights (w,) and φ (w, h) [mm]: nodes of p(φ | y), without truncation; of a plan the prior
+    median alone."""
     if bound.campaign.is_plan:
         return np.ones(1), bound.hyper_prior.quantile(
             np.full((1, len(bound.hyper_prior.names)), _HALF)
@@ -267,8 +281,9 @@ def parameters_of(
     mean: Array,
     drawn: tuple[Array, Array] | None = None,
 ) -> dict[str, ParameterIdentifiability]:
-    """Every parameter of a model at φ and a mean of β (p,), given the information at φ and the null space there. ``drawn``: prior
-    and posterior sd that replace the Gaussian's, truncation included."""
+    """Every parameter of a model at φ and a mean of β (p,), given the information at φ and the null
+    space there. ``drawn``: prior and posterior sd that replace the Gaussian's, truncation
+    included."""
     own, proper = information.own, not information.flat
     unseen = [
         unseen_share(information, least) if proper else np.zeros(len(own))
@@ -330,9 +345,10 @@ def _verdict(
     contraction: float,
     mine: tuple[Degeneracy, ...],
 ) -> tuple[Verdict, tuple[str, ...]]:
-    """See `Verdict` for the rule; with the partners. ``i``: its number among the parameters; ``share``: what knowing each term
-    would take from its variance, and its squared correlations with the other parameters; ``unseen``: shares of the variance where
-    the priors outweigh the readings, once and tenfold; ``mine``: its degeneracies."""
+    """See `Verdict` for the rule; with the partners. ``i``: its number among the parameters;
+    ``share``: what knowing each term would take from its variance, and its squared correlations
+    with the other parameters; ``unseen``: shares of the variance where the priors outweigh the
+    readings, once and tenfold; ``mine``: its degeneracies."""
     terms = information.shared_terms
     rivals = ranked((name for name in share if name not in information.terms), share.__getitem__)
     heavy = tuple(ranked((term for term in terms if share[term] > _NAMED), share.__getitem__))
@@ -384,8 +400,11 @@ class Seen:
     unit: str
     meaning: str
     pattern: Mapping[
-        str, str
-    ]  #: by plane, of the reading per unit (and N of a compliance); c = cos θ, s = sin θ, lengths in mm
+        str,
+        str,
+        #: by plane, of the reading per unit (and N of a compliance); c = cos θ, s = sin θ, lengths in
+        #: mm
+    ]
     not_negative: bool  #: whatever the joints are; the prior's truncation is about these
     members: Mapping[
         str, float
@@ -415,7 +434,8 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
 
     Parameters
     ----------
-    circles : default: R = 150 mm about the frames' origin in every plane. Patterns are those of the first circle of each plane.
+    circles : default: R = 150 mm about the frames' origin in every plane. Patterns are those of the
+        first circle of each plane.
     """
     circles = tuple(circles) or tuple(Circle(plane=plane) for plane in machine.planes)
     largest = max(abs(x) for circle in circles for x in circle.centre_mm)
@@ -490,7 +510,8 @@ _NEGLIGIBLE = 1e-9
 
 
 def _patterns(values: Mapping[str, Array], k: int, base: int) -> dict[str, str]:
-    """Formulas of column k by plane, planes that do not show it left out; values (radii, angles, columns)."""
+    """Formulas of column k by plane, planes that do not show it left out; values (radii, angles,
+    columns)."""
     return {plane: text for plane, own in values.items() if (text := _formula(own[:, :, k], base))}
 
 
@@ -529,7 +550,9 @@ _LISTED = 1e-3
 class Contribution:
     """One line of a budget."""
 
-    source: str  #: a nuisance coefficient, the rest of a term, a noise, or ``Parameters``: the parameters' own priors
+    #: a nuisance coefficient, the rest of a term, a noise, or ``Parameters``: the parameters' own
+    #: priors
+    source: str
     term: str
     kind: Kind  #: evaluated from the readings' scatter (A), or by other means (B): GUM 2.3.2, 2.3.3
     u: (
@@ -538,14 +561,17 @@ class Contribution:
     unit: str
     sensitivity: (
         float | None
-    )  #: of the parameter's estimate, per unit of the source; for noise the effective one, without sign
+        #: of the parameter's estimate, per unit of the source; for noise the effective one, without
+        #: sign
+    )
     contribution: float  #: its part of the parameter's standard uncertainty [unit of the parameter]
     share: float  #: of the parameter's variance
 
 
 @dataclass(frozen=True)
 class Budget(Result):
-    """The budget of one parameter; shares of its ``contributions``, the largest first, sum to one."""
+    """The budget of one parameter; shares of its ``contributions``, the largest first, sum to
+    one."""
 
     parameter: str
     unit: str
@@ -565,7 +591,8 @@ class Budget(Result):
 
 @one_blas_thread
 def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
-    """The budget of every parameter of a posterior, at its mean hyper-parameters; the variance is the draws' own."""
+    """The budget of every parameter of a posterior, at its mean hyper-parameters; the variance is
+    the draws' own."""
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)
     information = information_of(bound, phi.mean(axis=0))
@@ -587,7 +614,8 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
                 rest[term] = rest.get(term, 0.0) + share
             else:
                 j = information.names.index(source)
-                # More of the nuisance than its prior mean moves the estimate the other way than their covariance.
+                # More of the nuisance than its prior mean moves the estimate the other way than
+                # their covariance.
                 sign, size = -float(np.sign(joint[own[i], j])), float(information.scale[j])
                 lines.append(
                     _line(

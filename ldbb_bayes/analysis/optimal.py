@@ -1,10 +1,13 @@
-"""Optimum designs: criteria, the best shares of tests with their certificate, and the best whole tests.
+"""Optimum designs: criteria, the best shares of tests with their certificate, and the best whole
+tests.
 
-A design is a number of tests n_i of every candidate, each of which adds its information G_iᵀG_i to the precision M of all
-parameters. S, shape (..., s, s), is what M says of the s parameters of interest, in units in which they are comparable, with all
-others projected out: the Schur complement. It comes as its lower triangular root, S = L Lᵀ. A criterion has a `value` Φ(S), shape
-(...), that never falls when information is added; `directions` Q (..., s, q) with ∂Φ/∂S = Q Qᵀ, which drive the search; whether
-it is `concave`, so that a local optimum over shares is the optimum; and the `efficiency`, 0 … 1, of a design beside the best.
+A design is a number of tests n_i of every candidate, each of which adds its information G_iᵀG_i to
+the precision M of all parameters. S, shape (..., s, s), is what M says of the s parameters of
+interest, in units in which they are comparable, with all others projected out: the Schur
+complement. It comes as its lower triangular root, S = L Lᵀ. A criterion has a `value` Φ(S), shape
+(...), that never falls when information is added; `directions` Q (..., s, q) with ∂Φ/∂S = Q Qᵀ,
+which drive the search; whether it is `concave`, so that a local optimum over shares is the optimum;
+and the `efficiency`, 0 … 1, of a design beside the best.
 """
 
 from __future__ import annotations
@@ -40,7 +43,8 @@ _CHUNK = 1 << 22
 
 @dataclass(frozen=True)
 class Determinant:
-    """Φ = ln det S: D and D_s; with proper priors Φ/2 is the expected information gain but for a constant [nat]."""
+    """Φ = ln det S: D and D_s; with proper priors Φ/2 is the expected information gain but for a
+    constant [nat]."""
 
     concave: ClassVar[bool] = True
     size: int
@@ -58,7 +62,8 @@ class Determinant:
 
 @dataclass(frozen=True, eq=False)
 class Variance:
-    """Φ = −tr(W S⁻¹), W (s, s): A (W = 1), c (W = c cᵀ), I (W the mean of x xᵀ over what is to be predicted)."""
+    """Φ = −tr(W S⁻¹), W (s, s): A (W = 1), c (W = c cᵀ), I (W the mean of x xᵀ over what is to be
+    predicted)."""
 
     concave: ClassVar[bool] = True
     weight: Array
@@ -83,12 +88,14 @@ class Variance:
 
 @dataclass(frozen=True)
 class LogBayesFactor:
-    """Φ = the expected ln B in favour of the truth, with the parameters or without them, both equally probable.
+    """Φ = the expected ln B in favour of the truth, with the parameters or without them, both
+    equally probable.
 
-    S must be in units of the prior, eigenvalues 1 + λ: scale ``rows`` and ``prior`` so that the prior alone is the identity. If
-    parameters are ``size`` prior sd in the mean square, E[ln B] is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)], and
-    ½ Σ [λ/(1 + λ) − ln(1 + λ)] if they are not there; half the difference is Φ = ¼ size² Σ λ²/(1 + λ), which never falls. For one
-    parameter it leads to the design of T-optimality. Not concave: an optimum is a local one.
+    S must be in units of the prior, eigenvalues 1 + λ: scale ``rows`` and ``prior`` so that the
+    prior alone is the identity. If parameters are ``size`` prior sd in the mean square, E[ln B] is
+    ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)], and ½ Σ [λ/(1 + λ) − ln(1 + λ)] if they are not
+    there; half the difference is Φ = ¼ size² Σ λ²/(1 + λ), which never falls. For one parameter it
+    leads to the design of T-optimality. Not concave: an optimum is a local one.
     """
 
     concave: ClassVar[bool] = False
@@ -124,10 +131,15 @@ def _inverse_transposed(root: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Objective(Shown):
-    """Φ of designs, averaged over K values of the hyper-parameters; a design is its numbers of tests, counts (candidates,)."""
+    """Φ of designs, averaged over K values of the hyper-parameters; a design is its numbers of
+    tests, counts (candidates,)."""
 
-    rows: Array  #: G (K, candidates, m, p), in sd of the noise: one test of a candidate adds GᵀG to the precision
-    prior: Array  #: P (K, p, p): the precision matrix before these tests, of prior and tests already run; zeros where flat
+    #: G (K, candidates, m, p), in sd of the noise: one test of a candidate adds GᵀG to the
+    #: precision
+    rows: Array
+    #: P (K, p, p): the precision matrix before these tests, of prior and tests already run; zeros
+    #: where flat
+    prior: Array
     interest: (
         int  #: s: the last s of the p parameters are of interest, all others are projected out
     )
@@ -193,7 +205,8 @@ class Objective(Shown):
             return np.concatenate([self._values(matrix[None]) for matrix in precision])
         values = self.criterion.value(root[:, -self.interest :, -self.interest :])
         if self._open:
-            # Where only rounding kept a factorisation alive: what is left of a column beside the others is nothing.
+            # Where only rounding kept a factorisation alive: what is left of a column beside the
+            # others is nothing.
             left = np.diagonal(root, axis1=-2, axis2=-1) / np.sqrt(
                 np.diagonal(precision, axis1=-2, axis2=-1)
             )
@@ -208,7 +221,8 @@ class Objective(Shown):
 
 # ---- shares
 
-# Values that differ by less, relative to the largest, count as equal: the first of them in the candidates' order is taken.
+# Values that differ by less, relative to the largest, count as equal: the first of them in the
+# candidates' order is taken.
 _EQUAL = 1e-9
 _ROUNDS, _ITERATIONS, _SWEEPS = 400, 40, 50
 _ADDED, _FIRST = 3, 32
@@ -232,7 +246,8 @@ def _better(value: float, than: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Optimum(Shown):
-    """Shares of N tests (candidates,), their Φ, and N ∂Φ/∂n_i, nowhere above its mean over the shares if these are the best."""
+    """Shares of N tests (candidates,), their Φ, and N ∂Φ/∂n_i, nowhere above its mean over the
+    shares if these are the best."""
 
     share: Array
     value: float
@@ -241,7 +256,8 @@ class Optimum(Shown):
 
     @property
     def excess(self) -> float:
-        """Of the largest sensitivity over the bound: for a concave Φ no design is better by more than bound · excess."""
+        """Of the largest sensitivity over the bound: for a concave Φ no design is better by more
+        than bound · excess."""
         return float(self.sensitivity.max() / self.bound - 1.0)
 
 
@@ -252,9 +268,10 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
 
 
 def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
-    """The shares of N tests that make Φ largest, from equal shares on, until the relative excess is within the tolerance. Fully
-    corrective: shares of a few candidates are solved for, and candidates above the bound join them. N does not matter where the
-    prior is flat; `Optimum.excess` says what was reached."""
+    """The shares of N tests that make Φ largest, from equal shares on, until the relative excess is
+    within the tolerance. Fully corrective: shares of a few candidates are solved for, and
+    candidates above the bound join them. N does not matter where the prior is flat;
+    `Optimum.excess` says what was reached."""
     n = objective.candidates
     share = np.full(n, 1.0 / n)
     if not np.isfinite(objective.value(tests * share)):
@@ -325,7 +342,8 @@ _ALL, _LEADING, _THOROUGH, _SOME = 64, 12, 128, 4
 
 
 def efficient_rounding(share: Array, tests: int) -> Array:
-    """Whole numbers of tests nearest to shares (Pukelsheim and Rieder 1992), shape (candidates,), summing to ``tests``."""
+    """Whole numbers of tests nearest to shares (Pukelsheim and Rieder 1992), shape (candidates,),
+    summing to ``tests``."""
     share = share / share.sum()
     support = np.flatnonzero(share)
     if len(support) > tests:
@@ -350,9 +368,10 @@ def exchange(
     feasible: Callable[[Array], bool] = lambda counts: True,
     thorough: bool = True,
 ) -> tuple[Array, float]:
-    """Counts and value of a design in which one test at a time, those of ``start``, is replaced by a better one until none is.
-    All designs, that of ``start`` too, are ``feasible``; ``thorough``: all candidates were tried in every place at the end (of
-    many, those of the largest sensitivity), else a few."""
+    """Counts and value of a design in which one test at a time, those of ``start``, is replaced by
+    a better one until none is. All designs, that of ``start`` too, are ``feasible``; ``thorough``:
+    all candidates were tried in every place at the end (of many, those of the largest sensitivity),
+    else a few."""
     n = objective.candidates
     counts, value = start.copy(), objective.value(start.astype(float))
     size = _LEADING if n > _ALL else n
@@ -383,7 +402,8 @@ def _with(counts: Array, j: int, more: int = 1) -> Array:
 
 
 def _likely(objective: Objective, base: Array, size: int, rng: np.random.Generator) -> Array:
-    """The candidates of the largest sensitivity (at a few hyper-parameters), and some at random; all when there are no more."""
+    """The candidates of the largest sensitivity (at a few hyper-parameters), and some at random;
+    all when there are no more."""
     n = objective.candidates
     if size >= n:
         return np.arange(n)
@@ -413,7 +433,8 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Candidates, each with its force, among which designs of at least ``levels`` different forces are looked for."""
+    """Candidates, each with its force, among which designs of at least ``levels`` different forces
+    are looked for."""
 
     objective: Objective
     forces_N: Array
@@ -433,7 +454,8 @@ class Search:
         if there < self.levels:
             cure = "Ask for more tests, offer more force levels, or use --augment."
             raise InputError(
-                f"tests must be at {self.levels} different forces at least for this degree, got {there}. {cure}"
+                f"tests must be at {self.levels} different forces at least for this degree, got"
+                f" {there}. {cure}"
             )
         optimum, rng = self.shares(float(tests)), np.random.default_rng(self.seed)
         n, share = self.objective.candidates, optimum.share
@@ -465,7 +487,8 @@ class Search:
         return len(distinct_forces(self.forces_N[counts > 0])) >= self.levels
 
     def _at_fewer_forces(self, counts: Array, value: float) -> tuple[Array, float]:
-        """The design with tests at neighbouring forces at one of them, where that costs no more than a ten-thousandth."""
+        """The design with tests at neighbouring forces at one of them, where that costs no more
+        than a ten-thousandth."""
         least = value
         for i, j in combinations(np.flatnonzero(counts).tolist(), 2):
             if (
@@ -493,7 +516,8 @@ class Search:
         return start
 
     def _shakes(self, tests: int) -> int:
-        """How often a part of the best design is drawn anew: as often as costs little, where there are many designs."""
+        """How often a part of the best design is drawn anew: as often as costs little, where there
+        are many designs."""
         n = self.objective.candidates
         size = self.objective.prior.size * tests * (n if n <= _ALL else 2 * _LEADING)
         return min(_MOST_SHAKES, _WORK // size) if comb(n + tests - 1, tests) > _FEW_DESIGNS else 0

@@ -1,15 +1,18 @@
-"""What a comparison rests on: two models under other assumptions, what else explains a change with force, subsets of slopes.
+"""What a comparison rests on: two models under other assumptions, what else explains a change with
+force, subsets of slopes.
 
-Slopes, joint load, a curved mount and a curved force law may each explain a change with force, and every compliance may have a
-slope or none: every combination is a model, as probable as another beforehand, and the exact evidence says how probable it is
-afterwards. C(F) is averaged over all subsets of slopes; where there are too many (several planes), over those that a search from
-the best to its neighbours visits first.
+Slopes, joint load, a curved mount and a curved force law may each explain a change with force, and
+every compliance may have a slope or none: every combination is a model, as probable as another
+beforehand, and the exact evidence says how probable it is afterwards. C(F) is averaged over all
+subsets of slopes; where there are too many (several planes), over those that a search from the best
+to its neighbours visits first.
 
-Local fits take compliance as constant over two neighbouring force levels: what varies from pair to pair is what a slope would
-have to explain. For every pair both the paper's least squares (Tables 7 and 8) and the posterior with nuisances. Pairs overlap
-and share ball form, bar length and mount: neighbouring estimates err together, so the scatter of the points says less than their
-bars seem to. Geometry is free in every pair, which therefore estimates the tangent d(F C)/dF = C + F dC/dF, not C(F) itself:
-the two are one only where compliance is constant.
+Local fits take compliance as constant over two neighbouring force levels: what varies from pair to
+pair is what a slope would have to explain. For every pair both the paper's least squares (Tables 7
+and 8) and the posterior with nuisances. Pairs overlap and share ball form, bar length and mount:
+neighbouring estimates err together, so the scatter of the points says less than their bars seem to.
+Geometry is free in every pair, which therefore estimates the tangent d(F C)/dF = C + F dC/dF, not
+C(F) itself: the two are one only where compliance is constant.
 """
 
 from __future__ import annotations
@@ -92,7 +95,8 @@ class Assumed:
 
 
 def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
-    """Return how circles may differ from one another: what the models say, one idea after the other changed, and not at all."""
+    """Return how circles may differ from one another: what the models say, one idea after the other
+    changed, and not at all."""
     changes: dict[str, Change] = {"as in the model": replace}
     for label, kind, term in _DISCREPANCIES:
         if any(
@@ -138,7 +142,8 @@ _SLOPES, _ASKED = "slopes", 1.0
 
 @dataclass(frozen=True)
 class Explained:
-    """One combination of explanations of a change with force, its log evidence and error, and its posterior probability."""
+    """One combination of explanations of a change with force, its log evidence and error, and its
+    posterior probability."""
 
     by: tuple[str, ...]
     log_evidence: float
@@ -148,8 +153,9 @@ class Explained:
 
 @dataclass(frozen=True)
 class Explanations:
-    """Every combination of what explains a change with force, each as probable as another beforehand, the likeliest first; the
-    two models ``averaged`` over the explanations other than slopes, and ``alone``, with none of these: the paper's question."""
+    """Every combination of what explains a change with force, each as probable as another
+    beforehand, the likeliest first; the two models ``averaged`` over the explanations other than
+    slopes, and ``alone``, with none of these: the paper's question."""
 
     inclusion_probability: dict[str, float]
     models: tuple[Explained, ...]
@@ -158,7 +164,8 @@ class Explanations:
 
     @property
     def instead(self) -> tuple[str, ...]:
-        """What explains the readings as well as slopes, which they would ask for were there nothing else; else nothing."""
+        """What explains the readings as well as slopes, which they would ask for were there nothing
+        else; else nothing."""
         asked = self.alone.log_bayes_factor > _ASKED > self.averaged.log_bayes_factor
         return next(own.by for own in self.models if _SLOPES not in own.by) if asked else ()
 
@@ -172,7 +179,8 @@ def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
-    """Weigh every combination of slopes, the difference of two models, and of the rivals of slopes that both have."""
+    """Weigh every combination of slopes, the difference of two models, and of the rivals of slopes
+    that both have."""
     constant, linear = pair.values()
     names = (_SLOPES, *linear.rivals)
     combined = subsets(names)
@@ -202,7 +210,8 @@ def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Expla
 
 @dataclass(frozen=True)
 class SlopeSubset:
-    """One subset: the compliances that vary with force, its log evidence and posterior probability."""
+    """One subset: the compliances that vary with force, its log evidence and posterior
+    probability."""
 
     varying: tuple[str, ...]
     log_evidence: float
@@ -218,7 +227,8 @@ class VaryingSlope:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """C(F) of one compliance: mean, median and equal-tailed credible band at each force, in inside units."""
+    """C(F) of one compliance: mean, median and equal-tailed credible band at each force, in inside
+    units."""
 
     unit: str
     force_N: Numbers
@@ -238,7 +248,8 @@ def count_subsets(model: HybridModel, campaign: Campaign) -> int:
 def slope_subsets(
     model: HybridModel, evidences: Evidences, *, seed: int, ci_prob: float = 0.95
 ) -> tuple[dict[str, VaryingSlope], tuple[SlopeSubset, ...], dict[str, Curve]]:
-    """Every compliance's probability of a slope, subsets of slopes at degree 1, most probable first, and C(F) averaged."""
+    """Every compliance's probability of a slope, subsets of slopes at degree 1, most probable
+    first, and C(F) averaged."""
     slopes = _slopes(model, evidences.campaign)
 
     def of(there: tuple[bool, ...]) -> Nodes:
@@ -279,8 +290,8 @@ def _slopes(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 def _best_first(
     slopes: int, of: Callable[[tuple[bool, ...]], Nodes]
 ) -> dict[tuple[bool, ...], Nodes]:
-    """From no slope and from all: the neighbours (one slope changed) of the best subset not yet expanded, until there are
-    ``_SEARCHED``."""
+    """From no slope and from all: the neighbours (one slope changed) of the best subset not yet
+    expanded, until there are ``_SEARCHED``."""
     seen = {there: of(there) for there in ((False,) * slopes, (True,) * slopes)}
     expanded: set[tuple[bool, ...]] = set()
     while len(seen) < _SEARCHED and len(expanded) < len(seen):
@@ -298,7 +309,8 @@ def _best_first(
 def averaged_curves(
     weighed: Sequence[Nodes], share: Array, seed: int, ci_prob: float
 ) -> dict[str, Curve]:
-    """C(F), see `compliance_curves`, over the tested forces, averaged over models with these probabilities."""
+    """C(F), see `compliance_curves`, over the tested forces, averaged over models with these
+    probabilities."""
     rng = np.random.default_rng(seed)
     bound = weighed[0].bound
     forces = bound.campaign.forces_N
@@ -334,14 +346,15 @@ def local_fits(
 
     Parameters
     ----------
-    model : nuisances and priors; its degree is set to 0. What belongs to the campaign (two balls, Ĉ) stays the campaign's.
+    model : nuisances and priors; its degree is set to 0. What belongs to the campaign (two balls,
+        Ĉ) stays the campaign's.
     ci_prob : probability of the equal-tailed credible intervals.
 
     Returns
     -------
-    One row per pair and parameter: force_low_N, force_high_N, force_N (mean of the pair's tests), tests, parameter, unit,
-    least_squares, least_squares_u (white noise alone; not a number where the pair does not determine it), mean, sd, ci_low,
-    ci_high; in inside units.
+    One row per pair and parameter: force_low_N, force_high_N, force_N (mean of the pair's tests),
+    tests, parameter, unit, least_squares, least_squares_u (white noise alone; not a number where
+    the pair does not determine it), mean, sd, ci_low, ci_high; in inside units.
     """
     check_campaign(campaign)
     check_comparable(model, campaign)
@@ -386,7 +399,8 @@ def _pairs(campaign: Campaign) -> list[tuple[str, ...]]:
     """Names of the tests of every two neighbouring force levels."""
     if campaign.force_levels < 2:
         raise InputError(
-            "local fits must have at least two force levels, got one: compliance and geometry cannot be separated."
+            "local fits must have at least two force levels, got one: compliance and geometry"
+            " cannot be separated."
         )
     order = np.argsort(campaign.forces_N, kind="stable")
     forces = campaign.forces_N[order]

@@ -73,7 +73,8 @@ def _iso(when: Any) -> str:
 def _file_name(name: str) -> str:
     if name and not re.fullmatch(r"[\w+\-][\w+\-. ]{0,99}", name):
         raise ValueError(
-            "it names a file: letters, digits, spaces, '_', '-', '+' or '.', not starting with a dot"
+            "it names a file: letters, digits, spaces, '_', '-', '+' or '.', not starting with"
+            " a dot"
         )
     return name
 
@@ -97,7 +98,8 @@ Date = Annotated[str, BeforeValidator(_iso)]
 @refusing("force law ([force])")
 @dataclass(frozen=True, config=_STRICT)
 class ForceLaw(Shown):
-    """F = slope · P + offset: what the regulator pressure does to the force (default: the paper's bar)."""
+    """F = slope · P + offset: what the regulator pressure does to the force (default: the paper's
+    bar)."""
 
     slope_N_per_bar: Positive = 126.04  #: force per pressure
     offset_N: Number = -14.2  #: force at zero pressure
@@ -114,7 +116,8 @@ class ForceLaw(Shown):
 @refusing("mount ([mount])")
 @dataclass(frozen=True, config=_STRICT)
 class MountCompensation(Shown):
-    """Deflection of the work ball's mount per bar (Eq. 32) and whether the readings are already free of it."""
+    """Deflection of the work ball's mount per bar (Eq. 32) and whether the readings are already
+    free of it."""
 
     deflection_um_per_bar: Annotated[Number, Field(ge=0.0, le=1e3)] = 2.33  #: nominal
     compensated: bool = True  #: whether the readings are free of it
@@ -123,9 +126,9 @@ class MountCompensation(Shown):
 @refusing("ball")
 @dataclass(frozen=True, config=_STRICT)
 class Ball(Shown):
-    """What a certificate, or a grade (ISO 3290), says of a ball's form: deviation from sphericity, peak to valley; harmonics
-    a cos n(θ − phase) in the ball's own angle, as (n, a [µm], phase [deg]), with the expanded uncertainty (k = 2) of each
-    coefficient.
+    """What a certificate, or a grade (ISO 3290), says of a ball's form: deviation from sphericity,
+    peak to valley; harmonics a cos n(θ − phase) in the ball's own angle, as (n, a [µm], phase
+    [deg]), with the expanded uncertainty (k = 2) of each coefficient.
     """
 
     sphericity_um: Certified | None = None  #: deviation from sphericity, peak to valley
@@ -146,7 +149,10 @@ class Ball(Shown):
             len(set(orders)) == len(orders),
             f"harmonics_um must give each order once, got {orders}. Remove one.",
         )
-        got = f"harmonics_um and U_um of a ball must come together, got {'U_um' if self.U_um else 'harmonics_um'} alone"
+        got = (
+            "harmonics_um and U_um of a ball must come together, got"
+            f" {'U_um' if self.U_um else 'harmonics_um'} alone"
+        )
         require(
             bool(orders) == (self.U_um is not None),
             f"{got}. Give both: U_um is their expanded uncertainty (k = 2).",
@@ -161,7 +167,8 @@ class Ball(Shown):
 @refusing("instrument")
 @dataclass(frozen=True, config=_STRICT)
 class Instrument(Shown):
-    """What certificates say of balls, bar, mount, force and angle; U: expanded uncertainties (k = 2). None: the model's."""
+    """What certificates say of balls, bar, mount, force and angle; U: expanded uncertainties (k =
+    2). None: the model's."""
 
     work: Ball = field(default_factory=Ball)  #: ball
     tool: Ball = field(default_factory=Ball)  #: ball
@@ -180,7 +187,10 @@ class Instrument(Shown):
     force_certificate: Label | None = None  #: likewise
 
     def __post_init__(self) -> None:
-        alone = "the bar's length error must come with its U_um, got it alone. Give the U of its certificate (k = 2)."
+        alone = (
+            "the bar's length error must come with its U_um, got it alone. Give the U of its"
+            " certificate (k = 2)."
+        )
         require(self.bar_U_um or not self.bar_length_error_um, alone)
 
     @property
@@ -193,7 +203,8 @@ class Instrument(Shown):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TestFields(Shown):
-    """What a program, campaign.toml or a layout says of a test beside its readings; None: not stated."""
+    """What a program, campaign.toml or a layout says of a test beside its readings; None: not
+    stated."""
 
     __test__ = False
 
@@ -219,7 +230,8 @@ LABELS = (
     *("machine_id", "date", "machine_type", "serial_number", "operator", "place"),
     *("ball_bar", "ball_bar_calibrated", "force_device"),
 )
-# Fields of a test that a table may hold in columns, by these very names, beside its load and direction.
+# Fields of a test that a table may hold in columns, by these very names, beside its load and
+# direction.
 PER_TEST = tuple(
     own.name
     for own in fields(TestFields)
@@ -231,10 +243,12 @@ _CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 @refusing("test")
 @dataclass(frozen=True, eq=False)
 class CircularTest(TestFields):
-    """One circle at one force. Without readings it is a planned test. Force or pressure must be given (the campaign's force law
-    supplies the other), angles in one of two units, readings in at most one. Angles may go any number of turns.
+    """One circle at one force. Without readings it is a planned test. Force or pressure must be
+    given (the campaign's force law supplies the other), angles in one of two units, readings in at
+    most one. Angles may go any number of turns.
 
-    InputError for missing, non-finite, too few or unequal numbers of angles and readings, or a force that is not positive.
+    InputError for missing, non-finite, too few or unequal numbers of angles and readings, or a
+    force that is not positive.
     """
 
     force_N: Force | None = None  #: radial, above zero
@@ -279,7 +293,8 @@ class CircularTest(TestFields):
             for k in np.flatnonzero(~np.isfinite(array)):
                 got = f"{array[k]} at reading {k + 1}"
                 raise InputError(
-                    f"{self.label} must have finite {name}, got {got}. Remove or correct that reading."
+                    f"{self.label} must have finite {name}, got {got}. Remove or correct that"
+                    " reading."
                 )
             array = array if name == plain else convert(array)
             array.setflags(write=False)
@@ -291,16 +306,25 @@ class CircularTest(TestFields):
             yield "have angles, got none. Give angle_deg (or angle_rad)."
             return
         if len(angle) < MINIMUM_READINGS:
-            yield f"have at least {MINIMUM_READINGS} readings, got {len(angle)}. Leave the test out or record more."
+            yield (
+                f"have at least {MINIMUM_READINGS} readings, got {len(angle)}. Leave the test out"
+                " or record more."
+            )
         if reading is not None and len(reading) != len(angle):
-            yield f"have one reading per angle, got {len(angle)} angles and {len(reading)} readings. Check the two columns."
+            yield (
+                f"have one reading per angle, got {len(angle)} angles and {len(reading)} readings."
+                " Check the two columns."
+            )
         if self.force_N is None and self.pressure_bar is None:
             yield "have a force or a pressure, got neither. Give force_N or pressure_bar."
         if (arc_deg := _arc_of(angle.tobytes())) < MINIMUM_ARC_DEG:
             cure = "Check the unit of the angle (degrees or radians) or leave the test out"
             yield f"cover an arc of at least {MINIMUM_ARC_DEG:g}°, got {arc_deg:.3g}°. {cure}."
         if reading is not None and (largest := np.abs(reading).max() * 1e-3) > LARGEST_READING_MM:
-            yield f"have readings below {LARGEST_READING_MM:g} mm, got {largest:.4g} mm. Check the unit of the readings."
+            yield (
+                f"have readings below {LARGEST_READING_MM:g} mm, got {largest:.4g} mm. Check the"
+                " unit of the readings."
+            )
 
     @property
     def label(self) -> str:
@@ -328,13 +352,15 @@ class CircularTest(TestFields):
 
     @property
     def step_deg(self) -> float:
-        """Step of angles that a plan can state, in equal steps within one turn [deg]; zero of others."""
+        """Step of angles that a plan can state, in equal steps within one turn [deg]; zero of
+        others."""
         steps = np.diff(self.angle_deg)
         even = np.allclose(steps, steps[0], rtol=1e-6) and abs(steps.sum()) < 360.0 * (1.0 + 1e-6)
         return float(steps[0]) if even else 0.0
 
     def planned(self) -> CircularTest:
-        """The same test without readings; angles in unequal steps become as many in equal ones over the same arc."""
+        """The same test without readings; angles in unequal steps become as many in equal ones over
+        the same arc."""
         wrapped, arc = np.unique(np.mod(self.angle_deg, 360.0)), self.arc_deg
         start = (
             0.0
@@ -352,7 +378,8 @@ class CircularTest(TestFields):
 
     @property
     def arc_deg(self) -> float:
-        """Covered arc [deg]: 360° minus the largest gap between neighbouring angles, or 360° where it is an ordinary step."""
+        """Covered arc [deg]: 360° minus the largest gap between neighbouring angles, or 360° where
+        it is an ordinary step."""
         return _arc_of(self.angle_deg.tobytes())
 
 
@@ -368,7 +395,8 @@ def _arc_of(angles: bytes) -> float:
 
 
 def distinct_forces(forces_N: ArrayLike) -> Array:
-    """Return the forces that differ, rising: those less than a thousandth of the largest above another are the same force [N]."""
+    """Return the forces that differ, rising: those less than a thousandth of the largest above
+    another are the same force [N]."""
     ordered = np.unique(np.asarray(forces_N, dtype=float))
     distinct: list[float] = []
     for force in ordered.tolist():
@@ -416,7 +444,8 @@ class CampaignFields(Shown):
 class Campaign(CampaignFields):
     """The tests of one machine.
 
-    InputError for no tests, repeated names, planes the machine does not have, or tests both with and without readings.
+    InputError for no tests, repeated names, planes the machine does not have, or tests both with
+    and without readings.
     """
 
     tests: tuple[CircularTest, ...]  #: all with readings, or none
@@ -439,7 +468,10 @@ class Campaign(CampaignFields):
             tests=_named([self._resolved(test) for test in self.tests]), foreseen=foreseen
         )
         planned = [test.name for test in self.tests if test.reading_um is None]
-        got = f"campaign must have readings in all tests or in none, got test {next(iter(planned), '')!r} without"
+        got = (
+            "campaign must have readings in all tests or in none, got test"
+            f" {next(iter(planned), '')!r} without"
+        )
         require(len(planned) in (0, len(self.tests)), f"{got}. Add its file or plan it apart.")
         self.__dict__.update(
             frames_mm=dict(self.machine().frames_mm),
@@ -517,12 +549,16 @@ class Campaign(CampaignFields):
         return replace(self, tests=tuple(test.with_reading_um(None) for test in self.tests))
 
     def __repr__(self) -> str:
-        size = f": {len(self.tests)} tests, {self.forces_N.min():.4g} to {self.forces_N.max():.4g} N, {self.readings} readings>"
+        size = (
+            f": {len(self.tests)} tests, {self.forces_N.min():.4g} to {self.forces_N.max():.4g} N,"
+            f" {self.readings} readings>"
+        )
         return f"<{'Plan' if self.is_plan else 'Campaign'} {self.name}"[: 80 - len(size)] + size
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the readings and how they were taken, whatever the files' layout; certificates are beliefs: no part."""
+        """SHA-256 of the readings and how they were taken, whatever the files' layout; certificates
+        are beliefs: no part."""
         digest = hashlib.sha256()
         head: list[Any] = [
             self.topology,
@@ -576,7 +612,8 @@ def _digested(test: CircularTest) -> list[Any]:
 
 
 def _named(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
-    """Give unnamed tests names after their force, numbering repeats; refuse repeated given names."""
+    """Give unnamed tests names after their force, numbering repeats; refuse repeated given
+    names."""
     given = [test.name for test in tests if test.name]
     repeated = next((name for name in given if given.count(name) > 1), None)
     require(

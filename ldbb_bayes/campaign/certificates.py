@@ -1,13 +1,17 @@
-"""What XML from elsewhere says of instruments and tests; it is not trusted: document types, and with them entities, are refused.
+"""What XML from elsewhere says of instruments and tests; it is not trusted: document types, and
+with them entities, are refused.
 
-Digital calibration certificates (DCC, schema 2 and 3) of bar, force device and balls: what states a field of `Instrument`.
+Digital calibration certificates (DCC, schema 2 and 3) of bar, force device and balls: what states a
+field of `Instrument`.
 
-Renishaw's ball-bar files (.b5r), as records beside a campaign. Renishaw publishes no description. What is read is what two public
-readers of such files, and a generator of examples, agree on: under TEST_DOCUMENT the attributes NAME of TEST_SPEC and
-MACHINE_TESTED, MANUFACTURER and MODEL of INSTRUMENT, and TEST_PLANE of PLANE; the texts of NOMINAL_LENGTH [mm],
-PROGRAMMED_FEEDRATE [mm/min], OPERATOR, SERIAL_NUMBER, LAST_CALIBRATED, DATE_STARTED and DATE_COMPLETED (20260401-080000); and
-anywhere FEATURE elements, a number each with NAME and the unit DT, of a BALLBAR_RUN with its RUN_DIRECTION or of an ANALYSIS with
-its NAME. The encoding of the trace is described nowhere, so it is not read.
+Renishaw's ball-bar files (.b5r), as records beside a campaign. Renishaw publishes no description.
+What is read is what two public readers of such files, and a generator of examples, agree on: under
+TEST_DOCUMENT the attributes NAME of TEST_SPEC and MACHINE_TESTED, MANUFACTURER and MODEL of
+INSTRUMENT, and TEST_PLANE of PLANE; the texts of NOMINAL_LENGTH [mm], PROGRAMMED_FEEDRATE [mm/min],
+OPERATOR, SERIAL_NUMBER, LAST_CALIBRATED, DATE_STARTED and DATE_COMPLETED (20260401-080000); and
+anywhere FEATURE elements, a number each with NAME and the unit DT, of a BALLBAR_RUN with its
+RUN_DIRECTION or of an ANALYSIS with its NAME. The encoding of the trace is described nowhere, so it
+is not read.
 """
 
 from __future__ import annotations
@@ -55,7 +59,8 @@ _STANDARD = {
     "coverageIntervalMU": "valueStandardMU",
     "coverageInterval": "standardUnc",
 }
-# Prefixes; units with factor and dimension; what a quantity is, by words of its name or refType, the first that fits.
+# Prefixes; units with factor and dimension; what a quantity is, by words of its name or refType,
+# the first that fits.
 _PREFIXES, _UNITS, _ROLES = WORDS["dcc"]["prefixes"], WORDS["dcc"]["units"], WORDS["dcc"]["roles"]
 # Units of a ball-bar file, each with its size and name here; others stay as the file names them.
 _B5R_UNITS = WORDS["b5r"]["units"]
@@ -63,8 +68,9 @@ _B5R_UNITS = WORDS["b5r"]["units"]
 
 @dataclass(frozen=True)
 class CertifiedQuantity:
-    """One number of a certificate, as it stands there: value and expanded uncertainty U with its coverage factor k, in a D-SI
-    unit; ``within`` are the names of what holds it, outermost first."""
+    """One number of a certificate, as it stands there: value and expanded uncertainty U with its
+    coverage factor k, in a D-SI unit; ``within`` are the names of what holds it, outermost
+    first."""
 
     name: str
     ref_type: str
@@ -84,19 +90,21 @@ class CertifiedQuantity:
 
     @property
     def role(self) -> str:
-        """What it is by its own name, else by the names of what holds it; empty: nothing for a bar, a force device or a ball."""
+        """What it is by its own name, else by the names of what holds it; empty: nothing for a bar,
+        a force device or a ball."""
         texts = (f"{self.name} {self.ref_type}".lower(), " ".join(self.within).lower())
         return next(
             (role for text in texts for role, words in _ROLES.items() if re.search(words, text)), ""
         )
 
     def numbers(self, factor: float = 1.0) -> tuple[float, float]:
-        """Return value and U (k = 2; 0 where it states none) in a unit that is ``factor`` of the SI's; `InputError` for a unit
-        that is not known and for a U without coverage factor."""
+        """Return value and U (k = 2; 0 where it states none) in a unit that is ``factor`` of the
+        SI's; `InputError` for a unit that is not known and for a U without coverage factor."""
         scale, units = _scale(self.unit), r"\micro\metre, \milli\metre, \newton, \percent"
         if scale is None:
             raise InputError(
-                f"the unit of {self.title!r} must be of D-SI (like {units}), got {self.unit!r}. Correct it in a copy."
+                f"the unit of {self.title!r} must be of D-SI (like {units}), got {self.unit!r}."
+                " Correct it in a copy."
             )
         require(
             self.U is None or self.k,
@@ -108,21 +116,24 @@ class CertifiedQuantity:
 
 @dataclass(frozen=True)
 class CalibrationCertificate(Shown):
-    """The numbers of a digital calibration certificate and its identifier. What it says of an instrument comes with the keys that
-    campaign.toml has for it; `InputError` where it says nothing of the kind."""
+    """The numbers of a digital calibration certificate and its identifier. What it says of an
+    instrument comes with the keys that campaign.toml has for it; `InputError` where it says nothing
+    of the kind."""
 
     path: Path
     identifier: str
     quantities: tuple[CertifiedQuantity, ...]
 
     def fields(self, kind: str) -> dict[str, Any]:
-        """Return what it says of a bar, a force device (force) or a ball; the message names the file."""
+        """Return what it says of a bar, a force device (force) or a ball; the message names the
+        file."""
         with placed(self.path):
             return {"bar": self.bar, "force": self.force, "ball": self.ball}[kind]()
 
     def bar(self) -> dict[str, Any]:
-        """Return length_error_um and U_um: an error of indication as it is; a deviation from the nominal length, or a length
-        beside its nominal one, with the other sign, as a longer bar reads too small."""
+        """Return length_error_um and U_um: an error of indication as it is; a deviation from the
+        nominal length, or a length beside its nominal one, with the other sign, as a longer bar
+        reads too small."""
         of, nominal = self._having("m"), 0.0
         role = next((role for role in ("indication", "deviation", "length") if role in of), "")
         if not role or (role == "length" and "nominal" not in of):
@@ -136,7 +147,8 @@ class CalibrationCertificate(Shown):
         return {"length_error_um": error, "U_um": U, "certificate": self._label(one)}
 
     def force(self) -> dict[str, Any]:
-        """Return those of U_percent, of the gain or else of the largest force, and linearity_percent that it states."""
+        """Return those of U_percent, of the gain or else of the largest force, and
+        linearity_percent that it states."""
         gains, forces, stated = (
             self._having("N/bar").get("gain", []),
             self._having("N").get("force", []),
@@ -153,7 +165,8 @@ class CalibrationCertificate(Shown):
             whole = 1.0 if _dimension(one) == "" else max(map(_size, forces), default=0.0)
             require(
                 whole,
-                f"{one.title!r} in newtons must come with forces, got none. Give linearity_percent by hand.",
+                f"{one.title!r} in newtons must come with forces, got none. Give linearity_percent"
+                " by hand.",
             )
             stated["linearity_percent"] = _plain(100.0 * _size(one) / whole)
             used.append(one)
@@ -184,7 +197,8 @@ class CalibrationCertificate(Shown):
     def _only(self, found: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
         require(
             len(found) == 1,
-            f"{_listed(found[:1])} must stand there once, got {_listed(found)}. Give the right one by hand.",
+            f"{_listed(found[:1])} must stand there once, got {_listed(found)}. Give the right one"
+            " by hand.",
         )
         return found[0]
 
@@ -193,7 +207,10 @@ class CalibrationCertificate(Shown):
             next((f"{name}: " for name in reversed(one.within) if one.name and "_" not in name), "")
             for one in used
         )
-        text = f"{self.path.name}, DCC {self.identifier}: {', '.join(h + one.title for h, one in zip(holders, used, strict=True))}"
+        text = (
+            f"{self.path.name}, DCC {self.identifier}:"
+            f" {', '.join(h + one.title for h, one in zip(holders, used, strict=True))}"
+        )
         return "".join(sign if sign.isprintable() else " " for sign in text)[:200]
 
     def _nothing(self, what: str, keys: str) -> InputError:
@@ -204,16 +221,21 @@ class CalibrationCertificate(Shown):
 
 
 def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
-    """Return the numbers among the results of a digital calibration certificate; `InputError` for what is none."""
+    """Return the numbers among the results of a digital calibration certificate; `InputError` for
+    what is none."""
     path = Path(path)
     raw = bytes_of(path, _LARGEST_BYTES, what="a digital calibration certificate (XML)")
     with placed(path):
         root = xml_of(raw, "the DCC itself, an .xml file")
-        got = f"got the root element {root.tag[:80]!r}. Give the DCC of the laboratory, not its PDF or another XML"
+        got = (
+            f"got the root element {root.tag[:80]!r}. Give the DCC of the laboratory, not its PDF"
+            " or another XML"
+        )
         is_one = root.tag == f"{_DCC}digitalCalibrationCertificate"
         require(
             is_one,
-            f"the file must be a digital calibration certificate (namespace https://ptb.de/dcc), {got}.",
+            "the file must be a digital calibration certificate (namespace https://ptb.de/dcc),"
+            f" {got}.",
         )
         identifier = (
             root.findtext(f"{_DCC}administrativeData/{_DCC}coreData/{_DCC}uniqueIdentifier")
@@ -248,7 +270,8 @@ def _quantities(
 
 
 def _numbers(element: ElementTree.Element, name: str) -> Iterator[tuple[Any, ...]]:
-    """Value, unit, U, k and probability of si:real or of each in si:realListXMLList; a list of one holds for all."""
+    """Value, unit, U, k and probability of si:real or of each in si:realListXMLList; a list of one
+    holds for all."""
 
     def words(owner: ElementTree.Element, tag: str) -> list[str]:
         return (owner.findtext(_SI + tag) or owner.findtext(f"{_SI}{tag}XMLList") or "").split()
@@ -279,7 +302,8 @@ def _numbers(element: ElementTree.Element, name: str) -> Iterator[tuple[Any, ...
 
 
 def _scale(unit: str | None) -> tuple[float, str] | None:
-    r"""Factor to the SI and dimension (m, N, N/bar, nothing) of a D-SI unit such as \newton\bar\tothe{-1}; None: not known."""
+    r"""Factor to the SI and dimension (m, N, N/bar, nothing) of a D-SI unit such as
+    \newton\bar\tothe{-1}; None: not known."""
     factor, prefix, sign, powers = 1.0, 1.0, 1, Counter[str]()
     if re.fullmatch(r"(\\[a-zA-Z]+(\{[-+]?\d\})?)+", unit or "") is None:
         return None
@@ -337,7 +361,8 @@ class BallbarFeature(Shown):
 
 @dataclass(frozen=True)
 class BallbarRecord(Result):
-    """What a .b5r file says of a circular test of an unloaded ball bar, empty or None where it says nothing."""
+    """What a .b5r file says of a circular test of an unloaded ball bar, empty or None where it says
+    nothing."""
 
     file: str  #: its name
     test: str  #: name of the test
@@ -345,7 +370,9 @@ class BallbarRecord(Result):
     operator: str  #: who measured
     ball_bar: str  #: maker and model
     serial_number: str  #: of the ball bar
-    calibrated: str  #: when the ball bar was; times are ISO 8601 where the file has 20260401-080000, else as they stand
+    #: when the ball bar was; times are ISO 8601 where the file has 20260401-080000, else as they
+    #: stand
+    calibrated: str
     started: str  #: when the test began
     completed: str  #: when it ended
     plane: str  #: XY, YZ or ZX

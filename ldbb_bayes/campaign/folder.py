@@ -64,10 +64,12 @@ _TEXTS = ("test", "direction", "plane")
 def read_campaign(
     path: str | os.PathLike[str], *, certificates: Mapping[str, Any] | None = None, **options: Any
 ) -> Campaign:
-    """Return the campaign, or the plan, of a campaign folder, a campaign.toml, or one tidy CSV; `InputError` names file and cure.
+    """Return the campaign, or the plan, of a campaign folder, a campaign.toml, or one tidy CSV;
+    `InputError` names file and cure.
 
-    ``certificates`` are fields of `Instrument`, before what campaign.toml says of them; options, for a tidy CSV only, what
-    campaign.toml would say (``radius_mm=150``, ``mount=MountCompensation(...)``, …).
+    ``certificates`` are fields of `Instrument`, before what campaign.toml says of them; options,
+    for a tidy CSV only, what campaign.toml would say (``radius_mm=150``,
+    ``mount=MountCompensation(...)``, …).
     """
     path = Path(path)
     if path.is_dir():
@@ -75,7 +77,8 @@ def read_campaign(
     got = f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path},"
     require(
         path.is_file(),
-        f"{got} which {'is no ordinary file' if path.exists() else 'does not exist'}. Check the path.",
+        f"{got} which {'is no ordinary file' if path.exists() else 'does not exist'}. Check the"
+        " path.",
     )
     check_known("option", options, [own.name for own in fields(Campaign) if own.name != "tests"])
     if path.suffix.lower() != ".toml":
@@ -83,7 +86,8 @@ def read_campaign(
         options = {"name": path.stem} | options
     elif options:
         raise InputError(
-            f"options must come with a tidy CSV, got {', '.join(options)} with {path}. Write them into {path.name}."
+            f"options must come with a tidy CSV, got {', '.join(options)} with {path}. Write them"
+            f" into {path.name}."
         )
     else:
         tests, options = _tests_of_folder(path)
@@ -102,7 +106,8 @@ def read_campaign(
 def write_campaign(
     campaign: Campaign, folder: str | os.PathLike[str], *, force: bool = False
 ) -> Path:
-    """Write a campaign (or plan) folder, whole or not at all, and return its path; an existing one goes with ``force`` only.
+    """Write a campaign (or plan) folder, whole or not at all, and return its path; an existing one
+    goes with ``force`` only.
 
     Numbers are written so that they read back to the same doubles.
     """
@@ -202,19 +207,22 @@ def _with_certificates(path: Path, content: dict[str, Any]) -> dict[str, Any]:
             twice = next((key for key in stated if key in table), None)
             require(
                 twice is None,
-                f"{path}: [{name}] must have {twice} or take it from its dcc, got both. Keep one of them.",
+                f"{path}: [{name}] must have {twice} or take it from its dcc, got both. Keep one of"
+                " them.",
             )
             table |= stated
     return content
 
 
 def _instrument_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Mount, force law and certificates; a stiffness is a deflection per bar by the slope of the force law."""
+    """Mount, force law and certificates; a stiffness is a deflection per bar by the slope of the
+    force law."""
     law, mount = file.force_law, file.mount
     one = not {"stiffness_N_per_um", "deflection_um_per_bar"} <= content.get("mount", {}).keys()
     require(
         one,
-        f"{path}: [mount] must have stiffness_N_per_um or deflection_um_per_bar, got both. Keep one of them.",
+        f"{path}: [mount] must have stiffness_N_per_um or deflection_um_per_bar, got both. Keep one"
+        " of them.",
     )
     stiffness = mount.stiffness_N_per_um
     deflection = law.slope_N_per_bar / stiffness if stiffness else mount.deflection_um_per_bar
@@ -277,7 +285,8 @@ def _inside(toml: Path, what: str, file: str) -> Path:
 
 
 def _tests_of_table(path: Path) -> tuple[CircularTest, ...]:
-    """The tests of a tidy CSV: columns test, force_N (or pressure_bar), angle_deg, reading_um, optionally others."""
+    """The tests of a tidy CSV: columns test, force_N (or pressure_bar), angle_deg, reading_um,
+    optionally others."""
     columns = _read_columns(path, ("test", *_READINGS, *_OF_TEST))
     require(
         "test" in columns,
@@ -290,7 +299,10 @@ def _tests_of_table(path: Path) -> tuple[CircularTest, ...]:
         own: dict[str, Any] = {key: values[rows] for key, values in readings.items()}
         for key in (key for key in _OF_TEST if key in columns):
             values = columns[key][rows]
-            got = f"{path}: {key} must be the same in all rows of a test, got {values.min()} to {values.max()} in {name!r}."
+            got = (
+                f"{path}: {key} must be the same in all rows of a test, got {values.min()} to"
+                f" {values.max()} in {name!r}."
+            )
             require(len(set(values.tolist())) == 1, f"{got} Split the test or correct the rows.")
             own[key] = (values[0] or None) if key in _TEXTS else float(values[0])
         with placed(path):
@@ -299,13 +311,17 @@ def _tests_of_table(path: Path) -> tuple[CircularTest, ...]:
 
 
 def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
-    """Columns of a CSV by name: numbers, or texts. Where semicolons or tabs separate and no point stands, commas are decimal."""
+    """Columns of a CSV by name: numbers, or texts. Where semicolons or tabs separate and no point
+    stands, commas are decimal."""
     rows, separator = read_strict_table(path)
     names = [name.strip() for name in rows[0][1]] if rows[0][0] == 1 else [""]
     many = f"a table must have at most {_LARGEST_COLUMNS} columns, got {len(names)}"
     require(len(names) <= _LARGEST_COLUMNS, f"{path}, line 1: {many}. Export it again.")
     for name in names:
-        got = f"columns must be among {', '.join(known)}, got {name[:60]!r}. Did you mean {nearest(name[:60], known)!r}?"
+        got = (
+            f"columns must be among {', '.join(known)}, got {name[:60]!r}. Did you mean"
+            f" {nearest(name[:60], known)!r}?"
+        )
         cure = "Rename or remove the column, or let ldbb-bayes import read the file"
         require(name in known, f"{path}, line 1: {got} {cure}.")
         require(
@@ -317,7 +333,10 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
         filled,
         f"{path} must hold readings below its header, got none. Fill the file or remove the test.",
     )
-    got = "got fewer names than columns. Name them all; with decimal commas separate the cells by semicolons"
+    got = (
+        "got fewer names than columns. Name them all; with decimal commas separate the cells by"
+        " semicolons"
+    )
     named = not all(any(cells[len(names) :]) for _, cells in filled)
     require(named, f"{path}, line 1: the header must name every column, {got}.")
     lines, cells = columns_of(str(path), filled, len(names))
@@ -325,9 +344,11 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
     points = any("." in cell for name in names if name not in _TEXTS for cell in columns[name])
     decimal = "," if separator != "," and not points else "."
     return {
-        name: np.array(own, dtype=object)
-        if name in _TEXTS
-        else numbers_of(str(path), name, lines, own, decimal, strict=True)
+        name: (
+            np.array(own, dtype=object)
+            if name in _TEXTS
+            else numbers_of(str(path), name, lines, own, decimal, strict=True)
+        )
         for name, own in columns.items()
     }
 
@@ -340,14 +361,21 @@ def _checked(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
         if len(present) != 1:
             got = "both" if present else "neither"
             raise InputError(
-                f"{path}, line 1: columns must hold {pair[0]} or {pair[1]}, got {got}. Correct the header."
+                f"{path}, line 1: columns must hold {pair[0]} or {pair[1]}, got {got}. Correct the"
+                " header."
             )
         found[present[0]] = columns[present[0]]
     (angle, values), _ = found.items()
     span, cure = float(np.ptp(values)), "If the angles are {}, name the column {}"
-    got = f"{path}: angle_deg must span more than 7°, got {span:.3g}°. {cure.format('radians', 'angle_rad')}."
+    got = (
+        f"{path}: angle_deg must span more than 7°, got {span:.3g}°."
+        f" {cure.format('radians', 'angle_rad')}."
+    )
     require(angle != "angle_deg" or span >= 7.0, got)
-    got = f"{path}: angle_rad must span at most 4 turns, got {span:.4g} rad. {cure.format('degrees', 'angle_deg')}."
+    got = (
+        f"{path}: angle_rad must span at most 4 turns, got {span:.4g} rad."
+        f" {cure.format('degrees', 'angle_deg')}."
+    )
     require(angle != "angle_rad" or span <= 8.0 * np.pi, got)
     return found
 
@@ -405,7 +433,8 @@ def _entry(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     got = f"others in test {test.name!r}"
     require(
         step,
-        f"a plan's angles must be evenly spaced within one turn to be written, got {got}. Plan even angles.",
+        f"a plan's angles must be evenly spaced within one turn to be written, got {got}. Plan even"
+        " angles.",
     )
     full = abs(abs(n * step) - 360.0) < 1e-6 * 360.0
     arc = float(np.copysign(360.0, step) if full else (n - 1) * step)
@@ -417,7 +446,8 @@ def _given(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def files_of(folder: Path) -> set[str]:
-    """Names in a folder that belong to the campaign in it: what may go when the campaign is replaced."""
+    """Names in a folder that belong to the campaign in it: what may go when the campaign is
+    replaced."""
     try:
         listed = {
             str(entry.get("file", "")) for entry in read_toml(folder / TOML_NAME).get("test", [])
@@ -428,8 +458,8 @@ def files_of(folder: Path) -> set[str]:
 
 
 def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Name, machine_id (default: the serial number) and date [ISO 8601] of a campaign folder or campaign.toml, those that are
-    there; of a tidy CSV none."""
+    """Name, machine_id (default: the serial number) and date [ISO 8601] of a campaign folder or
+    campaign.toml, those that are there; of a tidy CSV none."""
     file = Path(path) / TOML_NAME if os.path.isdir(path) else Path(path)
     content: dict[str, Any] = {}
     with suppress(InputError):
@@ -446,7 +476,8 @@ def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
 
 
 def embedded_campaign(name: str = "recovered_experiment") -> Path:
-    """Return the folder of an embedded campaign by its ``name``, from the installed wheel or from the checkout."""
+    """Return the folder of an embedded campaign by its ``name``, from the installed wheel or from
+    the checkout."""
     package = Path(str(files("ldbb_bayes")))
     for folder in (package / "_data" / name, package.parent / "data" / name):
         if (folder / TOML_NAME).is_file():

@@ -1,5 +1,5 @@
-"""What stands around the numbers of a sheet: the header and its columns, the lines above, loads and directions in names; what a
-user says of it, a layout; and notes of what was assumed."""
+"""What stands around the numbers of a sheet: the header and its columns, the lines above, loads and
+directions in names; what a user says of it, a layout; and notes of what was assumed."""
 
 from __future__ import annotations
 
@@ -145,7 +145,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     )
     sign: Literal[1, -1] = 1  #: −1 where the instrument counts a longer bar as negative
     angle_sign: Literal[1, -1] = 1  #: −1 where the file counts clockwise
-    angle_offset_deg: float = 0.0  #: of the plane's first axis, as the file counts: θ = angle_sign · (angle − angle_offset_deg)
+    #: of the plane's first axis, as the file counts: θ = angle_sign · (angle − angle_offset_deg)
+    angle_offset_deg: float = 0.0
     start_deg: float | None = None  #: of a log over time: where the circle begins
     overshoot_deg: float | None = Field(default=None, ge=0.0)  #: likewise: run-in before it
     feed_mm_per_min: float | None = Field(default=None, gt=0.0)  #: likewise: along the circle
@@ -217,7 +218,8 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 
 @dataclass(frozen=True)
 class Assumption:
-    """What was assumed in a file, sheet or test, or in how many (empty: in all), and the option to say otherwise."""
+    """What was assumed in a file, sheet or test, or in how many (empty: in all), and the option to
+    say otherwise."""
 
     place: str
     what: str
@@ -228,7 +230,8 @@ class Assumption:
 
 @dataclass
 class Notes:
-    """What was assumed and found out on the way; what is the same in several places is told once."""
+    """What was assumed and found out on the way; what is the same in several places is told
+    once."""
 
     _told: dict[tuple[str, str, str, str], list[str]] = field(default_factory=dict)
     _found: dict[str, list[Any]] = field(default_factory=dict)
@@ -253,7 +256,8 @@ class Notes:
         )
 
     def layout(self, given: Layout) -> Layout:
-        """What was given, and how the sheets are written where all are alike. What they say of the tests is for them to say."""
+        """What was given, and how the sheets are written where all are alike. What they say of the
+        tests is for them to say."""
         return given.with_given(
             {
                 key: own[0]
@@ -263,7 +267,8 @@ class Notes:
         )
 
 
-# Signs of a line that are looked at, and of a name; lines above a table; rows of numbers that make one.
+# Signs of a line that are looked at, and of a name; lines above a table; rows of numbers that make
+# one.
 _LONGEST, _LONGEST_NAME, _LARGEST_ABOVE, _BLOCK = 300, 200, 1000, 9
 _NUMBER = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
 # A number, not the beginning of a clock, a date or a longer number.
@@ -316,9 +321,11 @@ _IN_NAME = re.compile(
     rf"(?<![\d.,A-Za-z])({_NUMBER})[ _-]?(kN|daN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
     re.IGNORECASE,
 )
-# A decimal mark that a file name cannot hold (3_5bar), marks between thousands (1 238 N; there is no force of 10 236 N).
+# A decimal mark that a file name cannot hold (3_5bar), marks between thousands (1 238 N; there is
+# no force of 10 236 N).
 _CUT = re.compile(
-    r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])|\d[_p\-]\d[ _]?N(?![a-z])"
+    r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])|\d[_p\-]\d["
+    r" _]?N(?![a-z])"
     r"|(?<![a-zA-Z\d])[1-5][ ']\d{3}[ _]?k?N(?![a-z])",
     re.IGNORECASE,
 )
@@ -342,7 +349,8 @@ Lines = Sequence[tuple[int | str, str]]
 
 @dataclass(frozen=True)
 class Said:
-    """One value of a line above the table, in the unit of its field's name; NaN where it is not clear which: 1,000."""
+    """One value of a line above the table, in the unit of its field's name; NaN where it is not
+    clear which: 1,000."""
 
     value: Any
     unit: str
@@ -350,7 +358,8 @@ class Said:
 
 
 def said_above(above: Lines) -> dict[str, list[Said]]:
-    """Everything the lines say, by field; what is in no known unit, or of another kind (maximum, ambient, …), is left alone."""
+    """Everything the lines say, by field; what is in no known unit, or of another kind (maximum,
+    ambient, …), is left alone."""
     found: dict[str, list[Said]] = {}
     for line, text in above:
         for key, (words, usual, units) in _SAID.items():
@@ -379,7 +388,8 @@ def said_above(above: Lines) -> dict[str, list[Said]]:
 
 
 def _said_in_words(text: str) -> Iterator[tuple[str, str]]:
-    """Plane, date [ISO 8601], names of machine, people and instruments, and whether readings are raw or compensated."""
+    """Plane, date [ISO 8601], names of machine, people and instruments, and whether readings are
+    raw or compensated."""
     for key, pattern in _IN_WORDS.items():
         for match in re.finditer(pattern, text, re.IGNORECASE):
             value = next(filter(None, match.groups())).strip()
@@ -444,16 +454,19 @@ def _value(text: str) -> float:
 
 
 def _may_be_thousands(key: str, text: str) -> bool:
-    """Whether a mark before three digits may stand between thousands, by the sizes there are: ``1,000 N``, not ``150.000 mm``."""
+    """Whether a mark before three digits may stand between thousands, by the sizes there are:
+    ``1,000 N``, not ``150.000 mm``."""
     return could_be_thousands(text) and float(re.sub(r"[^\d]", "", text)) <= _LARGEST.get(key, 0.0)
 
 
 def directions_said(above: Lines, names: Sequence[str]) -> set[str]:
-    """CW and CCW as the lines above say them after a word for direction, and as the first name holds them that holds any."""
+    """CW and CCW as the lines above say them after a word for direction, and as the first name
+    holds them that holds any."""
     found = next((senses for name in names if (senses := _senses(name[:_LONGEST]))), set())
     for text in (match[1] for _, line in above if (match := _DIRECTION.search(line[:_LONGEST]))):
         both = len(_senses(text)) > 1
-        # Of a line that lists both before it says one, what stands behind the last mark: (CW/CCW): CCW.
+        # Of a line that lists both before it says one, what stands behind the last mark: (CW/CCW):
+        # CCW.
         found = found | _senses(re.split(r"[:=;|\t]", text)[-1] if both else text)
     return found
 
@@ -466,7 +479,8 @@ def _senses(text: str) -> set[str]:
 
 
 def load_in_name(names: Sequence[str], kind: str = "") -> tuple[str, float, str] | None:
-    """Field (of one kind if asked), value and the name that says it alone: ``238N``, ``2.5 bar``, ``f238``."""
+    """Field (of one kind if asked), value and the name that says it alone: ``238N``, ``2.5 bar``,
+    ``f238``."""
     for name in names:
         found = [(text, unit_named(word)) for text, word in _IN_NAME.findall(name[:_LONGEST])]
         said = [
@@ -512,7 +526,8 @@ _BRACKET = re.compile(r"[\[({<]")
 _INSIDE = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
 # 0-360°
 _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
-# What scales the unit behind it, as in 10-3 mm, x 10 µm, 0.1 µm; one or two digits alone number the column, but for ten.
+# What scales the unit behind it, as in 10-3 mm, x 10 µm, 0.1 µm; one or two digits alone number the
+# column, but for ten.
 _FACTOR, _COLUMN_NUMBER = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*"), re.compile(r"(?!10)\d{1,2}")
 _AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
@@ -520,8 +535,9 @@ _RULE = re.compile(r"[-=+_|: ]*")
 
 
 def unit_of(header: str) -> tuple[str, str]:
-    """A header's name and unit: ``Angle [°]`` → ("Angle", "deg"), ``reading_um`` → ("reading", "um"). What stands in brackets or
-    after "in" and is no unit comes back as it is, to be refused where the column is used."""
+    """A header's name and unit: ``Angle [°]`` → ("Angle", "deg"), ``reading_um`` → ("reading",
+    "um"). What stands in brackets or after "in" and is no unit comes back as it is, to be refused
+    where the column is used."""
     header = header.strip().lstrip("#").strip()
     if len(header) > _LONGEST_NAME:
         return header, ""
@@ -537,9 +553,9 @@ def unit_of(header: str) -> tuple[str, str]:
             return name, "deg"
         known = {unit_named(text) for text in inside} - {""}
         scaled = not after and bool(re.search(r"\d", re.split(r"[\])}>]", header)[-1]))
-        return name, known.pop() if len(known) == 1 and not scaled else " and ".join(
-            inside
-        ) + " …" * scaled
+        return name, (
+            known.pop() if len(known) == 1 and not scaled else " and ".join(inside) + " …" * scaled
+        )
     match = _AT_END.fullmatch(header)
     unit = unit_named(match[2]) if match else ""
     if not match or not unit:
@@ -567,7 +583,8 @@ def _called(name: str, role: str) -> bool:
 def _columns_of(
     where: str, layout: Layout, headers: Sequence[str]
 ) -> tuple[dict[str, int], list[int]]:
-    """Which column is what, and all columns of readings: as the layout says, else by the words of the header."""
+    """Which column is what, and all columns of readings: as the layout says, else by the words of
+    the header."""
     asked = {
         role: column if isinstance(column, list) else [column]
         for role, column in layout.columns.items()
@@ -580,7 +597,10 @@ def _columns_of(
     found, readings = {role: columns[0] for role, columns in each.items()}, each.get("reading", [])
     if not any(headers):
         if "reading" not in found or not {"angle", "time"} & set(found):
-            got = f"got {len(headers)} of them. Give --reading-column and --angle-column or --time-column."
+            got = (
+                f"got {len(headers)} of them. Give --reading-column and --angle-column or"
+                " --time-column."
+            )
             require(
                 not found and len(headers) == 2,
                 f"{where}: columns without a header must be named by number, {got}",
@@ -606,7 +626,8 @@ def _columns_of(
             )
             got = " and ".join(repr(headers[k][:_LONGEST_NAME]) for k in own)
             raise InputError(
-                f"{where}: one column must hold the {role}, got {got}. Say which: --{role}-column{both}."
+                f"{where}: one column must hold the {role}, got {got}. Say which:"
+                f" --{role}-column{both}."
             )
         if own and (role == "reading" or headers[own[0]] not in PER_TEST):
             found[role] = own[0]
@@ -621,9 +642,13 @@ def _columns_of(
     }
     readings = readings or ([found["reading"]] if "reading" in found else [])
     if len(readings) > 1 and "test" in found:
-        got = f"{len(readings)} of readings beside {headers[found['test']][:_LONGEST_NAME]!r}. Say which: --reading-column"
+        got = (
+            f"{len(readings)} of readings beside {headers[found['test']][:_LONGEST_NAME]!r}. Say"
+            " which: --reading-column"
+        )
         raise InputError(
-            f"{where}: a table must have one column of readings, or none that names the test, got {got}."
+            f"{where}: a table must have one column of readings, or none that names the test, got"
+            f" {got}."
         )
     return found, readings
 
@@ -677,7 +702,8 @@ class Heading:
         return f"{role} (column {(self.headers[c][:_LONGEST_NAME] or c + 1)!r})"
 
     def each(self) -> Iterator[Heading]:
-        """One heading for each column of readings, with its name as label where there are several."""
+        """One heading for each column of readings, with its name as label where there are
+        several."""
         if len(self.readings) < 2:
             yield self
             return
@@ -693,7 +719,8 @@ class Heading:
 
 
 def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
-    """Find the table in a sheet, from below its header on, whatever its rows hold: the reader of rows refuses bad ones."""
+    """Find the table in a sheet, from below its header on, whatever its rows hold: the reader of
+    rows refuses bad ones."""
     rows, block = sheet.rows, _block(sheet, layout)
     k, width = _header_row(sheet, layout, block), len(rows[block][1])
     if k is None:
@@ -735,11 +762,13 @@ def _texts(sheet: Sheet, rows: Rows) -> Iterator[tuple[int, str]]:
 
 
 def _block(sheet: Sheet, layout: Layout) -> int:
-    """The first of nine rows of numbers, cell for cell alike; of the first below the header line that was given."""
+    """The first of nine rows of numbers, cell for cell alike; of the first below the header line
+    that was given."""
     rows, header = sheet.rows, layout.header_line
     if header and header not in [line for line, _ in rows]:
         raise InputError(
-            f"{sheet.place}: header line must hold names, got nothing in line {header}. Correct --header-line."
+            f"{sheet.place}: header line must hold names, got nothing in line {header}. Correct"
+            " --header-line."
         )
     start = next((k for k, (line, _) in enumerate(rows) if line > (header or 0)), len(rows))
     for k in range(start, min(len(rows) - 1, start + _LARGEST_ABOVE)):
@@ -753,9 +782,9 @@ def _block(sheet: Sheet, layout: Layout) -> int:
         f"Line {line} reads {', '.join(repr(cell[:30]) for cell in cells[:6])}. " if rows else ""
     )
     raise _NoTableError(
-        f"{sheet.place} must hold a table of at least {_BLOCK} rows with two columns of numbers, got none. "
-        f"{example}Check the separator (--separator), the encoding (--encoding) and what the file is; "
-        "units belong into the header, not into cells."
+        f"{sheet.place} must hold a table of at least {_BLOCK} rows with two columns of numbers,"
+        f" got none. {example}Check the separator (--separator), the encoding (--encoding) and what"
+        " the file is; units belong into the header, not into cells."
     )
 
 
@@ -764,14 +793,19 @@ def _numbers(cells: Sequence[str]) -> int:
 
 
 def _upwards(sheet: Sheet, block: int) -> int:
-    """Of a table without a header: up from good rows while there are as many cells, some of them numbers."""
+    """Of a table without a header: up from good rows while there are as many cells, some of them
+    numbers."""
     rows, k = sheet.rows, block
     while k and len(rows[k - 1][1]) == len(rows[block][1]) and _numbers(rows[k - 1][1]):
         k -= 1
     if k and (_numbers(rows[k - 1][1]) or any(_numbers(cells) >= 2 for _, cells in rows[:k])):
-        got = f"rows of a table without a header must be alike, got {', '.join(map(repr, rows[k - 1][1]))[:60]}"
+        got = (
+            "rows of a table without a header must be alike, got"
+            f" {', '.join(map(repr, rows[k - 1][1]))[:60]}"
+        )
         raise InputError(
-            f"{sheet.place}, line {rows[k - 1][0]}: {got}. Correct or remove the line, or give --header-line."
+            f"{sheet.place}, line {rows[k - 1][0]}: {got}. Correct or remove the line, or give"
+            " --header-line."
         )
     return k
 
@@ -826,7 +860,8 @@ def _names_columns(cells: Sequence[str]) -> bool:
 
 
 def _headers(sheet: Sheet, k: int, block: int) -> list[str]:
-    """One name for every column; where blanks separate, a unit in brackets belongs to the word before it."""
+    """One name for every column; where blanks separate, a unit in brackets belongs to the word
+    before it."""
     (line, cells), below = sheet.rows[k], sheet.rows[block][1]
     names = cells[1:] if cells[:1] == ["#"] else list(cells)
     if sheet.separator == " ":
@@ -835,13 +870,17 @@ def _headers(sheet: Sheet, k: int, block: int) -> list[str]:
         names.pop()
     if len(names) > len(below) or any(below[len(names) :]):
         got = f"the header must name every column, got {len(names)} names for {len(below)} cells"
-        cure = "Correct it; with decimal commas separate the cells by semicolons; --header-line where it is another, 0 for none"
+        cure = (
+            "Correct it; with decimal commas separate the cells by semicolons; --header-line where"
+            " it is another, 0 for none"
+        )
         raise InputError(f"{sheet.place}, line {line}: {got}. {cure}.")
     return [*names, *[""] * (len(below) - len(names))]
 
 
 def _units_alone(cells: Sequence[str]) -> list[str]:
-    """The units in a row that holds nothing else, all known or in brackets; empty where it holds names."""
+    """The units in a row that holds nothing else, all known or in brackets; empty where it holds
+    names."""
     inside = [cell.strip("[](){} ") for cell in cells]
     known = [unit_named(text) for text in inside]
     filled = [k for k, cell in enumerate(cells) if cell]
@@ -858,8 +897,8 @@ def _units_alone(cells: Sequence[str]) -> list[str]:
 def find_headings(
     sheets: Sequence[Sheet], layout: Layout, notes: Notes, matched: Collection[Path] = ()
 ) -> tuple[list[tuple[Sheet, Heading]], list[Sheet]]:
-    """Return the sheets with their headings, and those left out, which is told: one of several in a workbook, or a file that a
-    pattern ``matched``, without a table of angles and readings."""
+    """Return the sheets with their headings, and those left out, which is told: one of several in a
+    workbook, or a file that a pattern ``matched``, without a table of angles and readings."""
     found: list[tuple[Sheet, Heading]] = []
     left: list[tuple[Sheet, InputError | Heading]] = []
     several = (
@@ -919,8 +958,9 @@ def _names_readings(cells: Sequence[str]) -> bool:
 def said_elsewhere(
     sheets: Iterable[Sheet], names: Collection[str]
 ) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """Lines of sheets without a table: those outside lists of tests, which speak of all tests; and of each row with one of these
-    names, which speaks of that test, its cells as ``header: cell``."""
+    """Lines of sheets without a table: those outside lists of tests, which speak of all tests; and
+    of each row with one of these names, which speaks of that test, its cells as ``header:
+    cell``."""
     of_all, of_one, wanted = [], [], {plain(name) for name in names}
     for sheet in sheets:
         header: list[str] = []
@@ -952,7 +992,8 @@ def _labels(cell: str) -> bool:
 
 
 def _heads_a_list(filled: Sequence[str]) -> bool:
-    """Whether a row names the columns of a list of tests, and is no label with its value: ``Radius | 100 mm``."""
+    """Whether a row names the columns of a list of tests, and is no label with its value: ``Radius
+    | 100 mm``."""
     if not _names_columns(filled) or any(
         cell.endswith(":") or re.match(_NUMBER, cell) for cell in filled
     ):
@@ -992,7 +1033,8 @@ def not_understood(lines: Lines) -> dict[str, str]:
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, notes: Notes) -> None:
-    """Note encoding, separator, header line, which column was taken for what, and what was not used."""
+    """Note encoding, separator, header line, which column was taken for what, and what was not
+    used."""
     for key, value, usual, shown, because in (
         ("encoding", sheet.encoding, ("", "utf-8"), sheet.encoding, "its bytes"),
         ("separator", sheet.separator, ("", ","), repr(sheet.separator), "most lines split alike"),

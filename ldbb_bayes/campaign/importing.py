@@ -1,4 +1,5 @@
-"""Files as they are found into a campaign: what they say is taken, what they leave open is assumed and said; masks and laps."""
+"""Files as they are found into a campaign: what they say is taken, what they leave open is assumed
+and said; masks and laps."""
 
 from __future__ import annotations
 
@@ -39,7 +40,8 @@ _TURN = 360.0
 LARGEST_TESTS, _LONGEST_LIST, _LONGEST_NAME = 1000, 200, 100
 # A wider span of angles is in degrees.
 _LARGEST_SPAN_RAD = 7.0
-# Readings whose median is the radius within this are distances of the balls: a bar measures no more; within this share, in mm.
+# Readings whose median is the radius within this are distances of the balls: a bar measures no
+# more; within this share, in mm.
 _LARGEST_DEVIATION_MM, _NEAR_RADIUS, _SMALLEST_RADIUS_MM, _LARGEST_IN_MM = 1.5, 0.05, 20.0, 0.5
 # A recording of more turns holds laps, or run-in and run-out.
 _MORE_THAN_A_TURN = 1.02
@@ -47,7 +49,8 @@ _MORE_THAN_A_TURN = 1.02
 _HALF_DEG, _OF_A_FILE = (150.0, 240.0), ("name", "time_s", "temperature_C")
 # Steps of readings that a readout may have [µm], at most this share of their span.
 _STEPS_UM, _LARGEST_STEP = (0.001, 5.0), 0.1
-# Shares by which a value may be rounded: in a line, in a name; and a force be off what the force law makes of its pressure.
+# Shares by which a value may be rounded: in a line, in a name; and a force be off what the force
+# law makes of its pressure.
 _IN_LINE, _IN_NAME, _OFF_LAW = 1e-3, 0.02, 0.05
 _UNIT = {"force_N": "N", "pressure_bar": "bar", "radius_mm": "mm", "feed_mm_per_min": "mm/min"}
 _UNIT |= {"resolution_um": "µm"}
@@ -124,7 +127,8 @@ class _Table:
         self.notes.add(self.place, what, value, because, option)
 
     def given(self, key: str) -> Any:
-        """As an option or the layout gives it, of the test before of all; None where neither does."""
+        """As an option or the layout gives it, of the test before of all; None where neither
+        does."""
         sources = (self.stated.get(key), getattr(self.layout, key, None), self.campaign.get(key))
         return next((value for value in sources if value is not None), None)
 
@@ -160,7 +164,8 @@ class _Table:
         return name
 
     def quantity(self, key: str, column: float | None = None) -> float | None:
-        """A quantity of the test: by its column, as given, by the lines above the table, the name; None where none says it."""
+        """A quantity of the test: by its column, as given, by the lines above the table, the name;
+        None where none says it."""
         unit, option = _UNIT.get(key, "°"), _option(key)
         named = headers.load_in_name(self.names(), key) if key in _LOADS else None
         radius = headers.radius_in_name(self.names()) if key == "radius_mm" else None
@@ -201,7 +206,8 @@ class _Table:
         return value
 
     def _direction(self) -> str | None:
-        """CW or CCW: as given, by the words of its column, the lines above and names; None where none says it."""
+        """CW or CCW: as given, by the words of its column, the lines above and names; None where
+        none says it."""
         given: str | None = self.given("direction")
         lines = {_sense(word): line for word, line in self.words.items() if word}
         elsewhere = headers.directions_said(self.of_all, ())
@@ -214,7 +220,10 @@ class _Table:
                 )
             return given
         if len(lines) > 1 or set(lines) - {"CW", "CCW"}:
-            got = f"direction must be CW or CCW in all rows of a test, got {', '.join(sorted(lines))[:60]!r}"
+            got = (
+                "direction must be CW or CCW in all rows of a test, got"
+                f" {', '.join(sorted(lines))[:60]!r}"
+            )
             raise InputError(
                 f"{self.place}, line {max(lines.values())}: {got}. Correct it, or give --direction."
             )
@@ -237,7 +246,10 @@ class _Table:
         got += f" (which number does {self.own_name!r} mean?)" * headers.load_is_ambiguous(
             self.names()
         )
-        cure = "Give --forces-N or --pressures-bar, one for each test in the order of files and sheets, or a [[test]] in --layout"
+        cure = (
+            "Give --forces-N or --pressures-bar, one for each test in the order of files and"
+            " sheets, or a [[test]] in --layout"
+        )
         require(loads, f"{self.place}: force or pressure must be known, {got}. {cure}.")
         return loads
 
@@ -251,18 +263,28 @@ class _Table:
             np.abs(values - values[0]) > 1e-9 * max(float(np.abs(values).max()), 1.0)
         )
         if changed.size:
-            got = f"{role} must be the same in all rows of a test, got {values.min():g} to {values.max():g} {unit}"
-            cure = f"Name the test of each row in a column (--test-column), or give the nominal value ({_option(key)})"
+            got = (
+                f"{role} must be the same in all rows of a test, got {values.min():g} to"
+                f" {values.max():g} {unit}"
+            )
+            cure = (
+                "Name the test of each row in a column (--test-column), or give the nominal value"
+                f" ({_option(key)})"
+            )
             raise InputError(f"{self.place}, line {self.lines[changed[0]]}: {got}. {cure}.")
         return float(values[0])
 
     def _unit(self, role: str, default: str, because: str = "no unit in the header") -> float:
-        """Of one unit in ours: the unit that was given, else the one the header names, else the default, told."""
+        """Of one unit in ours: the unit that was given, else the one the header names, else the
+        default, told."""
         header: str = self.heading.units[self.heading.roles[role]]
         given: str | None = getattr(self.layout, f"{role}_unit")
         named, option = given or header, "--unit" if role == "reading" else f"--{role}-unit"
         if (named or default) not in UNITS[role]:
-            got = f"the {role} must be in {', '.join(UNITS[role])}, got {named[:40]!r} in line {self.heading.line}"
+            got = (
+                f"the {role} must be in {', '.join(UNITS[role])}, got {named[:40]!r} in line"
+                f" {self.heading.line}"
+            )
             raise InputError(f"{self.place}: {got}. Correct the header, or give {option}.")
         if not named:
             self.note(f"unit of the {role}", default, because, option)
@@ -278,9 +300,13 @@ class _Table:
 
     def _column(self, role: str, what: str) -> Array:
         if role not in self.numbers:
-            seen = f"{', '.join(map(repr, self.heading.headers))[:_LONGEST_LIST]} in line {self.heading.line}"
+            seen = (
+                f"{', '.join(map(repr, self.heading.headers))[:_LONGEST_LIST]} in line"
+                f" {self.heading.line}"
+            )
             raise InputError(
-                f"{self.place}: a column must hold the {what}, got {seen}. Say which: --{role}-column."
+                f"{self.place}: a column must hold the {what}, got {seen}. Say which:"
+                f" --{role}-column."
             )
         return self.numbers[role]
 
@@ -301,7 +327,8 @@ class _Table:
         feed = self.quantity("feed_mm_per_min")
         if feed is None or not feed > 0.0:
             raise InputError(
-                f"{self.place}: a log over time must come with its feed, got none. Give --feed-mm-per-min."
+                f"{self.place}: a log over time must come with its feed, got none. Give"
+                " --feed-mm-per-min."
             )
         where = {}
         for key in ("start_deg", "overshoot_deg"):
@@ -319,7 +346,8 @@ class _Table:
         if back.size:
             line = self.lines[back[0] + 1]
             raise InputError(
-                f"{self.place}, line {line}: time must increase from row to row. Sort or split the log."
+                f"{self.place}, line {line}: time must increase from row to row. Sort or split the"
+                " log."
             )
         sense = -1 if self.fields["direction"] == "CW" else 1
         with placed(self.place):
@@ -354,9 +382,13 @@ class _Table:
         far = median_mm > _SMALLEST_RADIUS_MM and scatter_mm < 0.01 * median_mm
         given = self.layout.zero
         if {"distance": not near, "deviation": far, None: far and not near}[given]:
-            got = f"got {median_mm:.5g} mm{f' as {given} (--zero)' if given else ''}. Give --radius-mm, or --unit, or --zero."
+            got = (
+                f"got {median_mm:.5g} mm{f' as {given} (--zero)' if given else ''}. Give"
+                " --radius-mm, or --unit, or --zero."
+            )
             raise InputError(
-                f"{self.place}: readings must be deviations from {self.radius_mm:g} mm, or distances near it, {got}"
+                f"{self.place}: readings must be deviations from {self.radius_mm:g} mm, or"
+                f" distances near it, {got}"
             )
         zero = given or ("distance" if near else "deviation")
         if given is None:
@@ -410,7 +442,8 @@ class _Circle:
         return float(np.ptp(self.angle_deg))
 
     def completed_by(self, other: _Circle) -> bool:
-        """Whether both are arcs of one force and direction, run the same way, that together make a circle."""
+        """Whether both are arcs of one force and direction, run the same way, that together make a
+        circle."""
         mine, theirs = (
             {k: v for k, v in own.fields.items() if k not in _OF_A_FILE} for own in (self, other)
         )
@@ -467,7 +500,8 @@ def _tests_in(
     notes: Notes,
     left_out: Sequence[Sheet],
 ) -> Iterator[_Table]:
-    """The tests of one sheet, in the order of their first rows; with what the sheets left out say of them."""
+    """The tests of one sheet, in the order of their first rows; with what the sheets left out say
+    of them."""
     rows = sheet.rows[heading.first :]
     while rows and not any(
         spreadsheet.looks_like_number(cell) or spreadsheet.is_missing(cell) for cell in rows[-1][1]
@@ -493,7 +527,8 @@ def _tests_in(
     if clock is not None:
         if layout.time_unit not in (None, "s"):
             raise InputError(
-                f"{sheet.place}: times of day have no unit, got {layout.time_unit!r}. Leave --time-unit out."
+                f"{sheet.place}: times of day have no unit, got {layout.time_unit!r}. Leave"
+                " --time-unit out."
             )
         numbers["time"] = spreadsheet.seconds_of(sheet.place, lines, columns[clock])
         heading.units[clock] = "s"
@@ -578,7 +613,8 @@ def _stated(sheet: Sheet, label: str, layout: Layout, several: bool) -> dict[str
     if several and any(entry.force_N or entry.pressure_bar for entry in of_file):
         cure = "Give --forces-N with one for each, a [[test]] for each in --layout, or a column"
         raise InputError(
-            f"{sheet.place}: a force or pressure given for the file must be of one test, got several in it. {cure}."
+            f"{sheet.place}: a force or pressure given for the file must be of one test, got"
+            f" several in it. {cure}."
         )
     entries = sorted(
         (own for own in layout.test if own.file in names), key=lambda own: -names.index(own.file)
@@ -593,7 +629,8 @@ def _per_test(
     labels: Sequence[str],
     notes: Notes,
 ) -> dict[str, int]:
-    """Columns that hold one value for each test; times and temperatures of every reading are left out, and told."""
+    """Columns that hold one value for each test; times and temperatures of every reading are left
+    out, and told."""
     found = {
         header: c
         for c, header in enumerate(heading.headers)
@@ -660,7 +697,8 @@ class Imported(Result):
 
     schema: int = field(default=1, init=False)  #: edition
     campaign: _Summary  #: in JSON its name and numbers of tests and readings
-    layout: _Given  #: with what was found out filled in: reading the same files with it guesses nothing of them
+    #: with what was found out filled in: reading the same files with it guesses nothing of them
+    layout: _Given
     assumptions: tuple[Assumption, ...]  #: with the option that changes each
     unsaid: tuple[
         str, ...
@@ -676,9 +714,10 @@ def import_campaign(
 ) -> Imported:
     """Read tables as they are found into one campaign.
 
-    Each of ``files`` (CSV or text of any kind) or sheet of a workbook (XLSX, XLS, ODS) is one test, or holds a column
-    that names the test of each row; a .b5r file is kept as a record. What the layout does not say is found out and told; other
-    arguments are fields of `Campaign`. An `InputError` names the file, the line and the cure.
+    Each of ``files`` (CSV or text of any kind) or sheet of a workbook (XLSX, XLS, ODS) is one test,
+    or holds a column that names the test of each row; a .b5r file is kept as a record. What the
+    layout does not say is found out and told; other arguments are fields of `Campaign`. An
+    `InputError` names the file, the line and the cure.
     """
     layout, notes = layout or Layout(), Notes()
     given = [files] if isinstance(files, str | os.PathLike) else files
@@ -702,12 +741,16 @@ def import_campaign(
         tables += list(_tests_in(sheet, heading, layout, campaign, notes, left_out))
         if len(tables) > LARGEST_TESTS:
             raise InputError(
-                f"{sheet.path}: a campaign must have at most {LARGEST_TESTS} tests, got more. Import fewer at once."
+                f"{sheet.path}: a campaign must have at most {LARGEST_TESTS} tests, got more."
+                " Import fewer at once."
             )
     loads = {key: values for key, (_, name) in _LOADS.items() if (values := getattr(layout, name))}
     for key, values in loads.items():
         listed = ", ".join(table.own_name for table in tables)[:_LONGEST_LIST]
-        got = f"{_option(key)} must hold one number for each test, got {len(values)} for {len(tables)} tests ({listed})"
+        got = (
+            f"{_option(key)} must hold one number for each test, got {len(values)} for"
+            f" {len(tables)} tests ({listed})"
+        )
         require(len(values) == len(tables), f"{got}. Give all, in the order of files and sheets.")
     _take_said(campaign, tables)
     circles = _stitched(
@@ -731,10 +774,14 @@ def import_campaign(
         tests.append(test)
     names = [test.name for test in tests]
     twice = next((name for k, name in enumerate(names) if name in names[:k]), None)
-    got = f"{', '.join(map(str, paths))[:_LONGEST_LIST]}: tests must bear different names, got {twice!r} twice."
+    got = (
+        f"{', '.join(map(str, paths))[:_LONGEST_LIST]}: tests must bear different names, got"
+        f" {twice!r} twice."
+    )
     require(
         twice is None,
-        f"{got} A file or sheet named twice? Else rename one, or give it a name in a [[test]] of --layout.",
+        f"{got} A file or sheet named twice? Else rename one, or give it a name in a [[test]] of"
+        " --layout.",
     )
     used = {name for table in tables for name in _names(table.sheet, table.label)}
     for entry in layout.test:
@@ -749,7 +796,10 @@ def import_campaign(
     _take_resolution(campaign, tests, notes)
     for key, said in headers.said_above(tables[0].of_all).items():
         for own in said if key in _LOADS else ():
-            why = f"line {own.line} says {own.value:g} {key.partition('_')[2]} outside the list of tests"
+            why = (
+                f"line {own.line} says {own.value:g} {key.partition('_')[2]} outside the list of"
+                " tests"
+            )
             notes.add("", key, "taken for no test", why, _option(_LOADS[key][1]))
     unsaid = _note_machine(campaign, tests, notes, headers.not_understood(tables[0].of_all))
     campaign.setdefault(
@@ -761,8 +811,9 @@ def import_campaign(
 
 
 def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
-    """Return the files that are named: ``*`` and ``?`` stand for what they match, as not every shell sees to, in natural order.
-    Backslashes may separate folders; hidden files, and those that a spreadsheet has open (``~$``), match nothing."""
+    """Return the files that are named: ``*`` and ``?`` stand for what they match, as not every
+    shell sees to, in natural order. Backslashes may separate folders; hidden files, and those that
+    a spreadsheet has open (``~$``), match nothing."""
     found: list[Path] = []
     for given in files:
         text = os.fspath(given).strip('"')
@@ -782,7 +833,10 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
             key=_naturally,
         )
         holds = f"{above} holds {', '.join(map(repr, there))[:_LONGEST_LIST] or 'nothing'}"
-        cure = f"got none: {holds if above.is_dir() else f'there is no folder {above}'}. Name the files, or correct the pattern"
+        cure = (
+            f"got none: {holds if above.is_dir() else f'there is no folder {above}'}. Name the"
+            " files, or correct the pattern"
+        )
         require(matches, f"{text} must match a file, {cure}.")
         found += [own for own in matches if own not in found]
     require(found, "files must be given, got none. Name the tables to read.")
@@ -798,7 +852,8 @@ def _naturally(name: object) -> list[Any]:
 
 
 def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
-    """Fill what nothing gives from lines above tables: plane and temperature of each test, the rest of all; the first date."""
+    """Fill what nothing gives from lines above tables: plane and temperature of each test, the rest
+    of all; the first date."""
     for key, option in _OF_CAMPAIGN.items():
         found: dict[Any, str] = {}
         for table in tables:
@@ -824,7 +879,8 @@ def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
                 got = f"{sure} as given and raw in {own.get('raw')}"
                 require(
                     "raw" not in own,
-                    f"{table.place}: {key} must be said once, got {got}. Correct the line, or give --raw.",
+                    f"{table.place}: {key} must be said once, got {got}. Correct the line, or give"
+                    " --raw.",
                 )
                 for value in own:
                     table.note(key, f"{sure}, as given", f"{said[value]} says {value}", option)
@@ -836,7 +892,8 @@ def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
                 must = "said once" if several else f"one of {', '.join(PLANES)}"
                 got = " and ".join(f"{value} in {where}" for value, where in all_said.items())
                 raise InputError(
-                    f"{table.place}: {key} must be {must}, got {got}. Correct the lines, or give {option}."
+                    f"{table.place}: {key} must be {must}, got {got}. Correct the lines, or give"
+                    f" {option}."
                 )
             for value in own:
                 table.note(
@@ -862,7 +919,8 @@ def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
 
 
 def _take(campaign: dict[str, Any], key: str, found: list[Any]) -> None:
-    """What was said of a field: of people, places and instruments all, of calibrations the last, of other dates the first."""
+    """What was said of a field: of people, places and instruments all, of calibrations the last, of
+    other dates the first."""
     if key == "mount":
         campaign[key] = MountCompensation(compensated=found == ["compensated"])
     elif key in _OF_SEVERAL:
@@ -898,7 +956,8 @@ def _note_machine(
     notes: Notes,
     unclear: Mapping[str, str],
 ) -> tuple[str, ...]:
-    """What the model needs to know of the machine and no table says, or not clearly: its fields are told."""
+    """What the model needs to know of the machine and no table says, or not clearly: its fields are
+    told."""
     unsaid, law, unclear = [], ForceLaw(), dict(unclear)
     for key, value, option in (
         ("topology", "wCAFYXZSt", "--topology"),
@@ -937,24 +996,28 @@ def _note_machine(
 
 
 def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> CircularTest:
-    """Return the test without the readings inside ``arcs_deg``, each counter-clockwise from start to end [deg], modulo 360°."""
+    """Return the test without the readings inside ``arcs_deg``, each counter-clockwise from start
+    to end [deg], modulo 360°."""
     keep = np.ones(len(test.angle_deg), dtype=bool)
     for start, end in arcs_deg:
         if not (np.isfinite(start) and np.isfinite(end)):
             raise InputError(
-                f"arcs_deg must be finite angles, got ({start}, {end}). Give start and end in degrees."
+                f"arcs_deg must be finite angles, got ({start}, {end}). Give start and end in"
+                " degrees."
             )
         width = 360.0 if abs(end - start) >= 360.0 else np.mod(end - start, 360.0)
         keep &= np.mod(test.angle_deg - start, 360.0) > width
     require(
         keep.any(),
-        f"arcs_deg must leave readings, got arcs that cover all of test {test.name!r}. Make them smaller.",
+        f"arcs_deg must leave readings, got arcs that cover all of test {test.name!r}. Make them"
+        " smaller.",
     )
     return test.select(keep)
 
 
 def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularTest:
-    """Return the test without the readings within ``half_width_deg`` of the axis reversal points 0°, 90°, 180° and 270°."""
+    """Return the test without the readings within ``half_width_deg`` of the axis reversal points
+    0°, 90°, 180° and 270°."""
     require(
         0.0 < half_width_deg < 45.0,
         f"half_width_deg must lie between 0 and 45, got {half_width_deg}. Choose a few degrees.",
@@ -973,19 +1036,24 @@ def angles_from_time(
     overshoot_deg: float,
     sense: int,
 ) -> Array:
-    """Angle of every reading of a log over time, shape (n,) [deg], not modulo 360°. The axes run at constant feed along the
-    circle: θ(t) = start + sense · (feed (t − t0) / R − overshoot), with t0 the first reading's time and sense 1
-    counter-clockwise, −1 clockwise. Acceleration at the ends is inside the overshoot, or neglected."""
+    """Angle of every reading of a log over time, shape (n,) [deg], not modulo 360°. The axes run at
+    constant feed along the circle: θ(t) = start + sense · (feed (t − t0) / R − overshoot), with t0
+    the first reading's time and sense 1 counter-clockwise, −1 clockwise. Acceleration at the ends
+    is inside the overshoot, or neglected."""
     travelled = np.rad2deg(feed_mm_per_min / 60.0 / radius_mm) * (time_s - time_s[0])
-    got = f"{travelled[-1]:.1f}° at {feed_mm_per_min:g} mm/min on {radius_mm:g} mm. Check feed, radius and the unit of time"
+    got = (
+        f"{travelled[-1]:.1f}° at {feed_mm_per_min:g} mm/min on {radius_mm:g} mm. Check feed,"
+        " radius and the unit of time"
+    )
     enough = travelled[-1] >= overshoot_deg + 0.5 * _TURN
     require(enough, f"a log must cover the overshoot and half a turn, got {got}.")
     return start_deg + sense * (travelled - overshoot_deg)
 
 
 def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[np.bool_]:
-    """Which readings of a log lie on the circle: from its start over whole turns, run-in and run-out left out. A turn may lack
-    its closing reading. A log that ends before a turn is complete is an arc, kept to its end."""
+    """Which readings of a log lie on the circle: from its start over whole turns, run-in and
+    run-out left out. A turn may lack its closing reading. A log that ends before a turn is complete
+    is an arc, kept to its end."""
     along = sense * (angle_deg - start_deg)
     step = float(np.median(np.diff(along)))
     turns = np.floor((along.max() + 1.5 * step) / _TURN)
@@ -994,7 +1062,8 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
 
 
 def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
-    """The mean of the whole laps at the angles of the first, later ones interpolated; readings beyond the last are left out."""
+    """The mean of the whole laps at the angles of the first, later ones interpolated; readings
+    beyond the last are left out."""
     once = np.concatenate([[True], np.diff(angle_deg) != 0.0])
     angle_deg, reading_um = angle_deg[once], reading_um[once]
     steps = np.diff(angle_deg)
@@ -1011,12 +1080,14 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
 
 
 def direction_run(angle_deg: Array) -> str | None:
-    """CW or CCW, as the angles run; None for less than half a turn. There and back is refused: two tests."""
+    """CW or CCW, as the angles run; None for less than half a turn. There and back is refused: two
+    tests."""
     way = angle_deg - angle_deg[0]
     far = float(way[np.argmax(np.abs(way))])
     if abs(far) > 0.5 * _TURN and abs(far - way[-1]) > 0.5 * _TURN:
         cure = "Name the test of each row in a column (--test-column), or split the file."
         raise InputError(
-            f"angles must run one way in a test, got {way[-1] - far:+.0f}° after {far:+.0f}°. {cure}"
+            f"angles must run one way in a test, got {way[-1] - far:+.0f}° after {far:+.0f}°."
+            f" {cure}"
         )
     return None if abs(far) <= 0.5 * _TURN else "CCW" if far > 0.0 else "CW"

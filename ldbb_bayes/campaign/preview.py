@@ -1,4 +1,5 @@
-"""A campaign before any model is fitted: what is in it, what looks odd, and what a fit will assume."""
+"""A campaign before any model is fitted: what is in it, what looks odd, and what a fit will
+assume."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ __all__ = ["CampaignPreview", "Remark", "RemarkKind", "TestPreview", "preview", 
 
 _ORDER = 12
 _FULL_DEG, _FORCES_N, _RADII_MM = 359.0, (5.0, 10_000.0), (10.0, 2000.0)
-# Numbers of readings that a path is fitted to; scatters off it that make a spike; rounds of reweighting.
+# Numbers of readings that a path is fitted to; scatters off it that make a spike; rounds of
+# reweighting.
 _FITTED, _SPIKE, _ROUNDS = range(2 * _ORDER + 11, 200_001), 8.0, 20
 # Steps that few readings repeat: not below this size, nor in fewer values.
 _FINEST_UM, _ENOUGH = 0.005, 50
@@ -152,7 +154,8 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
     between, step = np.diff(np.append(around, around[0] + 360.0)), float(np.median(np.abs(steps)))
     gap, usual = float(between.max()), max(float(np.median(between)), step)
     travel = "CCW" if np.all(steps > 0) else "CW" if np.all(steps < 0) else None
-    # Angles that rise in all tests, although some are stated to run the other way, are those of a sorted table.
+    # Angles that rise in all tests, although some are stated to run the other way, are those of a
+    # sorted table.
     both = {"CW", "CCW"} <= {own.direction for own in campaign.tests}
     in_order = both and all(np.all(np.diff(own.angle_deg) > 0) for own in campaign.tests)
     against = (
@@ -214,8 +217,9 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
 def _path(
     test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks
 ) -> tuple[float, int]:
-    """Scatter off a Fourier fit to order 12 [µm], and the number of spikes; what looks odd is remarked. Where the circle closes,
-    a drift linear in the angle is fitted too: last and first reading are a step of the path apart."""
+    """Scatter off a Fourier fit to order 12 [µm], and the number of spikes; what looks odd is
+    remarked. Where the circle closes, a drift linear in the angle is fitted too: last and first
+    reading are a step of the path apart."""
     turns, reading = (
         np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1))),
         np.asarray(test.reading_um),
@@ -236,7 +240,8 @@ def _path(
 
 
 def _fit(columns: Array, reading: Array, kept: NDArray[np.bool_]) -> tuple[Array, Array, float]:
-    """Coefficients of least squares over the readings kept, all readings off it, and the scatter of those kept."""
+    """Coefficients of least squares over the readings kept, all readings off it, and the scatter of
+    those kept."""
     coefficients: Array = np.linalg.lstsq(columns[kept], reading[kept], rcond=1e-9)[0].astype(float)
     off = reading - columns @ coefficients
     return (
@@ -247,7 +252,8 @@ def _fit(columns: Array, reading: Array, kept: NDArray[np.bool_]) -> tuple[Array
 
 
 def _without_spikes(columns: Array, reading: Array) -> NDArray[np.bool_]:
-    """Which readings stand less than eight scatters off the path of least absolute deviations, then off that of the others."""
+    """Which readings stand less than eight scatters off the path of least absolute deviations, then
+    off that of the others."""
     span, size, _ = np.linalg.svd(columns, full_matrices=False)
     span = span[:, size > 1e-9 * size[0]]
     n, p = span.shape
@@ -269,8 +275,9 @@ def _without_spikes(columns: Array, reading: Array) -> NDArray[np.bool_]:
 
 
 def resolution_of(reading_um: Array) -> float | None:
-    """Return the step by which readings differ [µm]: the smallest difference, if all are whole multiples of it within 5 %. None
-    where fewer than a tenth of the readings repeat another and the step is below 0.005 µm: a number of digits then."""
+    """Return the step by which readings differ [µm]: the smallest difference, if all are whole
+    multiples of it within 5 %. None where fewer than a tenth of the readings repeat another and the
+    step is below 0.005 µm: a number of digits then."""
     values = np.unique(np.round(reading_um, 6))
     if len(values) < 3:
         return None

@@ -92,7 +92,8 @@ def looks_like_number(cell: str) -> bool:
 
 
 def is_missing(cell: str) -> bool:
-    """Whether a cell stands for a number that is not there: such rows belong to the table, and are refused by name."""
+    """Whether a cell stands for a number that is not there: such rows belong to the table, and are
+    refused by name."""
     return cell.casefold() in _MISSING
 
 
@@ -102,7 +103,8 @@ def is_clock(cell: str) -> bool:
 
 
 def could_be_thousands(cell: str) -> bool:
-    """Whether the mark in a cell may stand between thousands: ``12,310`` may, ``0,310`` and ``12,31`` may not."""
+    """Whether the mark in a cell may stand between thousands: ``12,310`` may, ``0,310`` and
+    ``12,31`` may not."""
     return re.fullmatch(r"[+\-−–]?[1-9]\d{0,2}[.,]\d{3}", cell) is not None
 
 
@@ -111,7 +113,8 @@ def _in_thousands(text: str, mark: str) -> bool:
 
 
 def number(cell: str, decimal: str = ".") -> float:
-    """The number in a cell; thousands may stand apart by the other of comma and point, blanks or an apostrophe."""
+    """The number in a cell; thousands may stand apart by the other of comma and point, blanks or an
+    apostrophe."""
     if "_" in cell:
         raise ValueError(cell)
     if decimal == ".":
@@ -160,9 +163,9 @@ def numbers_of(
 
 
 def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
-    """The decimal mark of a table's (line, cell); None where no cell has one. Of a comma and a point in one cell the last is the
-    decimal mark. Cells of commas alone beside cells of points alone contradict each other, unless those of one kind can only be
-    thousands of the other."""
+    """The decimal mark of a table's (line, cell); None where no cell has one. Of a comma and a
+    point in one cell the last is the decimal mark. Cells of commas alone beside cells of points
+    alone contradict each other, unless those of one kind can only be thousands of the other."""
     sure: str | None = None
     alone: dict[str, tuple[int, str]] = {}
     wrong: tuple[int, str] | None = None
@@ -189,13 +192,15 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
     if wrong is not None:
         got = f"the decimal mark must be the same in all rows, got {wrong[1][:_SHOWN]!r}"
         raise InputError(
-            f"{place}, line {wrong[0]}: {got}. Correct it; or give --decimal, if the other stands between thousands."
+            f"{place}, line {wrong[0]}: {got}. Correct it; or give --decimal, if the other stands"
+            " between thousands."
         )
     return sure or next(iter(alone), None)
 
 
 def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
-    """Times of day as seconds that go on over midnight (minutes and seconds: over the hour); a date is left out."""
+    """Times of day as seconds that go on over midnight (minutes and seconds: over the hour); a date
+    is left out."""
     times, round_s = np.zeros(len(cells)), 3600.0
     for k, cell in enumerate(cells):
         match = _CLOCK.fullmatch(cell)
@@ -221,7 +226,10 @@ def constant(
     """The one value that a column holds in all rows of a test; None where it is empty."""
     other = next((k for k, cell in enumerate(cells) if cell != cells[0]), None)
     if other is not None:
-        got = f"{name} must be the same in all rows of test {test!r}, got {cells[other][:_SHOWN]!r} after {cells[0][:_SHOWN]!r}"
+        got = (
+            f"{name} must be the same in all rows of test {test!r}, got {cells[other][:_SHOWN]!r}"
+            f" after {cells[0][:_SHOWN]!r}"
+        )
         raise InputError(f"{place}, line {lines[other]}: {got}. Correct it.")
     if not cells[0] or name in ("plane", "direction"):
         return cells[0] or None
@@ -246,7 +254,8 @@ def read_sheets(
     separator: str | None = None,
     sheets: Sequence[str] = (),
 ) -> list[Sheet]:
-    """Return the tables in a file: of a workbook (XLSX, XLS, ODS) the sheets asked for, by default all that hold anything."""
+    """Return the tables in a file: of a workbook (XLSX, XLS, ODS) the sheets asked for, by default
+    all that hold anything."""
     raw = _bytes_of(path)
     require(
         path.suffix.lower() != ".zip",
@@ -265,7 +274,8 @@ def read_sheets(
 
 
 def read_strict_table(path: Path) -> tuple[Rows, str]:
-    """Lines and cells of a table in UTF-8 whose first line is its header; and the separator: comma, semicolon or tab."""
+    """Lines and cells of a table in UTF-8 whose first line is its header; and the separator: comma,
+    semicolon or tab."""
     text, _ = _decoded(path, _bytes_of(path), "utf-8")
     sign = max(",;\t", key=text.partition("\n")[0].count)
     return _rows_of_text(path, text, sign), sign
@@ -282,7 +292,10 @@ def _bytes_of(path: Path) -> bytes:
 
 def _decoded(path: Path, raw: bytes, encoding: str | None) -> tuple[str, str]:
     """The text of a file and its encoding."""
-    workbook = f"{path} must be a text file, got a workbook. Import it: ldbb-bayes import {path} --out FOLDER."
+    workbook = (
+        f"{path} must be a text file, got a workbook. Import it: ldbb-bayes import {path} --out"
+        " FOLDER."
+    )
     require(not raw.startswith((_ARCHIVE, _BINARY)), workbook)
     mark, marked = next(((sign, name) for sign, name in _MARKS if raw.startswith(sign)), (b"", ""))
     encoding, cure = (
@@ -319,7 +332,8 @@ def columns_of(place: str, rows: Rows, width: int) -> tuple[list[int], list[list
 
 
 def _encoding_of(raw: bytes) -> str:
-    """Of a text without a byte-order mark; detectors of languages take Windows-1252 with few signs above ASCII for others."""
+    """Of a text without a byte-order mark; detectors of languages take Windows-1252 with few signs
+    above ASCII for others."""
     head = raw[:4096]
     for encoding, half in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):
         if half.count(0) > 0.2 * len(head):
@@ -360,7 +374,8 @@ def _cells(path: Path, k: int, line: str, sign: str) -> list[str]:
 
 
 def _separator_of(lines: Sequence[str]) -> str:
-    """The sign that splits most lines below the head into equally many cells; of equals the first that is no decimal mark."""
+    """The sign that splits most lines below the head into equally many cells; of equals the first
+    that is no decimal mark."""
     sample = [line for line in lines if line.strip()]
     sample = sample[len(sample) // 3 :][:200]
     best, most = ",", 0.0
@@ -379,13 +394,15 @@ def _separator_of(lines: Sequence[str]) -> str:
     return best
 
 
-# Of a workbook: what its parts may unpack to, how much more than it takes on disk, and cells too far out to make a table up to.
+# Of a workbook: what its parts may unpack to, how much more than it takes on disk, and cells too
+# far out to make a table up to.
 _LARGEST_UNPACKED, _LARGEST_RATIO, _SMALL = 256 * 2**20, 200.0, 2**20
 _FAR = re.compile(rb'\br="([A-Z]{3,}\d+|[A-Z]+\d{6,})"')
 
 
 def _sheets_of_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
-    """The sheets that hold anything, or those wanted. A formula counts by the value that was saved with it."""
+    """The sheets that hold anything, or those wanted. A formula counts by the value that was saved
+    with it."""
     import python_calamine  # loads a compiled library that few commands need
 
     if raw.startswith(_ARCHIVE):
@@ -442,14 +459,18 @@ def _text_of(value: object) -> str:
 
 
 def _check_archive(path: Path, raw: bytes) -> None:
-    """Refuse what unpacks to too much, and a cell so far out that the table up to it has no room in memory."""
+    """Refuse what unpacks to too much, and a cell so far out that the table up to it has no room in
+    memory."""
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             parts = archive.infolist()
             size, packed = (
                 sum(getattr(part, own) for part in parts) for own in ("file_size", "compress_size")
             )
-            got = f"{size / 2**20:.0f} MB from {packed / 2**20:.2f} MB. Do not open it unless you know where it comes from"
+            got = (
+                f"{size / 2**20:.0f} MB from {packed / 2**20:.2f} MB. Do not open it unless you"
+                " know where it comes from"
+            )
             most = f"{_LARGEST_UNPACKED / 2**20:.0f} MB and {_LARGEST_RATIO:.0f} times its size"
             fits = size <= min(_LARGEST_UNPACKED, _LARGEST_RATIO * packed + _SMALL)
             require(fits, f"{path} must unpack to at most {most}, got {got}.")

@@ -1,4 +1,5 @@
-"""The command line: ``ldbb-bayes COMMAND``. Its matrices are small: one BLAS thread is faster than several."""
+"""The command line: ``ldbb-bayes COMMAND``. Its matrices are small: one BLAS thread is faster than
+several."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ _UsageError: Any = typer.BadParameter.__base__
 
 
 class _Commands(TyperGroup):
-    """Commands whose wrong use is answered like any other bad input: one message that names what was typed, exit code 2."""
+    """Commands whose wrong use is answered like any other bad input: one message that names what
+    was typed, exit code 2."""
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **more: Any) -> Any:
         given = list(sys.argv[1:] if args is None else args) or ["--help"]
@@ -84,7 +86,8 @@ def app_(
         bool, options.option(bool, "Print the address, and open no browser.", False)
     ],
 ) -> None:
-    """A page in the browser: drop files, read the sheets, plan the next circles. It is served to this machine alone.
+    """A page in the browser: drop files, read the sheets, plan the next circles. It is served to
+    this machine alone.
 
     Prints its address, and answers until it is interrupted (Ctrl-C). Needs the extra app.
     """
@@ -115,7 +118,8 @@ def root(
 
 
 def main() -> None:
-    """Entry point. Signs that the terminal's encoding lacks are replaced, not fatal; a warning is a line."""
+    """Entry point. Signs that the terminal's encoding lacks are replaced, not fatal; a warning is a
+    line."""
     warnings.formatwarning = lambda message, *_: f"ldbb-bayes: {message}\n"
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

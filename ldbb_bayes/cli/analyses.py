@@ -1,4 +1,5 @@
-"""``ldbb-bayes demo``, ``fit``, ``summarize``, ``identify``, ``compare``, ``design``, ``validate``: one campaign."""
+"""``ldbb-bayes demo``, ``fit``, ``summarize``, ``identify``, ``compare``, ``design``, ``validate``:
+one campaign."""
 
 from __future__ import annotations
 
@@ -40,7 +41,8 @@ _COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdic
 def identify(
     campaign: options.GivenCampaign, model: options.ChosenModel, output: options.OutputOptions
 ) -> None:
-    """What the readings can separate: verdict and confounding of every parameter, exchange rates and cures.
+    """What the readings can separate: verdict and confounding of every parameter, exchange rates
+    and cures.
 
     A plan (a campaign without readings) will do: ask before the experiment.
     """
@@ -101,9 +103,11 @@ def compare(
     output: options.OutputOptions,
     asked: Annotated[dict[str, Any], _COMPARE],
 ) -> None:
-    """Constant or linear compliance? Evidence, its sensitivity, leave-one-force-out, which slopes, which tests do not fit in.
+    """Constant or linear compliance? Evidence, its sensitivity, leave-one-force-out, which slopes,
+    which tests do not fit in.
 
-    Compares constant with linear compliance; with --degree 2 also quadratic. Exit code 1: an evidence is less exact than asked.
+    Compares constant with linear compliance; with --degree 2 also quadratic. Exit code 1: an
+    evidence is less exact than asked.
     """
     got = "got 0: there is nothing to compare with. Use --degree 1 or 2."
     require(model.degree > 0, f"compare must have a degree of at least 1, {got}")
@@ -135,12 +139,14 @@ def _range(text: str, option: str) -> tuple[float, ...]:
     parts = options.numbers_in(text, option, ":")
     if len(parts) != 3 or parts[2] <= 0 or parts[1] < parts[0]:
         raise InputError(
-            f"{option} must be LO:HI:STEP with LO ≤ HI and STEP > 0, or a list, got {text!r}. For example 36:742:1."
+            f"{option} must be LO:HI:STEP with LO ≤ HI and STEP > 0, or a list, got {text!r}. For"
+            " example 36:742:1."
         )
     low, high, step = parts
     if (high - low) / step > _MOST_VALUES:
         raise InputError(
-            f"{option} must give at most {_MOST_VALUES} values, got {(high - low) / step:.3g}. Take a longer step."
+            f"{option} must give at most {_MOST_VALUES} values, got {(high - low) / step:.3g}. Take"
+            " a longer step."
         )
     steps = math.floor((high - low) / step * (1 + 1e-12))
     return tuple(sorted({*(low + step * i for i in range(steps + 1)), high}))
@@ -153,7 +159,8 @@ def _clockings(text: str, option: str) -> tuple[tuple[float, float], ...]:
     pairs = [options.numbers_in(part, option, "/") for part in text.split(",")]
     if any(len(pair) != 2 for pair in pairs):
         raise InputError(
-            f"{option} must be all angles of the work ball, or all WORK/TOOL, got {text!r}. For example 0/0,45/90."
+            f"{option} must be all angles of the work ball, or all WORK/TOOL, got {text!r}. For"
+            " example 0/0,45/90."
         )
     return tuple((work, tool) for work, tool in pairs)
 
@@ -179,10 +186,11 @@ def design(
     output: options.OutputOptions,
     asked: Annotated[dict[str, Any], _DESIGN],
 ) -> None:
-    """The best tests to run next, how good they are, and what they will show. A plan will do as pilot.
+    """The best tests to run next, how good they are, and what they will show. A plan will do as
+    pilot.
 
-    --out DIR becomes a plan (campaign.toml) that identify and simulate read, in the order in which to run it, with the model for
-    its analysis. Exit code 1: not proven best.
+    --out DIR becomes a plan (campaign.toml) that identify and simulate read, in the order in which
+    to run it, with the model for its analysis. Exit code 1: not proven best.
     """
     from ldbb_bayes.campaign.folder import write_campaign_into
     from ldbb_bayes.model.specification import model_to_toml
@@ -236,7 +244,8 @@ def validate(
     asked: Annotated[dict[str, Any], group(**options_of("validate"))],
     pool: options.PoolOptions,
 ) -> None:
-    """Simulation-based calibration on a plan (or the plan of a campaign): truths from the priors, readings, posterior, ranks.
+    """Simulation-based calibration on a plan (or the plan of a campaign): truths from the priors,
+    readings, posterior, ranks.
 
     Exit code 1 when ranks are not uniform.
     """
@@ -294,7 +303,8 @@ def fit(
     tolerances: options.Tolerances,
     prior_from: Annotated[Path | None, options.PRIOR_FROM],
 ) -> None:
-    """Credible intervals on compliances, force slopes and geometric errors. Exit code 1 when the sampler missed its target."""
+    """Credible intervals on compliances, force slopes and geometric errors. Exit code 1 when the
+    sampler missed its target."""
     from ldbb_bayes.inference.posterior import check_probability
     from ldbb_bayes.report.text import full_result, parts_of_fit
 
@@ -333,7 +343,8 @@ def fit(
 def with_tolerances(
     campaign: lb.Campaign, model: lb.HybridModel, given: Mapping[str, str]
 ) -> lb.Campaign:
-    """The campaign with these tolerances beside its own; those that the model has nothing for are refused before any work."""
+    """The campaign with these tolerances beside its own; those that the model has nothing for are
+    refused before any work."""
     from ldbb_bayes.analysis.conformity import quantities_of, tolerances_in
     from ldbb_bayes.units import inside_name
 
@@ -392,7 +403,8 @@ def demo(
 ) -> None:
     """Fit constant and linear compliance to the published experiment, and say what it means.
 
-    The readings are recovered from the printed tables of the paper; what in them is not data is said in the folder's README.
+    The readings are recovered from the printed tables of the paper; what in them is not data is
+    said in the folder's README.
     """
     import shutil
 

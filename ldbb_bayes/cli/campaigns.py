@@ -1,4 +1,5 @@
-"""``ldbb-bayes import``, ``check``, ``simulate``, ``machine``, and of many campaigns ``batch``, ``trend``, ``population``."""
+"""``ldbb-bayes import``, ``check``, ``simulate``, ``machine``, and of many campaigns ``batch``,
+``trend``, ``population``."""
 
 from __future__ import annotations
 
@@ -76,7 +77,8 @@ def import_(
     force: Annotated[bool, options.FORCE],
     as_json: Annotated[bool, options.JSON],
 ) -> None:
-    """Read tables as instruments and spreadsheets write them, and write the campaign; says what it assumed.
+    """Read tables as instruments and spreadsheets write them, and write the campaign; says what it
+    assumed.
 
     Every assumption can be given as an option, or in --layout.
     """
@@ -118,7 +120,8 @@ def _deliver(
 
 @command
 def check(campaign: options.GivenCampaign, as_json: Annotated[bool, options.JSON]) -> None:
-    """Preview a campaign: per test what is there and what looks odd, and what a fit will assume. Fits nothing."""
+    """Preview a campaign: per test what is there and what looks odd, and what a fit will assume.
+    Fits nothing."""
     from ldbb_bayes.report.text import parts_of
 
     seen, known = lb.preview(campaign), lb.uncertainties(campaign)
@@ -186,7 +189,8 @@ ATLAS_FILES = options.figure_files(
 
 
 def write_atlases(machine: Machine, circles: Sequence[Circle], folder: Path) -> None:
-    """Write the patterns of compliances and geometric errors, for the first circle of every plane."""
+    """Write the patterns of compliances and geometric errors, for the first circle of every
+    plane."""
     first = {circle.plane: circle for circle in reversed(circles)}
     for plane in machine.planes:
         stem = f"_{plane}" if len(machine.planes) > 1 else ""
@@ -220,7 +224,8 @@ def machine(
     output: options.OutputOptions,
     asked: Annotated[dict[str, Any], _MACHINE],
 ) -> None:
-    """Which compliances and geometric errors circular tests show, with the pattern of each and the set it stands for.
+    """Which compliances and geometric errors circular tests show, with the pattern of each and the
+    set it stands for.
 
     Names follow ISO 230-1 and the paper. c = cos θ, s = sin θ; lengths in mm.
     """
@@ -241,7 +246,10 @@ def machine(
 _SHOWN = 10
 
 
-_CAMPAIGNS = "Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, or lists of any of them, one a line: "
+_CAMPAIGNS = (
+    "Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, or lists of any of"
+    " them, one a line: "
+)
 _CAMPAIGNS += "@FILE or a .txt file."
 
 
@@ -262,11 +270,13 @@ def batch(
     as_json: Annotated[bool, options.JSON],
     quiet: Annotated[bool, options.QUIET],
 ) -> None:
-    """Fit many campaigns, each by itself: one table with a row per campaign (Parquet), which lb.read_batch reads.
+    """Fit many campaigns, each by itself: one table with a row per campaign (Parquet), which
+    lb.read_batch reads.
 
-    A campaign that cannot be fitted is a row that says why. Whatever stops a batch, the same command with --resume goes on to the
-    very same table. Exit code 0 also when campaigns failed, 1 when one missed its sampling target. The options for tidy CSVs
-    apply to those among the campaigns.
+    A campaign that cannot be fitted is a row that says why. Whatever stops a batch, the same
+    command with --resume goes on to the very same table. Exit code 0 also when campaigns failed, 1
+    when one missed its sampling target. The options for tidy CSVs apply to those among the
+    campaigns.
     """
     from ldbb_bayes.fleet.dataset import JOURNAL
     from ldbb_bayes.jobs import executor_named
@@ -288,7 +298,8 @@ def batch(
         if not (out / JOURNAL).exists():
             raise
         options.fail(
-            f"interrupted; {out} keeps what is done. The same command with --resume goes on with it.",
+            f"interrupted; {out} keeps what is done. The same command with --resume goes on"
+            " with it.",
             options.EXIT_INTERRUPTED,
         )
     options.Output(as_json=as_json).deliver(
@@ -299,7 +310,8 @@ def batch(
 
 
 def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
-    """How many of what, the first failures and doubts with their reasons, and where the table is."""
+    """How many of what, the first failures and doubts with their reasons, and where the table
+    is."""
     from ldbb_bayes.result import Table
 
     numbers = (
@@ -315,7 +327,10 @@ def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
         parts += [f"{head}:", *(f"  {campaign}: {text}" for campaign, text in said)] if said else []
     if parts:
         parts.append("Each is a row too. What has been mended is done again with --resume --retry.")
-    rate = f"{done.fitted} campaigns in {done.seconds:.1f} s: {done.fitted / max(done.seconds, 1e-9):.3g} a second."
+    rate = (
+        f"{done.fitted} campaigns in {done.seconds:.1f} s:"
+        f" {done.fitted / max(done.seconds, 1e-9):.3g} a second."
+    )
     ended = (rate if done.fitted else "Nothing was left to do.", f"Written: {done.dataset}")
     return (Table.of("", ("campaigns", "number"), numbers), *parts, *ended)
 
@@ -332,7 +347,8 @@ def trend(
     tolerances: options.Tolerances,
     asked: Annotated[dict[str, Any], group(**options_of("whose", "rows", "trend"))],
 ) -> None:
-    """One machine over time: control chart, probability that a parameter has changed, which, when and by how much.
+    """One machine over time: control chart, probability that a parameter has changed, which, when
+    and by how much.
 
     One lasting step of one parameter is looked for. Exit code 0 whatever is found.
     """
@@ -355,9 +371,11 @@ def population(
     output: options.OutputOptions,
     asked: Annotated[dict[str, Any], _POPULATION],
 ) -> None:
-    """The population that the machines of a batch come from: mean, spread, the next machine, and machines that do not belong.
+    """The population that the machines of a batch come from: mean, spread, the next machine, and
+    machines that do not belong.
 
-    Campaigns of one machine (machine_id in campaign.toml) are taken together; each machine is compared with the others.
+    Campaigns of one machine (machine_id in campaign.toml) are taken together; each machine is
+    compared with the others.
     """
     from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, read_batch
 

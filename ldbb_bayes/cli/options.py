@@ -1,4 +1,5 @@
-"""Options of the commands, what they mean, and where a result goes: a folder, JSON on stdout, tables; progress on stderr."""
+"""Options of the commands, what they mean, and where a result goes: a folder, JSON on stdout,
+tables; progress on stderr."""
 
 from __future__ import annotations
 
@@ -51,7 +52,8 @@ class Kind(NamedTuple):
 
 @dataclass(frozen=True)
 class Option:
-    """One option, handed on as the keyword ``to``; None is not, so that the function's own default holds.
+    """One option, handed on as the keyword ``to``; None is not, so that the function's own default
+    holds.
 
     ``more`` is of `typer.Option`, with the option's ``name`` where it is another.
     """
@@ -93,7 +95,8 @@ class Option:
 
 @dataclass(frozen=True)
 class Group:
-    """Options that together make one argument of a command, after one that is no option where ``first`` is given."""
+    """Options that together make one argument of a command, after one that is no option where
+    ``first`` is given."""
 
     options: Mapping[str, Option]
     make: Callable[..., Any]
@@ -129,7 +132,8 @@ def group(
 
 
 def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
-    """The options of groups in options.toml, those of a panel under its heading; ``kinds`` beside `KINDS`."""
+    """The options of groups in options.toml, those of a panel under its heading; ``kinds`` beside
+    `KINDS`."""
 
     def made(own: Mapping[str, Any] | str) -> Option:
         stated = dict(CATALOGUE["shared"][own] if isinstance(own, str) else own)
@@ -145,7 +149,8 @@ def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """A function as a command: groups of options spelled out, bad input answered with one message, never a traceback."""
+    """A function as a command: groups of options spelled out, bad input answered with one message,
+    never a traceback."""
     groups: dict[str, Group] = {}
     parameters: list[inspect.Parameter] = []
     kinds = inspect.get_annotations(function, eval_str=True)
@@ -227,7 +232,8 @@ def points_in(entries: Iterable[str], option: str) -> list[tuple[float, ...]]:
     for point in points:
         require(
             len(point) == 3,
-            f"{option} must hold three numbers X,Y,Z in mm, got {len(point)}. For example 0,-200,350.",
+            f"{option} must hold three numbers X,Y,Z in mm, got {len(point)}. For example"
+            " 0,-200,350.",
         )
     return points
 
@@ -267,7 +273,8 @@ KINDS: Mapping[str, Any] = {
 
 
 def campaign_from(path: Path, **options: Any) -> Campaign:
-    """The campaign the argument names; the options say of a tidy CSV what campaign.toml would say, and what certificates say."""
+    """The campaign the argument names; the options say of a tidy CSV what campaign.toml would say,
+    and what certificates say."""
     certificates = certified(**{name: options.pop(name) for name in _CERTIFIED if name in options})
     return lb.read_campaign(path, certificates=certificates, **campaign_fields(**options))
 
@@ -291,7 +298,8 @@ def certified(*, balls: Ball | None = None, **given: Any) -> dict[str, Any]:
 
 
 def campaign_fields(*, raw: bool = False, **given: Any) -> dict[str, Any]:
-    """What the options say of a campaign that no table says: those given, as fields of `Campaign`."""
+    """What the options say of a campaign that no table says: those given, as fields of
+    `Campaign`."""
     deflection, slope, offset = (
         given.pop(name, None) for name in ("mount_um_per_bar", "force_slope", "force_offset")
     )
@@ -316,7 +324,8 @@ def model_from(
     """The model the options describe."""
     if model is not None and preset is not None:
         raise InputError(
-            "the model must come from --model or --preset, got both. Write preset = … into the file."
+            "the model must come from --model or --preset, got both. Write preset = … into the"
+            " file."
         )
     if model is None:
         chosen = lb.HybridModel.from_preset(preset or "default", 1 if degree is None else degree)
@@ -356,7 +365,8 @@ _WIDTH, _NARROWEST = 120, 40
 
 
 def show(*parts: Any) -> None:
-    """Print tables (an empty line after each), sentences and lists on stdout, as wide as the terminal, else 120 columns."""
+    """Print tables (an empty line after each), sentences and lists on stdout, as wide as the
+    terminal, else 120 columns."""
     from ldbb_bayes.report.text import lines_of
 
     stated = sys.stdout.isatty() or "COLUMNS" in os.environ
@@ -370,7 +380,8 @@ def figure_files(names: Iterable[str], kinds: Collection[str] = ("png", "svg")) 
 
 
 def drawing(name: str, *results: Any) -> Callable[[], Figure]:
-    """Return what draws a figure of `lb.figures`: matplotlib is loaded only where a figure is wanted."""
+    """Return what draws a figure of `lb.figures`: matplotlib is loaded only where a figure is
+    wanted."""
     return lambda: cast("Figure", getattr(lb.figures, name)(*results))
 
 
@@ -379,7 +390,8 @@ def write_files(
     contents: Mapping[str, Any],
     figures: Mapping[str, Callable[[], Figure]] | None = None,
 ) -> None:
-    """Write records as JSON, tables as CSV (by their files' names), text as it is and figures (PNG and SVG) into a folder."""
+    """Write records as JSON, tables as CSV (by their files' names), text as it is and figures (PNG
+    and SVG) into a folder."""
     from ldbb_bayes.result import json_text
 
     for name, content in contents.items():
@@ -402,7 +414,8 @@ class Output:
     files: tuple[str, ...] = ()
 
     def check(self, *files: str, figures: Iterable[str] = ()) -> None:
-        """Refuse a folder that must not be replaced, before any work is done; these files and figures may be."""
+        """Refuse a folder that must not be replaced, before any work is done; these files and
+        figures may be."""
         from ldbb_bayes.files import check_target
 
         self.files = (*files, *figure_files(figures))
@@ -419,8 +432,9 @@ class Output:
         also: Callable[[Path], object] | None = None,
         more: str = "",
     ) -> None:
-        """Write into the folder, then print the record or the result (or these parts of it), and where it was written, with
-        ``more`` of it. ``also`` writes what is neither JSON nor table nor figure."""
+        """Write into the folder, then print the record or the result (or these parts of it), and
+        where it was written, with ``more`` of it. ``also`` writes what is neither JSON nor table
+        nor figure."""
         from ldbb_bayes.files import staged_folder
         from ldbb_bayes.report.text import parts_of
         from ldbb_bayes.result import json_text
@@ -448,7 +462,8 @@ OutputOptions = Annotated[Output, group(Output, **options_of("output"))]
 def _progress(
     words: Callable[..., tuple[float, str]], quiet: bool, what: str
 ) -> Iterator[Callable[..., None] | None]:
-    """A bar on stderr, whose ``words`` make share and text of what it is told; none when quiet or stderr is no terminal."""
+    """A bar on stderr, whose ``words`` make share and text of what it is told; none when quiet or
+    stderr is no terminal."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
@@ -484,7 +499,10 @@ def _counted(done: int, total: int, failed: int = 0) -> tuple[float, str]:
 
 def _sampled(state: Progress) -> tuple[float, str]:
     ess = min(state.assessment.ess_bulk_min, state.assessment.ess_tail_min)
-    text = f"{state.steps} steps, ESS {ess:.0f} of {state.target_ess:.0f}, R-hat {state.assessment.rhat_max:.3f}"
+    text = (
+        f"{state.steps} steps, ESS {ess:.0f} of {state.target_ess:.0f}, R-hat"
+        f" {state.assessment.rhat_max:.3f}"
+    )
     return min(ess / state.target_ess, 1.0), text
 
 
@@ -495,8 +513,9 @@ sampling_progress = functools.partial(_progress, _sampled)
 def steps_of(
     update: Callable[[float, str, int, int], None] | None, **weights: float
 ) -> Callable[[str], Callable[..., None] | None]:
-    """Return what begins a step and returns what tells how far it is: ``update`` gets the share of all steps done, each as long
-    as its weight, the step, and what of it is done of how much (0: not known)."""
+    """Return what begins a step and returns what tells how far it is: ``update`` gets the share of
+    all steps done, each as long as its weight, the step, and what of it is done of how much (0: not
+    known)."""
     before, total = (
         dict(zip(weights, accumulate(weights.values(), initial=0.0), strict=False)),
         sum(weights.values()),

@@ -36,7 +36,8 @@ BESIDE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
 
 
 class MachineType(NamedTuple):
-    """A kind of machine in words, the chain of its joints from workpiece to tool, and which of them move what."""
+    """A kind of machine in words, the chain of its joints from workpiece to tool, and which of them
+    move what."""
 
     name: str
     topology: str
@@ -89,7 +90,8 @@ def _grade(answer: str) -> Ball | None:
 
 
 def _answered(campaign: lb.Campaign, unsaid: set[str]) -> lb.Campaign:
-    """The campaign with what its user says of machine, mount and balls; of each only what nothing says yet."""
+    """The campaign with what its user says of machine, mount and balls; of each only what nothing
+    says yet."""
     changed: dict[str, Any] = {}
     if "topology" in unsaid:
         typer.echo("What does the machine look like?", err=True)
@@ -106,7 +108,8 @@ def _answered(campaign: lb.Campaign, unsaid: set[str]) -> lb.Campaign:
         changed["mount"] = replace(campaign.mount, compensated=False)
     if "balls" in unsaid:
         ball = _ask(
-            "Grade of the balls, G3 to G200, or deviation from sphericity, for example 0.5um (Enter: not known)",
+            "Grade of the balls, G3 to G200, or deviation from sphericity, for example 0.5um"
+            " (Enter: not known)",
             "",
             _grade,
         )
@@ -123,7 +126,8 @@ def _answered(campaign: lb.Campaign, unsaid: set[str]) -> lb.Campaign:
 
 @dataclass(frozen=True)
 class Given:
-    """What is read: paths, and what options say of tables, of their campaign and of the instrument."""
+    """What is read: paths, and what options say of tables, of their campaign and of the
+    instrument."""
 
     files: Sequence[Path]  # as they are given
     paths: Sequence[Path]  # * and ? expanded
@@ -149,7 +153,8 @@ class Given:
         cure = "Fit again with them."
         require(
             plain,
-            f"options of tables, machine and instrument must go with files, got a fit, {self.paths[0]}. {cure}",
+            "options of tables, machine and instrument must go with files, got a fit,"
+            f" {self.paths[0]}. {cure}",
         )
 
     def folder(self) -> Path:
@@ -168,7 +173,8 @@ class Given:
             require(len(self.paths) == 1, f"report must have one campaign, {got}.")
             require(
                 self.layout == lb.Layout(),
-                f"options of an import must go with tables, got a campaign, {first}. Leave them out.",
+                f"options of an import must go with tables, got a campaign, {first}. Leave them"
+                " out.",
             )
             labels = {key: self.table[key] for key in ("name", *LABELS) if key in self.table}
             others = {key: own for key, own in self.table.items() if key not in labels}
@@ -176,7 +182,10 @@ class Given:
                 lb.read_campaign(first, certificates=self.certificates, **others), **labels
             )
         else:
-            neither = f"{first} must hold {TOML_NAME} or posterior.nc, got neither. Name the tables in it: {first}/*"
+            neither = (
+                f"{first} must hold {TOML_NAME} or posterior.nc, got neither. Name the tables in"
+                f" it: {first}/*"
+            )
             require(not first.is_dir(), neither)
             instrument = lb.Instrument(**self.certificates)
             imported = lb.import_campaign(
@@ -221,9 +230,11 @@ def report_files(
     *,
     ask: bool = False,
 ) -> Reported:
-    """Write everything into a folder of its own; return the page, what is printed, and whether all fits reached their target.
+    """Write everything into a folder of its own; return the page, what is printed, and whether all
+    fits reached their target.
 
-    ``steps``, as of `ldbb_bayes.cli.options.step_progress`, is told of every step of `STEPS` that begins.
+    ``steps``, as of `ldbb_bayes.cli.options.step_progress`, is told of every step of `STEPS` that
+    begins.
     """
     from ldbb_bayes.analysis.conformity import check_force
     from ldbb_bayes.files import staged_folder
@@ -278,8 +289,8 @@ def _worked(
     asked: dict[str, Any],
     executor: Executor | None,
 ) -> tuple[xr.DataTree, dict[str, Any]]:
-    """The fit of linear compliance; how constant and linear compare, their average, and, when asked, the tests to run
-    next; or why not."""
+    """The fit of linear compliance; how constant and linear compare, their average, and, when
+    asked, the tests to run next; or why not."""
     from ldbb_bayes.inference.evidence import Evidences
     from ldbb_bayes.jobs import ahead
 
@@ -334,7 +345,8 @@ def _write_beside(
     imported: Imported | None,
     worked: dict[str, Any],
 ) -> None:
-    """What stands beside the page: the fit, the campaign as it was understood, comparison and design."""
+    """What stands beside the page: the fit, the campaign as it was understood, comparison and
+    design."""
     from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
     from ldbb_bayes.campaign.headers import layout_to_toml
     from ldbb_bayes.inference.posterior import campaign_of
@@ -358,7 +370,8 @@ def _write_beside(
 def _said(
     imported: Imported | None, fit: xr.DataTree, result: dict[str, Any], worked: dict[str, Any]
 ) -> tuple[Any, ...]:
-    """What is printed: what was assumed, what looks odd, the results but for slopes, constant or linear, what to run next."""
+    """What is printed: what was assumed, what looks odd, the results but for slopes, constant or
+    linear, what to run next."""
     from ldbb_bayes.campaign.headers import Assumption
     from ldbb_bayes.inference.posterior import campaign_of, model_of
     from ldbb_bayes.report import text, wording
@@ -421,7 +434,8 @@ def _of_fits(source: Given, output: Output, asked: dict[str, Any]) -> Reported:
     there = next((name for name in REPORT_FILES if (folder / name).exists()), None)
     if there is not None and not output.force:
         raise InputError(
-            f"{folder / there} must not exist, got an earlier report. Choose another --out or pass --force."
+            f"{folder / there} must not exist, got an earlier report. Choose another --out or pass"
+            " --force."
         )
     check_folder(folder)
     own = paths[0] if paths[0].is_dir() else paths[0].parent
@@ -434,7 +448,8 @@ def _of_fits(source: Given, output: Output, asked: dict[str, Any]) -> Reported:
         raise InputError("--tests must not go with --design, got both. The design says how many.")
     if asked["same_instrument"] and len(paths) == 1:
         raise InputError(
-            "--same-instrument must go with a second fit, got one alone. Name the fit to set beside it."
+            "--same-instrument must go with a second fit, got one alone. Name the fit to set"
+            " beside it."
         )
     first, *others = (lb.load(path) for path in paths)
     tolerances = dict(campaign_of(first).tolerances) | asked.get("tolerances", {})
@@ -478,8 +493,10 @@ def _named(
 
 REPORT_OPTIONS = group(**options_of("report"))
 _FILES = typer.Argument(
-    help="Tables as they are found (workbook, CSV, text; * and ? are expanded), a campaign, or the --out folder of a fit; "
-    "more fits are set beside the first.",
+    help=(
+        "Tables as they are found (workbook, CSV, text; * and ? are expanded), a campaign, or the"
+        " --out folder of a fit; more fits are set beside the first."
+    ),
     metavar="FILE...",
 )
 
@@ -504,11 +521,13 @@ def report(
     table: options.TableFields,
     certificates: options.Certificates,
 ) -> None:
-    """From files to a page and a PDF for signing, in one go: reads, checks, fits, compares, and designs the next tests.
+    """From files to a page and a PDF for signing, in one go: reads, checks, fits, compares, and
+    designs the next tests.
 
-    Asks at most three questions where a terminal can answer them. Writes report.html, report.pdf, report.json, dcc.xml, tables,
-    the campaign as it was understood, and the fit into FILE_report beside the first. Of a fit, the page goes into its own folder.
-    Exit code 1 when a fit missed its target; the page then says so at its top.
+    Asks at most three questions where a terminal can answer them. Writes report.html, report.pdf,
+    report.json, dcc.xml, tables, the campaign as it was understood, and the fit into FILE_report
+    beside the first. Of a fit, the page goes into its own folder. Exit code 1 when a fit missed its
+    target; the page then says so at its top.
     """
     from ldbb_bayes.campaign.importing import matching
     from ldbb_bayes.files import check_target, staged_folder

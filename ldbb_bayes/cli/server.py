@@ -1,7 +1,9 @@
-"""The page of ``ldbb-bayes app``: a server for this machine alone, a session for every tab, and the processes that work for them.
+"""The page of ``ldbb-bayes app``: a server for this machine alone, a session for every tab, and the
+processes that work for them.
 
-Only loopback is listened on; every address begins with a token; Host and Origin must be this server's. A session is a folder and
-what its page was told. It ends with its tab, and its files and its processes with it.
+Only loopback is listened on; every address begins with a token; Host and Origin must be this
+server's. A session is a folder and what its page was told. It ends with its tab, and its files and
+its processes with it.
 """
 
 from __future__ import annotations
@@ -48,15 +50,22 @@ __all__ = ["Pages", "application", "serve", "words_of_page"]
 LOOPBACK = "127.0.0.1"
 MOST_SESSIONS, MOST_WAITING, MOST_FILES = 32, 100, 400
 LARGEST_FILE, LARGEST_SESSION, LARGEST_WORDS = LARGEST_TABLE_BYTES, 4 * 2**26, 2**17
-# Seconds until a session ends: closed (a reload is back at once), never opened, silent (tabs in the background sleep).
+# Seconds until a session ends: closed (a reload is back at once), never opened, silent (tabs in the
+# background sleep).
 CLOSED_S, UNOPENED_S, SILENT_S, ANSWER_S, LOOK_S = 8.0, 60.0, 3600.0, 120.0, 1.0
 # Until the fit of a page that asks for nothing any more gives way to one that waits.
 ABANDONED_S = 150.0
 _PAGES = files("ldbb_bayes.cli") / "pages"
-_POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; frame-src 'self'"
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src"
+    " 'self'; frame-src 'self'"
+)
 _OF_PAGE = f"{_POLICY}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 # The report brings its own style and no script.
-_OF_REPORT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+_OF_REPORT = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action"
+    " 'none'"
+)
 _OF_REPORT += "; frame-ancestors 'self'"
 _ALWAYS = {
     "x-content-type-options": "nosniff",
@@ -75,8 +84,8 @@ _LOADED = {
     "posterior.nc": "",
     "parameters.csv": "tables/averaged.csv",
 }
-_UNAVERAGED = (
-    "tables/results.csv"  # where nothing could be averaged over, the sheets state the fit itself
+_UNAVERAGED = (  # where nothing could be averaged over, the sheets state the fit itself
+    "tables/results.csv"
 )
 _FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
 
@@ -166,7 +175,8 @@ class Session:
 
     @property
     def held(self) -> dict[str, int]:
-        """Sizes of its files [bytes], in the order in which an import takes them: by suffix, 2 N before 10 N."""
+        """Sizes of its files [bytes], in the order in which an import takes them: by suffix, 2 N
+        before 10 N."""
         return {
             own.name: own.stat().st_size
             for own in sorted((self.folder / worker.FILES).iterdir(), key=_in_order)
@@ -180,7 +190,8 @@ class Session:
         self.changed()
 
     def changed(self) -> None:
-        """Forget what no longer applies to the files: what a campaign says itself, and certificates that are gone."""
+        """Forget what no longer applies to the files: what a campaign says itself, and certificates
+        that are gone."""
         held, fields = self.held, worker.FIELDS
         gone = {
             name
@@ -256,7 +267,8 @@ def _kill(process: asyncio.subprocess.Process | None) -> None:
 
 
 class Desk:
-    """One process that answers all pages' short questions in turn; where it dies or hangs another begins."""
+    """One process that answers all pages' short questions in turn; where it dies or hangs another
+    begins."""
 
     def __init__(self) -> None:
         self._waiting, self._turn = 0, asyncio.Semaphore(1)
@@ -270,8 +282,8 @@ class Desk:
     async def ask(
         self, work: Callable[..., dict[str, Any]], session: Session, *more: Any
     ) -> dict[str, Any]:
-        """Return the answer of a function of the worker, or why there is none. The process has one question at a time: its time
-        counts from where it begins."""
+        """Return the answer of a function of the worker, or why there is none. The process has one
+        question at a time: its time counts from where it begins."""
         if self._waiting >= MOST_WAITING:
             return {"refused": session.word("busy")}
         self._waiting += 1
@@ -636,7 +648,8 @@ _ROUTES: tuple[tuple[str, str, Answer], ...] = (
 
 
 class _Guard:
-    """Lets in what was sent to this server's own address, by its own page or by the one who opens it, with the token."""
+    """Lets in what was sent to this server's own address, by its own page or by the one who opens
+    it, with the token."""
 
     def __init__(self, app: ASGIApp, token: str, port: int) -> None:
         self._app, self._token = app, token
@@ -675,7 +688,10 @@ class _Guard:
         if host not in self._hosts:
             return (
                 421,
-                "This page answers at its own address alone. Open the one that ldbb-bayes app printed.",
+                (
+                    "This page answers at its own address alone. Open the one that ldbb-bayes app"
+                    " printed."
+                ),
             )
         foreign = origin is not None and origin.partition("://")[2] not in self._hosts
         unsafe = request.method not in ("GET", "HEAD")
@@ -718,7 +734,8 @@ def _is_running(process: int) -> bool:
 
 
 def application(token: str, port: int) -> ASGIApp:
-    """Return the server of a token and a port of loopback: what is asked for without either is refused."""
+    """Return the server of a token and a port of loopback: what is asked for without either is
+    refused."""
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -803,7 +820,8 @@ def _listening(port: int) -> Iterator[socket.socket]:
 
 
 def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> None:
-    """Serve the page until interrupted; its address is said first, and opened in a browser where ``show`` is true."""
+    """Serve the page until interrupted; its address is said first, and opened in a browser where
+    ``show`` is true."""
     with _listening(port) as listener:
         token, port = secrets.token_urlsafe(18), listener.getsockname()[1]
         address = f"http://{LOOPBACK}:{port}/{token}/"

@@ -1,5 +1,6 @@
-"""What the page of ``ldbb-bayes app`` asks to be worked out, in processes of their own: what files hold and rest on, the report,
-what more circles would show. Answers are plain values, ready for a template."""
+"""What the page of ``ldbb-bayes app`` asks to be worked out, in processes of their own: what files
+hold and rest on, the report, what more circles would show. Answers are plain values, ready for a
+template."""
 
 from __future__ import annotations
 
@@ -60,7 +61,8 @@ _MOST_EFFECTS, _LEAST_EFFECT = 4, 0.05
 
 
 class Field(NamedTuple):
-    """One entry of the page: an option of ``ldbb-bayes report``, what is typed, and what may be chosen."""
+    """One entry of the page: an option of ``ldbb-bayes report``, what is typed, and what may be
+    chosen."""
 
     name: str
     group: str
@@ -144,7 +146,8 @@ def _value(own: Option, name: str, text: str, folder: Path) -> Any:
     grouped = re.fullmatch(r"[-−]?[1-9]\d{0,2}([.,]\d{3})+", text)
     require(
         not grouped and "_" not in text,
-        f"{flag} must be a number without marks between thousands, got {text!r}. Write it like 1000 or 1.5.",
+        f"{flag} must be a number without marks between thousands, got {text!r}. Write it like 1000"
+        " or 1.5.",
     )
     try:
         number = typed(text.replace(",", ".").replace("−", "-"))
@@ -177,9 +180,11 @@ def _given(folder: Path, choices: Mapping[str, str]) -> Given:
     held = sorted(own for own in (folder / FILES).iterdir() if own.suffix.lower() != _DCC)
     require(
         held,
-        "files with readings must be given, got none. Drop a workbook, CSV or text files, or take the example.",
+        "files with readings must be given, got none. Drop a workbook, CSV or text files, or take"
+        " the example.",
     )
-    # One file is named; of several, as where * is typed, some may hold no readings. A folder is a campaign.
+    # One file is named; of several, as where * is typed, some may hold no readings. A folder is a
+    # campaign.
     ends, bare = (
         sorted({own.suffix for own in held} - {""}),
         [own for own in held if not own.suffix],
@@ -213,7 +218,8 @@ def _read(folder: Path, choices: Mapping[str, str]) -> tuple[lb.Campaign, Import
 
 
 def answer(work: Callable[..., dict[str, Any]], folder: str, *more: Any) -> dict[str, Any]:
-    """Return what a function of this module makes of a session's folder, or why not: ``{"refused": message}``."""
+    """Return what a function of this module makes of a session's folder, or why not: ``{"refused":
+    message}``."""
     try:
         return work(Path(folder), *more)
     except (OSError, ArithmeticError, ValueError) as error:
@@ -235,7 +241,8 @@ def _plain(text: str, folder: Path) -> str:
 
 
 def _wrong(folder: Path, choices: Mapping[str, str], error: InputError) -> list[str]:
-    """The entries without which nothing is refused; where no single one is, those without which the refusal is another."""
+    """The entries without which nothing is refused; where no single one is, those without which the
+    refusal is another."""
     left: dict[str, InputError | None] = {}
     for name in choices.keys() & FIELDS.keys() - {"language"}:
         try:
@@ -251,8 +258,8 @@ def _wrong(folder: Path, choices: Mapping[str, str], error: InputError) -> list[
 
 
 def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return tests, traces, what was assumed and what looks odd, of the files of a session; or the refusal, and the entries that
-    are wrong."""
+    """Return tests, traces, what was assumed and what looks odd, of the files of a session; or the
+    refusal, and the entries that are wrong."""
     from ldbb_bayes.report import wording
 
     try:
@@ -304,7 +311,8 @@ def _assumed(own: Any, folder: Path) -> dict[str, Any]:
 
 
 def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
-    """By part of the instrument what is assumed of it, U (k = 2), and whether a certificate says so."""
+    """By part of the instrument what is assumed of it, U (k = 2), and whether a certificate says
+    so."""
     from ldbb_bayes.report.text import two_digits
     from ldbb_bayes.report.wording import assumed_words
 
@@ -323,7 +331,10 @@ def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
             )
             label = "µm/bar" if own.unit.endswith("/bar") else label
             error = campaign.instrument.bar_length_error_um if part == "bar" else 0.0
-            size = f"{f'{error:g} '.replace('-', '−') if error else ''}± {two_digits(2.0 * own.sd, factor)} {label}"
+            size = (
+                f"{f'{error:g} '.replace('-', '−') if error else ''}±"
+                f" {two_digits(2.0 * own.sd, factor)} {label}"
+            )
             words = {"words": assumed_words(own)[0], "size": size, "is_sphericity": False}
         entry = words | {"stated": own.stated}
         if entry not in found.setdefault(part, []):
@@ -332,7 +343,8 @@ def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
 
 
 def _traces(campaign: lb.Campaign) -> Iterator[dict[str, Any]]:
-    """Polar traces of every plane as paths of an SVG, radius 100 at the outermost reading; rings in µm."""
+    """Polar traces of every plane as paths of an SVG, radius 100 at the outermost reading; rings in
+    µm."""
     import numpy as np
 
     forces = campaign.forces_N
@@ -379,8 +391,8 @@ def _traces(campaign: lb.Campaign) -> Iterator[dict[str, Any]]:
 
 
 def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return U (k = 2) of every parameter that these tests are to leave as things are stated, and what each certificate would
-    make of it: the linear model, before the fit."""
+    """Return U (k = 2) of every parameter that these tests are to leave as things are stated, and
+    what each certificate would make of it: the linear model, before the fit."""
     from ldbb_bayes.analysis.identifiability import CERTIFICATES, hyper_nodes, worth_of_certificates
 
     bound = options.model_from().bind(_read(folder, choices)[0])
@@ -424,8 +436,8 @@ def _change(name: str, before: float, after: float, unit: str) -> dict[str, Any]
 
 
 def main() -> None:
-    """Report what a session's job holds: its folder and the process that asks are the arguments. How far it is stands there in
-    progress.json and outcome.json."""
+    """Report what a session's job holds: its folder and the process that asks are the arguments.
+    How far it is stands there in progress.json and outcome.json."""
     job, parent = Path(sys.argv[1]), int(sys.argv[2])
 
     def watch() -> None:
@@ -471,7 +483,8 @@ def _told(folder: Path) -> Iterator[Callable[[str], Callable[..., None] | None]]
 
 @lru_cache(maxsize=12)
 def _pilot(folder: Path, stamp: int) -> tuple[lb.Campaign, dict[str, float]]:
-    """The campaign of a report, and the standard uncertainty of every parameter of its linear fit; ``stamp``: which report."""
+    """The campaign of a report, and the standard uncertainty of every parameter of its linear fit;
+    ``stamp``: which report."""
     summary = json.loads((folder / RESULT / "summary.json").read_text(encoding="utf-8"))
     today = {name: own["sd"] for name, own in summary["parameters"].items()}
     return lb.read_campaign(folder / RESULT / "campaign"), today
@@ -541,7 +554,8 @@ def _sliders(asked: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
 
 
 def _in_turn(first: Sequence[Any], second: Sequence[Any], count: int) -> list[tuple[Any, Any]]:
-    """So many pairs, as in a Latin square: each time one of the first comes round it meets the next of the second."""
+    """So many pairs, as in a Latin square: each time one of the first comes round it meets the next
+    of the second."""
     rounds = (divmod(k, len(first)) for k in range(count))
     return [(first[r], second[(q + r) % len(second)]) for q, r in rounds]
 
@@ -554,8 +568,8 @@ class _Planned(NamedTuple):
 
 @lru_cache(maxsize=32)
 def _planned(folder: Path, stamp: int, text: str) -> _Planned:
-    """The tests that the sliders describe: levels of force in equal steps, over clockings, radii and directions in turn; where
-    the best are asked for, those of the most expected information."""
+    """The tests that the sliders describe: levels of force in equal steps, over clockings, radii
+    and directions in turn; where the best are asked for, those of the most expected information."""
     import numpy as np
 
     from ldbb_bayes.analysis.candidates import Space, grid_of_tests, running_order
@@ -595,7 +609,8 @@ def _planned(folder: Path, stamp: int, text: str) -> _Planned:
 
 
 def _levels(low: float, high: float, count: int) -> list[float]:
-    """Forces in equal steps, in whole newtons where these differ; of one level the highest, which shows most."""
+    """Forces in equal steps, in whole newtons where these differ; of one level the highest, which
+    shows most."""
     steps = [low + (high - low) * k / (count - 1) for k in range(count)] if count > 1 else [high]
     whole = sorted({float(round(force)) for force in steps})
     return (
@@ -606,7 +621,8 @@ def _levels(low: float, high: float, count: int) -> list[float]:
 
 
 def _asked(folder: Path, asked: Mapping[str, Any]) -> tuple[Path, int, str]:
-    """What the sliders say of the tests, after which report: as a key, so that nothing is worked out twice."""
+    """What the sliders say of the tests, after which report: as a key, so that nothing is worked
+    out twice."""
     path = folder / RESULT / "summary.json"
     require(path.is_file(), "a plan must follow a fit, got none yet. Fit first.")
     text = json.dumps(
@@ -616,8 +632,9 @@ def _asked(folder: Path, asked: Mapping[str, Any]) -> tuple[Path, int, str]:
 
 
 def forecast(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what to expect of the tests that the sliders describe: U of every parameter beside today's, the chances that the
-    evidence settles constant or linear, time and cost; and the tests in their order."""
+    """Return what to expect of the tests that the sliders describe: U of every parameter beside
+    today's, the chances that the evidence settles constant or linear, time and cost; and the tests
+    in their order."""
     costs, key = _numbers(asked, _COSTS), _asked(folder, asked)
     planned, found = _planned(*key), _forecast(*key, fine=bool(asked.get("fine", True)))
     pairs = [*pairwise(planned.tests)]
@@ -668,9 +685,11 @@ def _forecast(folder: Path, stamp: int, text: str, *, fine: bool) -> dict[str, A
             _change(name, today.get(name, math.inf), own.sd, own.unit)
             for name, own in shown.items()
         ],
-        "settle": None
-        if settle is None
-        else {"linear": settle.decisive_with, "constant": settle.decisive_without},
+        "settle": (
+            None
+            if settle is None
+            else {"linear": settle.decisive_with, "constant": settle.decisive_without}
+        ),
     }
 
 
@@ -708,7 +727,8 @@ def _about(pilot: lb.Campaign) -> dict[str, Any]:
 
 
 def plan(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Write the tests as a plan, a campaign folder without readings, and return what `forecast` does."""
+    """Write the tests as a plan, a campaign folder without readings, and return what `forecast`
+    does."""
     found, (space, tests, _) = forecast(folder, asked), _planned(*_asked(folder, asked))
     name = f"{space.pilot.name}, next campaign"
     coming = replace(

@@ -1,4 +1,5 @@
-"""Many campaigns into one table: each fitted by itself into a row, rows kept in SQLite as they come and exported as Parquet."""
+"""Many campaigns into one table: each fitted by itself into a row, rows kept in SQLite as they come
+and exported as Parquet."""
 
 from __future__ import annotations
 
@@ -61,9 +62,10 @@ _LARGEST_LIST = 2**30
 
 
 def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
-    """Return the campaigns that folders of campaigns and lists stand for, each once. A campaign folder, a campaign.toml or a tidy
-    CSV stands for itself; any other folder for its direct subfolders with a campaign.toml, sorted; ``@FILE`` or a .txt file for
-    the paths in it, one a line but for comments (#). What does not exist stays: the batch says so in its row."""
+    """Return the campaigns that folders of campaigns and lists stand for, each once. A campaign
+    folder, a campaign.toml or a tidy CSV stands for itself; any other folder for its direct
+    subfolders with a campaign.toml, sorted; ``@FILE`` or a .txt file for the paths in it, one a
+    line but for comments (#). What does not exist stays: the batch says so in its row."""
     seen: dict[str, str] = {}
     for path in _opened([given] if isinstance(given, str | os.PathLike) else given):
         line = path.isprintable() and path == path.strip() and path and path[0] != "#"
@@ -133,8 +135,8 @@ _LONGEST_REASON = 1200
 
 @dataclass(frozen=True)
 class Settings:
-    """How every campaign of a batch is fitted. ``table`` are fields of `Campaign` that tidy CSVs do not say, ``certificates`` of
-    `Instrument` instead of what campaigns say."""
+    """How every campaign of a batch is fitted. ``table`` are fields of `Campaign` that tidy CSVs do
+    not say, ``certificates`` of `Instrument` instead of what campaigns say."""
 
     model_toml: str
     sampler: str = "independent"
@@ -158,7 +160,8 @@ _model = lru_cache(maxsize=4)(model_from_toml)
 
 
 class Job(NamedTuple):
-    """A campaign's number in the batch, its path as given, and where that is, wherever a worker stands."""
+    """A campaign's number in the batch, its path as given, and where that is, wherever a worker
+    stands."""
 
     number: int
     path: str
@@ -185,7 +188,10 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
         if reason is None:
             last = traceback.extract_tb(error.__traceback__)[-1]
             place = "/".join(Path(last.filename).parts[-2:])
-            reason = f"unexpected {type(error).__name__}: {error} ({place}, line {last.lineno}). Please report it."
+            reason = (
+                f"unexpected {type(error).__name__}: {error} ({place}, line {last.lineno}). Please"
+                " report it."
+            )
         reason = " ".join(reason.split())[:_LONGEST_REASON].replace(job.place, job.path)
         return labels_of(job.place) | row | {"status": "failed", "reason": reason}
 
@@ -217,7 +223,8 @@ def _origin(campaign: Campaign) -> dict[str, Any]:
 
 
 def _fitted(settings: Settings, campaign: Campaign) -> dict[str, Any]:
-    """Columns of the fit, the Bayes factor and the statistics; where one of these two breaks down, a warning says so."""
+    """Columns of the fit, the Bayes factor and the statistics; where one of these two breaks down,
+    a warning says so."""
     inside = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
     rule = StoppingRule(ess=settings.ess)
     posterior = sample_from(inside, settings.sampler, seed=settings.seed, rule=rule, prior_draws=0)
@@ -283,7 +290,8 @@ _MOST_NAMED = 10_000
 
 @contextmanager
 def _journal(out: Path) -> Iterator[sqlite3.Connection]:
-    """The database of a folder, made if need be; SQLite's lock keeps other runs out while the block lasts."""
+    """The database of a folder, made if need be; SQLite's lock keeps other runs out while the block
+    lasts."""
     made = not out.exists()
     require(made or out.is_dir(), f"{out} must be a folder, got a file. Choose another name.")
     first = (
@@ -312,8 +320,9 @@ def _journal(out: Path) -> Iterator[sqlite3.Connection]:
             begun = True
         except sqlite3.Error as error:
             raise InputError(
-                f"{out / JOURNAL} must be a sound journal that can be written and that no other run is using, got: {error}. What "
-                "is in it is kept: wait for the other run or free some space, then go on with --resume; remove a damaged one."
+                f"{out / JOURNAL} must be a sound journal that can be written and that no other run"
+                f" is using, got: {error}. What is in it is kept: wait for the other run or free"
+                " some space, then go on with --resume; remove a damaged one."
             ) from None
         finally:
             with suppress(sqlite3.Error):
@@ -356,11 +365,15 @@ def _begin(
     before = journal.execute("SELECT record FROM batch").fetchone()
     if before is None and not force and (out / DATASET).exists():
         raise InputError(
-            f"{out} must hold the journal of its batch, got none. Begin anew (--force), or choose another name."
+            f"{out} must hold the journal of its batch, got none. Begin anew (--force), or choose"
+            " another name."
         )
     if before is not None and not resume and not force:
         state = "a finished" if (out / DATASET).exists() else "an unfinished"
-        cure = "Go on with it (--resume; failed campaigns again: --resume --retry), begin anew (--force), or choose another name."
+        cure = (
+            "Go on with it (--resume; failed campaigns again: --resume --retry), begin anew"
+            " (--force), or choose another name."
+        )
         raise InputError(f"{out} must not hold a batch, got {state} one. {cure}")
     if before is not None and resume:
         _check_same(journal, out, jobs, json.loads(before[0]), json.loads(json.dumps(record)))
@@ -392,7 +405,10 @@ def _check_same(
     cure = (
         f"Go on with its own list: @{out / LIST} --resume. New campaigns make a batch of their own."
     )
-    got = f"got other campaigns ({len(there)} where this run has {len(jobs)}, or in another order). {cure}"
+    got = (
+        f"got other campaigns ({len(there)} where this run has {len(jobs)}, or in another order)."
+        f" {cure}"
+    )
     require(there == [job.place for job in jobs], f"{out} must be of this batch, {got}")
 
 
@@ -403,7 +419,8 @@ def _fit(
     retry: bool,
     progress: Callable[[int, int, int], None] | None,
 ) -> int:
-    """Fit what has no row, and with ``retry`` what failed, each row a transaction; the number of campaigns fitted."""
+    """Fit what has no row, and with ``retry`` what failed, each row a transaction; the number of
+    campaigns fitted."""
     wanted = "status IS NULL OR status = 'failed'" if retry else "status IS NULL"
     jobs = [
         Job(*own)
@@ -425,7 +442,10 @@ def _fit(
                 result = (
                     labels_of(job.place)
                     | _given(settings, job)
-                    | {"status": "failed", "reason": result.reason}
+                    | {
+                        "status": "failed",
+                        "reason": result.reason,
+                    }
                 )
             journal.execute(
                 "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",
@@ -438,7 +458,8 @@ def _fit(
 
 
 def _plain(value: Any) -> Any:
-    """For JSON and Parquet: numbers that are none become null, half a character, as names of files hold one, a question mark."""
+    """For JSON and Parquet: numbers that are none become null, half a character, as names of files
+    hold one, a question mark."""
     if isinstance(value, dict):
         return {name: _plain(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):
@@ -496,34 +517,43 @@ def batch(
     force: bool = False,
     progress: Callable[[int, int, int], None] | None = None,
 ) -> Batch:
-    """Fit every campaign by itself, each into one row of a table; a campaign that cannot be fitted is a row that says why.
+    """Fit every campaign by itself, each into one row of a table; a campaign that cannot be fitted
+    is a row that says why.
 
-    Every row is kept as it comes. Whatever stops a batch (Ctrl-C, kill -9, a full disk), the same call with ``resume`` goes on
-    with what is left, to the very same table. InputError for no campaigns, a batch in ``out`` that may not be touched or is
-    another one, a place that cannot be written, or without pyarrow.
+    Every row is kept as it comes. Whatever stops a batch (Ctrl-C, kill -9, a full disk), the same
+    call with ``resume`` goes on with what is left, to the very same table. InputError for no
+    campaigns, a batch in ``out`` that may not be touched or is another one, a place that cannot be
+    written, or without pyarrow.
 
     Parameters
     ----------
-    campaigns : see `gather`: campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, and lists of them
-        (``@FILE``).
+    campaigns : see `gather`: campaign folders, campaign.toml files, tidy CSVs, folders of
+        campaigns, and lists of them (``@FILE``).
     out : folder for the rows and the table.
     model : default: linear in force.
     sampler, seed, ess, ci_prob
         As for `sample` and `summarize`: the numbers are theirs.
-    executor : where campaigns are fitted; default: here, one after the other. What starts one, such as
-        `process_executor` itself, is called once ``out`` is this run's, which it stays until the workers have ended.
+    executor : where campaigns are fitted; default: here, one after the other. What starts one, such
+        as `process_executor` itself, is called once ``out`` is this run's, which it stays until the
+        workers have ended.
     compare : weigh linear compliance against constant by their evidences.
     table : fields of `Campaign` for tidy CSVs: what campaign.toml would say.
-    certificates : fields of `Instrument` for all campaigns, instead of what campaign.toml says of them.
-    tolerances : limits by quantity for all campaigns, see `conformity`, before those of campaign.toml.
-    resume, retry : go on with what an earlier run left (with nothing there, begin); also do again what failed.
+    certificates : fields of `Instrument` for all campaigns, instead of what campaign.toml says of
+        them.
+    tolerances : limits by quantity for all campaigns, see `conformity`, before those of
+        campaign.toml.
+    resume, retry : go on with what an earlier run left (with nothing there, begin); also do again
+        what failed.
     force : replace an earlier batch in ``out``.
     progress : called with the numbers of campaigns done with, of all, and of those that failed.
     """
     check_pyarrow()
     sampler = sampler_named(sampler)
     check_probability(ci_prob)
-    said = "retry must come with resume, and resume without force, got otherwise. Choose --resume [--retry] or --force."
+    said = (
+        "retry must come with resume, and resume without force, got otherwise. Choose --resume"
+        " [--retry] or --force."
+    )
     require(not (force if resume else retry), said)
     seed = operator.index(seed)
     require(

@@ -1,4 +1,5 @@
-"""The table of a batch, a row a campaign, in Parquet; which of its rows count, and what is to be minded of them."""
+"""The table of a batch, a row a campaign, in Parquet; which of its rows count, and what is to be
+minded of them."""
 
 from __future__ import annotations
 
@@ -48,7 +49,8 @@ _NUMBERS = ("mean", "sd", "median", "ci_low", "ci_high")
 _ROWS_AT_ONCE = 1024
 _DECIDED = {"probability": "double", "decision": "string"}  # of conformity with each tolerance
 _TEXTS, _NUMBERS_LIST = "list<string>", "list<double>"
-# Every column and its kind: of the campaign and its fit, then, behind those of the parameters, its statistics.
+# Every column and its kind: of the campaign and its fit, then, behind those of the parameters, its
+# statistics.
 _TABLE: Mapping[str, Any] = tomllib.loads(
     Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
 )
@@ -68,7 +70,8 @@ def check_pyarrow() -> None:
 def write_dataset(
     rows: Callable[[], Iterator[dict[str, Any]]], target: Path, about: Mapping[str, Any]
 ) -> None:
-    """Write rows of `fit_row`, given from the first each time they are asked for, as a table: whole or not at all."""
+    """Write rows of `fit_row`, given from the first each time they are asked for, as a table: whole
+    or not at all."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -101,9 +104,11 @@ def write_dataset(
             for name, kind, unit in columns
         ],
         metadata={
-            _META: json.dumps(
-                {"schema": _SCHEMA, **about}, ensure_ascii=False, sort_keys=True
-            ).encode()
+            _META: (
+                json.dumps(
+                    {"schema": _SCHEMA, **about}, ensure_ascii=False, sort_keys=True
+                ).encode()
+            )
         },
     )
     flat = (
@@ -128,7 +133,8 @@ def write_dataset(
         os.replace(part, target)
     except (OSError, pa.ArrowException) as error:
         raise InputError(
-            f"{target} must be writable, got: {' '.join(str(error).split())}. The rows are kept: free some space, then --resume."
+            f"{target} must be writable, got: {' '.join(str(error).split())}. The rows are kept:"
+            " free some space, then --resume."
         ) from None
     finally:
         part.unlink(missing_ok=True)
@@ -149,13 +155,16 @@ def read_batch(
 
     Returns
     -------
-    One row per campaign, in the order given: campaign, name, sha256, machine_id, date, status ("done" or "failed"), reason,
-    topology, planes, compliances (JSON: what each stands for), tolerances (JSON), tests, readings, force_min_N, force_max_N,
-    reference_force_N, degree, terms, model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits,
-    warnings, log_prob_truncation [nat], rmse_um, log_bayes_factor (linear over constant), log_bayes_factor_error [nat]; of
-    every parameter and hyper-parameter NAME.mean, NAME.sd, NAME.median, NAME.ci_low, NAME.ci_high (mm, N, rad;
-    ``attrs["units"]``); of every quantity with a tolerance NAME.probability (of conformance) and NAME.decision; ``gaussian_…`` as
-    `SufficientStatistics`, the covariance as its lower triangle, row by row. What a campaign does not have is missing.
+    One row per campaign, in the order given: campaign, name, sha256, machine_id, date, status
+    ("done" or "failed"), reason, topology, planes, compliances (JSON: what each stands for),
+    tolerances (JSON), tests, readings, force_min_N, force_max_N, reference_force_N, degree, terms,
+    model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits, warnings,
+    log_prob_truncation [nat], rmse_um, log_bayes_factor (linear over constant),
+    log_bayes_factor_error [nat]; of every parameter and hyper-parameter NAME.mean, NAME.sd,
+    NAME.median, NAME.ci_low, NAME.ci_high (mm, N, rad; ``attrs["units"]``); of every quantity with
+    a tolerance NAME.probability (of conformance) and NAME.decision; ``gaussian_…`` as
+    `SufficientStatistics`, the covariance as its lower triangle, row by row. What a campaign does
+    not have is missing.
     """
     check_pyarrow()
     import pyarrow as pa
@@ -183,7 +192,8 @@ def _dataset(path: Path) -> Path:
         return path / DATASET
     if (path / JOURNAL).is_file():
         raise InputError(
-            f"{path} must be a finished batch, got one that stopped before. Go on with it (--resume), then read it."
+            f"{path} must be a finished batch, got one that stopped before. Go on with it"
+            " (--resume), then read it."
         )
     if path.is_file():
         return path
@@ -218,7 +228,8 @@ def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schem
     if about.get("schema") != _SCHEMA:
         got = f"schema {about['schema']}" if about else "a Parquet file of something else"
         raise InputError(
-            f"{path} must be a batch's table of schema {_SCHEMA}, got {got}. Give the --out folder of a batch."
+            f"{path} must be a batch's table of schema {_SCHEMA}, got {got}. Give the --out folder"
+            " of a batch."
         )
     return table, schema
 
@@ -254,7 +265,8 @@ class CaveatKind(StrEnum):
 
 @dataclass(frozen=True)
 class Caveat(Result):
-    """One thing to mind: of which campaigns, machines or parameters, and numbers that go with it."""
+    """One thing to mind: of which campaigns, machines or parameters, and numbers that go with
+    it."""
 
     kind: CaveatKind
     names: tuple[str, ...] = ()
@@ -267,7 +279,8 @@ def check_rows(rows: pd.DataFrame) -> None:
     for name in FLEET_COLUMNS:
         require(
             name in rows,
-            f"rows must be the table of a batch, got one without {name}. Give what read_batch returns.",
+            f"rows must be the table of a batch, got one without {name}. Give what read_batch"
+            " returns.",
         )
 
 
@@ -279,12 +292,15 @@ def choose(
     *,
     among: pd.DataFrame | None = None,
 ) -> tuple[pd.DataFrame, list[Caveat]]:
-    """Return the rows of a batch (`read_batch`) to rely on, what was left out and why, and what is to be minded of the others.
+    """Return the rows of a batch (`read_batch`) to rely on, what was left out and why, and what is
+    to be minded of the others.
 
-    Left out are ``exclude``, campaigns (path as given, last part of it, or name) and machines (machine_id) of the whole batch
-    (``among``); campaigns before ``since`` (ISO 8601) and those without a date; and, but for ``include_misfits``, those whose
-    readings the model does not expect: orders of a circle that fail their check, or readings against non-negative compliance.
-    Readings a thousand times too large would move the mean of a population, widen its spread, and hide a change of their machine.
+    Left out are ``exclude``, campaigns (path as given, last part of it, or name) and machines
+    (machine_id) of the whole batch (``among``); campaigns before ``since`` (ISO 8601) and those
+    without a date; and, but for ``include_misfits``, those whose readings the model does not
+    expect: orders of a circle that fail their check, or readings against non-negative compliance.
+    Readings a thousand times too large would move the mean of a population, widen its spread, and
+    hide a change of their machine.
     """
     check_rows(rows)
     found, digests = (
@@ -321,7 +337,8 @@ def choose(
     if relied.empty:
         said = " ".join(map(caveat_words, caveats))
         raise InputError(
-            f"campaigns must be left to rely on, got none of {len(rows)}. {said} Mend these, or exclude fewer."
+            f"campaigns must be left to rely on, got none of {len(rows)}. {said} Mend these, or"
+            " exclude fewer."
         )
     minded = {
         CaveatKind.NOT_CONVERGED: rows["converged"].eq(False),
@@ -388,6 +405,7 @@ def _before(rows: pd.DataFrame, since: str | None) -> pd.Series[bool]:
 
 
 def moment(date: str) -> datetime:
-    """Return a date or time in ISO 8601 as one in UTC, without a time zone taken as such; else a ValueError."""
+    """Return a date or time in ISO 8601 as one in UTC, without a time zone taken as such; else a
+    ValueError."""
     found = datetime.fromisoformat(date)
     return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)

@@ -1,9 +1,11 @@
-"""c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(spread_scale), all in units of the parameters' prior sd.
+"""c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(spread_scale), all in units of
+the parameters' prior sd.
 
-c_m are the parameters of machine m, the same in all its campaigns; b the errors of the one instrument. What the campaigns say of
-both is Gaussian (`FleetStatistics`), so that everything but s is integrated out exactly: every machine's deviation from μ for
-many s at once, then x = (μ, b); ln s is drawn about its mode and weighted. A machine is compared with what the others predict of
-it, everything but their spread integrated out.
+c_m are the parameters of machine m, the same in all its campaigns; b the errors of the one
+instrument. What the campaigns say of both is Gaussian (`FleetStatistics`), so that everything but s
+is integrated out exactly: every machine's deviation from μ for many s at once, then x = (μ, b); ln
+s is drawn about its mode and weighted. A machine is compared with what the others predict of it,
+everything but their spread integrated out.
 """
 
 from __future__ import annotations
@@ -86,7 +88,8 @@ _TOGETHER = 4096
 
 
 def machines_of(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
-    """The machines in the order in which they first appear, and the product of each one's likelihoods, shape (n, q)."""
+    """The machines in the order in which they first appear, and the product of each one's
+    likelihoods, shape (n, q)."""
     place = {name: k for k, name in enumerate(dict.fromkeys(statistics.machines))}
     of = [place[name] for name in statistics.machines]
     sums = []
@@ -103,7 +106,8 @@ def chunks(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
 
 
 def common_of(likelihood: Gaussian, spread: Array) -> Gaussian:
-    """x = (μ, b) for k spreads (k, c), shape (k, q); ``log_integral`` is ln p(y | s), up to a constant."""
+    """x = (μ, b) for k spreads (k, c), shape (k, q); ``log_integral`` is ln p(y | s), up to a
+    constant."""
     (k, c), q = spread.shape, likelihood.shift.shape[1]
     square, constant = np.empty((k, q + 1, q + 1)), np.empty(k)
     for rows in chunks(spread, likelihood):
@@ -160,7 +164,8 @@ class SpreadDensity:
         return np.asarray(common_of(self.likelihood, np.exp(t)).log_integral + prior)
 
     def gradient(self, t: Array) -> Array:
-        """∂ ln p(t | y) / ∂ t, shape (k, c): Σ_m (E[z_m² | y, s] − 1) (Fisher's identity) and the prior's."""
+        """∂ ln p(t | y) / ∂ t, shape (k, c): Σ_m (E[z_m² | y, s] − 1) (Fisher's identity) and the
+        prior's."""
         s = np.exp(t)
         _, _, z, variance = estimates_of(self.likelihood, s, common_of(self.likelihood, s))
         return np.asarray((z**2 + variance - 1.0).sum(axis=1) + 1.0 - (s / self.scale) ** 2)
@@ -173,7 +178,8 @@ class SpreadDensity:
         return slope[0], 0.5 * (hessian + hessian.T)
 
     def mode(self, start: Array) -> tuple[Array, Array]:
-        """Where the density is highest, shape (c,), and the curvature there, every eigenvalue by its size and none near zero."""
+        """Where the density is highest, shape (c,), and the curvature there, every eigenvalue by
+        its size and none near zero."""
         t = gaussian.newton(self.log, self.derivatives, start, gain=1e-10)
         values, vectors = np.linalg.eigh(-self.derivatives(t)[1])
         return t, np.asarray((vectors * np.maximum(np.abs(values), _FLATTEST)) @ vectors.T)
@@ -181,8 +187,9 @@ class SpreadDensity:
 
 @dataclass(frozen=True, eq=False)
 class Spreads:
-    """Weighted draws of s (k, c), in units of the prior sd. ``log_weight`` is ln of target over proposal, as it came, ``weight``
-    Pareto-smoothed, summing to one; above ``good_k`` the draws cannot be trusted. ``mode`` is that of ln s."""
+    """Weighted draws of s (k, c), in units of the prior sd. ``log_weight`` is ln of target over
+    proposal, as it came, ``weight`` Pareto-smoothed, summing to one; above ``good_k`` the draws
+    cannot be trusted. ``mode`` is that of ln s."""
 
     spread: Array
     log_weight: Array
@@ -215,8 +222,9 @@ def draw_spreads(
     size: int = 2048,
     start: Array | None = None,
 ) -> Spreads:
-    """Draws from a Student t about the mode, weighted; once more about their own moments where these fit better. Points are
-    scrambled Sobol ones, ``size`` a power of two; the search for the mode starts at ln τ, or ``start``."""
+    """Draws from a Student t about the mode, weighted; once more about their own moments where
+    these fit better. Points are scrambled Sobol ones, ``size`` a power of two; the search for the
+    mode starts at ln τ, or ``start``."""
     mode, curvature = density.mode(
         np.full(parameters, np.log(density.scale)) if start is None else start
     )
@@ -259,9 +267,10 @@ _ANEW, _MOST_ANEW = 512, 200
 class Belonging:
     """The n machines, each against the others.
 
-    ``p_value`` (n,) is the probability, at most, that of so many machines of one population a parameter of one stands out so much
-    (Bonferroni over parameters, Holm over machines), ``single`` (n, c) the two-sided one of each parameter by itself, ``z`` the
-    same as a normal deviate. p-values that are ``doubtful`` cannot be trusted (Pareto's k̂).
+    ``p_value`` (n,) is the probability, at most, that of so many machines of one population a
+    parameter of one stands out so much (Bonferroni over parameters, Holm over machines), ``single``
+    (n, c) the two-sided one of each parameter by itself, ``z`` the same as a normal deviate.
+    p-values that are ``doubtful`` cannot be trusted (Pareto's k̂).
     """
 
     p_value: Array
@@ -278,8 +287,8 @@ def belonging_of(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> Belonging:
-    """Every machine left out in turn: by weights of these draws, or where they cannot be trusted by drawing s anew without it.
-    ``common`` is that of the draws."""
+    """Every machine left out in turn: by weights of these draws, or where they cannot be trusted by
+    drawing s anew without it. ``common`` is that of the draws."""
     likelihood, (n, c) = (
         density.likelihood,
         (len(density.likelihood.shift), spreads.spread.shape[1]),
@@ -338,8 +347,8 @@ def _left_out(
 def _against(
     by_itself: Sequence[Array], precision: Array, shift: Array, spread: Array
 ) -> tuple[Array, Array]:
-    """ln ∫ of x as the other machines know it, up to a constant (k, n), and z of what machines by themselves estimate (`alone`),
-    (c, k, n); x has precision (q, q, k, n) and shift (q, k, n)."""
+    """ln ∫ of x as the other machines know it, up to a constant (k, n), and z of what machines by
+    themselves estimate (`alone`), (c, k, n); x has precision (q, q, k, n) and shift (q, k, n)."""
     q, c, (own, seen, estimate) = len(shift), spread.shape[1], by_itself
     rows = np.broadcast_to(seen.T[:, :, None], (q, c, *shift.shape[1:]))
     whole = np.concatenate([precision, shift[:, None], rows], axis=1)
@@ -355,7 +364,8 @@ def _against(
 
 
 def _averaged(weights: Array, z: Array) -> tuple[Array, Array]:
-    """Two-sided p over s, twice the lesser tail of the mixture, and the side, each (n, c); weights (n, k), z (c, k, n)."""
+    """Two-sided p over s, twice the lesser tail of the mixture, and the side, each (n, c); weights
+    (n, k), z (c, k, n)."""
     above, below = (np.einsum("mk,jkm->mj", weights, ndtr(side * z)) for side in (-1.0, 1.0))
     return np.clip(2.0 * np.minimum(above, below), 1e-300, 1.0), np.where(above < below, 1.0, -1.0)
 
@@ -372,20 +382,25 @@ class PooledParameter(Result):
     mean: Summary  #: of the population
     spread: Summary  #: standard deviation of the machines about it
     next: Summary  #: a machine of the population that was not measured
-    instrument_sd: float  #: part of the sd of the mean that comes with the one instrument: more machines do not make it less
+    #: part of the sd of the mean that comes with the one instrument: more machines do not make it
+    #: less
+    instrument_sd: float
 
 
 @dataclass(frozen=True)
 class PooledMachine(Result):
-    """One machine. ``p_value`` is, at most, that of so many machines of one population a parameter of one stands out so much from
-    the others (Bonferroni over parameters, Holm over machines); none with too few machines."""
+    """One machine. ``p_value`` is, at most, that of so many machines of one population a parameter
+    of one stands out so much from the others (Bonferroni over parameters, Holm over machines); none
+    with too few machines."""
 
     name: Annotated[str, Field(exclude=True)]
     campaigns: int
     estimate: dict[str, Summary]  #: with what the population tells of it
     alone: dict[
-        str, Summary
-    ]  #: from its campaigns and the prior of a fit, the instrument's errors as all campaigns know them
+        str,
+        Summary,
+        #: from its campaigns and the prior of a fit, the instrument's errors as all campaigns know them
+    ]
     p_value: float | None = None
     flag: bool = False  #: the p-value is below 5 %
     z: dict[str, float] = field(
@@ -398,7 +413,8 @@ _CONSTANT = re.compile(r"C_...")
 
 @dataclass(frozen=True, eq=False)
 class Population(Result):
-    """Machines of one kind, partially pooled; only where all could be ``judged`` none standing out means that."""
+    """Machines of one kind, partially pooled; only where all could be ``judged`` none standing out
+    means that."""
 
     parameters: dict[str, PooledParameter]  #: mean, spread and next machine, by name
     machine: dict[str, PooledMachine]  #: by machine_id
@@ -519,7 +535,8 @@ def _pooled_parameters(
     common: Gaussian,
     tails: tuple[float, float],
 ) -> dict[str, PooledParameter]:
-    """μ and the next machine from conditional Gaussians, s from its draws; ``few`` are the first, ``common`` is theirs."""
+    """μ and the next machine from conditional Gaussians, s from its draws; ``few`` are the first,
+    ``common`` is theirs."""
     c, weight = len(statistics.parameters), few.weight
     scale, mean, sd = statistics.prior_sd[:c], common.mean[:, :c], common.sd[:, :c]
     mu, following = (_mixture(weight, mean, own, tails) for own in (sd, np.hypot(sd, few.spread)))
@@ -632,17 +649,22 @@ def population(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
-    """The population that the machines of a batch come from, the next machine, and which machines do not belong.
+    """The population that the machines of a batch come from, the next machine, and which machines
+    do not belong.
 
-    InputError for rows that are no batch's, fewer than two machines, machines with other joints, or options out of range.
+    InputError for rows that are no batch's, fewer than two machines, machines with other joints, or
+    options out of range.
 
     Parameters
     ----------
-    rows : of `read_batch`: one row per campaign; campaigns without machine_id count as machines of their own. Which of them
-        count, and ``exclude``, ``since`` and ``include_misfits``: see `choose`.
+    rows : of `read_batch`: one row per campaign; campaigns without machine_id count as machines of
+        their own. Which of them count, and ``exclude``, ``since`` and ``include_misfits``: see
+        `choose`.
     parameters, reference_force_N, one_instrument
-        See `fleet_statistics`; default: all constant compliances at the median of the campaigns' forces, one bar.
-    spread_scale : prior of each spread: HalfNormal(spread_scale · default prior sd of the parameter), see `reference_sd`.
+        See `fleet_statistics`; default: all constant compliances at the median of the campaigns'
+        forces, one bar.
+    spread_scale : prior of each spread: HalfNormal(spread_scale · default prior sd of the
+        parameter), see `reference_sd`.
     ci_prob : float
     seed : int
     progress : told of machines that are left out by drawing anew: done and total.
@@ -675,7 +697,8 @@ def population(
     return replace(found, caveats=(*caveats, *found.caveats), readings=readings)
 
 
-# Draws of s, a power of two, as many as so many pairs of draw and machine allow: of the spreads themselves, of every machine.
+# Draws of s, a power of two, as many as so many pairs of draw and machine allow: of the spreads
+# themselves, of every machine.
 _SPREADS, _MACHINES = (4_000_000, 2048, 8192), (1_000_000, 256, 2048)
 
 
@@ -732,9 +755,11 @@ _SAME_FORCE = 1e-9
 
 @dataclass(frozen=True)
 class PopulationPrior(Shown):
-    """What a population of machines says of the next one: C ~ N(mean, sd²) at the population's reference force.
+    """What a population of machines says of the next one: C ~ N(mean, sd²) at the population's
+    reference force.
 
-    Compliances alone, in inside units (mm, N, rad): their slopes and the geometric errors keep the model's own priors.
+    Compliances alone, in inside units (mm, N, rad): their slopes and the geometric errors keep the
+    model's own priors.
     """
 
     reference_force_N: float  #: F0, at which the compliances are meant
@@ -752,7 +777,8 @@ class PopulationPrior(Shown):
     own_doubts: tuple[str, ...] = ()  #: what the population says is to be minded
 
     def model(self, model: HybridModel) -> HybridModel:
-        """The same model with these priors of the compliances, at the population's reference force; slopes keep their sd."""
+        """The same model with these priors of the compliances, at the population's reference force;
+        slopes keep their sd."""
         prior = model.prior
         cure = "got flat ones. Use the default preset."
         require(not prior.flat, f"the model must have proper priors to take a population's, {cure}")
@@ -760,16 +786,21 @@ class PopulationPrior(Shown):
             free = name not in model.fixed
             require(
                 free,
-                f"{name} must be free to have the population's prior, got one fixed at zero. Free it.",
+                f"{name} must be free to have the population's prior, got one fixed at zero."
+                " Free it.",
             )
             two = name in prior.overrides or name in prior.means
             require(
                 not two,
-                f"{name} must have one prior, got the population's and the model's own. Remove one of them.",
+                f"{name} must have one prior, got the population's and the model's own. Remove one"
+                " of them.",
             )
         own = self.reference_force_N if model.reference_force_N is None else model.reference_force_N
         got = f"got {own:g} N. Leave reference_force_N out of the model."
-        said = f"reference_force_N must be the population's {self.reference_force_N:g} N, at which its compliances are meant, {got}"
+        said = (
+            f"reference_force_N must be the population's {self.reference_force_N:g} N, at which its"
+            f" compliances are meant, {got}"
+        )
         require(np.isclose(own, self.reference_force_N, rtol=_SAME_FORCE), said)
         prior = replace(
             prior, overrides={**prior.overrides, **self.sds}, means={**prior.means, **self.means}
@@ -777,7 +808,8 @@ class PopulationPrior(Shown):
         return replace(model, reference_force_N=self.reference_force_N, prior=prior)
 
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
-        """What speaks against using it for a campaign (or plan), in sentences; a machine that it does not speak of is refused."""
+        """What speaks against using it for a campaign (or plan), in sentences; a machine that it
+        does not speak of is refused."""
         check_campaign(campaign)
         self._check_machine(campaign)
         doubts = []
@@ -798,10 +830,16 @@ class PopulationPrior(Shown):
         )
         sums = stats.stands_for(campaign)
         missing = [name for name in self.means if name not in sums]
-        got = f"got {', '.join(sums)} without {', '.join(missing)}. Use a population whose circles lie in the same planes."
+        got = (
+            f"got {', '.join(sums)} without {', '.join(missing)}. Use a population whose circles"
+            " lie in the same planes."
+        )
         require(not missing, f"the campaign must have the population's compliances, {got}")
         for name in self.means:
-            got = "got circles or joints' frames that stand elsewhere, so that it is the sum of other compliances"
+            got = (
+                "got circles or joints' frames that stand elsewhere, so that it is the sum of other"
+                " compliances"
+            )
             same = name not in self.compliances or stats.same_meaning(
                 name, self.compliances[name], sums[name]
             )
@@ -818,7 +856,8 @@ class PopulationPrior(Shown):
 
 
 def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:
-    """The prior for one more machine in a population's result, unchanged: its folder, or the ``population.json`` in it."""
+    """The prior for one more machine in a population's result, unchanged: its folder, or the
+    ``population.json`` in it."""
     return read_result(Path(path), "population", "population", _prior_of)
 
 
@@ -848,7 +887,8 @@ def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:
 
 
 def digest_of(record: Mapping[str, Any]) -> str:
-    """SHA-256 of a population.json, as read, but for its ``sha256``: of its JSON with sorted keys."""
+    """SHA-256 of a population.json, as read, but for its ``sha256``: of its JSON with sorted
+    keys."""
     plain = {name: value for name, value in record.items() if name != "sha256"}
     return hashlib.sha256(
         json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()

@@ -1,9 +1,12 @@
-"""ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const: what campaigns say, a small matrix each; its algebra.
+"""ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const: what campaigns say, a
+small matrix each; its algebra.
 
-c_i are chosen parameters of the machine in campaign i, compliances at one force for all; b are errors of the instrument (mount,
-force gain) that all campaigns share. Everything else (slopes, geometric errors not chosen, form, bar length, hyper-parameters) is
-integrated out, anew in each campaign. Of one machine or one bar that is conservative for changes and differences, not for levels
-or the population's mean: ball form and bar length that are the same in all campaigns do not average out.
+c_i are chosen parameters of the machine in campaign i, compliances at one force for all; b are
+errors of the instrument (mount, force gain) that all campaigns share. Everything else (slopes,
+geometric errors not chosen, form, bar length, hyper-parameters) is integrated out, anew in each
+campaign. Of one machine or one bar that is conservative for changes and differences, not for levels
+or the population's mean: ball form and bar length that are the same in all campaigns do not average
+out.
 """
 
 from __future__ import annotations
@@ -56,8 +59,9 @@ _SPARE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class SufficientStatistics:
-    """Moments of a campaign's parameters and of the errors of its instrument. ``names`` are the p parameters of interest, then
-    the coefficients of terms ``common`` to campaigns; q in all. Means and ``prior_sd`` have shape (q,), ``covariance`` (q, q)."""
+    """Moments of a campaign's parameters and of the errors of its instrument. ``names`` are the p
+    parameters of interest, then the coefficients of terms ``common`` to campaigns; q in all. Means
+    and ``prior_sd`` have shape (q,), ``covariance`` (q, q)."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -97,7 +101,8 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
 
 
 def _columns(bound: BoundModel) -> tuple[list[int], tuple[str, ...], tuple[str, ...], Array, Array]:
-    """Places among the shared coefficients, names, units and priors of parameters and instrument errors."""
+    """Places among the shared coefficients, names, units and priors of parameters and instrument
+    errors."""
     terms = [
         term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private
     ]
@@ -123,7 +128,8 @@ def _columns(bound: BoundModel) -> tuple[list[int], tuple[str, ...], tuple[str, 
 def mixture_covariance(
     weight: Array, mean: Array, covariance: Array | float = 0.0
 ) -> tuple[Array, Array]:
-    """Mean (q,) and covariance (q, q) of a mixture: weights (k,), means (k, q), covariances (k, q, q) or none."""
+    """Mean (q,) and covariance (q, q) of a mixture: weights (k,), means (k, q), covariances (k, q,
+    q) or none."""
     middle = weight @ mean
     apart = mean - middle
     inside = (
@@ -137,9 +143,10 @@ def reference_sd(
 ) -> Array:
     """Reference sd of every parameter, shape (c,), in inside units.
 
-    The default prior's; where fits had a wider one about zero, its median over them: a compliance that stands for those of
-    several joints is larger, and a user may know of machines that are. A prior about another mean says how well a parameter
-    is known, not how large it is, and does not count. ``prior_mean`` and ``prior_sd`` (n, c) are those of the fits.
+    The default prior's; where fits had a wider one about zero, its median over them: a compliance
+    that stands for those of several joints is larger, and a user may know of machines that are. A
+    prior about another mean says how well a parameter is known, not how large it is, and does not
+    count. ``prior_mean`` and ``prior_sd`` (n, c) are those of the fits.
     """
     default, kinds = Prior.first(), {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
     found = np.empty(len(names))
@@ -162,7 +169,8 @@ _NEGLIGIBLE = 0.05
 
 
 def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
-    """Of every kept compliance of a campaign (or plan) the joints' compliances it is the sum of, with their weights."""
+    """Of every kept compliance of a campaign (or plan) the joints' compliances it is the sum of,
+    with their weights."""
     kept = kept_compliances(
         campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope)
     )
@@ -180,8 +188,9 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
 
 
 def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
-    """Whether two sums of compliances differ by less than 5 % of the default prior sd of the kept compliance ``name``, the
-    joints' being as large as their priors: a work ball that stands a millimetre higher makes no other machine."""
+    """Whether two sums of compliances differ by less than 5 % of the default prior sd of the kept
+    compliance ``name``, the joints' being as large as their priors: a work ball that stands a
+    millimetre higher makes no other machine."""
     labels = sorted(set(one) | set(other))
     size, *sizes = Prior.first().compliance_sd(
         [ComplianceName(*label[2:]) for label in (name, *labels)]
@@ -197,9 +206,10 @@ _SLOPE = re.compile(r"(C_.+)_([12])")
 
 @dataclass(frozen=True, eq=False)
 class FleetStatistics:
-    """Likelihoods of n campaigns, with the priors they were computed with divided out. A campaign that was fitted without an
-    error of the instrument took it as zero: it says nothing of it, and its Λ and η have zeros there. ``prior_sd`` is what is
-    assumed of one machine before any campaign, about zero: `reference_sd`, not what the fits assumed."""
+    """Likelihoods of n campaigns, with the priors they were computed with divided out. A campaign
+    that was fitted without an error of the instrument took it as zero: it says nothing of it, and
+    its Λ and η have zeros there. ``prior_sd`` is what is assumed of one machine before any
+    campaign, about zero: `reference_sd`, not what the fits assumed."""
 
     campaigns: tuple[str, ...]
     machines: tuple[str, ...]
@@ -239,9 +249,10 @@ def fleet_statistics(
     reference_force_N: float | None = None,
     one_instrument: bool = True,
 ) -> FleetStatistics:
-    """Return the statistics of a batch's rows, those to rely on (`choose`); by default of all constant compliances. Compliances
-    are meant at ``reference_force_N``, by default the median of the campaigns' own. With ``one_instrument`` mount and force gain
-    are those of one bar, so that their errors do not average out; else each campaign has its own."""
+    """Return the statistics of a batch's rows, those to rely on (`choose`); by default of all
+    constant compliances. Compliances are meant at ``reference_force_N``, by default the median of
+    the campaigns' own. With ``one_instrument`` mount and force gain are those of one bar, so that
+    their errors do not average out; else each campaign has its own."""
     topology, *others = sorted(set(rows["topology"]))
     got = f"got {' and '.join([topology, *others[:1]])}. Take one kind."
     require(not others, f"campaigns must be of machines with the same joints, {got}")
@@ -255,7 +266,10 @@ def fleet_statistics(
         else tuple(map(inside_name, parameters))
     )
     check_known("parameter", chosen, free)
-    said = f"parameters must be given once each, got {', '.join(chosen) or 'none'}. Name some of {', '.join(free)}."
+    said = (
+        f"parameters must be given once each, got {', '.join(chosen) or 'none'}. Name some of"
+        f" {', '.join(free)}."
+    )
     require(0 < len(chosen) == len(set(chosen)), said)
     errors = {
         name for own in names for name in own if Term.owner(name) is not Term and one_instrument
@@ -268,7 +282,10 @@ def fleet_statistics(
         if reference_force_N is None
         else float(reference_force_N)
     )
-    said = f"reference_force_N must be a finite number, zero or more, got {force:g}. Give a force in N."
+    said = (
+        f"reference_force_N must be a finite number, zero or more, got {force:g}. Give a force"
+        " in N."
+    )
     require(0.0 <= force < np.inf, said)
     parts = [_likelihood(row, (*chosen, *shared), force) for row in rows.to_dict("records")]
     information, weighted, prior_mean, prior_sd = (
@@ -302,8 +319,9 @@ def fleet_statistics(
 def _likelihood(
     row: Mapping[Any, Any], wanted: Sequence[str], force_N: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Λ and η of what is wanted, the prior divided out, and the prior: of what the row does not have zeros. Compliances are
-    carried along their slopes to the common force; what the readings cannot add counts as nothing."""
+    """Λ and η of what is wanted, the prior divided out, and the prior: of what the row does not
+    have zeros. Compliances are carried along their slopes to the common force; what the readings
+    cannot add counts as nothing."""
     names, q = list(row["gaussian_names"]), len(row["gaussian_names"])
     mean, prior_mean, prior_sd = (
         np.array(row[f"gaussian_{what}"], dtype=float)
@@ -339,7 +357,8 @@ def _likelihood(
 
 
 def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
-    """What every chosen compliance stands for; rows that do not say it are taken to mean what the others do."""
+    """What every chosen compliance stands for; rows that do not say it are taken to mean what the
+    others do."""
     found: dict[str, tuple[Meaning, str]] = {}
     texts = {
         text: str(own) for own, text in zip(rows["campaign"], rows["compliances"], strict=True)
@@ -348,7 +367,10 @@ def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
         said = json.loads(text) if isinstance(text, str) else {}
         for name in (name for name in chosen if name in said):
             meaning, first = found.setdefault(name, (said[name], campaign))
-            other = "circles or joints' frames stand elsewhere, so that it is the sum of other compliances. Take those of one place."
+            other = (
+                "circles or joints' frames stand elsewhere, so that it is the sum of other"
+                " compliances. Take those of one place."
+            )
             refused = f"campaigns must mean the same by {name}, got {first} and {campaign}: {other}"
             require(same_meaning(name, meaning, said[name]), refused)
     return {name: meaning for name, (meaning, _) in found.items()}
@@ -358,9 +380,9 @@ def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
 
 
 def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
-    """(Lᵀ | L⁻¹ s (Λ_c, η_c)), shape (c, c + q + 1, k, n), with L Lᵀ = K = I + s Λ_cc s, for k values of s (k, c); L⁻¹ behind
-    with ``inverse``. K is the precision of z = w / s, w ~ N(0, diag s²) being what one campaign or machine differs by: g(c + w,
-    b). Λ may be singular."""
+    """(Lᵀ | L⁻¹ s (Λ_c, η_c)), shape (c, c + q + 1, k, n), with L Lᵀ = K = I + s Λ_cc s, for k
+    values of s (k, c); L⁻¹ behind with ``inverse``. K is the precision of z = w / s, w ~ N(0, diag
+    s²) being what one campaign or machine differs by: g(c + w, b). Λ may be singular."""
     c, q = spread.shape[1], likelihood.shift.shape[1]
     s, rows = spread.T[:, :, None], likelihood.precision[:, :c].transpose(1, 2, 0)[:, :, None]
     whole = np.zeros((c, c + q + 1 + c * inverse, len(spread), len(likelihood.shift)))
@@ -386,8 +408,8 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 def alone(likelihood: Gaussian, parameters: int) -> tuple[Array, Array, Array]:
-    """S = (I + Λ_cc)⁻¹, H = S Λ_c and t = S η_c, shapes (n, c, c), (n, c, q) and (n, c), of campaigns each by itself. Its
-    estimate is t − H_b b; t ~ N(H (c, b), S Λ_cc S)."""
+    """S = (I + Λ_cc)⁻¹, H = S Λ_c and t = S η_c, shapes (n, c, c), (n, c, q) and (n, c), of
+    campaigns each by itself. Its estimate is t − H_b b; t ~ N(H (c, b), S Λ_cc S)."""
     c = parameters
     own = np.linalg.inv(np.eye(c) + likelihood.precision[:, :c, :c])
     return own, own @ likelihood.precision[:, :c], (own @ likelihood.shift[:, :c, None])[..., 0]

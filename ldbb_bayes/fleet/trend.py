@@ -1,16 +1,20 @@
-"""c_t = c + Δ e_j 1[t ≥ k] + w_t, t = 1..n over one machine's campaigns: has a parameter changed, which, when and by how much?
+"""c_t = c + Δ e_j 1[t ≥ k] + w_t, t = 1..n over one machine's campaigns: has a parameter changed,
+which, when and by how much?
 
-In units of the prior's sd: c ~ N(0, I), b ~ N(0, I) the instrument's errors, the same in all campaigns, w_t ~ N(0, r² I) what the
-machine itself changes from campaign to campaign, r ~ HalfNormal(repeatability), Δ ~ N(0, change_scale²). With the probability
-given there is one step, j uniform over parameters and k over 2..n. Given r, j, k everything is Gaussian: w_t is integrated in
-each campaign, the rest needs sums over t ≥ k and one small system for each r, k, j. A campaign's Λ may be singular.
+In units of the prior's sd: c ~ N(0, I), b ~ N(0, I) the instrument's errors, the same in all
+campaigns, w_t ~ N(0, r² I) what the machine itself changes from campaign to campaign, r ~
+HalfNormal(repeatability), Δ ~ N(0, change_scale²). With the probability given there is one step, j
+uniform over parameters and k over 2..n. Given r, j, k everything is Gaussian: w_t is integrated in
+each campaign, the rest needs sums over t ≥ k and one small system for each r, k, j. A campaign's Λ
+may be singular.
 
-The Bayes factor B of a change has expectation 1 where there is none, so that B > x has probability 1 / x at most (Markov): a
-change called above the threshold p* is a false alarm with probability (1 − p*) / p* · p / (1 − p) at most, p that before the
-readings.
+The Bayes factor B of a change has expectation 1 where there is none, so that B > x has probability
+1 / x at most (Markov): a change called above the threshold p* is a false alarm with probability (1
+− p*) / p* · p / (1 − p) at most, p that before the readings.
 
-Truncation is left aside. Parameters not chosen are integrated out anew in each campaign, as ball form and bar length are, though
-one machine and one bar keep theirs: that is conservative for changes, above all of geometric errors, but not for levels.
+Truncation is left aside. Parameters not chosen are integrated out anew in each campaign, as ball
+form and bar length are, though one machine and one bar keep theirs: that is conservative for
+changes, above all of geometric errors, but not for levels.
 """
 
 from __future__ import annotations
@@ -74,7 +78,8 @@ _NEGLIGIBLE = 1e-7
 
 
 def scatter_rule(repeatability: float) -> tuple[Array, Array]:
-    """Nodes of r and their weights, shape (r,): trapezoids in ln r; what lies below the lowest counts there."""
+    """Nodes of r and their weights, shape (r,): trapezoids in ln r; what lies below the lowest
+    counts there."""
     count = int(np.ceil(np.log(_MOST / _LEAST) / _STEP)) + 1
     log_ratio = np.linspace(np.log(_LEAST), np.log(_MOST), count)
     ratio = np.exp(log_ratio)
@@ -85,9 +90,10 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
 
 
 def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gaussian:
-    """(c, b, Δ) under every hypothesis, shape (r, n, p, q + 1); ``log_integral`` is their log evidence, up to what all share.
-    Place k, counted from 0, is a step just before campaign k + 2; the last, of whatever parameter, is no step at all. ``carried``
-    are the campaigns in order of time, (r, n, q), their w_t integrated: `deviating`."""
+    """(c, b, Δ) under every hypothesis, shape (r, n, p, q + 1); ``log_integral`` is their log
+    evidence, up to what all share. Place k, counted from 0, is a step just before campaign k + 2;
+    the last, of whatever parameter, is no step at all. ``carried`` are the campaigns in order of
+    time, (r, n, q), their w_t integrated: `deviating`."""
     precision, shift = (
         np.cumsum(own[:, ::-1], axis=1)[:, ::-1] for own in (carried.precision, carried.shift)
     )
@@ -103,7 +109,8 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
 
 def weigh(log_evidence: Array, scatter_weight: Array, probability: float) -> Array:
-    """Posterior probability of every hypothesis, (r, n, p), from their log evidence, weights of r and the prior of a change."""
+    """Posterior probability of every hypothesis, (r, n, p), from their log evidence, weights of r
+    and the prior of a change."""
     _, times, parameters = log_evidence.shape
     prior = np.full((times, parameters), probability / max((times - 1) * parameters, 1))
     prior[-1] = (1.0 - probability) / parameters
@@ -112,7 +119,8 @@ def weigh(log_evidence: Array, scatter_weight: Array, probability: float) -> Arr
 
 
 def instrument_moments(found: Gaussian, weights: Array) -> tuple[Array, Array]:
-    """Posterior mean and covariance of the instrument's errors, averaged over hypotheses; shapes (s,), (s, s)."""
+    """Posterior mean and covariance of the instrument's errors, averaged over hypotheses; shapes
+    (s,), (s, s)."""
     p, q = weights.shape[2], found.mean.shape[-1] - 1
     spread = found.spread(np.eye(q + 1)[p:q])
     covariance = (spread @ np.swapaxes(spread, -1, -2)).reshape(weights.size, q - p, q - p)
@@ -122,9 +130,10 @@ def instrument_moments(found: Gaussian, weights: Array) -> tuple[Array, Array]:
 
 
 class Chart(NamedTuple):
-    """What is drawn of every campaign, in order of time, the instrument's errors at their posterior mean. ``own`` and ``own_sd``
-    (n, p) are of each campaign alone, ``limits`` (2, n, p) NaN at the first; ``common_sd`` (p,) what the instrument's errors add
-    to the level of all campaigns together."""
+    """What is drawn of every campaign, in order of time, the instrument's errors at their posterior
+    mean. ``own`` and ``own_sd`` (n, p) are of each campaign alone, ``limits`` (2, n, p) NaN at the
+    first; ``common_sd`` (p,) what the instrument's errors add to the level of all campaigns
+    together."""
 
     own: Array
     own_sd: Array
@@ -141,9 +150,10 @@ def chart_of(
     *,
     limits: float = LIMITS,
 ) -> Chart:
-    """Points with their uncertainty, and limits of this probability from the campaigns before each. ``series`` (n, q) and
-    ``carried`` (r, n, q) are the campaigns in order of time, scatter and its weights (r,) the prior of r, ``instrument``
-    posterior mean and covariance of the instrument's errors."""
+    """Points with their uncertainty, and limits of this probability from the campaigns before each.
+    ``series`` (n, q) and ``carried`` (r, n, q) are the campaigns in order of time, scatter and its
+    weights (r,) the prior of r, ``instrument`` posterior mean and covariance of the instrument's
+    errors."""
     known, spread = instrument
     q = series.shift.shape[-1]
     p = q - len(known)
@@ -178,7 +188,8 @@ def chart_of(
 def levels_of(
     found: Gaussian, weights: Array, *, ci_prob: float = 0.95
 ) -> tuple[Array, Array, Array]:
-    """Mean and sd (p,) and interval (2, p) of c, with the step where there was one, averaged over hypotheses."""
+    """Mean and sd (p,) and interval (2, p) of c, with the step where there was one, averaged over
+    hypotheses."""
     _, n, p = weights.shape
     level = np.eye(p, found.mean.shape[-1]) + np.zeros((n, p, p, 1))
     level[: n - 1, range(p), range(p), -1] = 1.0
@@ -203,7 +214,8 @@ class ParameterChange(Result):
     change: Summary  #: given that it did, whenever
     percent: float | None  #: of the level before; None where that is not known to a fifth
     level_before: float
-    level_now: Summary  #: at the last campaign, averaged over hypotheses; the errors of the instrument are in it
+    #: at the last campaign, averaged over hypotheses; the errors of the instrument are in it
+    level_now: Summary
     common_sd: (
         float  #: what these add to the level of all campaigns together; in no point and no limit
     )
@@ -211,7 +223,8 @@ class ParameterChange(Result):
 
 @dataclass(frozen=True)
 class Visit(Result):
-    """A campaign: what it is called, when it was, and the probability that a parameter changed just before it."""
+    """A campaign: what it is called, when it was, and the probability that a parameter changed just
+    before it."""
 
     campaign: str
     date: Annotated[datetime | None, PlainSerializer(lambda date: date and date.isoformat())]
@@ -222,16 +235,19 @@ class Visit(Result):
 class Trend(Result):
     """Parameters of one machine over time.
 
-    ``estimates`` has a row per campaign and parameter, inside units: campaign, date, parameter, unit, estimate, sd, ci_low,
-    ci_high (of this campaign alone), limit_low, limit_high (99.7 % from the campaigns before, no change), outside, change_here,
-    change_by_here (probabilities). The instrument's errors are at their posterior mean throughout. Not in JSON.
+    ``estimates`` has a row per campaign and parameter, inside units: campaign, date, parameter,
+    unit, estimate, sd, ci_low, ci_high (of this campaign alone), limit_low, limit_high (99.7 % from
+    the campaigns before, no change), outside, change_here, change_by_here (probabilities). The
+    instrument's errors are at their posterior mean throughout. Not in JSON.
     """
 
     machine: str | None  #: machine_id
     reference_force_N: float  #: at which compliances are meant
     assumptions: Mapping[
-        str, Any
-    ]  #: change_scale, repeatability (in the prior's sd), probability, threshold, ci, one_instrument
+        str,
+        Any,
+        #: change_scale, repeatability (in the prior's sd), probability, threshold, ci, one_instrument
+    ]
     probability: Annotated[
         float, Field(alias="probability_of_change")
     ]  #: that one parameter has changed once
@@ -267,14 +283,18 @@ def _parts(trend: Trend) -> tuple[Table | str, ...]:
             (
                 display_name(name),
                 plus_minus(now.mean, now.sd, now.interval, own.unit),
-                f"{round_uncertainty(2.0 * own.common_sd * factor)[0]} {label}"
-                if own.common_sd > 0.0
-                else "–",
+                (
+                    f"{round_uncertainty(2.0 * own.common_sd * factor)[0]} {label}"
+                    if own.common_sd > 0.0
+                    else "–"
+                ),
                 probability_words(own.probability),
                 plus_minus(step.mean, step.sd, step.interval, own.unit) if likely else "–",
-                f"{own.percent:+.0f} %".replace("-", "−")
-                if likely and own.percent is not None
-                else "–",
+                (
+                    f"{own.percent:+.0f} %".replace("-", "−")
+                    if likely and own.percent is not None
+                    else "–"
+                ),
             )
         )
     heads = ("parameter", "level now", "U, common", "P(changed)", "change, if it did", "of level")
@@ -302,8 +322,8 @@ def _in_words(trend: Trend) -> dict[str, Any]:
     return trend.as_dict() | {"doubts": doubts, "verdict": list(trend_sentences(trend))}
 
 
-# Standard uncertainties that a level must be away from zero before a change is told in per cent of it: its own uncertainty, left
-# aside there, is then at most a fifth.
+# Standard uncertainties that a level must be away from zero before a change is told in per cent of
+# it: its own uncertainty, left aside there, is then at most a fifth.
 _KNOWN = 5.0
 
 
@@ -315,8 +335,8 @@ def _parameter(
     numbers: Sequence[float],
     ci_prob: float,
 ) -> ParameterChange:
-    """Of parameter j: `hypotheses` under probabilities (r, n − 1) of r and when; ``numbers`` are its level now (mean, sd, ends)
-    and what the instrument adds, in units of the prior's sd."""
+    """Of parameter j: `hypotheses` under probabilities (r, n − 1) of r and when; ``numbers`` are
+    its level now (mean, sd, ends) and what the instrument adds, in units of the prior's sd."""
     total, scale = float(share.sum()), float(statistics.prior_sd[j])
     weight = (share / total if total > 0.0 else np.full_like(share, 1.0 / share.size)).ravel()
     (size, size_sd), (base, base_sd) = (
@@ -388,8 +408,8 @@ def _conformities(
     given: Mapping[str, str | Tolerance] | None,
     stated: Any,
 ) -> dict[str, dict[str, Conformity]]:
-    """Conformity in every campaign alone, what the instrument adds to all of them included, with the tolerances given, or those
-    that the newest has ``stated`` (JSON) of what is followed."""
+    """Conformity in every campaign alone, what the instrument adds to all of them included, with
+    the tolerances given, or those that the newest has ``stated`` (JSON) of what is followed."""
     known, found = (
         quantities(dict(zip(statistics.parameters, statistics.units, strict=True))),
         dict[str, dict[str, Conformity]](),
@@ -444,7 +464,10 @@ def _in_time(statistics: FleetStatistics) -> list[int]:
         if date is None
     ]
     if missing and len(missing) < len(statistics):
-        cure = "Write date = … into campaign.toml, or take all dates out and give the campaigns in order."
+        cure = (
+            "Write date = … into campaign.toml, or take all dates out and give the campaigns in"
+            " order."
+        )
         raise InputError(
             f"campaigns must have a date all or none, got none for {', '.join(missing[:5])}. {cure}"
         )
@@ -479,18 +502,23 @@ def trend(
 ) -> Trend:
     """Parameters of one machine over time: has one of them changed, which, when and by how much?
 
-    InputError for fewer than two campaigns, several machines and none chosen, dates of some campaigns only, options out of range.
+    InputError for fewer than two campaigns, several machines and none chosen, dates of some
+    campaigns only, options out of range.
 
     Parameters
     ----------
-    rows : of `read_batch`; which of them count, and ``exclude``, ``since`` and ``include_misfits``: see `choose`.
+    rows : of `read_batch`; which of them count, and ``exclude``, ``since`` and ``include_misfits``:
+        see `choose`.
     machine : needed where the rows are of several.
     parameters, reference_force_N, one_instrument
-        See `fleet_statistics`; default: all constant compliances at the median of the campaigns' forces, one bar.
-    tolerances : limits of parameters and stiffnesses, see `conformity`; default: those of the newest campaign.
-    change_scale : standard deviation of a change, in units of the parameter's default prior sd: 2e-5 mm/N of C_XXX.
-    repeatability : scale of the half-normal density of r, what the machine changes from campaign to campaign, in the same units:
-        1e-6 mm/N of C_XXX, 2 % of a usual 5e-5 mm/N.
+        See `fleet_statistics`; default: all constant compliances at the median of the campaigns'
+        forces, one bar.
+    tolerances : limits of parameters and stiffnesses, see `conformity`; default: those of the
+        newest campaign.
+    change_scale : standard deviation of a change, in units of the parameter's default prior sd:
+        2e-5 mm/N of C_XXX.
+    repeatability : scale of the half-normal density of r, what the machine changes from campaign to
+        campaign, in the same units: 1e-6 mm/N of C_XXX, 2 % of a usual 5e-5 mm/N.
     probability : of a change, before the readings.
     threshold : probability above which a change counts as found.
     ci_prob : float
@@ -505,7 +533,8 @@ def trend(
     for (name, value), most in zip(believed.items(), (np.inf, np.inf, 1.0, 1.0), strict=True):
         if not 0.0 < value < most:
             raise InputError(
-                f"{name} must be above 0{' and below 1' * (most == 1.0)}, got {value:g}. Correct it."
+                f"{name} must be above 0{' and below 1' * (most == 1.0)}, got {value:g}."
+                " Correct it."
             )
     chosen, machine, caveats = _of_one_machine(rows, machine)
     relied, more = choose(chosen, exclude, since, include_misfits, among=rows)
@@ -566,8 +595,8 @@ _VISIBLE, _MOST_NAMED = 0.05, 6
 
 @styled
 def control_chart(trend: Trend) -> Figure:
-    """Return the chart of a ``trend``, a panel for each parameter: campaigns in order of time, each by itself, the limits from
-    those before it, and where it may have changed."""
+    """Return the chart of a ``trend``, a panel for each parameter: campaigns in order of time, each
+    by itself, the limits from those before it, and where it may have changed."""
     columns = min(len(trend.parameters), 2)
     figure, every = panels(len(trend.parameters), columns, 2.0, 0.9, sharex=True)
     for k, (axes, name) in enumerate(zip(every, trend.parameters, strict=True)):
@@ -634,7 +663,8 @@ def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame) -> None:
     axes.set(ylabel=label, xlim=(0.5, len(own) + 0.5))
     common = trend.parameters[name].common_sd * factor
     shared = (
-        f"\nu common to all {round_uncertainty(common)[0]} {display_unit(trend.parameters[name].unit)[1]}"
+        f"\nu common to all {round_uncertainty(common)[0]}"
+        f" {display_unit(trend.parameters[name].unit)[1]}"
         if common
         else ""
     )

@@ -1,7 +1,8 @@
-"""ln p(β, φ | y), nuisances integrated out: the one definition that every sampler uses, ours and others.
+"""ln p(β, φ | y), nuisances integrated out: the one definition that every sampler uses, ours and
+others.
 
-ln p(y | β, φ) + ln p(β) + ln p(φ), each normalised: β ~ N(m, S) inside the truncation A β ≥ 0, φ by its laws, independent of β.
-The integral over all x = (β, φ) is the evidence of `log_evidence`.
+ln p(y | β, φ) + ln p(β) + ln p(φ), each normalised: β ~ N(m, S) inside the truncation A β ≥ 0, φ by
+its laws, independent of β. The integral over all x = (β, φ) is the evidence of `log_evidence`.
 """
 
 from __future__ import annotations
@@ -37,17 +38,20 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
     """
     require(
         not campaign.is_plan,
-        "campaign must have readings to have a posterior, got a plan. Run the tests, or simulate it.",
+        "campaign must have readings to have a posterior, got a plan. Run the tests, or"
+        " simulate it.",
     )
     return LogDensity(model.bind(campaign))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LogDensity(Shown):
-    """ln p(x, y) of a model and a campaign at x = (β, φ): parameters, then hyper-parameters; all nuisances integrated out.
+    """ln p(x, y) of a model and a campaign at x = (β, φ): parameters, then hyper-parameters; all
+    nuisances integrated out.
 
-    A point has shape (d,), a stack of points (n, d); densities are then a number, or of shape (n,). Logarithms are natural and
-    every density is normalised: the evidence of a nested sampler is that of `log_evidence`.
+    A point has shape (d,), a stack of points (n, d); densities are then a number, or of shape (n,).
+    Logarithms are natural and every density is normalised: the evidence of a nested sampler is that
+    of `log_evidence`.
     """
 
     bound: BoundModel  #: the model of the campaign
@@ -67,19 +71,23 @@ class LogDensity(Shown):
 
     @cached_property
     def bounds(self) -> Array:
-        """The least and the greatest value of each coordinate, shape (d, 2). The truncation, C(F) ≥ 0 at every tested force, is
-        more than bounds; `log_prior` has all of it."""
+        """The least and the greatest value of each coordinate, shape (d, 2). The truncation, C(F) ≥
+        0 at every tested force, is more than bounds; `log_prior` has all of it."""
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 
     @property
     def scale(self) -> Array:
-        """Sizes in the prior, shape (d,), of parameters the sd. Optimisers want the posterior's: the spread of `initial`."""
+        """Sizes in the prior, shape (d,), of parameters the sd. Optimisers want the posterior's:
+        the spread of `initial`."""
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
 
     def __repr__(self) -> str:
         campaign = self.bound.campaign.name
-        return f"LogDensity of {campaign!r}: {len(self.bound.names)} parameters, {len(self.bound.hyper_prior.names)} scales"
+        return (
+            f"LogDensity of {campaign!r}: {len(self.bound.names)} parameters,"
+            f" {len(self.bound.hyper_prior.names)} scales"
+        )
 
     def log_prob(self, x: Array) -> Any:
         """ln p(y | x) + ln p(x); −inf outside the prior, never NaN."""
@@ -101,7 +109,8 @@ class LogDensity(Shown):
         return self._at(x, lambda beta, phi: self.bound.log_likelihood(phi, beta))
 
     def prior_transform(self, u: Array) -> Array:
-        """Return the x whose prior probabilities, one coordinate after the other, are u in the unit cube; inside the truncation.
+        """Return the x whose prior probabilities, one coordinate after the other, are u in the unit
+        cube; inside the truncation.
 
         InputError for flat priors, which have no such point, and for u outside the cube.
         """
@@ -114,7 +123,8 @@ class LogDensity(Shown):
         beyond = levels[~((levels >= 0.0) & (levels <= 1.0))]
         require(
             not len(beyond),
-            f"u must lie between 0 and 1, got {beyond[:1].sum()}. Give prior probabilities, one each.",
+            f"u must lie between 0 and 1, got {beyond[:1].sum()}. Give prior probabilities, one"
+            " each.",
         )
         levels = np.clip(levels, _EDGE, 1.0 - _EDGE)
         beta = bound.truncation.quantile(levels[:, :p], bound.prior_mean, bound.prior_sd)
@@ -123,7 +133,8 @@ class LogDensity(Shown):
         )
 
     def split(self, x: Array) -> dict[str, dict[str, Any]]:
-        """Return ``{"parameters": {name: value}, "hyper": {name: value}}``; of a stack, values of shape (n,)."""
+        """Return ``{"parameters": {name: value}, "hyper": {name: value}}``; of a stack, values of
+        shape (n,)."""
         values, p = np.moveaxis(self._checked(x), -1, 0), len(self.bound.names)
         by_name = dict(
             zip(self.names, values.tolist() if values.ndim == 1 else values, strict=True)
@@ -134,7 +145,8 @@ class LogDensity(Shown):
         }
 
     def initial(self, n: int, seed: int = 1) -> Array:
-        """Return starting points, shape (n, d): spread a little wider than the posterior, all of them inside."""
+        """Return starting points, shape (n, d): spread a little wider than the posterior, all of
+        them inside."""
         joint, random = JointDensity(self.bound), np.random.RandomState(seed)
         beta, free = joint.split(starting_points(LinearRedraw(joint, self._start), n, random))
         return np.concatenate([beta, self.bound.hyper_prior.phi(free)], axis=1)
@@ -153,7 +165,8 @@ class LogDensity(Shown):
         return values
 
     def _at(self, x: Array, density: Callable[[Array, Array], Array]) -> Any:
-        """A density of β and φ at the points that are within the bounds of φ, −inf at the others."""
+        """A density of β and φ at the points that are within the bounds of φ, −inf at the
+        others."""
         values, p = self._checked(x), len(self.bound.names)
         points = values.reshape(-1, len(self.names))
         low, high = self.bound.hyper_prior.bounds.T
@@ -177,7 +190,8 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper: Array) -> 
 
 @dataclass(frozen=True, eq=False)
 class JointDensity:
-    """The same in coordinates for a random walk, ((β − centre) / scale, ln(φ − lower)); their Jacobian but for a constant."""
+    """The same in coordinates for a random walk, ((β − centre) / scale, ln(φ − lower)); their
+    Jacobian but for a constant."""
 
     bound: BoundModel
 
@@ -203,8 +217,9 @@ class JointDensity:
 
 @dataclass(frozen=True, eq=False)
 class LinearRedraw:
-    """(β, φ) anew: φ from the proposal fitted to its nodes, β from its exact conditional Gaussian given φ; inside the truncation
-    from the tilted draws that are nearly that Gaussian's part inside."""
+    """(β, φ) anew: φ from the proposal fitted to its nodes, β from its exact conditional Gaussian
+    given φ; inside the truncation from the tilted draws that are nearly that Gaussian's part
+    inside."""
 
     density: JointDensity
     start: HyperPosterior
@@ -212,7 +227,8 @@ class LinearRedraw:
     def draw(
         self, size: int, random: np.random.RandomState, *, temperature: float = 1.0
     ) -> tuple[Array, Array, Array]:
-        """Points (size, p + h), log weights, target over proposal, and log densities of the target, (size,) each."""
+        """Points (size, p + h), log weights, target over proposal, and log densities of the target,
+        (size,) each."""
         bound = self.density.bound
         free = self.start.proposal.draw(size, random, temperature=temperature)
         log_evidence, given = self.start.given(free)
@@ -250,7 +266,8 @@ class LinearRedraw:
 
 
 def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState) -> Array:
-    """Points (n, p + h) inside the truncation, φ drawn a little wider than its posterior, β from its exact conditional Gaussian.
+    """Points (n, p + h) inside the truncation, φ drawn a little wider than its posterior, β from
+    its exact conditional Gaussian.
 
     InputError where the readings leave next to no room inside the truncation.
     """
@@ -258,7 +275,8 @@ def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState)
     inside = points[np.isfinite(log_target)]
     require(
         len(inside) >= n,
-        "the posterior must leave room where no compliance is negative, got almost none. The readings contradict non-negative "
-        "compliance: check the sign of the readings, the mount compensation and the forces, or fit --without truncation.",
+        "the posterior must leave room where no compliance is negative, got almost none. The"
+        " readings contradict non-negative compliance: check the sign of the readings, the mount"
+        " compensation and the forces, or fit --without truncation.",
     )
     return np.asarray(inside[:n])

@@ -1,7 +1,8 @@
-"""Evidences, Bayes factors and marginals from the nodes over φ, everything linear integrated out exactly; tests left out in turn.
+"""Evidences, Bayes factors and marginals from the nodes over φ, everything linear integrated out
+exactly; tests left out in turn.
 
-ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), campaign properties frozen. A test is what can be left out: readings of one circle share
-their set-up shift and discrepancy and are not independent facts.
+ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), campaign properties frozen. A test is what can be left out:
+readings of one circle share their set-up shift and discrepancy and are not independent facts.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ _DRAWS, _SAME = 16_384, 1e-12
 def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1e-3) -> Evidence:
     """The exact log evidence by quadrature over the hyper-parameters, truncation included.
 
-    InputError for a flat prior, whose evidence is undefined, a plan, or a tolerance that is not positive.
+    InputError for a flat prior, whose evidence is undefined, a plan, or a tolerance that is not
+    positive.
 
     Parameters
     ----------
@@ -68,20 +70,26 @@ def check_comparable(model: HybridModel, campaign: Campaign) -> None:
     """Refuse what has no evidence: improper priors, and plans."""
     require(
         not model.prior.flat,
-        "a model must have a proper prior to have an evidence, got a flat one. Use the default preset.",
+        "a model must have a proper prior to have an evidence, got a flat one. Use the default"
+        " preset.",
     )
     require(
         not campaign.is_plan,
-        "a campaign must have readings to give an evidence, got a plan. Run the tests, or simulate it.",
+        "a campaign must have readings to give an evidence, got a plan. Run the tests, or"
+        " simulate it.",
     )
 
 
 def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]:
-    """Return ln of the Bayes factor of a model, with this ``evidence``, over an ``other``, and its error [nat].
+    """Return ln of the Bayes factor of a model, with this ``evidence``, over an ``other``, and its
+    error [nat].
 
     InputError when the two are of different readings.
     """
-    got = f"got two campaigns ({evidence.sha256[:12]}… and {other.sha256[:12]}…). Compute both evidences with the same campaign."
+    got = (
+        f"got two campaigns ({evidence.sha256[:12]}… and {other.sha256[:12]}…). Compute both"
+        " evidences with the same campaign."
+    )
     require(
         evidence.sha256 == other.sha256,
         f"a Bayes factor must be between models of the same readings, {got}",
@@ -90,15 +98,16 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 
 
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
-    """ln P(T | y) of the untruncated posterior, and its error [nat]: from the same nodes with and without truncation, or where
-    that moves them too far from nodes of each."""
+    """ln P(T | y) of the untruncated posterior, and its error [nat]: from the same nodes with and
+    without truncation, or where that moves them too far from nodes of each."""
     plain, inside = truncated.plain.nodes(tolerance), truncated.nodes(tolerance)
     error = inside.error + plain.error
     log_value = inside.integral.log_integral - plain.integral.log_integral
     require(
         not log_value > _NEARLY_ONE + error,
-        f"the probability of physical compliances must not exceed one, got ln P = {log_value:.3g} ± {error:.2g}: readings "
-        "out of reach of double precision. Check their sign, the mount compensation and the forces.",
+        f"the probability of physical compliances must not exceed one, got ln P = {log_value:.3g} ±"
+        f" {error:.2g}: readings out of reach of double precision. Check their sign, the mount"
+        " compensation and the forces.",
     )
     return min(log_value, 0.0), error
 
@@ -120,15 +129,18 @@ def marginals(
     ----------
     ci_prob : probability of the equal-tailed credible interval.
     tolerance : relative error of the integrals behind means and standard deviations.
-    seed : of the points behind the quantiles; where a compliance is bounded their standard error is 0.5 % of probability.
+    seed : of the points behind the quantiles; where a compliance is bounded their standard error is
+        0.5 % of probability.
 
     Returns
     -------
-    Columns unit, mean, sd, median, ci_low, ci_high; one row per parameter and hyper-parameter, in mm, N, rad.
+    Columns unit, mean, sd, median, ci_low, ci_high; one row per parameter and hyper-parameter, in
+    mm, N, rad.
     """
     require(
         not campaign.is_plan,
-        "marginals must be asked of a campaign with readings, got a plan. Run the tests or simulate.",
+        "marginals must be asked of a campaign with readings, got a plan. Run the tests or"
+        " simulate.",
     )
     require(
         0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95."
@@ -165,8 +177,8 @@ def _silent() -> None:
 
 
 class Evidences(Shown):
-    """Nodes and evidences of the models of one campaign, or of the tests to ``keep`` of it, each with this error [nat];
-    ``progress`` is called after each."""
+    """Nodes and evidences of the models of one campaign, or of the tests to ``keep`` of it, each
+    with this error [nat]; ``progress`` is called after each."""
 
     shown = ("campaign", "tolerance", "every")
 
@@ -211,7 +223,8 @@ class Evidences(Shown):
         return [self._weighed[key] for key in keys]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
-        """As `of`, but to a coarse tolerance, and not among `every`, where all log evidences lie below a bound."""
+        """As `of`, but to a coarse tolerance, and not among `every`, where all log evidences lie
+        below a bound."""
         rough = [] if {*map(model_to_toml, models)} <= {*self._weighed} else self._rough.of(*models)
         if not rough or max(nodes.evidence.log_value + nodes.error for nodes in rough) > below:
             return self.of(*models)
@@ -220,7 +233,8 @@ class Evidences(Shown):
         return rough
 
     def apart(self, tolerance: float | None = None) -> Evidences:
-        """Others of the same readings, without models as yet, that look for modes near those found here."""
+        """Others of the same readings, without models as yet, that look for modes near those found
+        here."""
         found = Evidences(self.campaign, tolerance=tolerance or self.tolerance, keep=self._keep)
         found._modes = {**self._modes}
         return found
@@ -236,7 +250,8 @@ class Evidences(Shown):
         posterior = HyperPosterior(
             bound, truncated=bound.truncation.active, near=self._modes.get(names)
         )
-        # What models that are one Gaussian given φ have in common: all but slopes, their rivals and truncation.
+        # What models that are one Gaussian given φ have in common: all but slopes, their rivals and
+        # truncation.
         key = model_to_toml(
             model.without("truncation").with_slope_scale(1.0).with_degree(0).with_rivals()
         )
@@ -252,18 +267,21 @@ class Evidences(Shown):
 
 
 class _Relatives:
-    """Models that are one Gaussian given φ: p(φ | y) and P(T | y, φ) of one from the nodes of another, without truncation.
+    """Models that are one Gaussian given φ: p(φ | y) and P(T | y, φ) of one from the nodes of
+    another, without truncation.
 
-    They differ only in the prior sd of parameters and of rivals of slopes, s₀ there and s₁ here, or fix some at zero. Their
-    priors' ratio is a reading of the coefficient at its prior mean, of variance v = 1/(1/s₁² − 1/s₀²), or for one that is fixed
-    an exact one at zero (the Savage-Dickey ratio): the posterior is conditioned on one after the other.
+    They differ only in the prior sd of parameters and of rivals of slopes, s₀ there and s₁ here, or
+    fix some at zero. Their priors' ratio is a reading of the coefficient at its prior mean, of
+    variance v = 1/(1/s₁² − 1/s₀²), or for one that is fixed an exact one at zero (the Savage-Dickey
+    ratio): the posterior is conditioned on one after the other.
     """
 
     def __init__(self, plain: Nodes, tolerance: float) -> None:
         self._integral, self._bound, self._tolerance = plain.integral, plain.bound, tolerance
 
     def nodes(self, posterior: HyperPosterior) -> Nodes:
-        """Of the other model; nodes of its own where it has other parameters, or these do not suit it."""
+        """Of the other model; nodes of its own where it has other parameters, or these do not suit
+        it."""
         if not set(posterior.bound.coefficients) <= set(self._bound.coefficients):
             return posterior.nodes(self._tolerance)
         log_ratio, *_ = self._changed(posterior.bound, [], np.arange(len(self._integral.free)))
@@ -302,7 +320,8 @@ class _Relatives:
     def _changed(
         self, bound: BoundModel, own: list[int], nodes: Array
     ) -> tuple[Array, Array, Array]:
-        """ln of the ratio of p(y | φ) (n,), and ``own`` coefficients' mean and covariance under the other prior, at nodes."""
+        """ln of the ratio of p(y | φ) (n,), and ``own`` coefficients' mean and covariance under the
+        other prior, at nodes."""
         log_ratio, other = np.zeros(len(nodes)), bound.coefficients
         priors = [
             (*before, other.get(name, (0.0, 0.0))[1])
@@ -331,7 +350,8 @@ def leave_one_out(
     tolerance: float = 1e-2,
     progress: Callable[[], object] = lambda: None,
 ) -> dict[str, dict[str, Nodes]]:
-    """Of every model, by name, every test's name to the nodes of the other tests, from those of all; for at least two tests."""
+    """Of every model, by name, every test's name to the nodes of the other tests, from those of
+    all; for at least two tests."""
     bounds = [nodes.bound for nodes in weighed.values()]
     tests = bounds[0].test_names
     left: dict[str, dict[str, Nodes]] = {name: {} for name in weighed}
@@ -349,6 +369,7 @@ def leave_one_out(
 
 
 def probabilities(log_evidence: Array) -> Array:
-    """Posterior probabilities of models from their log evidences, shape (n,), at equal prior probabilities."""
+    """Posterior probabilities of models from their log evidences, shape (n,), at equal prior
+    probabilities."""
     share = np.exp(log_evidence - log_evidence.max())
     return np.asarray(share / share.sum())

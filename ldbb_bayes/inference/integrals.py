@@ -1,14 +1,17 @@
-"""∫ f of log densities on ℝ^h as sums over weighted nodes, with an error; nothing here knows of circles.
+"""∫ f of log densities on ℝ^h as sums over weighted nodes, with an error; nothing here knows of
+circles.
 
-In few dimensions the nodes are those of the trapezoidal rule on a grid that grows from the modes until nothing is left to find.
-For a smooth function that dies away on every side the rule converges geometrically in its step (Trefethen and Weideman, SIAM
-Review 56, 385-458, 2014). Two grids, the second moved by half a step along every axis, make one body-centred lattice: errors
-along single axes cancel in their mean.
+In few dimensions the nodes are those of the trapezoidal rule on a grid that grows from the modes
+until nothing is left to find. For a smooth function that dies away on every side the rule converges
+geometrically in its step (Trefethen and Weideman, SIAM Review 56, 385-458, 2014). Two grids, the
+second moved by half a step along every axis, make one body-centred lattice: errors along single
+axes cancel in their mean.
 
-In many dimensions they are quasi-random points of a proposal that is fitted, round by round, to where the weights are: a mixture
-of split Student-t along the axes of the modes (Geweke, Econometrica 57, 1317-1339, 1989). What a round finds is weighted by the
-proposal it was drawn from, never by one fitted to it: such weights are too small, by 0.1 nat in 45 dimensions.
-Where they cannot be trusted the nodes are emcee's draws, of equal weight, and ∫ f comes from bridge sampling.
+In many dimensions they are quasi-random points of a proposal that is fitted, round by round, to
+where the weights are: a mixture of split Student-t along the axes of the modes (Geweke,
+Econometrica 57, 1317-1339, 1989). What a round finds is weighted by the proposal it was drawn from,
+never by one fitted to it: such weights are too small, by 0.1 nat in 45 dimensions. Where they
+cannot be trusted the nodes are emcee's draws, of equal weight, and ∫ f comes from bridge sampling.
 """
 
 from __future__ import annotations
@@ -56,7 +59,9 @@ class Integral:
     log_volume: Array  # ln of the volume that each stands for
     part: NDArray[
         np.intp
-    ]  # which of several estimates of the integral a node belongs to: two grids, or independent scrambles
+        # which of several estimates of the integral a node belongs to: two grids, or independent
+        # scrambles
+    ]
     edge: NDArray[np.bool_]  # nodes of a lattice beyond which nothing was looked for
     proposal: (
         Mixture | None
@@ -64,7 +69,8 @@ class Integral:
     left_out: float = (
         0.0  # at most this share of the integral is in nodes whose density was not evaluated
     )
-    coarser: float = 0.0  # how far apart a lattice's two grids were with the step before this [nat]; zero of the first
+    # how far apart a lattice's two grids were with the step before this [nat]; zero of the first
+    coarser: float = 0.0
     bridge_error: float = (
         0.0  # of ln ∫ f by bridge sampling, where the nodes are emcee's draws; zero of others
     )
@@ -100,11 +106,12 @@ class Integral:
     def error(self) -> float:
         """Of ln ∫ f [nat].
 
-        Of a lattice a part of the two grids' difference, whose first order cancels in their mean, and what lies beyond the edge
-        or was not looked at. As steps shorten the difference may change sign: it counts as no less than a part of the one before.
-        Of a sample twice the scatter between independent scrambles; no less than half of what plain random numbers would leave,
-        as few scrambles may agree by luck; more where the tail of the weights is heavy, infinite where they cannot be trusted. Of
-        emcee's draws the bridge's besides.
+        Of a lattice a part of the two grids' difference, whose first order cancels in their mean,
+        and what lies beyond the edge or was not looked at. As steps shorten the difference may
+        change sign: it counts as no less than a part of the one before. Of a sample twice the
+        scatter between independent scrambles; no less than half of what plain random numbers would
+        leave, as few scrambles may agree by luck; more where the tail of the weights is heavy,
+        infinite where they cannot be trusted. Of emcee's draws the bridge's besides.
         """
         if not self.trusted:
             return np.inf
@@ -120,7 +127,8 @@ class Integral:
 
     @cached_property
     def pareto_k(self) -> float:
-        """Shape of the tail of weights (Vehtari et al. 2024): above 0.6 trust neither integral nor error. −inf for a lattice."""
+        """Shape of the tail of weights (Vehtari et al. 2024): above 0.6 trust neither integral nor
+        error. −inf for a lattice."""
         return -np.inf if self.proposal is None else _pareto_k(self._log_weight)
 
     @property
@@ -146,7 +154,8 @@ class Integral:
         return rng.permutation(self.free[order][np.minimum(reached, len(order) - 1)])
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
-        """Independent draws from a sample's proposal, shape (size, h); made wider by a temperature above one."""
+        """Independent draws from a sample's proposal, shape (size, h); made wider by a temperature
+        above one."""
         return cast(Mixture, self.proposal).draw(size, rng, temperature=temperature)
 
     def log_proposal(self, free: Array) -> Array:
@@ -154,8 +163,9 @@ class Integral:
         return cast(Mixture, self.proposal).log_density(free)
 
     def times(self, log_factor: Callable[[NDArray[np.intp]], Array], spare: float) -> Integral:
-        """∫ f g: ln g at the nodes of an index, (k,), is evaluated where they count. The others, a share ``spare`` of ∫ f, are
-        left out; their share of ∫ f g, were g as large there as anywhere, goes into the error."""
+        """∫ f g: ln g at the nodes of an index, (k,), is evaluated where they count. The others, a
+        share ``spare`` of ∫ f, are left out; their share of ∫ f g, were g as large there as
+        anywhere, goes into the error."""
         heavy, values = self._heavy(spare), np.full(len(self.free), -np.inf)
         factor = log_factor(heavy)
         values[heavy] = self.log_density[heavy] + factor
@@ -177,8 +187,9 @@ def integrate(
     step: float | None = None,
     seed: int = 0,
 ) -> Integral:
-    """∫ f from the modes of f, highest first, and a root (h, h) of the inverse curvature at each. A lattice, its first ``step``
-    in sd, in up to five dimensions; importance sampling in more, emcee where its weights fail. ``log_density``: (n, h) → (n,)."""
+    """∫ f from the modes of f, highest first, and a root (h, h) of the inverse curvature at each. A
+    lattice, its first ``step`` in sd, in up to five dimensions; importance sampling in more, emcee
+    where its weights fail. ``log_density``: (n, h) → (n,)."""
     if len(modes[0][0]) <= _LATTICE:
         return grow_lattice(log_density, modes, tolerance=tolerance, step=step)
     # What is averaged over the nodes adds errors of its own.
@@ -204,9 +215,10 @@ def grow_lattice(
     step: float | None = None,
     most: int = 200_000,
 ) -> Integral:
-    """A lattice whose error of ln ∫ f is below the tolerance: grown out from the modes to what no longer counts, its step
-    shortened as needed. Axes are those of the highest mode. The first ``step`` is in sd. At ``most`` nodes growing and shortening
-    stop, and the error says what was left out."""
+    """A lattice whose error of ln ∫ f is below the tolerance: grown out from the modes to what no
+    longer counts, its step shortened as needed. Axes are those of the highest mode. The first
+    ``step`` is in sd. At ``most`` nodes growing and shortening stop, and the error says what was
+    left out."""
     (centre, root), h = modes[0], len(modes[0][0])
     loose = tolerance >= _LOOSE
     depth, finer, coarser = 9.0 if loose else 5.5 - np.log(tolerance), 0.85, 0.0
@@ -250,7 +262,8 @@ def _grow(
     depth: float,
     most: int,
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Places of one grid, their log densities, and which of them are its edge: from the starts on, neighbours of what counts."""
+    """Places of one grid, their log densities, and which of them are its edge: from the starts on,
+    neighbours of what counts."""
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])
     corners = np.array(list(itertools.product((0.0, -1.0) if offset else (0.0,), repeat=h)))
@@ -284,7 +297,8 @@ def _key(index: Array) -> NDArray[np.int64]:
     return key
 
 
-# Light tails are fitted in many dimensions only: in few they gain little and leave corners of the density in the tail.
+# Light tails are fitted in many dimensions only: in few they gain little and leave corners of the
+# density in the tail.
 _FREEDOMS, _HEAVY_TAILS = np.array([3.0, 5.0, 9.0, 20.0]), 2
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
 _ALONG = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
@@ -294,9 +308,11 @@ _WIDER, _FITTED, _LIGHTEST = 1.05, 4096, 0.02
 
 @dataclass(frozen=True, eq=False)
 class SplitT:
-    """x = centre + root z, every z independent, Student-t with a scale and degrees of freedom for each side of zero.
+    """x = centre + root z, every z independent, Student-t with a scale and degrees of freedom for
+    each side of zero.
 
-    ``scale`` and ``freedom`` are (2, h): below, above. The density is continuous: both sides have the same height at zero.
+    ``scale`` and ``freedom`` are (2, h): below, above. The density is continuous: both sides have
+    the same height at zero.
     """
 
     centre: Array
@@ -377,10 +393,11 @@ def importance_sample(
     most: int = 65_536,
     tries: int = 2,
 ) -> Integral:
-    """Quasi-random points whose error of ln ∫ f is below the tolerance and whose weights can be trusted; or the best of five
-    rounds, of up to ``most`` points. A round draws from the mixture fitted to all rounds before it, the first to the density
-    along the axes of every mode. Where the weights are even enough it draws on, twice as many, instead of fitting again. Where
-    none can be trusted another seed is tried: a round may miss a tail by luck."""
+    """Quasi-random points whose error of ln ∫ f is below the tolerance and whose weights can be
+    trusted; or the best of five rounds, of up to ``most`` points. A round draws from the mixture
+    fitted to all rounds before it, the first to the density along the axes of every mode. Where the
+    weights are even enough it draws on, twice as many, instead of fitting again. Where none can be
+    trusted another seed is tried: a round may miss a tail by luck."""
     rng, h = np.random.default_rng(seed), len(modes[0][0])
     proposal = Mixture(
         tuple(_along_axes(log_density, *mode) for mode in modes),
@@ -452,8 +469,8 @@ def _along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
 
 
 def _fitted(rounds: Sequence[Integral]) -> Mixture:
-    """The mixture that fits the points of all rounds, weighted by the mixture of all their proposals; weights are evened out
-    while few points would carry all."""
+    """The mixture that fits the points of all rounds, weighted by the mixture of all their
+    proposals; weights are evened out while few points would carry all."""
     proposals = [own.proposal for own in rounds if own.proposal is not None]
     points, values = (
         np.concatenate(own)
@@ -487,8 +504,8 @@ def _moved(proposal: Mixture, points: Array, weight: Array) -> Mixture:
 
 
 def _refitted(component: SplitT, points: Array, weight: Array) -> SplitT:
-    """A component moved, turned and stretched to the mean, covariance and tails of weighted points; correlations are drawn
-    towards none where few points carry them."""
+    """A component moved, turned and stretched to the mean, covariance and tails of weighted points;
+    correlations are drawn towards none where few points carry them."""
     order = np.linspace(0.0, 1.0, _FITTED, endpoint=False) + 0.5 / _FITTED
     z = np.linalg.solve(component.root, (points - component.centre).T).T
     ess, h = 1.0 / (weight**2).sum(), z.shape[1]
@@ -508,8 +525,8 @@ def _refitted(component: SplitT, points: Array, weight: Array) -> SplitT:
 
 
 def _fit_axes(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
-    """A split t most likely along every axis, from places z (n, h) with weights (n, h) that sum to one: scales by EM steps,
-    degrees of freedom and the middle from a few."""
+    """A split t most likely along every axis, from places z (n, h) with weights (n, h) that sum to
+    one: scales by EM steps, degrees of freedom and the middle from a few."""
     h = z.shape[1]
     freedoms = _FREEDOMS[:_HEAVY_TAILS] if h <= _LATTICE else _FREEDOMS
     best: tuple[Array, ...] = (np.zeros(h), np.ones((2, h)), np.ones((2, h)))
@@ -552,11 +569,13 @@ _WIDE, _WANDERED, _APART, _SETTLED = 1.5, 20.0, 1.2, 1e-6
 
 
 def bridge_sample(log_density: LogDensity, sample: Integral, *, seed: int = 0) -> Integral:
-    """emcee's draws as nodes of equal weight, ∫ f by bridge sampling; the sample itself where ensembles do not converge.
+    """emcee's draws as nodes of equal weight, ∫ f by bridge sampling; the sample itself where
+    ensembles do not converge.
 
-    Half of the ensembles start from the sample's heavy points, half from wide draws of its proposal. To one half a proposal is
-    fitted; the other, with draws of that proposal, gives ∫ f (Meng and Wong, Statistica Sinica 6, 831-860, 1996; Gronau et al.,
-    J. Math. Psych. 81, 80-97, 2017). Then they change roles: the two results must agree within the error.
+    Half of the ensembles start from the sample's heavy points, half from wide draws of its
+    proposal. To one half a proposal is fitted; the other, with draws of that proposal, gives ∫ f
+    (Meng and Wong, Statistica Sinica 6, 831-860, 1996; Gronau et al., J. Math. Psych. 81, 80-97,
+    2017). Then they change roles: the two results must agree within the error.
     """
     random = np.random.RandomState(seed)
     chain = _chain(log_density, sample, random)
@@ -585,9 +604,10 @@ def bridge_sample(log_density: LogDensity, sample: Integral, *, seed: int = 0) -
 def _chain(
     log_density: LogDensity, sample: Integral, random: np.random.RandomState
 ) -> Array | None:
-    """Draws of f, shape (ensembles, walkers, draws, h), of ensembles that have each been everywhere; none where they have not.
-    The walkers of an ensemble wander together, unseen by diagnostics that take them for chains: it is their mean ln f, in the
-    order of time, that must mix. Until it does a run three times as long begins where the last one ended."""
+    """Draws of f, shape (ensembles, walkers, draws, h), of ensembles that have each been
+    everywhere; none where they have not. The walkers of an ensemble wander together, unseen by
+    diagnostics that take them for chains: it is their mean ln f, in the order of time, that must
+    mix. Until it does a run three times as long begins where the last one ended."""
     h = sample.free.shape[1]
     half = _ENSEMBLES // 2 * (walkers := max(_WALKERS, 4 * h))
     heavy = np.argsort(-sample._log_weight - random.gumbel(size=len(sample.free)))[:half]
@@ -612,9 +632,9 @@ def _chain(
 def _bridge(
     log_density: LogDensity, sample: Integral, fitted: Array, chain: Array, rng: Random
 ) -> tuple[float, float, Mixture]:
-    """ln ∫ f from one chain (ensembles, walkers, draws, h) and draws of a proposal fitted to another; its standard error
-    (Frühwirth-Schnatter, Econometrics Journal 7, 143-167, 2004), the chain's from means over walkers in the order of time; and
-    the proposal."""
+    """ln ∫ f from one chain (ensembles, walkers, draws, h) and draws of a proposal fitted to
+    another; its standard error (Frühwirth-Schnatter, Econometrics Journal 7, 143-167, 2004), the
+    chain's from means over walkers in the order of time; and the proposal."""
     own, points = (each.reshape(-1, chain.shape[3]) for each in (fitted, chain))
     proposal = cast(Mixture, sample.proposal)
     for _ in range(2):
@@ -646,8 +666,8 @@ def _bridge(
 
 
 def _pareto_k(log_weight: Array) -> float:
-    """Shape of the generalised Pareto tail of weights (Zhang and Stephens, Technometrics 51, 316-325, 2009), drawn towards 0.5 as
-    ten more points would; −inf where they are equal."""
+    """Shape of the generalised Pareto tail of weights (Zhang and Stephens, Technometrics 51,
+    316-325, 2009), drawn towards 0.5 as ten more points would; −inf where they are equal."""
     size = int(np.ceil(min(0.2 * len(log_weight), 3.0 * np.sqrt(len(log_weight)))))
     ordered = np.exp(np.sort(log_weight)[-size - 1 :] - log_weight.max())
     tail = ordered[1:] - ordered[0]

@@ -1,4 +1,5 @@
-"""Log densities sampled by ensembles of walkers, run until there is enough, knowing no circles. The only importer of emcee."""
+"""Log densities sampled by ensembles of walkers, run until there is enough, knowing no circles. The
+only importer of emcee."""
 
 from __future__ import annotations
 
@@ -34,19 +35,23 @@ _TAILS, _ROUNDING = (0.05, 0.95), 1e-15
 
 @dataclass(frozen=True)
 class StoppingRule(Shown):
-    """When to stop: every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, or ``max_steps`` are spent."""
+    """When to stop: every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, or
+    ``max_steps`` are spent."""
 
     ess: float = 1000.0
     rhat: float = 1.01
     max_steps: int = 20_000  #: of each ensemble
-    block: int = 20  #: steps between the first looks; later ones are further apart, and of a long run not every step is stored
+    #: steps between the first looks; later ones are further apart, and of a long run not every step
+    #: is stored
+    block: int = 20
     discard: float = 0.25  #: share of the stored draws given up as burn-in at every look
     #: The kept part must also be this many autocorrelation times long, as implied by the smallest bulk ESS: an ensemble that has
     #: hardly moved can look well mixed.
     lengths: float = 6.0
 
     def next_block(self, steps: int) -> tuple[int, int]:
-        """Draws stored in the block that follows so many steps, and steps between them. The target does not enter."""
+        """Draws stored in the block that follows so many steps, and steps between them. The target
+        does not enter."""
         doublings = min(int(np.log2(1.0 + steps / (_BLOCKS_A_LEVEL * self.block))), _MOST_DOUBLINGS)
         thin = 2 ** max(doublings - _DOUBLINGS_STORED, 0)
         return self.block * 2**doublings // thin, thin
@@ -54,7 +59,8 @@ class StoppingRule(Shown):
 
 @dataclass(frozen=True)
 class Assessment:
-    """The worst ESS and R-hat over all parameters; ``worst`` is the number of the one with the smallest ESS."""
+    """The worst ESS and R-hat over all parameters; ``worst`` is the number of the one with the
+    smallest ESS."""
 
     ess_bulk_min: float
     ess_tail_min: float
@@ -62,7 +68,8 @@ class Assessment:
     worst: int = 0
 
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:
-        """Whether the target is reached by this many walkers in all (0: independent draws); false where one is not a number."""
+        """Whether the target is reached by this many walkers in all (0: independent draws); false
+        where one is not a number."""
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
@@ -77,7 +84,8 @@ class Assessment:
 
 @dataclass(frozen=True)
 class Progress:
-    """What a run reports at every look; ``seconds_left`` is an estimate, None while there is nothing to go by."""
+    """What a run reports at every look; ``seconds_left`` is an estimate, None while there is
+    nothing to go by."""
 
     steps: int
     max_steps: int
@@ -88,7 +96,8 @@ class Progress:
 
 @dataclass(frozen=True, eq=False)
 class EnsembleRun:
-    """A chain (ensembles, draws, d), walker-major; steps and walkers of each ensemble; and the mean acceptance fraction."""
+    """A chain (ensembles, draws, d), walker-major; steps and walkers of each ensemble; and the mean
+    acceptance fraction."""
 
     chain: Array
     assessment: Assessment
@@ -99,7 +108,8 @@ class EnsembleRun:
 
 
 def diagnose(chain: Array) -> Array:
-    """Bulk ESS, tail ESS and rank-normalised split R-hat (Vehtari et al. 2021), shape (3, d), of a chain (chains, draws, d)."""
+    """Bulk ESS, tail ESS and rank-normalised split R-hat (Vehtari et al. 2021), shape (3, d), of a
+    chain (chains, draws, d)."""
     draws = np.ascontiguousarray(np.moveaxis(chain, 2, 0), dtype=float)
     flat, half = draws.reshape(len(draws), -1), draws.shape[2] // 2
     split = np.concatenate([draws[..., :half], draws[..., -half:]], axis=1)
@@ -116,7 +126,8 @@ def diagnose(chain: Array) -> Array:
 
 
 def _rank_normalised(draws: Array) -> Array:
-    """Normal scores of the ranks of (d, chains, draws) among all chains and draws of a quantity; equal values share a rank."""
+    """Normal scores of the ranks of (d, chains, draws) among all chains and draws of a quantity;
+    equal values share a rank."""
     flat = draws.reshape(len(draws), -1)
     n, order = flat.shape[1], np.argsort(flat, axis=1)
     ordered, place = np.take_along_axis(flat, order, axis=1), np.arange(flat.shape[1])
@@ -143,7 +154,8 @@ def _rhat(draws: Array) -> Array:
 
 
 def _ess(draws: Array) -> Array:
-    """ESS of (d, chains, draws), shape (d,): autocorrelations summed in pairs while these are positive, made to fall (Geyer)."""
+    """ESS of (d, chains, draws), shape (d,): autocorrelations summed in pairs while these are
+    positive, made to fall (Geyer)."""
     _, chains, n = draws.shape
     centred = draws - draws.mean(axis=2, keepdims=True)
     transform = np.fft.rfft(centred, 1 << (2 * n - 1).bit_length(), axis=2)
@@ -178,7 +190,8 @@ def assess(chain: Array) -> Assessment:
 
 @cache
 def _emcee() -> Any:
-    """emcee. It imports scipy.stats, a second, for a move that is not used here: that one gets it when it is first called."""
+    """emcee. It imports scipy.stats, a second, for a move that is not used here: that one gets it
+    when it is first called."""
     if hidden := "scipy.stats" not in sys.modules:
         sys.modules["scipy.stats"] = None  # type: ignore[assignment]
     try:
@@ -202,9 +215,10 @@ def run_ensembles(
     progress: Callable[[Progress], None] | None = None,
     redraw: Redraw | None = None,
 ) -> EnsembleRun:
-    """Run one ensemble per start until the rule is met: differential evolution, mixed with independent draws from ``redraw``.
-    ``log_density`` maps (n, d) to (n,), where −inf is allowed, NaN is not; ``starts`` are (ensembles, walkers, d). Most looks
-    assess only the coordinate that was worst at the last."""
+    """Run one ensemble per start until the rule is met: differential evolution, mixed with
+    independent draws from ``redraw``. ``log_density`` maps (n, d) to (n,), where −inf is allowed,
+    NaN is not; ``starts`` are (ensembles, walkers, d). Most looks assess only the coordinate that
+    was worst at the last."""
     twisters: Any = [
         np.random.RandomState(child.generate_state(8)).get_state()
         for child in seed.spawn(len(starts))
@@ -265,14 +279,16 @@ def _sampler(
 
 
 def _run_block(sampler: Any, state: Any, draws: int, thin: int) -> tuple[Array, Any, float]:
-    """The next stretch of one ensemble, shape (draws, walkers, d), the state it ends in, proposals accepted per stored step."""
+    """The next stretch of one ensemble, shape (draws, walkers, d), the state it ends in, proposals
+    accepted per stored step."""
     sampler.reset()
     end = sampler.run_mcmc(state, draws, thin_by=thin, skip_initial_state_check=True)
     return sampler.get_chain(), end, sampler.backend.accepted.sum() / (draws * sampler.nwalkers)
 
 
 def _kept_draws(parts: list[tuple[int, Array]], rule: StoppingRule) -> Array:
-    """Draws after burn-in, walker-major, at the spacing of the last block, wider where there are very many."""
+    """Draws after burn-in, walker-major, at the spacing of the last block, wider where there are
+    very many."""
     strides = [parts[-1][0] // thin for thin, _ in parts]
     every = np.concatenate(
         [own[:, stride - 1 :: stride] for stride, (_, own) in zip(strides, parts, strict=True)],
@@ -287,21 +303,24 @@ def _kept_draws(parts: list[tuple[int, Array]], rule: StoppingRule) -> Array:
 
 
 class Redraw(Protocol):
-    """Independent points (size, d), their log weights, target over proposal, and log densities; and log weights of any points."""
+    """Independent points (size, d), their log weights, target over proposal, and log densities; and
+    log weights of any points."""
 
     def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array, Array]: ...
     def log_weight(self, points: Array) -> Array: ...
 
 
 class RedrawMove:
-    """Independent proposals for all walkers (Tierney 1994), accepted by weights, target over proposal, there and here."""
+    """Independent proposals for all walkers (Tierney 1994), accepted by weights, target over
+    proposal, there and here."""
 
     def __init__(self, redraw: Redraw) -> None:
         self._redraw, self._stock = redraw, list[Array]()
         self._before, self._weight = np.zeros(0), np.zeros(0)
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """The next state of the ensemble, and whose proposals were accepted; weights are kept of walkers that stayed."""
+        """The next state of the ensemble, and whose proposals were accepted; weights are kept of
+        walkers that stayed."""
         size, moved = len(state.coords), np.ones(len(state.coords), dtype=bool)
         if self._before.size:
             moved = (state.coords != self._before).any(axis=1)

@@ -1,4 +1,5 @@
-"""p(φ | y), everything linear integrated out: its modes, weighted nodes, draws, and what is averaged over the nodes."""
+"""p(φ | y), everything linear integrated out: its modes, weighted nodes, draws, and what is
+averaged over the nodes."""
 
 from __future__ import annotations
 
@@ -63,7 +64,8 @@ class HyperPosterior:
     Parameters
     ----------
     bound : BoundModel
-    truncated : include P(T | y, φ), the probability of physical compliances (whether or not the model imposes them).
+    truncated : include P(T | y, φ), the probability of physical compliances (whether or not the
+        model imposes them).
     seed : of the starting points of the search and of the quasi-random points of P(T | y, φ).
     near : ndarray, shape (h,), optional
         Free coordinates of the mode of a density much like this one; saves the search for it.
@@ -77,7 +79,8 @@ class HyperPosterior:
 
     @cached_property
     def modes(self) -> list[tuple[Array, Array]]:
-        """Every mode (h,) that was found and counts, the highest first, and a root (h, h) of the inverse curvature there."""
+        """Every mode (h,) that was found and counts, the highest first, and a root (h, h) of the
+        inverse curvature there."""
         climbed = [
             newton(self._smooth, self._derivatives, start, least_curvature=_FLATTEST)
             for start in self._starts()
@@ -101,7 +104,8 @@ class HyperPosterior:
         return self.bound.given(self.bound.hyper_prior.phi(free))
 
     def log_density(self, free: Array, *, smooth: bool = False) -> Array:
-        """ln p(y, free coordinates), shape (w,), where truncated with ln P(T | y, φ) or its upper bound, cheaper and smooth."""
+        """ln p(y, free coordinates), shape (w,), where truncated with ln P(T | y, φ) or its upper
+        bound, cheaper and smooth."""
         total = self.bound.hyper_prior.log_density_of_free(free)
         inside = np.isfinite(total)
         if inside.any() and self.truncated:
@@ -115,7 +119,8 @@ class HyperPosterior:
         return np.asarray(total)
 
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
-        """Weighted nodes of p(y, free coordinates) to this tolerance [nat]; of their own where truncation moves it far."""
+        """Weighted nodes of p(y, free coordinates) to this tolerance [nat]; of their own where
+        truncation moves it far."""
         if not self.truncated:
             if tolerance not in self._kept:
                 self._kept[tolerance] = integrate(
@@ -138,8 +143,9 @@ class HyperPosterior:
         *,
         bounded: bool = False,
     ) -> Nodes:
-        """Nodes of a density without truncation times P(T | y, φ), or of one ``bounded`` times what the bound is too large by;
-        ``orthant`` of an index of them, where known. Nodes share points: their errors add up."""
+        """Nodes of a density without truncation times P(T | y, φ), or of one ``bounded`` times what
+        the bound is too large by; ``orthant`` of an index of them, where known. Nodes share points:
+        their errors add up."""
         most = CHUNK if orthant is None else 4 * CHUNK
         orthant = orthant or (lambda index: self.given(integral.free[index])[1].orthant)
         error = np.zeros(len(integral.free))
@@ -211,7 +217,8 @@ class HyperPosterior:
         return basins
 
     def _corners(self) -> Iterator[tuple[Array, Array]]:
-        """Where one noise vanishes and the others make up for it, as `modes`; from there ln p falls by one for each unit."""
+        """Where one noise vanishes and the others make up for it, as `modes`; from there ln p falls
+        by one for each unit."""
         for j in range(len(self.mode) if len(self.mode) <= _MOST_WITH_CORNERS else 0):
             free = np.arange(len(self.mode)) != j
 
@@ -241,7 +248,9 @@ def _root(hessian: Array) -> Array:
 class Evidence:
     """ln Z of a model and a campaign."""
 
-    log_value: float  #: ln of the density of the readings in mm; only differences between models of the same readings count
+    #: ln of the density of the readings in mm; only differences between models of the same readings
+    #: count
+    log_value: float
     error: float  #: [nat]
     nodes: int  #: of the quadrature
     sha256: str  #: digest of the readings it is of
@@ -259,7 +268,8 @@ _SPARE, _COMPONENTS = 1e-7, 8192
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """p(φ | y) as weighted nodes, and what is averaged over them; ``doubt``: the error of the mean of P(T | y, φ) [nat]."""
+    """p(φ | y) as weighted nodes, and what is averaged over them; ``doubt``: the error of the mean
+    of P(T | y, φ) [nat]."""
 
     posterior: HyperPosterior
     integral: Integral
@@ -272,7 +282,8 @@ class Nodes:
 
     @property
     def error(self) -> float:
-        """Of the log evidence [nat]: the nodes' and, truncated, those of P(T | y, φ) and P(T | prior)."""
+        """Of the log evidence [nat]: the nodes' and, truncated, those of P(T | y, φ) and P(T |
+        prior)."""
         return (
             self.integral.error
             + self.doubt
@@ -280,7 +291,8 @@ class Nodes:
         )
 
     def suit(self, tolerance: float) -> bool:
-        """Whether more nodes are not needed: P(T | y, φ) may leave them less than the tolerance, though not below its half."""
+        """Whether more nodes are not needed: P(T | y, φ) may leave them less than the tolerance,
+        though not below its half."""
         return self.integral.error <= tolerance - (
             self.doubt if self.doubt < tolerance / 2.0 else 0.0
         )
@@ -304,19 +316,22 @@ class Nodes:
         )
 
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """β given nodes picked by their weights, shape (size, p), and their φ, shape (size, h) [mm]."""
+        """β given nodes picked by their weights, shape (size, p), and their φ, shape (size, h)
+        [mm]."""
         free = self.integral.pick(size, rng)
         return draw_parameters_given(self.posterior, free, rng), self.bound.hyper_prior.phi(free)
 
     def moments(self, *, spare: float = _SPARE, points: int = 512) -> tuple[Array, Array]:
-        """Mean and sd of β, each (p,): those given φ, from so many points, averaged over nodes but for a share ``spare``."""
+        """Mean and sd of β, each (p,): those given φ, from so many points, averaged over nodes but
+        for a share ``spare``."""
         free, weight = self.integral.heaviest(spare)
         every, variance = self._given(free, lambda orthant: orthant.moments(points)[:2])
         mean = weight @ every
         return mean, np.sqrt(weight @ (variance + (every - mean) ** 2))
 
     def quantiles(self, levels: Array, *, seed: int, components: int = _COMPONENTS) -> Array:
-        """Quantiles of β, shape (levels, p): of Gaussians given φ and, inside the truncation, the constrained directions."""
+        """Quantiles of β, shape (levels, p): of Gaussians given φ and, inside the truncation, the
+        constrained directions."""
         rng = np.random.default_rng(seed)
 
         def drawn(orthant: Orthant) -> tuple[Array, Array]:
@@ -330,7 +345,8 @@ class Nodes:
     def _given(
         self, free: Array, inside: Callable[[Orthant], tuple[Array, Array]]
     ) -> Iterator[Array]:
-        """Means and variances of β given φ, (w, p) each; ``inside``: mean and covariance along the axes truncation acts on."""
+        """Means and variances of β given φ, (w, p) each; ``inside``: mean and covariance along the
+        axes truncation acts on."""
         parts = []
         for start in range(0, len(free), CHUNK):
             _, given = self.posterior.given(free[start : start + CHUNK])
@@ -354,8 +370,9 @@ _FEW_INSIDE, _INSIDE, _ENVELOPE = 0.02, 4.0, 2.0
 def conditional_draws(
     bound: BoundModel, free: Array, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """One draw of β (w, p) for each free coordinates from its exact conditional Gaussian inside the truncation; and whether it is
-    exact: not where the rejection sampler gave up, or rounding left β outside."""
+    """One draw of β (w, p) for each free coordinates from its exact conditional Gaussian inside the
+    truncation; and whether it is exact: not where the rejection sampler gave up, or rounding left β
+    outside."""
     beta, exact = np.zeros((len(free), len(bound.names))), np.ones(len(free), dtype=bool)
     nodes, node = np.unique(free, axis=0, return_inverse=True)
     once = bound.given(bound.hyper_prior.phi(nodes))[1] if 2 * len(nodes) <= len(free) else None
@@ -373,12 +390,14 @@ def conditional_draws(
 
 
 def draw_parameters_given(start: HyperPosterior, free: Array, rng: np.random.Generator) -> Array:
-    """β given each φ, shape (w, p): exact conditional draws, repeated until all are inside the truncation.
+    """β given each φ, shape (w, p): exact conditional draws, repeated until all are inside the
+    truncation.
 
     Raises
     ------
     InputError
-        When rounds of exact rejection leave some undrawn: the readings leave no room inside the truncation.
+        When rounds of exact rejection leave some undrawn: the readings leave no room inside the
+        truncation.
     """
     beta, missing = np.zeros((len(free), len(start.bound.names))), np.arange(len(free))
     for _ in range(1 + _ROUNDS_INSIDE):
@@ -387,23 +406,27 @@ def draw_parameters_given(start: HyperPosterior, free: Array, rng: np.random.Gen
         if not missing.size:
             return beta
     raise InputError(
-        "the posterior must leave room where no compliance is negative, got no draw that falls there. The readings contradict "
-        "non-negative compliance: check signs, mount compensation and forces, or fit --without truncation."
+        "the posterior must leave room where no compliance is negative, got no draw that falls"
+        " there. The readings contradict non-negative compliance: check signs, mount compensation"
+        " and forces, or fit --without truncation."
     )
 
 
 class TooRoughError(Exception):
-    """The density of the hyper-parameters is too rough to be drawn from independently: emcee must take over."""
+    """The density of the hyper-parameters is too rough to be drawn from independently: emcee must
+    take over."""
 
 
 def draw_jointly(
     start: HyperPosterior, size: int, rng: np.random.Generator
 ) -> tuple[Array, Array, float]:
-    """Independent draws of free coordinates (size, h) and β (size, p), and the share of proposals used.
+    """Independent draws of free coordinates (size, h) and β (size, p), and the share of proposals
+    used.
 
-    Rejection from the proposal of a sample. Truncated, several β are drawn for each φ without truncation, and φ counts by how
-    many are inside: exact, as that share is P(T | y, φ) on average. Where few are, φ is drawn by P(T | y, φ) itself, and β by
-    tilting. A φ that passes the envelope is used as often as it is owed, with another β.
+    Rejection from the proposal of a sample. Truncated, several β are drawn for each φ without
+    truncation, and φ counts by how many are inside: exact, as that share is P(T | y, φ) on average.
+    Where few are, φ is drawn by P(T | y, φ) itself, and β by tilting. A φ that passes the envelope
+    is used as often as it is owed, with another β.
 
     Raises
     ------
@@ -461,7 +484,8 @@ def _owed(log_weight: Array, rng: np.random.Generator) -> Index:
 def _inside(
     given: ParameterConditional, tries: int, rng: np.random.Generator, *, truncated: bool = True
 ) -> tuple[Array, Array]:
-    """Standard coordinates (w, tries, p) of draws without truncation, those inside it first, and how many are, (w,)."""
+    """Standard coordinates (w, tries, p) of draws without truncation, those inside it first, and
+    how many are, (w,)."""
     white = rng.standard_normal((len(given.mean), tries, given.mean.shape[1]))
     rows = given.physical.rows[: None if truncated else 0]
     value = white @ np.swapaxes(given.spread(rows), 1, 2) + (given.mean @ rows.T)[:, None]
@@ -471,7 +495,8 @@ def _inside(
 
 
 def _share_inside(start: HyperPosterior, rng: np.random.Generator) -> float:
-    """P(T | y), roughly: the share of draws without truncation, of the heaviest nodes, that are inside."""
+    """P(T | y), roughly: the share of draws without truncation, of the heaviest nodes, that are
+    inside."""
     proposal = start.plain.proposal
     count = _inside(start.given(proposal.pick(CHUNK, rng))[1], _MOST_TRIES, rng)[1]
     return max(float(count.mean()) / _MOST_TRIES, 1e-9)

@@ -1,4 +1,5 @@
-"""The posterior as an xarray DataTree in ArviZ's layout: build, assess, save, load, predict. The only importer of ArviZ."""
+"""The posterior as an xarray DataTree in ArviZ's layout: build, assess, save, load, predict. The
+only importer of ArviZ."""
 
 from __future__ import annotations
 
@@ -116,10 +117,12 @@ class ConcernKind(StrEnum):
 class Concern(Result):
     """One thing to mind, with ``value`` and ``limit``.
 
-    NOT_CONVERGED: steps, and the ESS they were to reach. TRUNCATION: ln P(T | y), and the least expected. FORCES: force levels,
-    and how many the degree needs. HYPER: median [mm] of the hyper-parameter ``name``, and its prior's quantile at 99.9 %.
-    CENTRE: the p-value of no shift of the circle's centre along the axis ``name`` in proportion to force. PRIOR: distance of the
-    mean of the parameter ``name`` from its stated prior mean, and the largest expected, in sd of what the prior lets one expect.
+    NOT_CONVERGED: steps, and the ESS they were to reach. TRUNCATION: ln P(T | y), and the least
+    expected. FORCES: force levels, and how many the degree needs. HYPER: median [mm] of the
+    hyper-parameter ``name``, and its prior's quantile at 99.9 %. CENTRE: the p-value of no shift of
+    the circle's centre along the axis ``name`` in proportion to force. PRIOR: distance of the mean
+    of the parameter ``name`` from its stated prior mean, and the largest expected, in sd of what
+    the prior lets one expect.
     """
 
     kind: ConcernKind
@@ -164,7 +167,8 @@ class Fit(Result):
 
     @property
     def misfits(self) -> tuple[predictive.Check, ...]:
-        """Those for which intervals would move: by half a u without the test, or by a tenth of their width."""
+        """Those for which intervals would move: by half a u without the test, or by a tenth of
+        their width."""
 
         def moves(own: predictive.Check) -> bool:
             return (
@@ -187,7 +191,8 @@ class Fit(Result):
 
     @property
     def state(self) -> State:
-        """Unusable: not converged. Doubtful: readings that the model does not expect, or against non-negative compliance."""
+        """Unusable: not converged. Doubtful: readings that the model does not expect, or against
+        non-negative compliance."""
         kinds = {concern.kind for concern in self.concerns}
         if ConcernKind.NOT_CONVERGED in kinds:
             return State.UNUSABLE
@@ -195,7 +200,8 @@ class Fit(Result):
 
     @property
     def sensitive(self) -> tuple[str, ...]:
-        """Parameters whose posterior moves with the prior (power-scaling sensitivity above 0.05), most first."""
+        """Parameters whose posterior moves with the prior (power-scaling sensitivity above 0.05),
+        most first."""
         found = [name for name in self.parameters if self.sensitivity[name]["prior"] > _SENSITIVE]
         return tuple(ranked(found, lambda name: self.sensitivity[name]["prior"]))
 
@@ -208,11 +214,13 @@ class Fit(Result):
 def power_sensitivity(
     draws: Mapping[str, Array], scaled: Mapping[str, Array]
 ) -> dict[str, dict[str, float]]:
-    """How much each parameter's posterior changes when a part of the joint density is raised to a power near one.
+    """How much each parameter's posterior changes when a part of the joint density is raised to a
+    power near one.
 
-    Of draws and of the log densities of parts, each (chains, draws). Above 0.05 counts as sensitive; 0 where a part is constant.
-    The cumulative Jensen-Shannon distance by which a power of two would move it (Kallioinen et al. 2023), the larger of those of
-    x and −x; weights are too even to need smoothing.
+    Of draws and of the log densities of parts, each (chains, draws). Above 0.05 counts as
+    sensitive; 0 where a part is constant. The cumulative Jensen-Shannon distance by which a power
+    of two would move it (Kallioinen et al. 2023), the larger of those of x and −x; weights are too
+    even to need smoothing.
     """
     every = np.stack([values.ravel() for values in draws.values()])
     order = np.argsort(every, axis=1)
@@ -234,7 +242,8 @@ def power_sensitivity(
 
 
 def _apart(one: Array, other: Array, widths: Array) -> Array:
-    """Cumulative Jensen-Shannon distance of distribution functions (d, n) on steps of these widths."""
+    """Cumulative Jensen-Shannon distance of distribution functions (d, n) on steps of these
+    widths."""
     middle, shift = 0.5 * (one + other), 0.5 / np.log(2.0) * (widths * (other - one)).sum(axis=1)
     divergence = [(widths * own * np.log2(own / middle)).sum(axis=1) for own in (one, other)]
     total = np.maximum(divergence[0] + shift, 0.0) + np.maximum(divergence[1] - shift, 0.0)
@@ -242,9 +251,10 @@ def _apart(one: Array, other: Array, widths: Array) -> Array:
 
 
 def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
-    """Weights of importance sampling (n,), their largest smoothed by a Pareto tail (Vehtari et al. 2024), from ln of target over
-    proposal at independent draws, up to a constant; Pareto's k̂, infinite when hardly a draw counts or the tail cannot be judged,
-    −inf for equal weights; and the k̂ above which weights cannot be trusted."""
+    """Weights of importance sampling (n,), their largest smoothed by a Pareto tail (Vehtari et al.
+    2024), from ln of target over proposal at independent draws, up to a constant; Pareto's k̂,
+    infinite when hardly a draw counts or the tail cannot be judged, −inf for equal weights; and the
+    k̂ above which weights cannot be trusted."""
     good_k = min(0.7, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < np.sqrt(np.finfo(float).eps):
         return np.full(len(log_ratio), 1.0 / len(log_ratio)), -np.inf, good_k
@@ -264,7 +274,8 @@ def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
 def build_tree(
     groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, record: Mapping[str, Any]
 ) -> xr.DataTree:
-    """A DataTree of groups of arrays, those sampled (chain, draw, …), and ``record`` as JSON in the group ``provenance``."""
+    """A DataTree of groups of arrays, those sampled (chain, draw, …), and ``record`` as JSON in the
+    group ``provenance``."""
     import xarray as xr
     from xarray.indexes import PandasIndex
 
@@ -273,7 +284,8 @@ def build_tree(
     sets = {}
     for group, arrays in groups.items():
         sampled = () if group.endswith("_data") else ("chain", "draw")
-        # Made so, and read by .values, arrays do not have xarray import Dask to see whether they are its own.
+        # Made so, and read by .values, arrays do not have xarray import Dask to see whether they
+        # are its own.
         variables = {
             name: xr.Variable(
                 (*sampled, *_DIMS.get(name, ())),
@@ -305,34 +317,39 @@ def build_tree(
 
 
 def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
-    """Write the tree to one netCDF file (h5netcdf), whole or not at all; made in memory: HDF5 does not survive a full disk."""
+    """Write the tree to one netCDF file (h5netcdf), whole or not at all; made in memory: HDF5 does
+    not survive a full disk."""
     target, tree = Path(path), tree.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
     dask = sys.modules.get("dask")
-    # Within a job of Dask xarray would ask the cluster for a lock on what is in this process's memory.
+    # Within a job of Dask xarray would ask the cluster for a lock on what is in this process's
+    # memory.
     with nullcontext() if dask is None else dask.config.set(scheduler="synchronous"):
         write_whole(target, bytes(tree.to_netcdf(engine="h5netcdf")))
     return target
 
 
 def load(path: str | os.PathLike[str]) -> xr.DataTree:
-    """Read a posterior written by `save`; a folder means its posterior.nc. What is missing, damaged (its digest tells), not one
-    of ours, or of an earlier edition is refused."""
+    """Read a posterior written by `save`; a folder means its posterior.nc. What is missing, damaged
+    (its digest tells), not one of ours, or of an earlier edition is refused."""
     source = Path(path)
     source = source / "posterior.nc" if source.is_dir() else source
     if not source.is_file():
         raise InputError(
-            f"result must be a folder with posterior.nc or such a file, got {path}. Give the --out folder of a fit."
+            f"result must be a folder with posterior.nc or such a file, got {path}. Give the --out"
+            " folder of a fit."
         )
     opened = _opened(source)
     missing = [group for group in _GROUPS if group not in opened.children]
     if missing or "json" not in opened["provenance"].attrs:
         raise InputError(
-            f"{source} must be a posterior written by ldbb-bayes, got a file without {missing or 'provenance'}. Fit again."
+            f"{source} must be a posterior written by ldbb-bayes, got a file without"
+            f" {missing or 'provenance'}. Fit again."
         )
     if opened["provenance"].attrs.pop("sha256", "") != _digest(opened):
         raise InputError(
-            f"{source} must be as ldbb-bayes wrote it, got numbers that are not those of its digest. Fit again."
+            f"{source} must be as ldbb-bayes wrote it, got numbers that are not those of its"
+            " digest. Fit again."
         )
     fit_of(opened)
     return opened
@@ -357,7 +374,8 @@ def _opened(source: Path) -> xr.DataTree:
         gc.collect()
         why = " ".join(str(error).split())[:_REASON]
         raise InputError(
-            f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({why}). Fit again."
+            f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({why}). Fit"
+            " again."
         ) from None
     finally:
         sys.unraisablehook = loud
@@ -381,7 +399,8 @@ def _digest(tree: xr.DataTree) -> str:
 
 
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
-    """What the record keeps of a campaign; readings and angles stand in the group constant_data, as read."""
+    """What the record keeps of a campaign; readings and angles stand in the group constant_data, as
+    read."""
     nested = {
         name: asdict(getattr(campaign, name)) for name in ("mount", "force_law", "instrument")
     }
@@ -405,7 +424,8 @@ def record_of(posterior: xr.DataTree) -> dict[str, Any]:
     """What was fitted, how, and how well: the JSON kept in the group ``provenance``."""
     if "provenance" not in posterior.children:
         raise InputError(
-            "the posterior must be one of sample or load, got one in units for reading (to_units). Pass the first."
+            "the posterior must be one of sample or load, got one in units for reading (to_units)."
+            " Pass the first."
         )
     record: dict[str, Any] = json.loads(posterior["provenance"].attrs["json"])
     return record
@@ -418,7 +438,8 @@ def fit_of(posterior: xr.DataTree) -> Fit:
     except ValidationError as error:
         what = ".".join(map(str, error.errors()[0]["loc"]))
         raise InputError(
-            f"the posterior must be of this edition of ldbb-bayes, got a fit of another (its {what}). Fit again."
+            "the posterior must be of this edition of ldbb-bayes, got a fit of another (its"
+            f" {what}). Fit again."
         ) from None
 
 
@@ -460,8 +481,9 @@ def draws_of(
 
 
 def parts_of(posterior: xr.DataTree, size: int | None = None) -> list[predictive.Part]:
-    """Posterior draws as `draws_of`, those of an average apart by the rivals of slopes in their model: what these add to the
-    readings follows from β and φ of that model alone. Every part has all parameters, zero where a model has none."""
+    """Posterior draws as `draws_of`, those of an average apart by the rivals of slopes in their
+    model: what these add to the readings follows from β and φ of that model alone. Every part has
+    all parameters, zero where a model has none."""
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, size)
     averaged = record_of(posterior).get("averaged")
@@ -484,8 +506,8 @@ def parts_of(posterior: xr.DataTree, size: int | None = None) -> list[predictive
 def curves_of(
     posterior: xr.DataTree, force_N: Array, size: int | None = None, *, seed: int = 0
 ) -> Array:
-    """C(F) of every kept compliance at forces (n,), see `compliance_curves`, shape (draws, n, compliances); the draws of an
-    average in the order of `parts_of`."""
+    """C(F) of every kept compliance at forces (n,), see `compliance_curves`, shape (draws, n,
+    compliances); the draws of an average in the order of `parts_of`."""
     rng = np.random.default_rng(seed)
     return np.concatenate(
         [predictive.compliance_curves(*part, force_N, rng) for part in parts_of(posterior, size)]
@@ -493,9 +515,11 @@ def curves_of(
 
 
 def to_units(posterior: xr.DataTree) -> xr.DataTree:
-    """The draws in units for reading, nm/N, nrad/N, µrad, µm/m, µm …, each with its attribute ``units``.
+    """The draws in units for reading, nm/N, nrad/N, µrad, µm/m, µm …, each with its attribute
+    ``units``.
 
-    For plots and summaries of other libraries; analyses take the posterior itself. Readings, forces and angles stay as they are.
+    For plots and summaries of other libraries; analyses take the posterior itself. Readings, forces
+    and angles stay as they are.
     """
     made = posterior.filter(lambda node: node.name != "provenance").map_over_datasets(
         lambda own: own.copy()
@@ -521,8 +545,9 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
 
     Returns
     -------
-    Columns unit, mean, sd, median, ci_low, ci_high, prior_mean and prior_sd (of proper priors; of parameters before truncation),
-    ess_bulk, ess_tail, rhat; ``attrs["fit"]`` is the `Fit`: whether the numbers can be used (``state``), and what to mind.
+    Columns unit, mean, sd, median, ci_low, ci_high, prior_mean and prior_sd (of proper priors; of
+    parameters before truncation), ess_bulk, ess_tail, rhat; ``attrs["fit"]`` is the `Fit`: whether
+    the numbers can be used (``state``), and what to mind.
     """
     check_probability(ci_prob)
     prior_sd, prior_mean = priors_of(posterior)
@@ -546,7 +571,8 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
 
 
 def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, Any]:
-    """The result of a fit as documented for ``fit --json``; the key of the interval is named after its probability."""
+    """The result of a fit as documented for ``fit --json``; the key of the interval is named after
+    its probability."""
     check_probability(ci_prob)
     record = record_of(posterior)
     prior_sd, prior_mean = priors_of(posterior)
@@ -612,8 +638,8 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
 
     Returns
     -------
-    One row per coefficient: term, unit (mm; per bar, N, h or K), mean, sd, prior_sd (at the posterior mean of φ). The mount's is
-    its deviation from the nominal deflection.
+    One row per coefficient: term, unit (mm; per bar, N, h or K), mean, sd, prior_sd (at the
+    posterior mean of φ). The mount's is its deviation from the nominal deflection.
     """
     bound, parts = bound_of(posterior), parts_of(posterior, _DRAWS)
     value = dict(
@@ -653,11 +679,13 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
 def predict(
     posterior: xr.DataTree, plan: Campaign, *, ci_prob: float = 0.95, seed: int = 1
 ) -> pd.DataFrame:
-    """Predict the readings of new circles on the machine of a posterior, with its bar, balls, mount and force device.
+    """Predict the readings of new circles on the machine of a posterior, with its bar, balls, mount
+    and force device.
 
-    Machine and what circles share come from the posterior; set-up shift, discrepancy, scatter, random force error and white noise
-    are drawn anew. What the campaign says nothing of, such as the bar's length at another radius, has its prior. Nuisances are
-    integrated out: draws of them, given each draw of the posterior, are not kept; `nuisances` gives their mean and sd.
+    Machine and what circles share come from the posterior; set-up shift, discrepancy, scatter,
+    random force error and white noise are drawn anew. What the campaign says nothing of, such as
+    the bar's length at another radius, has its prior. Nuisances are integrated out: draws of them,
+    given each draw of the posterior, are not kept; `nuisances` gives their mean and sd.
 
     InputError for another machine, or circles that show parameters which the fit does not have.
 
@@ -698,21 +726,24 @@ def predict(
 def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1) -> xr.DataTree:
     """Return the posterior with the groups by which ArviZ checks and compares models.
 
-    ``posterior_predictive.reading_mm`` (chain, draw, reading), beside ``observed_data.reading_mm``: a new circle in the place of
-    every test, with the scatter of the circle that was there.
+    ``posterior_predictive.reading_mm`` (chain, draw, reading), beside ``observed_data.reading_mm``:
+    a new circle in the place of every test, with the scatter of the circle that was there.
 
-    ``log_likelihood.per_test`` (chain, draw, test): ln p(y_r | y_−r, φ), the readings of one circle given those of all others,
-    which are not independent of it, and the hyper-parameters; all that is linear and the circle's own λ_r are integrated out,
-    inside the truncation. The harmonic mean of p is the density of a circle left out (Bürkner, Gabry and Vehtari 2021):
-    ``arviz.loo`` estimates what `compare` computes. Only the hyper-parameters that circles share must bear a circle's absence,
-    which keeps Pareto's k low; where it is above 0.4 all the same, p is raised to a power below one and scaled so that its
-    harmonic mean is the exact density. The sum over circles is not ln p of all of them: for the sensitivity to that see
-    ``Fit.sensitivity``. InputError for an average over models, flat priors, a single test, or too few draws.
+    ``log_likelihood.per_test`` (chain, draw, test): ln p(y_r | y_−r, φ), the readings of one circle
+    given those of all others, which are not independent of it, and the hyper-parameters; all that
+    is linear and the circle's own λ_r are integrated out, inside the truncation. The harmonic mean
+    of p is the density of a circle left out (Bürkner, Gabry and Vehtari 2021): ``arviz.loo``
+    estimates what `compare` computes. Only the hyper-parameters that circles share must bear a
+    circle's absence, which keeps Pareto's k low; where it is above 0.4 all the same, p is raised to
+    a power below one and scaled so that its harmonic mean is the exact density. The sum over
+    circles is not ln p of all of them: for the sensitivity to that see ``Fit.sensitivity``.
+    InputError for an average over models, flat priors, a single test, or too few draws.
 
     Parameters
     ----------
     posterior : from `sample` or `load`.
-    draws : at most so many, evenly picked; the groups posterior, sample_stats and log_prior keep the same ones.
+    draws : at most so many, evenly picked; the groups posterior, sample_stats and log_prior keep
+        the same ones.
     """
     import xarray as xr
 
@@ -793,7 +824,8 @@ def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
 
 
 def _steadied(bound: BoundModel, log_density: Array) -> Array:
-    """ln p(y_r | y_−r, φ) (w, tests) of draws; where Pareto's k is large, such that w / Σ 1/p is the exact density."""
+    """ln p(y_r | y_−r, φ) (w, tests) of draws; where Pareto's k is large, such that w / Σ 1/p is
+    the exact density."""
     for r, name in enumerate(bound.test_names):
         k = pareto_smooth(-log_density[:, r])[1]
         if k > _LARGE_K:

@@ -1,8 +1,9 @@
 """What the posterior predicts for the circles, and whether it expects the readings.
 
-Three predictions are never mixed up. Machine: H β. Shared: plus ball form, bar length, mount and force error; RMSE and fitness
-(Eq. 34-35) are of this one. New circle: plus set-up shift, discrepancy and white noise, drawn anew. Beside them the paper's own
-estimate and prediction (Eq. 31): least squares of readings on the hybrid Jacobian, whose uncertainty knows of white noise alone.
+Three predictions are never mixed up. Machine: H β. Shared: plus ball form, bar length, mount and
+force error; RMSE and fitness (Eq. 34-35) are of this one. New circle: plus set-up shift,
+discrepancy and white noise, drawn anew. Beside them the paper's own estimate and prediction (Eq.
+31): least squares of readings on the hybrid Jacobian, whose uncertainty knows of white noise alone.
 """
 
 from __future__ import annotations
@@ -69,7 +70,8 @@ _FAILS, _SMALLEST, _FEWEST_SHIFTED, _IN_ORDER = 0.01, 1e-300, 4, 0.05
 
 
 class Part(NamedTuple):
-    """A bound model and its draws of φ, shape (n, h) [mm], and β, shape (n, p): those of one model where several are averaged."""
+    """A bound model and its draws of φ, shape (n, h) [mm], and β, shape (n, p): those of one model
+    where several are averaged."""
 
     bound: BoundModel
     phi: Array
@@ -82,14 +84,16 @@ class Part(NamedTuple):
 
 
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
-    """Basis coefficients of H β plus the nominal mount deflection, shape (draws, tests, 25) [mm]."""
+    """Basis coefficients of H β plus the nominal mount deflection, shape (draws, tests, 25)
+    [mm]."""
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
 
 def shared_terms(
     columns: Iterable[Columns | BasisNoise], *, private: bool = False
 ) -> list[Columns]:
-    """Those of the nuisances' columns whose coefficients tests share; or that every test has for itself."""
+    """Those of the nuisances' columns whose coefficients tests share; or that every test has for
+    itself."""
     return [term for term in columns if isinstance(term, Columns) and term.private == private]
 
 
@@ -113,8 +117,9 @@ def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gener
 def compliance_curves(
     bound: BoundModel, phi: Array, beta: Array, force_N: Array, rng: np.random.Generator
 ) -> Array:
-    """C(F) of every kept compliance at forces (n,), shape (draws, n, compliances): C and its slopes; of an axis, its deflection
-    over a bar force along it, also what `JointLoad` adds, drawn given each β, φ and y."""
+    """C(F) of every kept compliance at forces (n,), shape (draws, n, compliances): C and its
+    slopes; of an axis, its deflection over a bar force along it, also what `JointLoad` adds, drawn
+    given each β, φ and y."""
     curves = np.einsum(
         "fcp,wp->wfc", np.stack([bound.compliance_at(force) for force in force_N]), beta
     )
@@ -133,7 +138,8 @@ def compliance_curves(
 
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
-    """Machine plus the expected ball form, bar length, mount and force error given β, φ and y; (draws, tests, 25) [mm]."""
+    """Machine plus the expected ball form, bar length, mount and force error given β, φ and y;
+    (draws, tests, 25) [mm]."""
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean
     total = machine_coefficients(bound, beta) + np.einsum(
@@ -149,8 +155,8 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
 def new_circle_coefficients(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> Array:
-    """A new circle in the place of every test, white noise aside: shared nuisances drawn from their posterior, force error,
-    set-up shift and discrepancy drawn anew; (draws, tests, 25) [mm]."""
+    """A new circle in the place of every test, white noise aside: shared nuisances drawn from their
+    posterior, force error, set-up shift and discrepancy drawn anew; (draws, tests, 25) [mm]."""
     shared = _shared_drawn(bound, phi, beta, rng)
     return shared + np.stack(
         [draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1
@@ -165,7 +171,8 @@ def _shared_drawn(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gen
 
 
 def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
-    """Fresh draws of what circle r has for itself: random force error, set-up shift, discrepancy; (draws, 25) [mm]."""
+    """Fresh draws of what circle r has for itself: random force error, set-up shift, discrepancy;
+    (draws, 25) [mm]."""
     total = np.zeros((len(phi), SIZE))
     for columns, sd in _own(bound, phi, r):
         total = total + (sd * rng.standard_normal(sd.shape)) @ columns.T
@@ -173,7 +180,8 @@ def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generat
 
 
 def _own(bound: BoundModel, phi: Array, r: int) -> Iterator[tuple[Array, Array]]:
-    """Columns (25, v) of what circle r has for itself, and the sd of their coefficients (draws, v)."""
+    """Columns (25, v) of what circle r has for itself, and the sd of their coefficients (draws,
+    v)."""
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     for term in bound.nuisance_columns:
         if isinstance(term, BasisNoise):
@@ -215,7 +223,8 @@ def readings_drawn(
 
 
 def _beside(bound: BoundModel, plan: Campaign) -> tuple[BoundModel, BoundModel]:
-    """The tests measured and those planned as one campaign's: with both balls' forms, all radii and directions of either."""
+    """The tests measured and those planned as one campaign's: with both balls' forms, all radii and
+    directions of either."""
     campaign, model = bound.campaign, bound.model
     machines = [(one.topology, dict(one.frames_mm)) for one in (campaign, plan)]
     got = f"got {machines[1][0]}. Make the plan with the campaign's topology and frames."
@@ -231,7 +240,8 @@ def _beside(bound: BoundModel, plan: Campaign) -> tuple[BoundModel, BoundModel]:
     cure = "Fit with replace(campaign, foreseen=plan.tests), so that the model knows of them."
     require(
         not other,
-        f"the plan must show only what the fit has, got planes or set-ups with {', '.join(other)} too. {cure}",
+        f"the plan must show only what the fit has, got planes or set-ups with {', '.join(other)}"
+        f" too. {cure}",
     )
     names, run = [test.name for test in union.tests], len(campaign.tests)
     measured = whole.keeping(names[:run])
@@ -248,8 +258,8 @@ def replicate_left_out(
     *,
     each: int = 1,
 ) -> Array:
-    """Least-squares harmonics of circles that the others expect in the place of a test of ``bound``, shape (size, 25) [mm]; so
-    many of each posterior draw."""
+    """Least-squares harmonics of circles that the others expect in the place of a test of
+    ``bound``, shape (size, 25) [mm]; so many of each posterior draw."""
     r = bound.test_names.index(name)
     beta, phi = others.draw(-(-size // each), rng)
     machine = beta @ bound.interest[r].T + bound.known_offset[r]
@@ -271,7 +281,8 @@ def band_um(
     *,
     prob: float = 0.95,
 ) -> Array:
-    """Equal-tailed pointwise band of readings, white noise included: (2, angles) [µm] from (draws, 25) and (draws,)."""
+    """Equal-tailed pointwise band of readings, white noise included: (2, angles) [µm] from (draws,
+    25) and (draws,)."""
     readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
     return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3
 
@@ -293,7 +304,8 @@ def _misfits(bound: BoundModel, predicted: Array) -> list[Array]:
 
 
 def harmonics_of(bound: BoundModel, r: int) -> Array:
-    """Least-squares harmonics from the reduced readings of test r, shape (25, m); minimum norm where readings are too few."""
+    """Least-squares harmonics from the reduced readings of test r, shape (25, m); minimum norm
+    where readings are too few."""
     return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=_RANK))
 
 
@@ -305,7 +317,8 @@ def _tests(bound: BoundModel) -> list[CircularTest]:
 
 @dataclass(frozen=True)
 class FitQuality:
-    """Root mean square error over all readings and by test [µm], and fitness by test [%] (Eq. 34-35)."""
+    """Root mean square error over all readings and by test [µm], and fitness by test [%] (Eq.
+    34-35)."""
 
     rmse_um: float
     rmse_by_test_um: dict[str, float]
@@ -313,7 +326,8 @@ class FitQuality:
 
 
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
-    """RMSE and fitness of the posterior mean prediction, machine plus shared nuisances, from φ (draws, h) [mm], β (draws, p)."""
+    """RMSE and fitness of the posterior mean prediction, machine plus shared nuisances, from φ
+    (draws, h) [mm], β (draws, p)."""
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
 
 
@@ -337,7 +351,8 @@ def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
 
 
 class CheckKind(StrEnum):
-    """What a posterior predictive check looks at: an order of the circle, the scatter beyond the orders, its correlation."""
+    """What a posterior predictive check looks at: an order of the circle, the scatter beyond the
+    orders, its correlation."""
 
     ORDER = "order"
     NOISE = "noise"
@@ -358,8 +373,8 @@ class Check:
 class TestChecks(Result):
     """Posterior predictive p-values of one test; None where it has too few readings.
 
-    Of the residual at order n = 0 … 12 after machine and shared nuisances: the probability that a new circle lies further out,
-    averaged over the posterior. Of the others two-sided.
+    Of the residual at order n = 0 … 12 after machine and shared nuisances: the probability that a
+    new circle lies further out, averaged over the posterior. Of the others two-sided.
     """
 
     __test__ = False
@@ -393,8 +408,9 @@ def failing(checks: Sequence[Check]) -> tuple[Check, ...]:
 def effects(
     bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]
 ) -> tuple[dict[str, float], float]:
-    """What failing checks would do to the intervals at φ (h,): of tests with a failing order the largest change of a parameter,
-    in its sd, when the test is left out; and the share by which an interval grows with the noise next to the basis elsewhere."""
+    """What failing checks would do to the intervals at φ (h,): of tests with a failing order the
+    largest change of a parameter, in its sd, when the test is left out; and the share by which an
+    interval grows with the noise next to the basis elsewhere."""
     found = failing(every_check(checks))
     names = dict.fromkeys(check.test for check in found if check.kind == CheckKind.ORDER)
     given, shift = bound.given(phi[None])[1], dict[str, float]()
@@ -416,8 +432,9 @@ def effects(
 
 
 def _power_beyond(bound: BoundModel) -> Array:
-    """Variance [mm²] of white noise as strong as what the readings of each test have at the orders 13 to 16, next to those of the
-    basis, but for what tests of one plane, radius and direction share there: a pattern of the machine is no noise."""
+    """Variance [mm²] of white noise as strong as what the readings of each test have at the orders
+    13 to 16, next to those of the basis, but for what tests of one plane, radius and direction
+    share there: a pattern of the machine is no noise."""
     setting, orders, waves = bound.setting, np.arange(MAX_ORDER + 1, MAX_ORDER + 5), []
     for test in _tests(bound):
         angle = test.angles_rad()
@@ -438,9 +455,10 @@ def _power_beyond(bound: BoundModel) -> Array:
 
 
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
-    """Axes along which the circles' centre shifts in proportion to force, beyond what the machine β (p,) does, and the p-value of
-    no such shift, at 1 % after allowing for the axes' number: Student's t of the slope of order 1 over force. For planes of at
-    least four tests at three forces."""
+    """Axes along which the circles' centre shifts in proportion to force, beyond what the machine β
+    (p,) does, and the p-value of no such shift, at 1 % after allowing for the axes' number:
+    Student's t of the slope of order 1 over force. For planes of at least four tests at three
+    forces."""
     misfits = _misfits(bound, machine_coefficients(bound, beta[None])[0])
     rest = [harmonics_of(bound, r) @ misfit for r, misfit in enumerate(misfits)]
     found: dict[str, float] = {}
@@ -456,8 +474,9 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
 
 
 def in_order_of_force(bound: BoundModel) -> bool:
-    """Whether the tests of a plane ran in an order of force, so that a steady drift passes for a change with force: Student's t
-    of the ranks at 5 %. Where not every test has a time, they ran as listed."""
+    """Whether the tests of a plane ran in an order of force, so that a steady drift passes for a
+    change with force: Student's t of the ranks at 5 %. Where not every test has a time, they ran as
+    listed."""
     time = (
         bound.setting.time_h
         if np.isfinite(bound.setting.time_h).all()
@@ -486,7 +505,8 @@ def _p_value_of_no_slope(force: Array, values: Array) -> float:
 def predictive_checks(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> dict[str, TestChecks]:
-    """Compare every test with new circles under the posterior, φ (draws, h) [mm] and β (draws, p)."""
+    """Compare every test with new circles under the posterior, φ (draws, h) [mm] and β (draws,
+    p)."""
     _, phi, beta = Part(bound, phi, beta).few(_DRAWS)
     shared = _shared_drawn(bound, phi, beta, rng)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
@@ -532,10 +552,11 @@ def averaged_checks(
 
 
 def autocorrelation(test: CircularTest) -> tuple[float, float]:
-    """Lag-one autocorrelation of the readings after orders 0 … 12 are taken out, and its two-sided p-value under white noise.
+    """Lag-one autocorrelation of the readings after orders 0 … 12 are taken out, and its two-sided
+    p-value under white noise.
 
-    Under white noise it has mean tr(M S) / tr(M) and nearly variance 1/n, M the projection off the basis, S the shift to the
-    next reading. Of very many readings, a stretch is looked at.
+    Under white noise it has mean tr(M S) / tr(M) and nearly variance 1/n, M the projection off the
+    basis, S the shift to the next reading. Of very many readings, a stretch is looked at.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_STRETCH]
     angle, reading = test.angles_rad()[order], test.readings_mm()[order]
@@ -551,7 +572,8 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
 
 
 def _tail(residual: Array, columns: Array, sd: Array) -> float:
-    """Mean over the draws of P(χ² ≥ rᵀ V⁻¹ r), r (draws, k), V = C S² Cᵀ, C (k, v), S (draws, v)."""
+    """Mean over the draws of P(χ² ≥ rᵀ V⁻¹ r), r (draws, k), V = C S² Cᵀ, C (k, v), S (draws,
+    v)."""
     covariance = np.einsum("iv,jv,wv->wij", columns, columns, sd**2)
     square = np.einsum(
         "wi,wi->w", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]
@@ -569,7 +591,8 @@ class LeastSquares(Result):
     #: One row per parameter: unit, estimate, u (standard uncertainty from the scatter of the residuals, as if they were white
     #: noise; not a number where the readings do not determine the parameters), in inside units.
     table: ByRow
-    quality: FitQuality  #: RMSE over all readings and of every test [µm], fitness of every test [%] (Eq. 34-35)
+    #: RMSE over all readings and of every test [µm], fitness of every test [%] (Eq. 34-35)
+    quality: FitQuality
     predicted_um: dict[str, Numbers]  #: by test, in the order of its readings
 
     @property
@@ -623,7 +646,8 @@ def least_squares(
 
 
 def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
-    """Square roots of the diagonal of s² (JᵀJ)⁻¹, shape (p,); not a number where J is singular or as many as the readings."""
+    """Square roots of the diagonal of s² (JᵀJ)⁻¹, shape (p,); not a number where J is singular or
+    as many as the readings."""
     readings = sum(test.readings for test in bound.reduced)
     square, freedom = readings * (quality.rmse_um * 1e-3) ** 2, readings - len(bound.names)
     rows = (

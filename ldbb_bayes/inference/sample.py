@@ -68,9 +68,11 @@ def _joint(
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None = None,
 ) -> tuple[EnsembleRun, Array, Array]:
-    """The run, and draws of β (ensembles, draws, p) and φ (ensembles, draws, h) [mm] from the joint posterior.
+    """The run, and draws of β (ensembles, draws, p) and φ (ensembles, draws, h) [mm] from the joint
+    posterior.
 
-    Ensembles start from φ drawn a little wider than its posterior, and from the exact conditional Gaussian of β."""
+    Ensembles start from φ drawn a little wider than its posterior, and from the exact conditional
+    Gaussian of β."""
     density = JointDensity(start.bound)
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)
     count = walkers or max(_WALKERS, 4 * d)
@@ -81,7 +83,8 @@ def _joint(
     even = count >= 2 * d and count % 2 == 0
     require(
         even,
-        f"walkers must be even and at least {2 * d} for {d} parameters, got {count}. Use more walkers.",
+        f"walkers must be even and at least {2 * d} for {d} parameters, got {count}. Use more"
+        " walkers.",
     )
     starting, sampling = seed.spawn(2)
     redraw, random = LinearRedraw(density, start), np.random.RandomState(starting.generate_state(8))
@@ -111,13 +114,15 @@ def run_sampler(
 ) -> tuple[EnsembleRun, Array, Array]:
     """A run until the rule is met, β (chains, draws, p) and φ (chains, draws, h) [mm].
 
-    Of independent draws ``steps`` counts those of one chain, ``walkers`` is 1, ``acceptance`` the share of proposals used.
+    Of independent draws ``steps`` counts those of one chain, ``walkers`` is 1, ``acceptance`` the
+    share of proposals used.
     """
     emcee = partial(_joint, start, rule=rule, seed=seed, progress=progress, **ensembles)
     if sampler == "joint":
         return emcee()
     rng = np.random.default_rng(seed)
-    # A third more than the target, so that the smallest of many estimates of ESS reaches it; twice as many where it does not.
+    # A third more than the target, so that the smallest of many estimates of ESS reaches it; twice
+    # as many where it does not.
     each, found = int(np.ceil(1.3 * rule.ess / _CHAINS + 50)), list[tuple[Array, ...]]()
     while True:
         try:
@@ -140,8 +145,9 @@ def run_sampler(
 def draw(
     sampler: str, start: HyperPosterior, size: int, *, seed: np.random.SeedSequence
 ) -> tuple[Array, Array, bool]:
-    """As good as independent draws: β, shape (size, p), and φ, shape (size, h) [mm]; and whether they are emcee's: thinned from a
-    run worth four times as many, also in place of ``independent`` where its weights cannot be trusted."""
+    """As good as independent draws: β, shape (size, p), and φ, shape (size, h) [mm]; and whether
+    they are emcee's: thinned from a run worth four times as many, also in place of ``independent``
+    where its weights cannot be trusted."""
     with suppress(TooRoughError):
         if sampler == "independent":
             free, beta, _ = draw_jointly(start, size, np.random.default_rng(seed))
@@ -150,7 +156,8 @@ def draw(
     run, beta, phi = _joint(start, rule=rule, seed=seed)
     require(
         run.converged,
-        f"emcee must converge, got R-hat {run.assessment.rhat_max:.3f} after {run.steps} steps. Use --seed.",
+        f"emcee must converge, got R-hat {run.assessment.rhat_max:.3f} after {run.steps} steps. Use"
+        " --seed.",
     )
     return *_picked(beta, phi, size), True
 
@@ -185,8 +192,9 @@ def sample(
     model : HybridModel
     campaign : with readings.
     sampler : {"joint", "independent"}
-        ``joint``: emcee over everything but the nuisances, which are integrated out. ``independent``: independent draws from
-        weighted nodes over the hyper-parameters; where these cannot be trusted ``joint`` takes over and the record says so.
+        ``joint``: emcee over everything but the nuisances, which are integrated out.
+        ``independent``: independent draws from weighted nodes over the hyper-parameters; where
+        these cannot be trusted ``joint`` takes over and the record says so.
     seed : int
     ensembles, walkers : at least 4 independent ensembles; walkers each.
     rule : when to stop; by default every parameter has bulk and tail ESS ≥ 1000 and R-hat ≤ 1.01.
@@ -194,13 +202,15 @@ def sample(
 
     Returns
     -------
-    ArviZ's layout: posterior, prior, sample_stats (lp: the log density over ln(φ − lower), of decay the logit), log_prior,
-    observed_data, constant_data, provenance; `with_predictive` adds the groups for checks of models. In mm, N, rad.
+    ArviZ's layout: posterior, prior, sample_stats (lp: the log density over ln(φ − lower), of decay
+    the logit), log_prior, observed_data, constant_data, provenance; `with_predictive` adds the
+    groups for checks of models. In mm, N, rad.
     """
     sampler = sampler_named(sampler)
     require(
         not campaign.is_plan,
-        "campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.",
+        "campaign must have readings to be sampled, got a plan. Run the tests, or simulate the"
+        " plan.",
     )
     inside = HyperPosterior(model.bind(campaign), truncated=True, seed=seed)
     options: dict[str, Any] = {
@@ -222,7 +232,8 @@ def sample_from(
     prior_draws: int = 4000,
     **options: Any,
 ) -> xr.DataTree:
-    """The same by the density of the hyper-parameters inside the truncation, and where the model has none without it."""
+    """The same by the density of the hyper-parameters inside the truncation, and where the model
+    has none without it."""
     started, clock, bound = datetime.now(UTC), time.perf_counter(), inside.bound
     sampling, *checking = np.random.SeedSequence(seed).spawn(3)
     start = inside if bound.truncation.active else inside.plain
@@ -273,7 +284,9 @@ def record_from(
             "versions": versions(),
             "seed": seed,
             "started": started.isoformat(timespec="seconds"),
-            "platform": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
+            "platform": (
+                f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
+            ),
         },
     }
 
@@ -287,8 +300,9 @@ def fit_of_parts(
     rng: np.random.Generator,
     prior_level: Array | float = 0.0,
 ) -> Fit:
-    """How well models fit whose draws, part by part, are those of ``groups``; ``bound`` has all their parameters, ``prior_level``
-    is the mean of ln p(β) in the prior of each draw's model: what scaling the prior must not count."""
+    """How well models fit whose draws, part by part, are those of ``groups``; ``bound`` has all
+    their parameters, ``prior_level`` is the mean of ln p(β) in the prior of each draw's model: what
+    scaling the prior must not count."""
     share = np.array([len(part.phi) for part in parts]) / sum(len(part.phi) for part in parts)
     few, thinned = (
         [part.few(int(np.ceil(own * most))) for own, part in zip(share, parts, strict=True)]
@@ -366,7 +380,8 @@ def densities_of(part: predictive.Part) -> dict[str, Array]:
 
 
 def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draws of β (size, p) from the prior inside the truncation, none where it is flat, and of φ (size, h) [mm]."""
+    """Draws of β (size, p) from the prior inside the truncation, none where it is flat, and of φ
+    (size, h) [mm]."""
     phi = bound.hyper_prior.draw(size, rng)
     return np.zeros((0, 0)) if bound.model.prior.flat else bound.draw_parameters(size, rng), phi
 
@@ -378,7 +393,8 @@ def groups_of(
     prior: tuple[Array, Array],
     densities: Mapping[str, Array],
 ) -> dict[str, dict[str, Array]]:
-    """The arrays of the posterior, by group, from draws (chains, draws, …), `prior_draws_of` and `densities_of`."""
+    """The arrays of the posterior, by group, from draws (chains, draws, …), `prior_draws_of` and
+    `densities_of`."""
     tests = [next(t for t in bound.campaign.tests if t.name == name) for name in bound.test_names]
     return {
         "posterior": _named(bound, beta, phi),
@@ -407,7 +423,7 @@ def _named(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
 
 
 def _model_record(bound: BoundModel) -> dict[str, Any]:
-    prior_sd = {p.name: (p.prior_sd if np.isfinite(p.prior_sd) else None) for p in bound.parameters}
+    prior_sd = {p.name: p.prior_sd if np.isfinite(p.prior_sd) else None for p in bound.parameters}
     prior_sd |= {
         str(name): sd
         for name, sd in zip(bound.hyper_prior.names, bound.hyper_prior.sd.tolist(), strict=True)
@@ -433,9 +449,11 @@ def _has_preset_priors(model: HybridModel) -> bool:
     preset = HybridModel.from_preset(model.preset, model.degree)
     usual = {type(term): term for term in preset.nuisances}
     same = all(
-        replace(term, over="time") == Drift()
-        if isinstance(term, Drift)
-        else usual.get(type(term)) == term
+        (
+            replace(term, over="time") == Drift()
+            if isinstance(term, Drift)
+            else usual.get(type(term)) == term
+        )
         for term in model.nuisances
     )
     return same and replace(model.prior, truncated=preset.prior.truncated) == preset.prior

@@ -1,15 +1,18 @@
-"""The machine as a serial chain: topology and planes → driven joints, and the names of all compliances and geometric errors.
+"""The machine as a serial chain: topology and planes → driven joints, and the names of all
+compliances and geometric errors.
 
-A topology such as ``wCAFYXZSt`` reads from the workpiece ``w`` through the foundation ``F`` to the tool ``t``
-(ISO 10791 style). A circular test drives the two linear axes of its plane; the joints of all planes tested carry the
-compliances and geometric errors of the model. Vectors are (X, Y, Z) of the machine.
+A topology such as ``wCAFYXZSt`` reads from the workpiece ``w`` through the foundation ``F`` to the
+tool ``t`` (ISO 10791 style). A circular test drives the two linear axes of its plane; the joints of
+all planes tested carry the compliances and geometric errors of the model. Vectors are (X, Y, Z) of
+the machine.
 
-The bar reads what homogeneous transforms say (Eq. 1-14), or what every parameter adds per unit (Eq. 16-23).
-For a unit force along the bar, joint k sees the wrench g_k = J_kᵀ B̂ = (B̂, lever × B̂): three forces, three moments about its
-frame. By Eq. 20 a compliance C_ijk (twist i for wrench j at joint k) then changes the reading by g_k,i · g_k,j. An error motion
-of joint k, a twist e about the same frame, changes it by ± g_k · e, minus in the workpiece branch. The planar model of the paper
-is what remains while the levers lie in the plane. Of the compliances only what circles can separate is kept: null columns,
-proportional sets and their representatives (Table 2).
+The bar reads what homogeneous transforms say (Eq. 1-14), or what every parameter adds per unit (Eq.
+16-23). For a unit force along the bar, joint k sees the wrench g_k = J_kᵀ B̂ = (B̂, lever × B̂):
+three forces, three moments about its frame. By Eq. 20 a compliance C_ijk (twist i for wrench j at
+joint k) then changes the reading by g_k,i · g_k,j. An error motion of joint k, a twist e about the
+same frame, changes it by ± g_k · e, minus in the workpiece branch. The planar model of the paper is
+what remains while the levers lie in the plane. Of the compliances only what circles can separate is
+kept: null columns, proportional sets and their representatives (Table 2).
 """
 
 from __future__ import annotations
@@ -63,7 +66,8 @@ LARGEST_MM = 1e5
 
 
 class Axes(NamedTuple):
-    """The planar twist and wrench components: the two translations of a plane, the rotation about its normal (right-handed)."""
+    """The planar twist and wrench components: the two translations of a plane, the rotation about
+    its normal (right-handed)."""
 
     first: str
     second: str
@@ -79,7 +83,8 @@ PLANES: Mapping[str, Axes] = {
 
 @dataclass(frozen=True)
 class Circle(Shown):
-    """The nominal circle of a test: the tool ball runs at distance ``radius_mm`` around the work ball."""
+    """The nominal circle of a test: the tool ball runs at distance ``radius_mm`` around the work
+    ball."""
 
     radius_mm: float = 150.0
     centre_mm: tuple[float, float, float] = (
@@ -116,7 +121,8 @@ class Joint:
 
     @property
     def sign(self) -> float:
-        """+1 in the tool branch; −1 in the workpiece branch, which moves and deviates against the tool."""
+        """+1 in the tool branch; −1 in the workpiece branch, which moves and deviates against the
+        tool."""
         return 1.0 if self.branch == "tool" else -1.0
 
 
@@ -164,7 +170,10 @@ class Machine(Shown):
             require(inner.count(letter) == 1, f"topology must name each axis once, {got}")
         for plane in self.planes:
             for axis in plane:
-                got = f"got {topology!r} without {axis}. Choose another plane or correct the topology."
+                got = (
+                    f"got {topology!r} without {axis}. Choose another plane or correct the"
+                    " topology."
+                )
                 require(axis in inner, f"topology must hold the axes of plane {plane}, {got}")
 
     @property
@@ -174,7 +183,8 @@ class Machine(Shown):
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """The joints whose compliances and errors count: those driven in any of the planes, in the order of the planes' axes."""
+        """The joints whose compliances and errors count: those driven in any of the planes, in the
+        order of the planes' axes."""
         return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))
 
     def joint(self, axis: str) -> Joint:
@@ -185,8 +195,8 @@ class Machine(Shown):
         return Joint(axis, branch, self.frames_mm.get(axis, (0.0, 0.0, 0.0)))
 
     def squared(self, plane: str) -> tuple[Joint, Joint]:
-        """The axes of a plane's squareness error: the reference, nearer the foundation, or in the workpiece branch if branches
-        differ; and the one whose direction it turns."""
+        """The axes of a plane's squareness error: the reference, nearer the foundation, or in the
+        workpiece branch if branches differ; and the one whose direction it turns."""
         a, b = map(self.joint, plane)
         first = (
             a.branch == "workpiece"
@@ -205,7 +215,8 @@ class Machine(Shown):
         )
 
     def lever_mm(self, joint: Joint, circle: Circle, angle_rad: Array) -> Array:
-        """Lever arm from the joint's frame, which moves with it, to the ball its branch carries, shape (n, 3) [mm]."""
+        """Lever arm from the joint's frame, which moves with it, to the ball its branch carries,
+        shape (n, 3) [mm]."""
         position = circle.position_mm(angle_rad)
         lever = self.end_mm(joint.branch, circle, angle_rad) - np.asarray(joint.frame_mm)
         own = self.branch(joint.branch)
@@ -214,8 +225,9 @@ class Machine(Shown):
         return lever
 
     def end_mm(self, branch: Branch, circle: Circle, angle_rad: Array) -> Array:
-        """Where a branch's ball stands with all its axes at zero, shape (n, 3) [mm]: the work ball at the circle's centre, the
-        tool ball at the origin but for coordinates that the machine has no axis for."""
+        """Where a branch's ball stands with all its axes at zero, shape (n, 3) [mm]: the work ball
+        at the circle's centre, the tool ball at the origin but for coordinates that the machine has
+        no axis for."""
         if branch == "workpiece":
             return np.zeros((len(angle_rad), 3)) + np.asarray(circle.centre_mm)
         lacking = [axis not in self.topology for axis in LINEAR]
@@ -284,8 +296,9 @@ class ComplianceName:
 
 @dataclass(frozen=True)
 class GeometricName:
-    """A geometric error: component of the deviation (X, Y, Z of a translation, A, B, C of a rotation), the axis it belongs to
-    (``t``: the tool), its kind; of a squareness its reference axis, of a tool offset its set-up, where there are several."""
+    """A geometric error: component of the deviation (X, Y, Z of a translation, A, B, C of a
+    rotation), the axis it belongs to (``t``: the tool), its kind; of a squareness its reference
+    axis, of a tool offset its set-up, where there are several."""
 
     component: str
     axis: str
@@ -295,7 +308,8 @@ class GeometricName:
 
     @property
     def label(self) -> str:
-        """The name in code: E_XX1, E_YX2, E_C0YX (ISO 230-1: E_C(0Y)X), E_Xt0, E_Xt0_2 in set-up 2."""
+        """The name in code: E_XX1, E_YX2, E_C0YX (ISO 230-1: E_C(0Y)X), E_Xt0, E_Xt0_2 in set-up
+        2."""
         if self.kind == "squareness":
             return f"E_{self.component}0{self.reference}{self.axis}"
         return f"E_{self.component}{self.axis}{self.order}" + (
@@ -311,16 +325,24 @@ class GeometricName:
     def meaning(self) -> str:
         """In words."""
         return {
-            "gain": f"scale error of {self.axis}: positioning deviation in proportion to its coordinate",
-            "straightness": f"straightness deviation of {self.axis} in the direction of {self.component}, quadratic",
+            "gain": (
+                f"scale error of {self.axis}: positioning deviation in proportion to its coordinate"
+            ),
+            "straightness": (
+                f"straightness deviation of {self.axis} in the direction of {self.component},"
+                " quadratic"
+            ),
             "squareness": f"squareness error of {self.axis} to {self.reference}",
-            "offset": f"offset of the tool ball along {self.component}"
-            + (f", set-up {self.setup}" if self.setup else ""),
+            "offset": (
+                f"offset of the tool ball along {self.component}"
+                + (f", set-up {self.setup}" if self.setup else "")
+            ),
         }[self.kind]
 
 
 def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
-    """Names of the columns of the planar wrench Jacobian, 18 for one plane: joint, then twist, then wrench component."""
+    """Names of the columns of the planar wrench Jacobian, 18 for one plane: joint, then twist, then
+    wrench component."""
     planes = [(plane, PLANES[plane]) for plane in machine.planes]
     return tuple(
         dict.fromkeys(
@@ -342,7 +364,8 @@ def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
 
 
 def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
-    """The geometric errors in the paper's order: of each plane gains, quadratic straightness, squareness; then tool offsets."""
+    """The geometric errors in the paper's order: of each plane gains, quadratic straightness,
+    squareness; then tool offsets."""
     names: list[GeometricName] = []
     for plane in machine.planes:
         primary, secondary = machine.squared(plane)
@@ -359,16 +382,17 @@ def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
 
 
 def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
-    """The paper's planar wrench Jacobian: reading per unit force and unit compliance, shape (n, 18) for one plane. Columns in the
-    order of `wrench_names` [1, mm or mm²]; times F [N] and C they give the reading [mm]."""
+    """The paper's planar wrench Jacobian: reading per unit force and unit compliance, shape (n, 18)
+    for one plane. Columns in the order of `wrench_names` [1, mm or mm²]; times F [N] and C they
+    give the reading [mm]."""
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
 
 
 def compliance_jacobian(
     machine: Machine, circle: Circle, angle_rad: Array, names: Sequence[ComplianceName]
 ) -> Array:
-    """Reading per unit force and unit compliance, Eq. 20-23, at angles (n,) [rad], of any of `joint_names`, shape
-    (n, compliances) [1, mm or mm²]."""
+    """Reading per unit force and unit compliance, Eq. 20-23, at angles (n,) [rad], of any of
+    `joint_names`, shape (n, compliances) [1, mm or mm²]."""
     direction, joints = circle.direction(angle_rad), {name.joint for name in names}
     wrench = {
         axis: _wrench(machine.lever_mm(machine.joint(axis), circle, angle_rad), direction)
@@ -384,8 +408,8 @@ def compliance_jacobian(
 
 
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
-    """Reading per unit geometric error, Eq. 16-18, shape (n, geometric errors): columns in the order of `geometric_names` [mm per
-    unit of the error]."""
+    """Reading per unit geometric error, Eq. 16-18, shape (n, geometric errors): columns in the
+    order of `geometric_names` [mm per unit of the error]."""
     return np.stack(
         [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)],
         axis=1,
@@ -406,8 +430,9 @@ def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: Geom
 
 
 def _bearer(machine: Machine, name: GeometricName) -> tuple[Joint, bool]:
-    """The joint at which an error sits, and whether it comes before the joint's own motion. A squareness turns what the primary
-    axis carries when both axes are in one branch; else it turns the secondary axis itself."""
+    """The joint at which an error sits, and whether it comes before the joint's own motion. A
+    squareness turns what the primary axis carries when both axes are in one branch; else it turns
+    the secondary axis itself."""
     if name.kind != "squareness":
         return machine.joint(name.axis), False
     primary, secondary = machine.joint(name.reference), machine.joint(name.axis)
@@ -427,7 +452,8 @@ def exact_reading_mm(
     compliances: Mapping[str, float] | None = None,
     geometric_errors: Mapping[str, float] | None = None,
 ) -> Array:
-    """Return the exact reading of one circle, shape (n,) [mm]: geometry by Eq. 1-14 plus compliance by Eq. 20.
+    """Return the exact reading of one circle, shape (n,) [mm]: geometry by Eq. 1-14 plus compliance
+    by Eq. 20.
 
     InputError for names that the machine does not have.
 
@@ -435,7 +461,8 @@ def exact_reading_mm(
     ----------
     circle, angle_rad : where: angles θ, shape (n,) [rad].
     force_N : radial force.
-    compliances : any of the 36 ``C_ijk`` of each joint [mm/N, rad/N, rad/(N mm)]; the others are zero.
+    compliances : any of the 36 ``C_ijk`` of each joint [mm/N, rad/N, rad/(N mm)]; the others are
+        zero.
     geometric_errors : any of `geometric_names` [1, 1/mm, rad, mm]; the others are zero.
     """
     given = compliances or {}
@@ -450,7 +477,8 @@ def exact_reading_mm(
 def geometric_reading_mm(
     machine: Machine, circle: Circle, angle_rad: Array, geometric_errors: Mapping[str, Any]
 ) -> Array:
-    """Exact geometric part of the reading (Eq. 13-14), shape (n,) [mm]. Complex errors are allowed (complex step)."""
+    """Exact geometric part of the reading (Eq. 13-14), shape (n,) [mm]. Complex errors are allowed
+    (complex step)."""
     check_known("parameter", geometric_errors, [name.label for name in geometric_names(machine)])
     tool = _branch(machine, "tool", circle, angle_rad, geometric_errors)
     work = _branch(machine, "workpiece", circle, angle_rad, geometric_errors)
@@ -478,7 +506,8 @@ def _branch(
 def _joint_transform(
     machine: Machine, joint: Joint, coordinate: Array, errors: Mapping[str, Any]
 ) -> Array:
-    """One joint: its nominal motion followed by its error motion (Eq. 4-5, 8-9), about its own frame."""
+    """One joint: its nominal motion followed by its error motion (Eq. 4-5, 8-9), about its own
+    frame."""
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate
     before, after = np.eye(4), np.eye(4)
@@ -520,8 +549,8 @@ _ANGLES, _PARALLEL, _TINY, _TINY_WEIGHT, _NEW = 64, 1e-10, 1e-10, 1e-7, 1e-8
 
 @dataclass(frozen=True)
 class Kept:
-    """What remains of the wrench Jacobian. The weights of a set are the pattern of each member in units of the representative's
-    [mm or mm² per rotation more]."""
+    """What remains of the wrench Jacobian. The weights of a set are the pattern of each member in
+    units of the representative's [mm or mm² per rotation more]."""
 
     names: tuple[
         ComplianceName, ...
@@ -543,10 +572,12 @@ class Kept:
 
 
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
-    """Null columns, proportional sets and representatives of the wrench Jacobian (Table 2), found numerically.
+    """Null columns, proportional sets and representatives of the wrench Jacobian (Table 2), found
+    numerically.
 
-    The planar compliances of every plane are looked at, and of the others those that the circles' lever arms load. In a set
-    the representative is chosen by these rules, in this order; for the paper's machine they give the paper's choice:
+    The planar compliances of every plane are looked at, and of the others those that the circles'
+    lever arms load. In a set the representative is chosen by these rules, in this order; for the
+    paper's machine they give the paper's choice:
 
     1. a rotation for a force before a translation for a moment;
     2. the fewest rotations;
@@ -554,8 +585,8 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     4. of a rotation, a joint that drives the plane it turns;
     5. alphabetical order.
 
-    The circles of a campaign are taken together: another centre or plane can separate compliances that one circle cannot.
-    Default: R = 150 mm about the frames' origin in every plane.
+    The circles of a campaign are taken together: another centre or plane can separate compliances
+    that one circle cannot. Default: R = 150 mm about the frames' origin in every plane.
     """
     return _kept(machine, circles or tuple(Circle(plane=plane) for plane in machine.planes))
 
@@ -613,8 +644,9 @@ def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
 def _not_negative(
     names: Sequence[ComplianceName], jacobian: Array, coefficients: Array
 ) -> tuple[bool, ...]:
-    """A kept compliance is Σ_k ⟨A_k, C_k⟩ over the joints' matrices, all columns written in those kept: it cannot be negative
-    for positive semi-definite C_k if and only if every A_k is positive semi-definite."""
+    """A kept compliance is Σ_k ⟨A_k, C_k⟩ over the joints' matrices, all columns written in those
+    kept: it cannot be negative for positive semi-definite C_k if and only if every A_k is positive
+    semi-definite."""
     six, unit = LINEAR + ROTARY, dict.fromkeys(LINEAR + ROTARY, 1.0)
     for i, name in enumerate(names):
         if name.twist == name.wrench:
@@ -653,7 +685,8 @@ def _proportional_sets(
 
 
 def _table_order(name: ComplianceName, machine: Machine) -> tuple[int, int, int, int]:
-    """Order of Table 1: translations for forces, rotations for forces, rotation for moment; joints in the planes' order."""
+    """Order of Table 1: translations for forces, rotations for forces, rotation for moment; joints
+    in the planes' order."""
     joints = [joint.axis for joint in machine.joints]
     components = [*joints, *(axis for axis in LINEAR if axis not in joints), *ROTARY]
     return (
@@ -684,11 +717,12 @@ def hybrid_jacobian(
     degree: int = 0,
     reference_force_N: float = 0.0,
 ) -> pd.DataFrame:
-    """Return the reading per unit of every parameter of the linear hybrid model, J_H of Eq. 28 and, with F0 = 0, 33: DataFrame,
-    shape (n, (degree + 1) compliances + geometric errors) [mm per inside unit of the parameter].
+    """Return the reading per unit of every parameter of the linear hybrid model, J_H of Eq. 28 and,
+    with F0 = 0, 33: DataFrame, shape (n, (degree + 1) compliances + geometric errors) [mm per
+    inside unit of the parameter].
 
-    Column k of a compliance is F (F − F0)^k j_C. Columns are those of this circle alone, named as in results: C_XXX …, C_XXX_1 …,
-    then E_XX1 … . InputError for a degree other than 0, 1 or 2.
+    Column k of a compliance is F (F − F0)^k j_C. Columns are those of this circle alone, named as
+    in results: C_XXX …, C_XXX_1 …, then E_XX1 … . InputError for a degree other than 0, 1 or 2.
 
     Parameters
     ----------
@@ -718,8 +752,9 @@ def hybrid_jacobian(
 
 
 def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame:
-    """Return what one unit of every planar compliance, 18 for one plane, and of every geometric error, 7, does to readings of a
-    ``circle`` at ``angle_rad`` (n,): DataFrame, shape (n, 25) [mm per unit, and N of compliances] (Tables 2 and 3)."""
+    """Return what one unit of every planar compliance, 18 for one plane, and of every geometric
+    error, 7, does to readings of a ``circle`` at ``angle_rad`` (n,): DataFrame, shape (n, 25) [mm
+    per unit, and N of compliances] (Tables 2 and 3)."""
     import pandas as pd
 
     angle = np.asarray(angle_rad, dtype=float)

@@ -1,6 +1,8 @@
-"""The circle's basis 1, cos θ, sin θ, …, cos 12θ, sin 12θ; readings reduced to it; the tests of a campaign as columns in it.
+"""The circle's basis 1, cos θ, sin θ, …, cos 12θ, sin 12θ; readings reduced to it; the tests of a
+campaign as columns in it.
 
-Every column of the model is a polynomial in this basis, so a test is 25 coefficients wide whatever its number of readings.
+Every column of the model is a polynomial in this basis, so a test is 25 coefficients wide whatever
+its number of readings.
 """
 
 from __future__ import annotations
@@ -72,7 +74,8 @@ def harmonic_index(order: int) -> tuple[int, int]:
 
 
 def coefficients(columns: Callable[[Array], Array]) -> Array:
-    """Basis coefficients (25, p) of trigonometric polynomials of order ≤ 12 of the angle, (n,) [rad] → (n, p)."""
+    """Basis coefficients (25, p) of trigonometric polynomials of order ≤ 12 of the angle, (n,)
+    [rad] → (n, p)."""
     n = 4 * MAX_ORDER
     angle = np.arange(n) * (2 * np.pi / n)
     weight = np.where(ORDERS == 0, 1.0, 2.0) / n
@@ -89,8 +92,9 @@ def derivative(values: Array) -> Array:
 
 
 class Even(NamedTuple):
-    """RᵀR = S (1 + V λ Vᵀ) S, S the root of a uniform full circle's: ``size`` (25,), ``departure`` λ (25,), the largest first,
-    positive where readings lie closer than elsewhere, and ``along`` V (25, 25)."""
+    """RᵀR = S (1 + V λ Vᵀ) S, S the root of a uniform full circle's: ``size`` (25,), ``departure``
+    λ (25,), the largest first, positive where readings lie closer than elsewhere, and ``along`` V
+    (25, 25)."""
 
     size: Array
     departure: Array
@@ -104,8 +108,9 @@ class Even(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """One test after projection on the basis: ``projection`` z = Qᵀ y [mm], m = min(n, 25) numbers, None of a planned test;
-    ``factor`` R (m, 25) of the basis at the test's angles; the squares left outside, ``residual_ss`` [mm²]; ``readings`` n."""
+    """One test after projection on the basis: ``projection`` z = Qᵀ y [mm], m = min(n, 25) numbers,
+    None of a planned test; ``factor`` R (m, 25) of the basis at the test's angles; the squares left
+    outside, ``residual_ss`` [mm²]; ``readings`` n."""
 
     projection: Array | None
     factor: Array
@@ -114,7 +119,8 @@ class Reduced:
 
     @cached_property
     def even(self) -> Even | None:
-        """How RᵀR departs from that of a uniform full circle; none of arcs and of few readings, which depart from it widely."""
+        """How RᵀR departs from that of a uniform full circle; none of arcs and of few readings,
+        which depart from it widely."""
         if self.readings < SIZE:
             return None
         root = np.where(ORDERS == 0, 1.0, np.sqrt(0.5))
@@ -130,7 +136,8 @@ class Reduced:
 
 
 def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
-    """One test (n,) [rad], [mm] projected on the basis; any sampling of the circle, in chunks of bounded memory."""
+    """One test (n,) [rad], [mm] projected on the basis; any sampling of the circle, in chunks of
+    bounded memory."""
     n = len(angle_rad)
     values = np.zeros(n) if reading_mm is None else reading_mm
     stack = np.zeros((0, SIZE + 1))
@@ -145,7 +152,8 @@ def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A campaign as terms see it, one row per test (the whole campaign's: F0, range, and the fields after them)."""
+    """A campaign as terms see it, one row per test (the whole campaign's: F0, range, and the fields
+    after them)."""
 
     force_N: Array
     pressure_bar: Array
@@ -206,7 +214,8 @@ class Setting:
         return np.asarray(4.0 * share * (1.0 - share))
 
     def driven_axes(self) -> list[tuple[int, float]]:
-        """Axes X, Y, Z that the circles move and whose compliance they show, by number, and |Ĉ_aa| [mm/N]."""
+        """Axes X, Y, Z that the circles move and whose compliance they show, by number, and |Ĉ_aa|
+        [mm/N]."""
         moved = np.abs(self.direction).max(axis=(0, 1)) > 0.0
         return [
             (k, abs(float(size)))
@@ -215,8 +224,9 @@ class Setting:
         ]
 
     def along(self, axis: int, power: float, *, signed: bool = False) -> Array:
-        """|u|^a, u = A cos(θ − ϑ) the bar's direction along an axis, times the sign of u where ``signed``, to order 12, shape
-        (tests, 25): A^a Σ s_n cos n(θ − ϑ), s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), n even or, signed, odd; s_0/2."""
+        """|u|^a, u = A cos(θ − ϑ) the bar's direction along an axis, times the sign of u where
+        ``signed``, to order 12, shape (tests, 25): A^a Σ s_n cos n(θ − ϑ), s_n = 2^(1−a) Γ(a+1) /
+        (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), n even or, signed, odd; s_0/2."""
         first, share = int(signed), np.zeros(MAX_ORDER + 1)
         share[first] = 2.0 ** (1.0 - power) * gamma(power + 1.0)
         share[first] /= gamma(1.0 + (power + first) / 2.0) * gamma(1.0 + (power - first) / 2.0)
@@ -234,7 +244,8 @@ class Setting:
     def each(
         self, what: Literal["plane", "radius", "setup"]
     ) -> Iterator[tuple[Any, str, NDArray[np.bool_]]]:
-        """Every plane, radius or set-up of the campaign, what names carry of it (nothing of an only one), and its tests."""
+        """Every plane, radius or set-up of the campaign, what names carry of it (nothing of an only
+        one), and its tests."""
         own, every = {
             "plane": (self.plane, self.planes),
             "radius": (self.radius_mm, self.radii_mm),
@@ -245,7 +256,8 @@ class Setting:
             yield value, f"_{text}" if len(every) > 1 else "", own == value
 
     def harmonics(self, orders: Sequence[int], turned_rad: Array | float = 0.0) -> Array:
-        """cos n(θ − ψ), sin n(θ − ψ) in turn, order by order, shape (tests, 25, 2 orders); ψ of each test: a clocked ball."""
+        """cos n(θ − ψ), sin n(θ − ψ) in turn, order by order, shape (tests, 25, 2 orders); ψ of
+        each test: a clocked ball."""
         values = np.zeros((self.tests, SIZE, 2 * len(orders)))
         for j, n in enumerate(orders):
             c, s = harmonic_index(n)
@@ -255,7 +267,8 @@ class Setting:
         return np.where(np.abs(values) < 1e-14, 0.0, values)
 
     def constant(self, values: Array) -> Array:
-        """What does not depend on the angle, (tests, p) or (tests,), as columns, shape (tests, 25, p)."""
+        """What does not depend on the angle, (tests, p) or (tests,), as columns, shape (tests, 25,
+        p)."""
         own = values[:, None] if values.ndim == 1 else values
         columns = np.zeros((self.tests, SIZE, own.shape[1]))
         columns[:, 0] = own
@@ -263,7 +276,8 @@ class Setting:
 
 
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
-    """The geometric errors of a campaign's machine, with the tool offsets of every set-up but the first by its number."""
+    """The geometric errors of a campaign's machine, with the tool offsets of every set-up but the
+    first by its number."""
     names: list[GeometricName] = []
     for name in geometric_names(campaign.machine()):
         if name.kind == "offset":
@@ -281,7 +295,8 @@ def setting_of(
     *,
     pilot: Campaign | None,
 ) -> Setting:
-    """The setting of a campaign or plan; of a plan F0, force range and the zero of time and temperature are the pilot's."""
+    """The setting of a campaign or plan; of a plan F0, force range and the zero of time and
+    temperature are the pilot's."""
     machine, tests = campaign.machine(), campaign.tests
     columns = {
         circle: (
@@ -334,7 +349,8 @@ def setting_of(
 
 
 def _by_setup(campaign: Campaign, columns: Array) -> Array:
-    """Columns of the machine's errors (tests, 25, errors) → those of the campaign's: a tool offset only in its own set-up."""
+    """Columns of the machine's errors (tests, 25, errors) → those of the campaign's: a tool offset
+    only in its own set-up."""
     machine_errors = [name.label for name in geometric_names(campaign.machine())]
     names = geometric_errors_of(campaign)
     chosen = columns[:, :, [machine_errors.index(replace(name, setup=0).label) for name in names]]
@@ -345,8 +361,8 @@ def _by_setup(campaign: Campaign, columns: Array) -> Array:
 
 
 def _recorded(field: str, campaign: Campaign, pilot: Campaign | None) -> Array:
-    """From the campaign's mean. Tests of a plan beside a pilot that record nothing are taken at the pilot's mean: run in an
-    order that has nothing to do with what differs between them."""
+    """From the campaign's mean. Tests of a plan beside a pilot that record nothing are taken at the
+    pilot's mean: run in an order that has nothing to do with what differs between them."""
     own, before = (
         np.array(
             [
@@ -375,8 +391,9 @@ def _both_ways(campaign: Campaign) -> tuple[str, ...]:
         )
         if silent is not None:
             raise InputError(
-                f"{silent.label} must state its direction, CW or CCW, as circles of plane {plane} run, or are to run, both ways, "
-                f"got none. Give direction in every test of {campaign.name!r}."
+                f"{silent.label} must state its direction, CW or CCW, as circles of plane {plane}"
+                " run, or are to run, both ways, got none. Give direction in every test of"
+                f" {campaign.name!r}."
             )
         both.append(plane)
     return tuple(both)

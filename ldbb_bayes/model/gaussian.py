@@ -1,4 +1,5 @@
-"""ln g(x) = constant + ηᵀ x − ½ xᵀ P x: the one kernel of Gaussian algebra, with leading batch axes, and what goes with it.
+"""ln g(x) = constant + ηᵀ x − ½ xᵀ P x: the one kernel of Gaussian algebra, with leading batch
+axes, and what goes with it.
 
 | what | how |
 |---|---|
@@ -8,11 +9,13 @@
 | ∫ g, moments, p(x_i) | `log_integral`, `mean`, `sd`, `covariance`, `marginal(keep)` |
 | draws, standard coordinates, densities | `draw`, `at`, `white`, `log_density` |
 
-The square root is what is kept: P = S⁻¹ L Lᵀ S⁻¹, S diagonal scales. Rows are factored by QR, columns scaled; no normal
-equations, nothing is inverted. Moments need P positive definite; sums do not.
+The square root is what is kept: P = S⁻¹ L Lᵀ S⁻¹, S diagonal scales. Rows are factored by QR,
+columns scaled; no normal equations, nothing is inverted. Moments need P positive definite; sums do
+not.
 
-Beside it: triangular algebra on stacks (`eliminate`, `solve_lower`, `solve_upper`), least squares of minimum norm, moments and
-quantiles of mixtures of Gaussians, quantiles of weighted draws, Newton's method for a mode, Holm's adjustment, Sobol's points.
+Beside it: triangular algebra on stacks (`eliminate`, `solve_lower`, `solve_upper`), least squares
+of minimum norm, moments and quantiles of mixtures of Gaussians, quantiles of weighted draws,
+Newton's method for a mode, Holm's adjustment, Sobol's points.
 """
 
 from __future__ import annotations
@@ -55,8 +58,9 @@ _BITS = np.arange(30)
 
 
 class Gaussian(Shown):
-    """g(x) = exp(constant + ηᵀ x − ½ xᵀ P x), one for every index of the leading axes: precision P (..., q, q), symmetric, which
-    may be singular as long as no moments are asked for; shift η = P · mean (..., q); log_constant (...)."""
+    """g(x) = exp(constant + ηᵀ x − ½ xᵀ P x), one for every index of the leading axes: precision P
+    (..., q, q), symmetric, which may be singular as long as no moments are asked for; shift η = P ·
+    mean (..., q); log_constant (...)."""
 
     shown = ("precision", "shift")
 
@@ -69,7 +73,8 @@ class Gaussian(Shown):
     def factored(
         cls, mean: Array, root: Array, scale: Array, log_integral: Array | float = 0.0
     ) -> Self:
-        """From its mean (..., q), the lower L (..., q, q) and the scales (..., q) of P = S⁻¹ L Lᵀ S⁻¹, and ln ∫ g."""
+        """From its mean (..., q), the lower L (..., q, q) and the scales (..., q) of P = S⁻¹ L Lᵀ
+        S⁻¹, and ln ∫ g."""
         found = object.__new__(cls)
         found.__dict__.update(
             _factored=(mean, root, scale), log_integral=np.asarray(log_integral, dtype=float)
@@ -78,12 +83,14 @@ class Gaussian(Shown):
 
     @classmethod
     def of(cls, mean: Array, covariance: Array) -> Gaussian:
-        """N(mean, covariance), from covariances (..., q, q) that must be positive definite, or independent variances (..., q)."""
+        """N(mean, covariance), from covariances (..., q, q) that must be positive definite, or
+        independent variances (..., q)."""
         q = mean.shape[-1]
         if covariance.shape == mean.shape:
             if not np.all(covariance > 0):
                 raise InputError(
-                    f"variances must be positive, got {covariance.min()}. Remove that column or correct it."
+                    f"variances must be positive, got {covariance.min()}. Remove that column or"
+                    " correct it."
                 )
             return cls.factored(
                 mean, np.broadcast_to(np.eye(q), (*mean.shape, q)), np.sqrt(covariance)
@@ -93,15 +100,17 @@ class Gaussian(Shown):
             root = np.linalg.cholesky(covariance / (sd[..., :, None] * sd[..., None, :]))
         except np.linalg.LinAlgError:
             raise InputError(
-                "a covariance must be positive definite, got a singular or indefinite one. Correct it."
+                "a covariance must be positive definite, got a singular or indefinite one."
+                " Correct it."
             ) from None
         inverse = solve_lower(root, np.broadcast_to(np.eye(q), covariance.shape))
         return cls.factored(mean, _positive(np.asarray(np.linalg.qr(inverse, mode="r"))), sd)
 
     @classmethod
     def from_rows(cls, rows: Array, values: Array) -> Gaussian:
-        """Π N(values; rows · x, 1) as a function of x, rows (..., n, q) in units of the noise and values (..., n): least squares,
-        whose residual sum of squares is in ``log_integral``. InputError where rows do not determine x."""
+        """Π N(values; rows · x, 1) as a function of x, rows (..., n, q) in units of the noise and
+        values (..., n): least squares, whose residual sum of squares is in ``log_integral``.
+        InputError where rows do not determine x."""
         n, q = rows.shape[-2:]
         scale = _powers_of_two(rows)
         stack = np.concatenate([rows * scale[..., None, :], values[..., None]], axis=-1)
@@ -109,15 +118,16 @@ class Gaussian(Shown):
         pivots = np.abs(np.diagonal(triangle, axis1=-2, axis2=-1))[..., :q]
         if n < q or np.any(pivots <= _DEPENDENT * pivots.max(axis=-1, keepdims=True)):
             raise InputError(
-                "rows must determine every coefficient, got columns that follow from others. Give a proper prior."
+                "rows must determine every coefficient, got columns that follow from others. Give a"
+                " proper prior."
             )
         return cls._of_triangle(
             triangle, np.zeros(q), scale, -0.5 * n * _LOG_2PI + 0.5 * q * _LOG_2PI
         )
 
     def observe(self, rows: Array, values: Array) -> Gaussian:
-        """The product with Π N(values; rows · x, 1), rows (..., n, q) in units of the noise and values (..., n): prior to
-        posterior, ``log_integral`` gaining the log evidence."""
+        """The product with Π N(values; rows · x, 1), rows (..., n, q) in units of the noise and
+        values (..., n): prior to posterior, ``log_integral`` gaining the log evidence."""
         mean, root, scale = self._factored
         residual = values - (rows @ mean[..., None])[..., 0]
         stack = np.concatenate([rows * scale[..., None, :], residual[..., None]], axis=-1)
@@ -199,7 +209,8 @@ class Gaussian(Shown):
         return self._factored[2]
 
     def spread(self, combinations: Array | None = None) -> Array:
-        """X with X Xᵀ = covariance, shape (..., q, q); of linear combinations (m, q) of x: shape (..., m, q)."""
+        """X with X Xᵀ = covariance, shape (..., q, q); of linear combinations (m, q) of x: shape
+        (..., m, q)."""
         rows = np.eye(self.scale.shape[-1]) if combinations is None else combinations
         scaled = np.swapaxes(rows * self.scale[..., None, :], -1, -2)
         return np.swapaxes(solve_lower(self.root, scaled, triangular=combinations is None), -1, -2)
@@ -261,9 +272,10 @@ def eliminate(
     sign: Array | None = None,
     linked: Array | None = None,
 ) -> None:
-    """Cholesky factorisation in place, the stack last: of s columns of symmetric matrices and of what is right of them, ``front``
-    (g, s, n, w), n ≥ s, column j from its diagonal on being [:, j, j:]; NaN where one is not positive definite. The products of
-    ``links`` (k, n, w), columns eliminated before, are subtracted first. L S Lᵀ where pivots have a ``sign`` S (g, s), those of
+    """Cholesky factorisation in place, the stack last: of s columns of symmetric matrices and of
+    what is right of them, ``front`` (g, s, n, w), n ≥ s, column j from its diagonal on being [:, j,
+    j:]; NaN where one is not positive definite. The products of ``links`` (k, n, w), columns
+    eliminated before, are subtracted first. L S Lᵀ where pivots have a ``sign`` S (g, s), those of
     the links in ``linked`` (k,)."""
     left = front if sign is None else np.empty_like(front)
     before = links if links is None or linked is None else links * linked[:, None, None]
@@ -281,7 +293,8 @@ def eliminate(
 
 
 def solve_lower(lower: Array, right: Array, *, triangular: bool = False) -> Array:
-    """L⁻¹ X of stacks, shapes (..., q, q) and (..., q, k), X perhaps lower ``triangular`` itself."""
+    """L⁻¹ X of stacks, shapes (..., q, q) and (..., q, k), X perhaps lower ``triangular``
+    itself."""
     lower, solved = _stack_last(lower, right, 2)
     for i in range(len(solved)):
         if i:
@@ -302,7 +315,8 @@ def solve_upper(lower: Array, right: Array) -> Array:
 
 
 def _stack_last(lower: Array, right: Array, axes: int) -> tuple[Array, Array]:
-    """L (q, q, ...) and a copy of the right side (q, ...) or (q, k, ...): the stack last and contiguous."""
+    """L (q, q, ...) and a copy of the right side (q, ...) or (q, k, ...): the stack last and
+    contiguous."""
     batch = np.broadcast_shapes(lower.shape[:-2], right.shape[:-axes])
     turned = np.ascontiguousarray(np.moveaxis(lower, (-2, -1), (0, 1)))
     turned = np.broadcast_to(np.moveaxis(turned, (0, 1), (-2, -1)), (*batch, *lower.shape[-2:]))
@@ -316,8 +330,9 @@ def _stack_last(lower: Array, right: Array, axes: int) -> tuple[Array, Array]:
 def least_squares(
     jacobian: Array, y: Array, scale: Array | None = None, *, rank_tolerance: float = 1e-10
 ) -> Array:
-    """Minimum-norm least squares (p,) of y (n,) by the columns of a Jacobian (n, p), in units of ``scale`` (p,), typical sizes of
-    the parameters, by default reciprocal column norms; directions of smaller relative singular values are undetermined."""
+    """Minimum-norm least squares (p,) of y (n,) by the columns of a Jacobian (n, p), in units of
+    ``scale`` (p,), typical sizes of the parameters, by default reciprocal column norms; directions
+    of smaller relative singular values are undetermined."""
     if scale is None:
         norms = np.linalg.norm(jacobian, axis=0)
         scale = 1.0 / np.where(norms > 0, norms, 1.0)
@@ -361,8 +376,9 @@ def mixture_moments(weight: Array, mean: Array, sd: Array) -> tuple[Array, Array
 def mixture_quantiles(
     weight: Array, mean: Array, sd: Array, levels: Sequence[float] | Array
 ) -> Array:
-    """Quantiles, shape (levels, ...), of mixtures of Gaussians: Newton's method kept inside a bracket. Components (k, ...);
-    weights (k,), or an array that broadcasts with them, sum to one along the first axis."""
+    """Quantiles, shape (levels, ...), of mixtures of Gaussians: Newton's method kept inside a
+    bracket. Components (k, ...); weights (k,), or an array that broadcasts with them, sum to one
+    along the first axis."""
     flat_mean, flat_sd = (part.reshape(len(mean), -1) for part in (mean, sd))
     weight = weight.reshape(-1, *(1,) * (mean.ndim - 1)) if weight.ndim == 1 else weight
     flat_weight = np.broadcast_to(weight, mean.shape).reshape(flat_mean.shape)
@@ -392,7 +408,8 @@ def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Ar
             new = x - excess / (
                 (weight * (np.exp(-0.5 * z**2) / sd)).sum(axis=0) / np.sqrt(2.0 * np.pi)
             )
-        # Newton's step where it is the last, or stays inside the bracket and is at most half of the one before; else halfway.
+        # Newton's step where it is the last, or stays inside the bracket and is at most half of the
+        # one before; else halfway.
         size = np.abs(new - x)
         good = (size <= _CLOSE * spread) | (
             (new > low) & (new < high) & (size <= 0.5 * np.abs(step))
@@ -405,7 +422,8 @@ def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Ar
 
 
 def weighted_quantiles(weight: Array, draws: Array, levels: Sequence[float] | Array) -> Array:
-    """Quantiles, shape (levels, ...), of weighted draws (k, ...), linear between the middles of their weights."""
+    """Quantiles, shape (levels, ...), of weighted draws (k, ...), linear between the middles of
+    their weights."""
     flat = draws.reshape(len(draws), -1)
     found = np.empty((len(levels), flat.shape[1]))
     for column in range(flat.shape[1]):
@@ -426,12 +444,12 @@ def newton(
     least_curvature: float = 0.3,
     gain: float = 1e-6,
 ) -> Array:
-    """A mode of a log density (n, h) → (n,), shape (h,), by damped Newton steps from a start; ``derivatives`` of a point:
-    its gradient (h,) and Hessian (h, h).
+    """A mode of a log density (n, h) → (n,), shape (h,), by damped Newton steps from a start;
+    ``derivatives`` of a point: its gradient (h,) and Hessian (h, h).
 
-    Directions of wrong curvature are turned round, none counts as flatter than ``least_curvature``, no step is longer than
-    1.5; of several fractions of a step, tried in one call, the best is taken. Steps end when the density rises by no more
-    than ``gain`` [nat].
+    Directions of wrong curvature are turned round, none counts as flatter than ``least_curvature``,
+    no step is longer than 1.5; of several fractions of a step, tried in one call, the best is
+    taken. Steps end when the density rises by no more than ``gain`` [nat].
     """
     point, fractions = np.array(start, dtype=float), np.array(_FRACTIONS)
     value = float(log_density(point[None])[0])
@@ -465,7 +483,8 @@ def central_differences(
 
 
 def components(linked: Array) -> NDArray[np.intp]:
-    """Number of the group that each belongs to, shape (n,), what is linked (n, n) directly or through others being one group."""
+    """Number of the group that each belongs to, shape (n,), what is linked (n, n) directly or
+    through others being one group."""
     label, joined = np.arange(len(linked)), linked | np.eye(len(linked), dtype=bool)
     while np.any(
         label != (nearest := np.where(joined, label, len(linked)).min(axis=1, initial=len(linked)))
@@ -486,8 +505,8 @@ def holm(p_value: Array) -> Array:
 
 
 class Sobol:
-    """Scrambled points of the unit cube (Joe and Kuo 2008; Matoušek 1998), those of `scipy.stats.qmc.Sobol`, whose import would
-    take every command a second."""
+    """Scrambled points of the unit cube (Joe and Kuo 2008; Matoušek 1998), those of
+    `scipy.stats.qmc.Sobol`, whose import would take every command a second."""
 
     def __init__(self, dimensions: int, rng: np.random.Generator) -> None:
         rng = rng.spawn(1)[0]
@@ -513,7 +532,8 @@ class Sobol:
 
 @cache
 def _sobol_directions(dimensions: int) -> NDArray[np.int64]:
-    """Direction numbers (dimensions, bits) by the recurrence of Bratley and Fox (1988), from the table that SciPy brings."""
+    """Direction numbers (dimensions, bits) by the recurrence of Bratley and Fox (1988), from the
+    table that SciPy brings."""
     with np.load(Path(scipy.__file__).parent / "stats" / "_sobol_direction_numbers.npz") as table:
         polynomials, starts = table["poly"].tolist(), table["vinit"]
     numbers = np.ones((dimensions, _BITS.size), dtype=np.int64)

@@ -1,6 +1,8 @@
-"""HybridModel: the terms, the prior and the noise, before they meet a campaign; BoundModel: the same of one campaign.
+"""HybridModel: the terms, the prior and the noise, before they meet a campaign; BoundModel: the
+same of one campaign.
 
-ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε, β = (C_0 …, E) ~ N(m, S), nuisances Gaussian given φ = (σ, δ, κ, τ).
+ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε, β = (C_0 …, E) ~ N(m, S), nuisances Gaussian
+given φ = (σ, δ, κ, τ).
 """
 
 from __future__ import annotations
@@ -77,7 +79,8 @@ _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 _ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # Circles scatter each by a scale of its own where there are so many.
 _FEWEST_SCALED = 4
-# What explains a change with force as slopes do: the term, which setting of it, or all, and how its coefficients' names begin.
+# What explains a change with force as slopes do: the term, which setting of it, or all, and how its
+# coefficients' names begin.
 _RIVALS: dict[str, tuple[type[Term], str, str]] = {
     "joint load": (JointLoad, "", "joint_load"),
     "curved mount": (Mount, "curvature_um", "mount_curvature"),
@@ -87,9 +90,12 @@ _RIVALS: dict[str, tuple[type[Term], str, str]] = {
 
 @dataclass(frozen=True)
 class HybridModel(Result):
-    """The model of a campaign, not yet bound to one: its ``nuisances`` (terms) and priors; refused where they clash."""
+    """The model of a campaign, not yet bound to one: its ``nuisances`` (terms) and priors; refused
+    where they clash."""
 
-    degree: int = 1  #: compliance constant (0), linear (1) or quadratic (2) in force; constant: linear with its slopes at zero
+    #: compliance constant (0), linear (1) or quadratic (2) in force; constant: linear with its
+    #: slopes at zero
+    degree: int = 1
     nuisances: tuple[Term, ...] = field(
         default_factory=lambda: tuple(own() for own in Term.kinds.values() if not own.on_demand)
     )
@@ -99,8 +105,10 @@ class HybridModel(Result):
     )
     preset: Preset = "default"  #: where the model started from
     fixed: tuple[
-        str, ...
-    ] = ()  #: parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a campaign
+        str,
+        ...,
+        #: parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a campaign
+    ] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", tuple(sorted(set(map(inside_name, self.fixed)))))
@@ -130,8 +138,9 @@ class HybridModel(Result):
         require(len(set(names)) == len(names), f"hyper-parameters must differ, {cure}")
         require(
             not (self.prior.flat and kinds),
-            f"a flat prior must stand without nuisances, got {', '.join(kind.__name__ for kind in kinds)}: what they share with "
-            "the parameters would be undetermined. Use proper priors or remove the nuisances.",
+            "a flat prior must stand without nuisances, got"
+            f" {', '.join(kind.__name__ for kind in kinds)}: what they share with the parameters"
+            " would be undetermined. Use proper priors or remove the nuisances.",
         )
 
     @classmethod
@@ -157,7 +166,8 @@ class HybridModel(Result):
         return presets[preset](degree)
 
     def with_degree(self, degree: int) -> HybridModel:
-        """The same model with another degree; what is fixed or overridden stays so where the new degree has it."""
+        """The same model with another degree; what is fixed or overridden stays so where the new
+        degree has it."""
         fixed = tuple(name for name in self.fixed if degree_of(name) <= degree)
         overrides = {
             name: sd for name, sd in self.prior.overrides.items() if degree_of(name) <= degree
@@ -167,7 +177,8 @@ class HybridModel(Result):
         )
 
     def with_slope_scale(self, scale: float) -> HybridModel:
-        """The same model with slopes of this prior scale; what is overridden changes in proportion."""
+        """The same model with slopes of this prior scale; what is overridden changes in
+        proportion."""
         factor = scale / self.prior.slope_scale
         overrides = {
             name: sd * (factor if degree_of(name) else 1.0)
@@ -176,17 +187,20 @@ class HybridModel(Result):
         return replace(self, prior=replace(self.prior, slope_scale=scale, overrides=overrides))
 
     def fixing(self, *names: str) -> HybridModel:
-        """The same model with the named parameters fixed at zero; a prior mean they had becomes zero."""
+        """The same model with the named parameters fixed at zero; a prior mean they had becomes
+        zero."""
         fixed = {*self.fixed, *map(inside_name, names)}
         means = {name: 0.0 if name in fixed else mean for name, mean in self.prior.means.items()}
         return replace(self, fixed=tuple(fixed), prior=replace(self.prior, means=means))
 
     def with_prior(self, priors: Mapping[str, Any] | None = None, /, **more: Any) -> HybridModel:
-        """The same model with other priors, each text with its unit or a number in the inside unit (mm, N, rad).
+        """The same model with other priors, each text with its unit or a number in the inside unit
+        (mm, N, rad).
 
-        ``C_XXX=("60 nm/N", "5 nm/N")``: mean and sd of a parameter, which is free again if it was fixed; a slope's mean stays 0.
-        ``tau_um="2 µm"``: a field of `Prior`. Names as the paper prints them go in a mapping: ``{"E_C(0Y)X": (0, "20 µrad")}``.
-        InputError for what is neither; names are checked against the machine when the model meets a campaign.
+        ``C_XXX=("60 nm/N", "5 nm/N")``: mean and sd of a parameter, which is free again if it was
+        fixed; a slope's mean stays 0. ``tau_um="2 µm"``: a field of `Prior`. Names as the paper
+        prints them go in a mapping: ``{"E_C(0Y)X": (0, "20 µrad")}``. InputError for what is
+        neither; names are checked against the machine when the model meets a campaign.
         """
         given = {inside_name(name): value for name, value in {**(priors or {}), **more}.items()}
         tables: dict[str, Any] = {
@@ -203,7 +217,8 @@ class HybridModel(Result):
                 pair = isinstance(value, tuple | list) and len(value) == 2
                 require(
                     pair,
-                    f"prior of {name} must be its mean and sd, got {value!r}. Write {name}=(mean, sd).",
+                    f"prior of {name} must be its mean and sd, got {value!r}. Write {name}=(mean,"
+                    " sd).",
                 )
                 tables["overrides"][name] = value[1]
                 mean = parameter_to_inside(name, value[0], "prior mean of")
@@ -213,7 +228,8 @@ class HybridModel(Result):
         return replace(self, fixed=fixed, prior=replace(self.prior, **own, **tables))
 
     def with_term(self, *terms: Term) -> HybridModel:
-        """The same model with these nuisances, in place of its own of the same kind: ``with_term(Drift("temperature"))``."""
+        """The same model with these nuisances, in place of its own of the same kind:
+        ``with_term(Drift("temperature"))``."""
         own = {type(term): term for term in (*self.nuisances, *terms)}
         places = [*Term.kinds.values(), *own]
         return replace(self, nuisances=tuple(own[kind] for kind in sorted(own, key=places.index)))
@@ -224,7 +240,8 @@ class HybridModel(Result):
         return self.with_term(*terms)
 
     def without(self, *names: str) -> HybridModel:
-        """The same model without the named terms (``ball-form`` … ``hysteresis``, ``truncation``)."""
+        """The same model without the named terms (``ball-form`` … ``hysteresis``,
+        ``truncation``)."""
         check_known("term", names, (*(kind.key() for kind in Term.kinds.values()), "truncation"))
         prior = replace(self.prior, truncated=False) if "truncation" in names else self.prior
         return replace(
@@ -235,7 +252,8 @@ class HybridModel(Result):
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """What it has that explains a change with force as slopes do: joint load, curved mount, curved force law."""
+        """What it has that explains a change with force as slopes do: joint load, curved mount,
+        curved force law."""
         own = {type(term): term for term in self.nuisances}
         return tuple(
             name
@@ -261,7 +279,8 @@ class HybridModel(Result):
         return self.scales_in(None)
 
     def scales_in(self, setting: Setting | None) -> tuple[Scale, ...]:
-        """The same of a setting, with a scale for every circle, and without those that do not act there."""
+        """The same of a setting, with a scale for every circle, and without those that do not act
+        there."""
         own = [
             (term, term.scales if setting is None else term.scales_in(setting))
             for term in self.nuisances
@@ -288,7 +307,8 @@ class HybridModel(Result):
         return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
     def bind(self, campaign: Campaign) -> BoundModel:
-        """The model of this campaign or plan; InputError for forces too few for its degree, or for flat priors."""
+        """The model of this campaign or plan; InputError for forces too few for its degree, or for
+        flat priors."""
         return BoundModel(self, campaign)
 
     def simulate(
@@ -306,9 +326,11 @@ class HybridModel(Result):
 
         Parameters
         ----------
-        parameters : true values in inside units; what it leaves out is zero. Default: a draw from the prior.
+        parameters : true values in inside units; what it leaves out is zero. Default: a draw from
+            the prior.
         hyper_um : true hyper-parameters [µm]; what it leaves out is drawn from its prior.
-        exact : geometric errors through the exact forward model (Eq. 1-14) instead of the linear one.
+        exact : geometric errors through the exact forward model (Eq. 1-14) instead of the linear
+            one.
         """
         rng = np.random.default_rng(seed)
         bound = self.bind(plan)
@@ -354,8 +376,8 @@ class HybridModel(Result):
 
 @dataclass(frozen=True)
 class Simulation(Result):
-    """A simulated campaign, and what it was made from: true parameters in inside units (mm, N, rad), hyper-parameters, lengths in
-    µm, and the parameters' units."""
+    """A simulated campaign, and what it was made from: true parameters in inside units (mm, N,
+    rad), hyper-parameters, lengths in µm, and the parameters' units."""
 
     campaign: Campaign
     parameters: dict[str, float]
@@ -370,8 +392,8 @@ _KEPT: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of interest: name, unit, prior sd (infinite when flat), group, of a compliance the power of force it goes
-    with, and the prior mean (zero when flat)."""
+    """One parameter of interest: name, unit, prior sd (infinite when flat), group, of a compliance
+    the power of force it goes with, and the prior mean (zero when flat)."""
 
     name: str
     unit: str
@@ -398,18 +420,21 @@ class BoundModel(Shown):
 
     Parameters
     ----------
-    keep : names of the tests to use. F0, force range, truncation, Ĉ and the two-ball rule stay those of the whole campaign.
+    keep : names of the tests to use. F0, force range, truncation, Ĉ and the two-ball rule stay
+        those of the whole campaign.
     pilot : of a plan: the campaign whose F0, force range and Ĉ are used instead of the plan's own.
 
     Attributes
     ----------
     parameters, names, prior_sd, prior_mean : tuples, and ndarrays of shape (p,)
-        Compliances, their slopes degree by degree, geometric errors; infinite sd and zero mean when flat.
+        Compliances, their slopes degree by degree, geometric errors; infinite sd and zero mean when
+        flat.
     test_names, reduced, setting : tuple of str, tuple of Reduced, Setting
     interest : ndarray, shape (tests, 25, p)
         H: columns of the parameters of interest.
     physical, truncation : Truncation
-        The region of physical compliances, C(F) ≥ 0; the same where the prior imposes it, else the whole space.
+        The region of physical compliances, C(F) ≥ 0; the same where the prior imposes it, else the
+        whole space.
     """
 
     shown = ("model", "campaign", "test_names", "names", "setting")
@@ -474,14 +499,16 @@ class BoundModel(Shown):
         return BoundModel(self.model, self.campaign, keep=names, pilot=self.pilot)
 
     def with_two_balls(self) -> BoundModel:
-        """The same binding with a form for each ball, as other readings with the same balls need."""
+        """The same binding with a form for each ball, as other readings with the same balls
+        need."""
         bound = self.keeping(self.test_names)
         bound.setting = replace(bound.setting, two_balls=True)
         return bound
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Class names of the terms that act on this campaign: hysteresis needs both directions of travel."""
+        """Class names of the terms that act on this campaign: hysteresis needs both directions of
+        travel."""
         idle = [
             kind.__name__
             for kind, columns in self.columns_of.items()
@@ -491,7 +518,8 @@ class BoundModel(Shown):
         return tuple(name for name in self.model.terms if name not in idle)
 
     def compliance_at(self, force_N: float) -> Array:
-        """Rows A with C + slopes = A β at a force, one per kept compliance, shape (compliances, p)."""
+        """Rows A with C + slopes = A β at a force, one per kept compliance, shape (compliances,
+        p)."""
         labels = [name.label for name in self.compliances]
         rows = np.zeros((len(labels), len(self.parameters)))
         for column, parameter in enumerate(self.parameters):
@@ -502,23 +530,27 @@ class BoundModel(Shown):
 
     @cached_property
     def scale(self) -> Array:
-        """Typical size of every parameter, shape (p,): its prior sd, or the default prior's when flat."""
+        """Typical size of every parameter, shape (p,): its prior sd, or the default prior's when
+        flat."""
         return self._sd_of(Prior.first())[self._free] if self.model.prior.flat else self.prior_sd
 
     @cached_property
     def centre(self) -> Array:
-        """Least-squares estimate about which densities are computed, shape (p,); the prior mean for a plan."""
+        """Least-squares estimate about which densities are computed, shape (p,); the prior mean for
+        a plan."""
         return self._fit(self.interest, self.prior_mean, self.scale, self.reduced)
 
     @property
     def known_offset(self) -> Array:
-        """Nominal mount deflection still in the readings (Eq. 32), shape (tests, 25) [mm]; zero when compensated."""
+        """Nominal mount deflection still in the readings (Eq. 32), shape (tests, 25) [mm]; zero
+        when compensated."""
         nominal = 0.0 if self.setting.compensated else self.setting.deflection_um_per_bar * 1e-3
         return self.setting.constant(self.setting.pressure_bar * nominal)[:, :, 0]
 
     @cached_property
     def columns_of(self) -> dict[type[Term], tuple[Columns | BasisNoise, ...]]:
-        """The nuisances' columns, term by term in the model's order; of a term that does not act here, none."""
+        """The nuisances' columns, term by term in the model's order; of a term that does not act
+        here, none."""
         return {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
 
     @property
@@ -528,7 +560,8 @@ class BoundModel(Shown):
 
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
-        """Prior mean and sd of the last shared coefficients of `collapsed`: of rivals of slopes, and the parameters."""
+        """Prior mean and sd of the last shared coefficients of `collapsed`: of rivals of slopes,
+        and the parameters."""
         rivals = [
             part
             for part in self.nuisance_columns
@@ -548,7 +581,8 @@ class BoundModel(Shown):
 
     @cached_property
     def collapsed(self) -> StructuredGaussian:
-        """p(y | φ): nuisances and β integrated out, not truncated. Its last shared coefficients: rivals of slopes, β − centre."""
+        """p(y | φ): nuisances and β integrated out, not truncated. Its last shared coefficients:
+        rivals of slopes, β − centre."""
         last = sorted(self.nuisance_columns, key=_rivals_slopes)
         return self._structured(
             [
@@ -575,7 +609,8 @@ class BoundModel(Shown):
         return self.given_interest.log_density(phi, beta - self.centre)
 
     def log_prior(self, beta: Array) -> Array:
-        """ln p(β), shape (...): −inf outside the truncation, its prior probability divided out; 0 when flat."""
+        """ln p(β), shape (...): −inf outside the truncation, its prior probability divided out; 0
+        when flat."""
         if self.model.prior.flat:
             return np.zeros(beta.shape[:-1])
         white = (beta - self.prior_mean) / self.prior_sd
@@ -586,7 +621,8 @@ class BoundModel(Shown):
 
     @cached_property
     def truncation_prior(self) -> tuple[float, float]:
-        """ln P(T | prior) and its error [nat]; 0 without truncation. Compliances that share no parameter are independent."""
+        """ln P(T | prior) and its error [nat]; 0 without truncation. Compliances that share no
+        parameter are independent."""
         if not self.truncation.active:
             return 0.0, 0.0
         mean, spread = self.truncation.rows @ self.prior_mean, self.truncation.rows * self.prior_sd
@@ -605,7 +641,8 @@ class BoundModel(Shown):
         return self.truncation_prior[0]
 
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
-        """ln p(y | φ), shape (w,), without its normalising constant when the prior is flat; and p(β | y, φ)."""
+        """ln p(y | φ), shape (w,), without its normalising constant when the prior is flat; and p(β
+        | y, φ)."""
         log_evidence, own = self.collapsed.conditional(phi, last=len(self.names))
         given = ParameterConditional.factored(own.mean + self.centre, own.root, own.scale)
         given.physical = self.physical
@@ -616,7 +653,8 @@ class BoundModel(Shown):
         return self.collapsed.log_density(phi)
 
     def draw_parameters(self, size: int, rng: np.random.Generator) -> Array:
-        """Draws of β from its prior, which must not be flat, inside the truncation, shape (size, p)."""
+        """Draws of β from its prior, which must not be flat, inside the truncation, shape (size,
+        p)."""
         require(
             not self.model.prior.flat,
             "parameters must be given when the prior is flat, got none. Pass true values.",
@@ -634,7 +672,8 @@ class BoundModel(Shown):
         return draws[:size]
 
     def draw_machine(self, rng: np.random.Generator) -> Array:
-        """β (p,) of a machine from the prior inside the truncation, its slopes measured against its own compliances."""
+        """β (p,) of a machine from the prior inside the truncation, its slopes measured against its
+        own compliances."""
         if not self.model.prior.slopes_of_estimate:
             return self.draw_parameters(1, rng)[0]
         while True:
@@ -687,7 +726,8 @@ class BoundModel(Shown):
         )
 
     def _sd_of(self, prior: Prior, setting: Setting | None = None) -> Array:
-        """Prior sd of all parameters, fixed ones included; slopes measured against this setting's Ĉ."""
+        """Prior sd of all parameters, fixed ones included; slopes measured against this setting's
+        Ĉ."""
         setting = setting or self.setting
         compliance, size = self._compliance_sd(prior), self._size(prior.compliance_size, prior)
         if prior.slopes_of_estimate:
@@ -697,7 +737,8 @@ class BoundModel(Shown):
         return np.concatenate([compliance, *slopes, prior.geometric_sd(self.geometric_errors)])
 
     def _compliance_sd(self, prior: Prior) -> Array:
-        """Prior sd of every kept compliance, what it has absorbed of dropped sets included, unless overridden."""
+        """Prior sd of every kept compliance, what it has absorbed of dropped sets included, unless
+        overridden."""
         overridden = [name.label in prior.overrides for name in self.compliances]
         return np.where(
             overridden,
@@ -706,7 +747,8 @@ class BoundModel(Shown):
         )
 
     def _size(self, of: Callable[[Sequence[ComplianceName]], Array], prior: Prior) -> Array:
-        """Sizes of kept compliances; what each has absorbed of dropped sets is added in quadrature."""
+        """Sizes of kept compliances; what each has absorbed of dropped sets is added in
+        quadrature."""
         own = of(self.compliances)
         for k, absorbed in enumerate(self._kept.absorbed):
             heads = [other for other in absorbed if other.label in self._kept.dependent]
@@ -757,7 +799,8 @@ class BoundModel(Shown):
         return np.array([self.model.prior.means.get(name, value) for name, value in usual.items()])
 
     def _estimate(self, reduced: Sequence[Reduced]) -> tuple[Array, Array]:
-        """Ĉ and Ê: least squares at degree 0 on the whole campaign, nearest to the prior mean in units of the prior sd."""
+        """Ĉ and Ê: least squares at degree 0 on the whole campaign, nearest to the prior mean in
+        units of the prior sd."""
         setting, prior = self.setting, Prior.first() if self.model.prior.flat else self.model.prior
         columns = np.concatenate(
             [setting.force_N[:, None, None] * setting.wrench, setting.geometric], axis=2
@@ -777,7 +820,8 @@ class BoundModel(Shown):
         return np.where(seen, estimate, self._planned()), geometric
 
     def _fit(self, columns: Array, near: Array, scale: Array, reduced: Sequence[Reduced]) -> Array:
-        """Least squares; where not unique, what is closest to ``near`` in units of ``scale``. Of a plan, ``near`` itself."""
+        """Least squares; where not unique, what is closest to ``near`` in units of ``scale``. Of a
+        plan, ``near`` itself."""
         if reduced[0].projection is None:
             return near
         rows = np.concatenate([test.factor @ columns[r] for r, test in enumerate(reduced)])
@@ -788,8 +832,9 @@ class BoundModel(Shown):
         return near + least_squares(rows, np.concatenate(values) - rows @ near, scale)
 
     def _physical_rows(self) -> Array:
-        """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested force that can bind. A
-        compliance fixed at zero at F0 whose free slope would make it negative on one side of F0 is refused."""
+        """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested
+        force that can bind. A compliance fixed at zero at F0 whose free slope would make it
+        negative on one side of F0 is refused."""
         forces, degree = distinct_forces(self.campaign.forces_N), self.model.degree
         forces = forces if degree == 2 else forces[[0, -1][: degree + 1]]
         bounded = np.flatnonzero(self._kept.not_negative)
@@ -807,20 +852,23 @@ class BoundModel(Shown):
             )
             require(
                 not alone,
-                f"{label} must not be fixed at zero while {label}_1 is free: about F0 = {self.setting.reference_force_N:g} N "
-                f"C(F) would be negative on one side. Fix {label}_1 too, or give a reference_force_N outside the tested forces.",
+                f"{label} must not be fixed at zero while {label}_1 is free: about F0 ="
+                f" {self.setting.reference_force_N:g} N C(F) would be negative on one side. Fix"
+                f" {label}_1 too, or give a reference_force_N outside the tested forces.",
             )
         rows = dict.fromkeys(tuple(rows[j]) for j in bounded for rows in at)
         return np.array([row for row in rows if any(row)]).reshape(-1, len(self.parameters))
 
 
 def information_of(bound: BoundModel, phi: Array) -> Information:
-    """What readings tell of a bound model's coefficients at φ (h,) [mm]; what differs between tests is noise of its test."""
+    """What readings tell of a bound model's coefficients at φ (h,) [mm]; what differs between tests
+    is noise of its test."""
     return next(informations_of(bound, phi[None]))
 
 
 def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
-    """That of `information_of` at several φ in turn, shape (w, h) [mm]; what φ only scales is worked out once."""
+    """That of `information_of` at several φ in turn, shape (w, h) [mm]; what φ only scales is
+    worked out once."""
     names, owners = list(bound.names), [OWN] * len(bound.names)
     columns, scale = [bound.interest], list[Columns]()
     private = [
@@ -873,17 +921,22 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
 
 def _check_levels(model: HybridModel, campaign: Campaign) -> None:
     levels, degree = campaign.force_levels, model.degree
-    got = f"got one ({campaign.forces_N[0]:g} N). Use degree 0 (--degree 0), or add tests at another force."
+    got = (
+        f"got one ({campaign.forces_N[0]:g} N). Use degree 0 (--degree 0), or add tests at another"
+        " force."
+    )
     require(levels > 1 or degree == 0, f"degree ≥ 1 must have at least two force levels, {got}")
     require(
         levels >= degree + 2 or not model.prior.flat,
-        f"flat priors must have at least {('two', 'three', 'four')[degree]} force levels at degree {degree}, got {levels}: "
-        "compliance and geometry cannot be separated. Use the default preset, a lower degree, or add tests at another force.",
+        f"flat priors must have at least {('two', 'three', 'four')[degree]} force levels at degree"
+        f" {degree}, got {levels}: compliance and geometry cannot be separated. Use the default"
+        " preset, a lower degree, or add tests at another force.",
     )
 
 
 def _reduced(campaign: Campaign) -> tuple[Reduced, ...]:
-    """The reduced readings, computed once while the campaign lives: comparisons bind it to hundreds of models."""
+    """The reduced readings, computed once while the campaign lives: comparisons bind it to hundreds
+    of models."""
     if campaign not in _KEPT:
         plan = campaign.is_plan
         planned = {test.angle_deg.tobytes(): test for test in campaign.tests} if plan else {}
@@ -891,9 +944,11 @@ def _reduced(campaign: Campaign) -> tuple[Reduced, ...]:
             angles: reduce_readings(test.angles_rad(), None) for angles, test in planned.items()
         }
         _KEPT[campaign] = tuple(
-            once[test.angle_deg.tobytes()]
-            if plan
-            else reduce_readings(test.angles_rad(), test.readings_mm())
+            (
+                once[test.angle_deg.tobytes()]
+                if plan
+                else reduce_readings(test.angles_rad(), test.readings_mm())
+            )
             for test in campaign.tests
         )
     return _KEPT[campaign]

@@ -1,18 +1,23 @@
-"""ln p(z | β, φ), and the conditional Gaussian of the coefficients: nuisances integrated out in closed form.
+"""ln p(z | β, φ), and the conditional Gaussian of the coefficients: nuisances integrated out in
+closed form.
 
-z_r = R_r (H_r β + U_r u + V_r v_r + e_r) + ε for every test r, reduced to z_r and R_r; u ~ N(m, s²) shared by all tests, v_r ~
-N(0, s²) and e_r ~ N(0, s²) of each alone, ε ~ N(0, σ²), all scales products of known numbers and of φ. Rows are turned so that
-R_r e_r + ε has a diagonal covariance, and a prior is a row like a reading: with x = (u, v_1 … v_T) in units of the known numbers,
-all rows together are z − H β = A x + N(0, D(φ)), D diagonal, and
+z_r = R_r (H_r β + U_r u + V_r v_r + e_r) + ε for every test r, reduced to z_r and R_r; u ~ N(m, s²)
+shared by all tests, v_r ~ N(0, s²) and e_r ~ N(0, s²) of each alone, ε ~ N(0, σ²), all scales
+products of known numbers and of φ. Rows are turned so that R_r e_r + ε has a diagonal covariance,
+and a prior is a row like a reading: with x = (u, v_1 … v_T) in units of the known numbers, all rows
+together are z − H β = A x + N(0, D(φ)), D diagonal, and
 
-    P = Aᵀ D⁻¹ A = L Lᵀ,   ln p(z | β, φ) = −½ Σ ln D − ½ rᵀ D⁻¹ r + ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj,   r = z − H β.
+    P = Aᵀ D⁻¹ A = L Lᵀ,   ln p(z | β, φ) = −½ Σ ln D − ½ rᵀ D⁻¹ r + ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj,
+    r = z − H β.
 
-φ enters through D alone. Its rows are of few kinds, so that P and Aᵀ D⁻¹ r are sums of known matrices, one for each kind, times
-1/D. Arrays have their w values of φ last and contiguous: factors are computed entry by entry, for all φ at once.
+φ enters through D alone. Its rows are of few kinds, so that P and Aᵀ D⁻¹ r are sums of known
+matrices, one for each kind, times 1/D. Arrays have their w values of φ last and contiguous: factors
+are computed entry by entry, for all φ at once.
 
-Where circles are sampled uniformly, columns of different order or symmetry have no row in common but for the force errors', which
-have many orders. Leaves, columns that meet others only through the root, are eliminated first, then the root. Which columns make
-the root is worked out once: those that leave the fewest operations.
+Where circles are sampled uniformly, columns of different order or symmetry have no row in common
+but for the force errors', which have many orders. Leaves, columns that meet others only through the
+root, are eliminated first, then the root. Which columns make the root is worked out once: those
+that leave the fewest operations.
 """
 
 from __future__ import annotations
@@ -38,18 +43,20 @@ __all__ = ["NOISE", "OWN", "Information", "ParameterConditional", "StructuredGau
 Index = NDArray[np.intp]
 _LOG_2PI = float(np.log(2 * np.pi))
 _MALLOC_BYTES = 31 << 20
-# The most and the fewest φ of one pass; numbers that the cache holds; what BLAS rounds alike the multiples of: results do not
-# depend on the stack.
+# The most and the fewest φ of one pass; numbers that the cache holds; what BLAS rounds alike the
+# multiples of: results do not depend on the stack.
 _MOST, _FEWEST, _CACHED, _MULTIPLE = 512, 128, 1 << 19, 8
 _CROWDED = "crowded"
 # mm²: a hyper-parameter of zero, whose coefficients are then zero to all digits.
 _LEAST_VARIANCE = 1e-60
-# Multiplications in the time that a column takes besides; columns whose Gram entries are computed together.
+# Multiplications in the time that a column takes besides; columns whose Gram entries are computed
+# together.
 _OVERHEAD, _TOGETHER = 60.0, 4
 
 
 class ParameterConditional(Gaussian):
-    """p(β | y, φ) for w values of φ, without truncation; ``physical``: A β ≥ 0, whether or not the model imposes it."""
+    """p(β | y, φ) for w values of φ, without truncation; ``physical``: A β ≥ 0, whether or not the
+    model imposes it."""
 
     physical: Truncation
 
@@ -67,17 +74,18 @@ class ParameterConditional(Gaussian):
         return Orthant(self.mean @ self.physical.rows.T, self.spread(self.physical.rows))
 
     def draw_inside(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-        """One exact draw per φ inside A β ≥ 0, shape (w, p), and where it is one: the rejection sampler did not give up, and
-        rounding did not leave β outside."""
+        """One exact draw per φ inside A β ≥ 0, shape (w, p), and where it is one: the rejection
+        sampler did not give up, and rounding did not leave β outside."""
         white, exact = self.orthant.draw_spread(rng)
         beta = self.at(white)
         return beta, exact & self.physical.holds(beta)
 
 
 class _Rows(NamedTuple):
-    """Rows of readings and priors: what they have of the columns, in units of their prior sd (rows, columns), and of the
-    parameters of interest (rows, p); values (rows,); how many each stands for; its test, the number of tests for a prior of what
-    all share; and the parts of its variance that go with each source squared, (rows, sources)."""
+    """Rows of readings and priors: what they have of the columns, in units of their prior sd (rows,
+    columns), and of the parameters of interest (rows, p); values (rows,); how many each stands for;
+    its test, the number of tests for a prior of what all share; and the parts of its variance that
+    go with each source squared, (rows, sources)."""
 
     columns: Array
     interest: Array
@@ -88,8 +96,9 @@ class _Rows(NamedTuple):
 
 
 class _Front(NamedTuple):
-    """g groups of s columns (g, s) that meet k kinds of rows (g, k), and for each kind their Gram entries, (g, s, s + m + 1, k),
-    with one another, with the m columns that border them and with the values."""
+    """g groups of s columns (g, s) that meet k kinds of rows (g, k), and for each kind their Gram
+    entries, (g, s, s + m + 1, k), with one another, with the m columns that border them and with
+    the values."""
 
     columns: Index
     kinds: Index
@@ -99,7 +108,8 @@ class _Front(NamedTuple):
     def eliminated(
         self, factor: Array, links: Array | None = None, linked: Array | None = None
     ) -> Array:
-        """L of its entries in place, and ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group, shape (g, w)."""
+        """L of its entries in place, and ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group, shape (g,
+        w)."""
         eliminate(factor, links, sign=self.sign, linked=linked)
         white, span = factor[:, :, -1], np.arange(factor.shape[1])
         left = white if self.sign is None else self.sign[:, :, None] * white
@@ -111,7 +121,8 @@ class _Front(NamedTuple):
         return found
 
     def entries(self, weight: Array, shift: Array | None, out: Array | None = None) -> Array:
-        """P and Aᵀ D⁻¹ r + ``shift`` (columns, w) from the diagonal on, (g, s, s + m + 1, w), at weights 1/D (kinds, w)."""
+        """P and Aᵀ D⁻¹ r + ``shift`` (columns, w) from the diagonal on, (g, s, s + m + 1, w), at
+        weights 1/D (kinds, w)."""
         own = weight[self.kinds][:, None]
         out = np.zeros((*self.gram.shape[:3], weight.shape[1])) if out is None else out
         for j in range(0, self.gram.shape[1], _TOGETHER):
@@ -150,7 +161,8 @@ class _Elimination(NamedTuple):
         return max(_FEWEST, min(_MOST, _CACHED // max(entries, 1) // _MULTIPLE * _MULTIPLE))
 
     def factor(self, weight: Array, shift: Array | None) -> tuple[list[Array], Array]:
-        """L and L⁻¹ Aᵀ D⁻¹ r of every front, (g, s, s + m + 1, w), and ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj, shape (w,)."""
+        """L and L⁻¹ Aᵀ D⁻¹ r of every front, (g, s, s + m + 1, w), and ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln
+        L_jj, shape (w,)."""
         factors = [front.entries(weight, shift) for front in self.alone]
         # Leaves lie in one array, aligned at their border.
         most, begun = max((front.gram.shape[1] for front in self.leaves), default=0), 0
@@ -207,9 +219,10 @@ class _Plan(NamedTuple):
 
 
 class StructuredGaussian:
-    """p(z | β, φ) with the shared and private columns integrated out. Columns that tests share come in the order given in
-    `conditional`; ``interest`` H (tests, 25, p), whose coefficients are given in every call, none by default; ``offset`` (tests,
-    25), the known part of the readings in the basis, is subtracted beforehand."""
+    """p(z | β, φ) with the shared and private columns integrated out. Columns that tests share come
+    in the order given in `conditional`; ``interest`` H (tests, 25, p), whose coefficients are given
+    in every call, none by default; ``offset`` (tests, 25), the known part of the readings in the
+    basis, is subtracted beforehand."""
 
     def __init__(
         self,
@@ -225,7 +238,8 @@ class StructuredGaussian:
         even = [test.even for test in reduced if test.even is not None]
         diagonal = len(even) == len(reduced)
         noise = [term for term in columns if isinstance(term, BasisNoise)]
-        # Of arcs only one noise can be made diagonal: that of most orders. The others become private columns.
+        # Of arcs only one noise can be made diagonal: that of most orders. The others become
+        # private columns.
         absorbed = (
             noise if diagonal else sorted(noise, key=lambda term: -np.count_nonzero(term.sd))[:1]
         )
@@ -281,7 +295,8 @@ class StructuredGaussian:
     def conditional(
         self, phi: Array, beta: Array | None = None, *, last: int | None = None
     ) -> tuple[Array, Gaussian]:
-        """ln p(z | β, φ), shape (w,), and the shared coefficients, or the ``last`` of them, given z, β and φ: w Gaussians."""
+        """ln p(z | β, φ), shape (w,), and the shared coefficients, or the ``last`` of them, given
+        z, β and φ: w Gaussians."""
         w, first = len(phi), 0 if last is None else self._q - last
         n, order = (
             self._q - first,
@@ -306,8 +321,8 @@ class StructuredGaussian:
         return total, Gaussian.factored(mean, root, np.broadcast_to(unit, mean.shape), total)
 
     def private_mean(self, phi: Array, beta: Array, shared: Array) -> Array:
-        """Conditional mean of the private coefficients given β, φ and the shared ones, shape (w, tests, v): in the order given,
-        then basis noise that could not be made diagonal."""
+        """Conditional mean of the private coefficients given β, φ and the shared ones, shape (w,
+        tests, v): in the order given, then basis noise that could not be made diagonal."""
         q, v, columns, front = (
             self._q,
             len(self._private[0]),
@@ -330,8 +345,8 @@ class StructuredGaussian:
     def _passes(
         self, phi: Array, beta: Array | None, most: int
     ) -> Iterator[tuple[Index, Array, Array | None, Array]]:
-        """Some φ at a time, a multiple of eight, the last one repeated: which; 1/D (kinds, w); Aᵀ D⁻¹ r of the rows that β moves,
-        (columns, w); −½ Σ ln D − ½ rᵀ D⁻¹ r (w,)."""
+        """Some φ at a time, a multiple of eight, the last one repeated: which; 1/D (kinds, w); Aᵀ
+        D⁻¹ r of the rows that β moves, (columns, w); −½ Σ ln D − ½ rᵀ D⁻¹ r (w,)."""
         columns, interest, values, *_ = (part[self._moved] for part in self._rows)
         kind, sums = self._kind[self._moved], np.ones((1, len(self._constant)))
         number, squares, constant = (
@@ -356,7 +371,8 @@ class StructuredGaussian:
             yield index, weight, shift, (constant - 0.5 * square)[0]
 
     def _variances(self, phi: Array) -> Array:
-        """D of every kind of row, shape (kinds, w): what is known of them times each source squared."""
+        """D of every kind of row, shape (kinds, w): what is known of them times each source
+        squared."""
         value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
         sizes = np.stack([np.broadcast_to(source.at(value), len(phi)) for source in self._sources])
         found = self._kinds @ sizes**2
@@ -365,7 +381,8 @@ class StructuredGaussian:
         )
 
     def _front(self, groups: Sequence[Index], border: Index | None = None) -> _Front:
-        """Groups of as many columns each, to be eliminated together, and the columns that border them."""
+        """Groups of as many columns each, to be eliminated together, and the columns that border
+        them."""
         sums, kinds = [], []
         for columns in groups:
             met = (self._rows.columns[:, columns] != 0.0).any(axis=1)
@@ -411,8 +428,9 @@ class StructuredGaussian:
         )
 
     def _order(self, last: int | None) -> _Elimination:
-        """The fewest operations with the ``last`` shared columns at the end; None: all in the order given. The root is the
-        private columns, these, and those that have more rows than others, or all that private columns meet."""
+        """The fewest operations with the ``last`` shared columns at the end; None: all in the order
+        given. The root is the private columns, these, and those that have more rows than others, or
+        all that private columns meet."""
         if last not in self._orders:
             met, plans, first = (
                 self._rows.columns != 0.0,
@@ -448,7 +466,8 @@ def _reading_rows(
     *,
     diagonal: bool,
 ) -> _Rows:
-    """Rows of every test's readings, turned so that the absorbed noise is diagonal, and one for all that is outside the basis."""
+    """Rows of every test's readings, turned so that the absorbed noise is diagonal, and one for all
+    that is outside the basis."""
     together, apart = (
         np.concatenate(
             [np.zeros((len(reduced), SIZE, 0)), *(term.values for term in terms)], axis=2
@@ -490,7 +509,8 @@ def _reading_rows(
 def _turned(
     test: Reduced, absorbed: Sequence[BasisNoise], *, diagonal: bool
 ) -> tuple[Array, Array, list[Array]]:
-    """The turn (m, m) of a test's rows, the turned factor (m, 25), and the sd of every absorbed noise in each row."""
+    """The turn (m, m) of a test's rows, the turned factor (m, 25), and the sd of every absorbed
+    noise in each row."""
     if diagonal and test.even is not None:
         size = test.even.size
         return (
@@ -505,8 +525,8 @@ def _turned(
 def _with_prior(
     rows: _Rows, shared: Sequence[Columns], private: Sequence[Columns], sources: list[Source]
 ) -> tuple[_Rows, Array, float]:
-    """The rows in units of the columns' prior sd, flat ones' in units of their own size, with the prior's rows below; the units
-    (columns,); and what flat priors add to the log density."""
+    """The rows in units of the columns' prior sd, flat ones' in units of their own size, with the
+    prior's rows below; the units (columns,); and what flat priors add to the log density."""
     tests, q = int(rows.test[-1]) + 1, sum(len(term.names) for term in shared)
     terms = [*shared, *[*private] * tests]
     sd, stated, mean = (
@@ -571,8 +591,9 @@ def _as_columns(term: BasisNoise, tests: int) -> Columns:
 
 
 def _departing(even: Sequence[Even]) -> list[Columns]:
-    """By what the noise of circles exceeds that of uniform ones where readings are missing, and falls below it, as a negative
-    variance, where they crowd: σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ)."""
+    """By what the noise of circles exceeds that of uniform ones where readings are missing, and
+    falls below it, as a negative variance, where they crowd: σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 +
+    λ) Vᵀ)."""
     found = []
     for name, sign in (("sparse", -1.0), (_CROWDED, 1.0)):
         kept = [np.flatnonzero(own.counts & (sign * own.departure > 0.0)) for own in even]
@@ -593,19 +614,21 @@ def _to_ten_digits(values: Array) -> Array:
 
 @cache
 def _keep_freed_memory() -> None:
-    """Let go of one large array: GNU's malloc then keeps freed arrays up to its size (mallopt(3), M_MMAP_THRESHOLD): stacks of
-    small matrices are two to three times faster."""
+    """Let go of one large array: GNU's malloc then keeps freed arrays up to its size (mallopt(3),
+    M_MMAP_THRESHOLD): stacks of small matrices are two to three times faster."""
     np.empty(_MALLOC_BYTES, dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """z = A c + e at given φ, c in units of its prior sd and e white: the posterior covariance of c is (1 + AᵀA)⁻¹.
+    """z = A c + e at given φ, c in units of its prior sd and e white: the posterior covariance of c
+    is (1 + AᵀA)⁻¹.
 
-    Of the m coefficients ``names`` and ``owners``, the term of each or ``OWN`` for a parameter of interest; ``scale`` (m,), the
-    prior sd, or a typical size where parameters have ``flat`` priors; by block of readings ``design`` (k, m), columns per unit of
-    the coefficients, and ``noise``, the covariance (k, k) of every independent source. What a question takes as known leaves
-    the design or the noise. No readings are needed, only where they would be taken.
+    Of the m coefficients ``names`` and ``owners``, the term of each or ``OWN`` for a parameter of
+    interest; ``scale`` (m,), the prior sd, or a typical size where parameters have ``flat`` priors;
+    by block of readings ``design`` (k, m), columns per unit of the coefficients, and ``noise``, the
+    covariance (k, k) of every independent source. What a question takes as known leaves the design
+    or the noise. No readings are needed, only where they would be taken.
     """
 
     names: tuple[str, ...]
@@ -618,7 +641,8 @@ class Information:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.scale) & (self.scale > 0)).all():
             raise InputError(
-                f"prior sd must be positive and finite, got {self.scale.min():g} … {self.scale.max():g}."
+                f"prior sd must be positive and finite, got {self.scale.min():g} …"
+                f" {self.scale.max():g}."
             )
 
     @property
@@ -640,7 +664,8 @@ class Information:
         return tuple(dict.fromkeys(owner for owner in self.owners if owner != OWN))
 
     def rows(self, known: Collection[str] = ()) -> Array:
-        """A, shape (k, m): the design whitened by the noise that is not known, columns in units of the prior sd."""
+        """A, shape (k, m): the design whitened by the noise that is not known, columns in units of
+        the prior sd."""
         return np.concatenate(self.blocks(known))
 
     def blocks(self, known: Collection[str] = ()) -> list[Array]:
@@ -668,7 +693,8 @@ class Information:
     def root(
         self, known: Collection[str] = (), *, times: float = 1.0
     ) -> tuple[Array, NDArray[np.intp]]:
-        """Upper triangular R with RᵀR = prior + readings' precision of the coefficients left, and which these are."""
+        """Upper triangular R with RᵀR = prior + readings' precision of the coefficients left, and
+        which these are."""
         pairs = zip(self.owners, self.names, strict=True)
         left = np.flatnonzero([owner not in known and name not in known for owner, name in pairs])
         rows = np.sqrt(times) * (self.rows(known) if known else self._rows)[:, left]
@@ -677,8 +703,9 @@ class Information:
         return np.asarray(np.linalg.qr(stacked, mode="r")), left
 
     def covariance(self, known: Collection[str] = (), *, times: float = 1.0) -> Array:
-        """Posterior covariance in units of the prior sd, shape (m, m), zero for what is known: terms (noise too), or single
-        coefficients; ``times``: how often all readings are taken, each time with noise of its own."""
+        """Posterior covariance in units of the prior sd, shape (m, m), zero for what is known:
+        terms (noise too), or single coefficients; ``times``: how often all readings are taken, each
+        time with noise of its own."""
         root, left = self.root(known, times=times)
         inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)))
         covariance = np.zeros((len(self.names), len(self.names)))
@@ -686,15 +713,18 @@ class Information:
         return covariance
 
     def variances(self, known: Collection[str] = (), *, times: float = 1.0) -> Array:
-        """Posterior variances of the parameters of interest in units of their prior variance, shape (p,); see `covariance`."""
+        """Posterior variances of the parameters of interest in units of their prior variance, shape
+        (p,); see `covariance`."""
         return np.diag(self.covariance(known, times=times))[self.own]
 
     def shares(self, covariance: Array | None = None) -> dict[tuple[str, str], Array]:
-        """Share of every independent source, (coefficient or noise, term), in the variance of the parameters, each shape (p,).
+        """Share of every independent source, (coefficient or noise, term), in the variance of the
+        parameters, each shape (p,).
 
-        With the estimate written as a linear map of prior means and readings, every source s passes through it alone; with Cov_s
-        what it leaves and C their sum, E[part_s | error] = Γ_s error with Γ_s = Cov_s C⁻¹, Σ Γ_s = 1. The share in the variance
-        of parameter i is [Γ_s V]_ii / V_ii: shares sum to one. V is C, or the ``covariance`` (p, p) given.
+        With the estimate written as a linear map of prior means and readings, every source s passes
+        through it alone; with Cov_s what it leaves and C their sum, E[part_s | error] = Γ_s error
+        with Γ_s = Cov_s C⁻¹, Σ Γ_s = 1. The share in the variance of parameter i is [Γ_s V]_ii /
+        V_ii: shares sum to one. V is C, or the ``covariance`` (p, p) given.
         """
         joint, own = self.covariance(), self.own
         total = joint[np.ix_(own, own)]
@@ -713,7 +743,8 @@ class Information:
         return {key: np.einsum("ij,ji->i", part, weight) for key, part in parts.items()}
 
     def contributions(self) -> dict[str, Array]:
-        """`shares` by term. That of a source is also d ln sd(β) / d ln (its scale), the other scales held."""
+        """`shares` by term. That of a source is also d ln sd(β) / d ln (its scale), the other
+        scales held."""
         found: dict[str, Array] = {}
         for (_, term), share in self.shares().items():
             found[term] = found.get(term, 0.0) + share

@@ -1,4 +1,5 @@
-"""Priors of the parameters of interest and of the hyper-parameters, with units, and the truncation to physical compliances."""
+"""Priors of the parameters of interest and of the hyper-parameters, with units, and the truncation
+to physical compliances."""
 
 from __future__ import annotations
 
@@ -66,11 +67,13 @@ def geometric_unit(kind: GeometricKind) -> str:
 
 
 def parameter_to_inside(parameter: str, value: float | str, what: str) -> float:
-    """A value of a parameter in inside units, from a number in them or text with its unit, "5 nm/N"."""
+    """A value of a parameter in inside units, from a number in them or text with its unit, "5
+    nm/N"."""
     if not isinstance(value, str):
         require(
             isinstance(value, int | float | np.number),
-            f"{what} {parameter} must be a number or text with its unit, got {value!r}. Correct it.",
+            f"{what} {parameter} must be a number or text with its unit, got {value!r}."
+            " Correct it.",
         )
         return float(value)
     usual, like = _usual_of(parameter), nearest(parameter, EXAMPLES)
@@ -83,7 +86,8 @@ def parameter_to_inside(parameter: str, value: float | str, what: str) -> float:
 
 
 def _usual_of(parameter: str) -> tuple[str, str] | None:
-    """By a parameter's name its unit, and the field of `Prior` with the sd of its kind; None of what is no such name."""
+    """By a parameter's name its unit, and the field of `Prior` with the sd of its kind; None of
+    what is no such name."""
     degree, match = (
         degree_of(parameter),
         re.fullmatch(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)", parameter),
@@ -105,15 +109,17 @@ def degree_of(parameter: str) -> int:
 
 @dataclass(frozen=True)
 class Prior(Shown):
-    """Gaussian priors of the parameters of interest, zero-mean unless ``means`` says otherwise; half-normal priors of the
-    hyper-parameters.
+    """Gaussian priors of the parameters of interest, zero-mean unless ``means`` says otherwise;
+    half-normal priors of the hyper-parameters.
 
-    The defaults are wide for any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, a scale gain of 2e-4 is
-    200 µm/m. Give your own by `HybridModel.with_prior` or in TOML; every value may be text with its unit.
+    The defaults are wide for any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm,
+    a scale gain of 2e-4 is 200 µm/m. Give your own by `HybridModel.with_prior` or in TOML; every
+    value may be text with its unit.
 
-    ``means`` are zero for all parameters not named; a force slope's stays zero: constant compliance is the linear model with its
-    slopes at zero. The override of a compliance named there says how well it is known, no longer how large it may be: its slopes
-    keep the sd that the kind of compliance gives them.
+    ``means`` are zero for all parameters not named; a force slope's stays zero: constant compliance
+    is the linear model with its slopes at zero. The override of a compliance named there says how
+    well it is known, no longer how large it may be: its slopes keep the sd that the kind of
+    compliance gives them.
     """
 
     direct_mm_per_N: float = 1e-4  #: one sd of C_XXX and C_YYY
@@ -133,8 +139,11 @@ class Prior(Shown):
     eta_um: float = 2.0  #: likewise: hysteresis
     decay: float = 2.0  #: the power by which form falls with its order, Normal within [0.5, 3.5]
     decay_sd: float = 0.7  #: its sd
-    slopes_of_estimate: bool = True  #: the size is of the compliance itself, max(|Ĉ|, sd(C)/20), else sd(C) (first edition)
-    truncated: bool = True  #: C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at tested forces: F C(F) is a deflection under the force itself
+    #: the size is of the compliance itself, max(|Ĉ|, sd(C)/20), else sd(C) (first edition)
+    slopes_of_estimate: bool = True
+    #: C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at tested forces: F C(F) is a deflection under the force
+    #: itself
+    truncated: bool = True
     flat: bool = False  #: no prior on the parameters of interest (the paper's least squares)
     overrides: Mapping[str, float] = field(
         default_factory=dict
@@ -185,7 +194,10 @@ class Prior(Shown):
                 np.isfinite(mean),
                 f"{what} a finite number, got {mean}. Correct it or leave it out.",
             )
-            why = "a slope's is zero, because constant compliance is the linear model with its slopes at zero. Remove it."
+            why = (
+                "a slope's is zero, because constant compliance is the linear model with its slopes"
+                " at zero. Remove it."
+            )
             require(not degree_of(name), f"{what} left out, got {mean:g}: {why}")
             unit, usual = _usual_of(name) or ("", "")
             most, shown = _ABSURD * getattr(Prior, usual, np.inf), display_unit(unit)[1]
@@ -194,9 +206,13 @@ class Prior(Shown):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """To other processes; a read-only mapping does not pickle."""
-        return partial(
-            Prior, **{**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)}
-        ), ()
+        return (
+            partial(
+                Prior,
+                **{**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)},
+            ),
+            (),
+        )
 
     @classmethod
     def default(cls) -> Prior:
@@ -220,14 +236,16 @@ class Prior(Shown):
     def slope_sd(
         self, names: Sequence[ComplianceName], degree: int, force_range_N: float, size: Array
     ) -> Array:
-        """Prior sd of every slope of one degree, shape (compliances,), of compliances of these sizes."""
+        """Prior sd of every slope of one degree, shape (compliances,), of compliances of these
+        sizes."""
         return self._overridden(
             [f"{name.label}_{degree}" for name in names],
             self.slope_scale * size / force_range_N**degree,
         )
 
     def compliance_size(self, names: Sequence[ComplianceName]) -> Array:
-        """How large compliances may be, shape (compliances,): their prior sd, but the usual one of those with a prior mean."""
+        """How large compliances may be, shape (compliances,): their prior sd, but the usual one of
+        those with a prior mean."""
         given = [name.label in self.means for name in names]
         return np.where(given, self._usual(names), self.compliance_sd(names))
 
@@ -274,9 +292,10 @@ _SHAPE, _RATE = 1.5, 1.5
 
 @dataclass(frozen=True, eq=False)
 class HyperPrior:
-    """Independent densities in the hyper-parameters ``names`` themselves, each by its law: half-normal of this ``scale``,
-    restricted to φ ≥ ``lower``, both (h,) [mm]; the decay's Normal(``scale``, ``decay_sd``) within [0.5, 3.5]; of a circle's λ,
-    λ² ~ InvGamma(3/2, 3/2). φ is in mm, or a number."""
+    """Independent densities in the hyper-parameters ``names`` themselves, each by its law:
+    half-normal of this ``scale``, restricted to φ ≥ ``lower``, both (h,) [mm]; the decay's
+    Normal(``scale``, ``decay_sd``) within [0.5, 3.5]; of a circle's λ, λ² ~ InvGamma(3/2, 3/2). φ
+    is in mm, or a number."""
 
     names: tuple[Hyper, ...]
     scale: Array
@@ -346,7 +365,8 @@ class HyperPrior:
         return np.asarray(total)
 
     def free(self, phi: Array) -> Array:
-        """Free coordinates: ln(φ − lower), logarithms, and no edge for σ at the resolution's floor; of a decay its logit."""
+        """Free coordinates: ln(φ − lower), logarithms, and no edge for σ at the resolution's floor;
+        of a decay its logit."""
         with np.errstate(divide="ignore"):
             found = np.log(phi - self.lower)
             p = phi[..., self._decay]
@@ -376,7 +396,8 @@ class HyperPrior:
 
     @cached_property
     def _decay_levels(self) -> Array:
-        """Probabilities below the least and the greatest decay of the unrestricted normal, (2, 1)."""
+        """Probabilities below the least and the greatest decay of the unrestricted normal, (2,
+        1)."""
         limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
         return np.asarray(ndtr((limits - self.scale[self._decay]) / self.decay_sd))
 

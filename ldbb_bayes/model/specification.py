@@ -34,7 +34,8 @@ __all__ = [
 ]
 
 SCHEMA = 1
-# Tables of [prior], written only where they hold something: the digest of a model does not change when a table is added here.
+# Tables of [prior], written only where they hold something: the digest of a model does not change
+# when a table is added here.
 _TABLES = ("overrides", "means")
 
 
@@ -70,12 +71,14 @@ def model_to_toml(model: HybridModel) -> str:
 
 
 def model_from_toml(text: str) -> HybridModel:
-    """A model from TOML. What the text leaves out is the preset's; ``[terms]``, where given, lists the nuisances that are on."""
+    """A model from TOML. What the text leaves out is the preset's; ``[terms]``, where given, lists
+    the nuisances that are on."""
     return _model_of(parse_toml(text, "model"), "model", None)
 
 
 def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> HybridModel:
-    """A model from a TOML file, see `model_from_toml`; of this ``degree`` where the file names none."""
+    """A model from a TOML file, see `model_from_toml`; of this ``degree`` where the file names
+    none."""
     return _model_of(read_toml(Path(path)), str(path), degree)
 
 
@@ -102,7 +105,10 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
         prior = replace(model.prior, **_checked("prior", kinds, spec.prior))
         if spec.terms is None:
             return replace(model, prior=prior)
-        own = " A term of your own: commands do not have it; define or import its class in Python, and read the file there."
+        own = (
+            " A term of your own: commands do not have it; define or import its class in Python,"
+            " and read the file there."
+        )
         check_known("term", spec.terms, Term.kinds, own)
         terms, usual = [], {type(term): term for term in model.nuisances}
         for name, kind in Term.kinds.items():
@@ -150,8 +156,9 @@ class _TruthsFile(BaseModel):
 
 @dataclass(frozen=True)
 class Truths:
-    """What to simulate: a plan, None when the file names no forces (it must then come from elsewhere); true parameters in inside
-    units, None to draw them from the prior; true hyper-parameters [µm], the rest drawn; geometry exactly or linear."""
+    """What to simulate: a plan, None when the file names no forces (it must then come from
+    elsewhere); true parameters in inside units, None to draw them from the prior; true
+    hyper-parameters [µm], the rest drawn; geometry exactly or linear."""
 
     plan: Campaign | None
     parameters: dict[str, float] | None
@@ -184,7 +191,8 @@ def _plan(file: _TruthsFile, name: str) -> Campaign:
     total = file.readings * len(file.forces_N or ())
     require(
         total <= LARGEST_PLAN,
-        f"plan must have at most {LARGEST_PLAN} readings, got {total}. Take fewer forces or readings.",
+        f"plan must have at most {LARGEST_PLAN} readings, got {total}. Take fewer forces or"
+        " readings.",
     )
     angle = 360.0 * np.arange(file.readings) / file.readings
     return Campaign(

@@ -1,7 +1,9 @@
-"""The nuisance terms, each one class: its columns in the circle's basis, its scales, its unit and its words.
+"""The nuisance terms, each one class: its columns in the circle's basis, its scales, its unit and
+its words.
 
-ρ_r(θ) = F_r Σ_k (F_r − F0)^k j_C·C_k + j_G·E + terms + ε. A column of test r is its 25 basis coefficients; a term's columns are
-shared by all tests or stand for each test apart. A term of your own is one more class derived from `Term`.
+ρ_r(θ) = F_r Σ_k (F_r − F0)^k j_C·C_k + j_G·E + terms + ε. A column of test r is its 25 basis
+coefficients; a term's columns are shared by all tests or stand for each test apart. A term of your
+own is one more class derived from `Term`.
 """
 
 from __future__ import annotations
@@ -56,7 +58,8 @@ __all__ = [
 ]
 
 Hyper = str
-# Whose a coefficient is that is no term's: of the parameters of interest, of the white noise of readings.
+# Whose a coefficient is that is no term's: of the parameters of interest, of the white noise of
+# readings.
 OWN, NOISE = "Parameters", "ReadingNoise"
 # The order at which τ and ω are the sd of form.
 FORM_ORDER = 6.0
@@ -66,11 +69,12 @@ Law = Literal["half-normal", "decay", "circle"]
 
 
 class Scale(NamedTuple):
-    """A hyper-parameter: the sd, in mm, of what it scales, with a half-normal prior whose scale [µm] is ``prior_um``, or the
-    field of `Prior` of that name. Results add ``_um`` to its name; ``symbol`` and ``words`` are for reading.
+    """A hyper-parameter: the sd, in mm, of what it scales, with a half-normal prior whose scale
+    [µm] is ``prior_um``, or the field of `Prior` of that name. Results add ``_um`` to its name;
+    ``symbol`` and ``words`` are for reading.
 
-    Two laws are of numbers without a unit: ``decay``, the power by which form falls with its order, and ``circle``, λ of one
-    circle, λ² ~ InvGamma(3/2, 3/2).
+    Two laws are of numbers without a unit: ``decay``, the power by which form falls with its order,
+    and ``circle``, λ of one circle, λ² ~ InvGamma(3/2, 3/2).
     """
 
     name: Hyper
@@ -84,7 +88,8 @@ class Scale(NamedTuple):
 
 
 class Source(NamedTuple):
-    """What an sd is a known multiple of: a hyper-parameter times a circle's λ times (order/6)^(−decay); 1 without them."""
+    """What an sd is a known multiple of: a hyper-parameter times a circle's λ times
+    (order/6)^(−decay); 1 without them."""
 
     hyper: Hyper | None = None
     circle: Hyper | None = None
@@ -99,7 +104,8 @@ class Source(NamedTuple):
 
 
 class Unit(NamedTuple):
-    """A coefficient's unit: in files and results; the size of one for reading, and what that is called."""
+    """A coefficient's unit: in files and results; the size of one for reading, and what that is
+    called."""
 
     inside: str
     one: float
@@ -131,8 +137,9 @@ class Columns(Shown):
                 object.__setattr__(self, name, np.full(p, float(value)))
         require(
             self.values.shape[1:] == (SIZE, p) and self.sd.shape == (p,),
-            f"columns of {', '.join(self.names)} must have values of shape (tests, {SIZE}, {p}) and sd of shape ({p},), "
-            f"got {self.values.shape} and {self.sd.shape}. Give one of each for every name.",
+            f"columns of {', '.join(self.names)} must have values of shape (tests, {SIZE}, {p}) and"
+            f" sd of shape ({p},), got {self.values.shape} and {self.sd.shape}. Give one of each"
+            " for every name.",
         )
 
     @property
@@ -158,7 +165,8 @@ class Columns(Shown):
         return scaled if self.stated is None else np.hypot(scaled, self.stated)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
-        """What one draw from the prior at φ adds to the readings' coefficients, shape (tests, 25) [mm]."""
+        """What one draw from the prior at φ adds to the readings' coefficients, shape (tests, 25)
+        [mm]."""
         sd = self.sd_at(phi)
         drawn = sd * rng.standard_normal((tests if self.private else 1, len(sd)))
         drawn = drawn if self.mean is None else drawn + self.mean
@@ -167,8 +175,8 @@ class Columns(Shown):
 
 @dataclass(frozen=True, eq=False)
 class BasisNoise(Shown):
-    """Independent coefficients on the basis itself, separate for every test: sd = hyper · λ · ``sd`` (25,); ``circle`` (tests,):
-    the name of each test's λ, empty for none."""
+    """Independent coefficients on the basis itself, separate for every test: sd = hyper · λ ·
+    ``sd`` (25,); ``circle`` (tests,): the name of each test's λ, empty for none."""
 
     hyper: Hyper
     sd: Array
@@ -198,8 +206,9 @@ class BasisNoise(Shown):
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What a term assumes of the instrument: a value and its standard uncertainty, in ``unit`` (mm, N, rad), the field
-    of `Instrument` that states it (empty: none does), and whether a certificate has stated it."""
+    """What a term assumes of the instrument: a value and its standard uncertainty, in ``unit`` (mm,
+    N, rad), the field of `Instrument` that states it (empty: none does), and whether a certificate
+    has stated it."""
 
     name: str
     value: float
@@ -211,14 +220,16 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """Everything that the terms of a model assume of the instrument, and the names of its certificates."""
+    """Everything that the terms of a model assume of the instrument, and the names of its
+    certificates."""
 
     assumed: tuple[Uncertainty, ...]  #: in the order of the terms
     certificates: Mapping[str, str]
 
 
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
-    """Return what terms, by default those of the default model, assume of the instrument of a campaign or plan."""
+    """Return what terms, by default those of the default model, assume of the instrument of a
+    campaign or plan."""
     used = (
         [kind() for kind in Term.kinds.values() if not kind.on_demand] if terms is None else terms
     )
@@ -236,10 +247,12 @@ def _assumed(
 
 
 class Term(Shown):
-    """A nuisance of the readings. Derive a frozen dataclass to have one of your own in fits, results, designs and model files.
+    """A nuisance of the readings. Derive a frozen dataclass to have one of your own in fits,
+    results, designs and model files.
 
-    Its fields are its settings, positive numbers or strings, and its keys under ``[terms]`` of a model file; its class name is
-    its name everywhere. Only `columns` has to be written; the rest has defaults.
+    Its fields are its settings, positive numbers or strings, and its keys under ``[terms]`` of a
+    model file; its class name is its name everywhere. Only `columns` has to be written; the rest
+    has defaults.
 
     Examples
     --------
@@ -262,10 +275,12 @@ class Term(Shown):
         "a measurement of it"  #: what supplies it, as a noun: cures name it
     )
     remedy: ClassVar[str] = (
-        "Measure it, or narrow its prior."  #: advice for budgets in which it is the largest, a sentence
+        #: advice for budgets in which it is the largest, a sentence
+        "Measure it, or narrow its prior."
     )
     instrument: ClassVar[bool] = (
-        False  #: it belongs to bar, balls, mount or force device, and is the same wherever these are
+        #: it belongs to bar, balls, mount or force device, and is the same wherever these are
+        False
     )
     common: ClassVar[bool] = (
         False  #: fleets take its coefficient as one, the same in all campaigns of one instrument
@@ -277,7 +292,8 @@ class Term(Shown):
         other = Term.kinds.get(cls.__name__)
         if other is not None and other.__module__ != cls.__module__:
             raise InputError(
-                f"a term must have a name of its own, got {cls.__name__}, which {other.__module__} has. Rename it."
+                f"a term must have a name of its own, got {cls.__name__}, which {other.__module__}"
+                " has. Rename it."
             )
         spaced = re.sub(r"(?<!^)(?=[A-Z])", " ", cls.__name__).lower()
         cls.stem = vars(cls).get("stem", spaced.replace(" ", "_"))
@@ -300,7 +316,8 @@ class Term(Shown):
                 continue
             elif not (np.isfinite(value) and value > 0.0):
                 raise InputError(
-                    f"{what} must be a positive number, got {value}. To drop the term, leave it out."
+                    f"{what} must be a positive number, got {value}. To drop the term, leave it"
+                    " out."
                 )
 
     @property
@@ -390,7 +407,8 @@ Covariate = Literal["time", "temperature"]
 _TRAVEL_ORDERS = 4
 _FORM_ORDERS, _PATTERN_ORDERS = range(2, MAX_ORDER + 1), range(4, MAX_ORDER + 1)
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
-# (S/24^½)² is the variance of a lobe whose peak to valley, 2 amplitudes, is S with each phase as likely as another.
+# (S/24^½)² is the variance of a lobe whose peak to valley, 2 amplitudes, is S with each phase as
+# likely as another.
 _OF_SPHERICITY = 1.0 / 24.0
 
 
@@ -402,13 +420,15 @@ def _harmonic_names(stem: str, orders: Sequence[int]) -> tuple[str, ...]:
 class BallForm(Term):
     """cos n(θ − ψ), sin n(θ − ψ), n = 2 … 12: form error of the balls, the same at every force.
 
-    The variance of each coefficient is τ² (n/6)^(−2p), and at the orders 2 and 3 (S_work² + S_tool²)/24 besides, S the deviation
-    from sphericity, peak to valley, that a ball's certificate or grade states, or else ``sphericity_um``. A harmonic that a
-    certificate states has its mean and variance from there. With ``law`` 1/n the sd is τ/n (first edition).
+    The variance of each coefficient is τ² (n/6)^(−2p), and at the orders 2 and 3 (S_work² +
+    S_tool²)/24 besides, S the deviation from sphericity, peak to valley, that a ball's certificate
+    or grade states, or else ``sphericity_um``. A harmonic that a certificate states has its mean
+    and variance from there. With ``law`` 1/n the sd is τ/n (first edition).
 
-    While no ball is clocked the two forms are one sum. As soon as a clocking differs between tests there are two terms,
-    the work ball at θ − ψ_work and the tool ball, touched on its far side, at θ + 180° − ψ_tool, each with τ²/2 and its own S².
-    Every plane runs over another great circle of the balls: it has forms of its own.
+    While no ball is clocked the two forms are one sum. As soon as a clocking differs between tests
+    there are two terms, the work ball at θ − ψ_work and the tool ball, touched on its far side, at
+    θ + 180° − ψ_tool, each with τ²/2 and its own S². Every plane runs over another great circle of
+    the balls: it has forms of its own.
     """
 
     sphericity_um: float = 2.5
@@ -452,7 +472,8 @@ class BallForm(Term):
         )
 
     def _prior(self, balls: Sequence[tuple[Ball, float]]) -> dict[str, Any]:
-        """Prior of the sum of forms of balls, each turned by so much [rad]: what `Columns` takes."""
+        """Prior of the sum of forms of balls, each turned by so much [rad]: what `Columns`
+        takes."""
         if self.law == "1/n":
             return {
                 "sd": np.sqrt(len(balls) / 2.0) / np.repeat(np.array(_FORM_ORDERS, dtype=float), 2)
@@ -478,7 +499,8 @@ class BallForm(Term):
         return scaled | {"stated": np.sqrt(stated) * 1e-3, "mean": mean * 1e-3}
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Of the orders 2 and 3, beside what all orders share, and of those that a certificate states, their amplitudes."""
+        """Of the orders 2 and 3, beside what all orders share, and of those that a certificate
+        states, their amplitudes."""
         for name in ("work", "tool"):
             ball: Ball = getattr(campaign.instrument, name)
             stated, sphericity = (
@@ -514,7 +536,10 @@ class BallForm(Term):
     def describe(cls, coefficient: str) -> str:
         ball, order = cls._ball(coefficient), _order(coefficient)
         lobes = order.split()[1].removesuffix("θ")
-        return f"{ball + chr(39) + 's ' if ball else ''}{lobes}-lobe form ({order}{_in_plane(coefficient)})"
+        return (
+            f"{ball + chr(39) + 's ' if ball else ''}{lobes}-lobe form"
+            f" ({order}{_in_plane(coefficient)})"
+        )
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
@@ -524,8 +549,9 @@ class BallForm(Term):
 
 @dataclass(frozen=True)
 class MachinePattern(Term):
-    """cos nθ, sin nθ, n = 4 … 12, ω (n/6)^(−p): geometry of higher order and cyclic errors of the machine, the same in every test
-    of a plane, direction and radius. Only where a ball is clocked: it does not turn with it; else it is one with the form."""
+    """cos nθ, sin nθ, n = 4 … 12, ω (n/6)^(−p): geometry of higher order and cyclic errors of the
+    machine, the same in every test of a plane, direction and radius. Only where a ball is clocked:
+    it does not turn with it; else it is one with the form."""
 
     stem = "pattern"
     remedy = "Run more circles with the balls clocked."
@@ -555,8 +581,8 @@ class MachinePattern(Term):
 
 @dataclass(frozen=True)
 class BarLength(Term):
-    """1: calibration of the bar's length (ball radii, zero setting, bar temperature); another radius is another length. Mean and
-    sd are those of the bar's certificate where there is one."""
+    """1: calibration of the bar's length (ball radii, zero setting, bar temperature); another
+    radius is another length. Mean and sd are those of the bar's certificate where there is one."""
 
     sd_um: float = 9.4  #: one sd of the bar's length
     calibration = "a calibration of the bar's length"
@@ -596,14 +622,16 @@ class BarLength(Term):
 
 
 def _expanded(stated: float | None, assumed: float, factor: float = 1.0) -> float:
-    """Standard uncertainty of a stated expanded one (k = 2), times ``factor``; what is assumed where none is stated."""
+    """Standard uncertainty of a stated expanded one (k = 2), times ``factor``; what is assumed
+    where none is stated."""
     return assumed if stated is None else 0.5 * stated * factor
 
 
 @dataclass(frozen=True)
 class Mount(Term):
-    """P: deflection of the work ball's mount per bar, known to ``relative_sd`` of its nominal value (Eq. 32) or as its
-    certificate says; and a curvature, q(F) = 4 (F/F_max)(1 − F/F_max) times ``curvature_um`` (0: none)."""
+    """P: deflection of the work ball's mount per bar, known to ``relative_sd`` of its nominal value
+    (Eq. 32) or as its certificate says; and a curvature, q(F) = 4 (F/F_max)(1 − F/F_max) times
+    ``curvature_um`` (0: none)."""
 
     relative_sd: float = 0.10
     curvature_um: float = 0.5
@@ -644,8 +672,9 @@ class Mount(Term):
 
 @dataclass(frozen=True)
 class ForceError(Term):
-    """F j_C·Ĉ times a gain error and F_max q(F) j_C·Ĉ times a curvature of the force law, 0 for none, both common to all tests;
-    and j_C·Ĉ times a random force error of each test. Each as the load cell's certificate says where there is one."""
+    """F j_C·Ĉ times a gain error and F_max q(F) j_C·Ĉ times a curvature of the force law, 0 for
+    none, both common to all tests; and j_C·Ĉ times a random force error of each test. Each as the
+    load cell's certificate says where there is one."""
 
     gain_sd: float = 0.01  #: one sd, a share of the force
     curvature_sd: float = 0.01  #: one sd, a share of F_max
@@ -677,7 +706,8 @@ class ForceError(Term):
         )
 
     def _sds(self, stated: Instrument) -> dict[str, float]:
-        """As it is, or as a certificate states; a linearity is a bound, each value within it as likely as another."""
+        """As it is, or as a certificate states; a linearity is a bound, each value within it as
+        likely as another."""
         linearity, random = stated.force_linearity_percent, stated.force_random_N
         curvature = self.curvature_sd if linearity is None else 0.01 * linearity / np.sqrt(3.0)
         found = {
@@ -709,10 +739,12 @@ class ForceError(Term):
 
 @dataclass(frozen=True)
 class JointLoad(Term):
-    """What yields to the load F u_a of its own axis a, not to the bar's force: F u_a² (F |u_a| − F0)/F_max, preload and rolling
-    contact, and F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², bolted contact (δ ~ f^⅔); u the bar's direction.
+    """What yields to the load F u_a of its own axis a, not to the bar's force: F u_a² (F |u_a| −
+    F0)/F_max, preload and rolling contact, and F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², bolted contact (δ ~
+    f^⅔); u the bar's direction.
 
-    Both are zero along the axis at F0, where C_aa stays the secant compliance. One sd of each is ``relative_sd`` Ĉ_aa.
+    Both are zero along the axis at F0, where C_aa stays the secant compliance. One sd of each is
+    ``relative_sd`` Ĉ_aa.
     """
 
     relative_sd: float = 0.2
@@ -733,7 +765,8 @@ class JointLoad(Term):
         return tuple(found)
 
     def secants(self, setting: Setting, force_N: Array) -> Array:
-        """What an axis' two coefficients add to its C_aa(F): the columns along the axis over F, shape (n, 2), at forces (n,)."""
+        """What an axis' two coefficients add to its C_aa(F): the columns along the axis over F,
+        shape (n, 2), at forces (n,)."""
         return self._laws(setting, force_N, 1.0, 1.0, 1.0) / force_N[:, None]
 
     def _laws(
@@ -757,8 +790,9 @@ class JointLoad(Term):
 
 @dataclass(frozen=True)
 class Position(Term):
-    """F u_a³ and F (u_a⁴ − u_a²/2): compliance of axis a changes along its travel, screw and guideway being stiffer near their
-    bearings. One sd is ``linear_sd`` Ĉ_aa and ``quadratic_sd`` Ĉ_aa; u the bar's direction."""
+    """F u_a³ and F (u_a⁴ − u_a²/2): compliance of axis a changes along its travel, screw and
+    guideway being stiffer near their bearings. One sd is ``linear_sd`` Ĉ_aa and ``quadratic_sd``
+    Ĉ_aa; u the bar's direction."""
 
     linear_sd: float = 0.07
     quadratic_sd: float = 0.04
@@ -784,8 +818,9 @@ class Position(Term):
 
 @dataclass(frozen=True)
 class Angle(Term):
-    """dρ/dθ of the fitted circle, F j_C·Ĉ + j_G·Ê, once for all tests and once times the direction of travel: angle reference and
-    lag of the trace. Tests that state no direction count as clockwise."""
+    """dρ/dθ of the fitted circle, F j_C·Ĉ + j_G·Ê, once for all tests and once times the direction
+    of travel: angle reference and lag of the trace. Tests that state no direction count as
+    clockwise."""
 
     sd_deg: float = 0.1
     unit = Unit("rad", np.pi / 180.0, "°")
@@ -815,9 +850,11 @@ class Angle(Term):
 
 @dataclass(frozen=True)
 class SetupShift(Term):
-    """1, cos θ, sin θ, separate for every test: zero (order 0) and centre (order 1) move between circles by δ.
+    """1, cos θ, sin θ, separate for every test: zero (order 0) and centre (order 1) move between
+    circles by δ.
 
-    ``moves`` says whether both have one scale δ, each its own, δ_0 and δ_1, or one moves alone, with δ.
+    ``moves`` says whether both have one scale δ, each its own, δ_0 and δ_1, or one moves alone,
+    with δ.
     """
 
     moves: Moves = "together"
@@ -851,7 +888,8 @@ class SetupShift(Term):
 
 @dataclass(frozen=True)
 class Discrepancy(Term):
-    """cos nθ, sin nθ, n = 2 … 12, separate for every test: model inadequacy and run-to-run change, κ/n^decay."""
+    """cos nθ, sin nθ, n = 2 … 12, separate for every test: model inadequacy and run-to-run change,
+    κ/n^decay."""
 
     decay: float = 1.0
     remedy = "Run more circles: what differs from one to the next averages out."
@@ -864,8 +902,9 @@ class Discrepancy(Term):
 
 @dataclass(frozen=True)
 class CircleScale(Term):
-    """λ of every circle, which scales its set-up shift and its discrepancy, λ² ~ InvGamma(3/2, 3/2): circles scatter as Student's
-    t with three degrees of freedom, so that an odd one does not move the compliances. Off with fewer than four tests."""
+    """λ of every circle, which scales its set-up shift and its discrepancy, λ² ~ InvGamma(3/2,
+    3/2): circles scatter as Student's t with three degrees of freedom, so that an odd one does not
+    move the compliances. Off with fewer than four tests."""
 
     stem = "lambda"
     words = "scale of a circle"
@@ -884,11 +923,13 @@ class CircleScale(Term):
 
 @dataclass(frozen=True)
 class Hysteresis(Term):
-    """s cos nθ, s sin nθ, n = 0 … 12, s = ±1 the sign of travel: what differs between the two directions (ISO 230-4).
+    """s cos nθ, s sin nθ, n = 0 … 12, s = ±1 the sign of travel: what differs between the two
+    directions (ISO 230-4).
 
-    A constant part (backlash, reversal spikes, servo mismatch), η/n, η at order 0, and one in proportion to force (friction in
-    the bar, lost motion), ``proportional_um_per_kN``/n; a set of each for every plane. Active where a plane is run both ways; in
-    one direction it looks like machine. With ``law`` fixed orders end at 4 and ``constant_um`` stands for η (first edition).
+    A constant part (backlash, reversal spikes, servo mismatch), η/n, η at order 0, and one in
+    proportion to force (friction in the bar, lost motion), ``proportional_um_per_kN``/n; a set of
+    each for every plane. Active where a plane is run both ways; in one direction it looks like
+    machine. With ``law`` fixed orders end at 4 and ``constant_um`` stands for η (first edition).
     """
 
     constant_um: float = 2.0
@@ -952,10 +993,12 @@ class Hysteresis(Term):
 
 @dataclass(frozen=True)
 class Drift(Term):
-    """u, u B̂: the bar's length and the circle's centre change in proportion to time or temperature u, from the campaign's mean.
+    """u, u B̂: the bar's length and the circle's centre change in proportion to time or temperature
+    u, from the campaign's mean.
 
-    Off by default: `SetupShift` covers what changes between circles at random. ``over`` is ``time_s`` or ``temperature_C`` of the
-    tests, ``length_um`` and ``centre_um`` one sd per hour or kelvin. A steel bar of 150 mm grows by 1.7 µm/K.
+    Off by default: `SetupShift` covers what changes between circles at random. ``over`` is
+    ``time_s`` or ``temperature_C`` of the tests, ``length_um`` and ``centre_um`` one sd per hour or
+    kelvin. A steel bar of 150 mm grows by 1.7 µm/K.
     """
 
     over: Covariate = "time"
@@ -992,10 +1035,15 @@ class Drift(Term):
     @classmethod
     def describe(cls, coefficient: str) -> str:
         over, what = coefficient.removeprefix("drift_").split("_")
-        return f"drift of {'the bar' + chr(39) + 's length' if what == 'length' else f'the centre along {what}'} over {over}"
+        return (
+            "drift of"
+            f" {'the bar' + chr(39) + 's length' if what == 'length' else f'the centre along {what}'}"
+            f" over {over}"
+        )
 
 
 def first_edition() -> tuple[Term, ...]:
-    """Return the nuisances of the model's first edition: form of 1/n, linear springs, circles of one scatter."""
+    """Return the nuisances of the model's first edition: form of 1/n, linear springs, circles of
+    one scatter."""
     springs = (BarLength(), Mount(curvature_um=0.0), ForceError(curvature_sd=0.0))
     return (BallForm(law="1/n"), *springs, SetupShift(), Discrepancy(), Hysteresis(law="fixed"))

@@ -1,13 +1,17 @@
-"""P(u ≥ 0) of Gaussian vectors and exact draws of them inside, by minimax tilting; the region of physical compliances.
+"""P(u ≥ 0) of Gaussian vectors and exact draws of them inside, by minimax tilting; the region of
+physical compliances.
 
-u = L (x − x₀) row by row, x standard normal: each x_j is drawn beyond its edge from a normal shifted by a tilt μ_j. Its weight
+u = L (x − x₀) row by row, x standard normal: each x_j is drawn beyond its edge from a normal
+shifted by a tilt μ_j. Its weight
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
-is bounded by its value at the saddle point, which makes rejection exact and sums efficient however small P is (Botev, J. R.
-Statist. Soc. B 79, 125-148, 2017). Rows beyond the rank narrow the last x they depend on to an interval: weights only fall.
+is bounded by its value at the saddle point, which makes rejection exact and sums efficient however
+small P is (Botev, J. R. Statist. Soc. B 79, 125-148, 2017). Rows beyond the rank narrow the last x
+they depend on to an interval: weights only fall.
 
-Most probabilities need none of it: with P₁₂ that of the two tightest rows, P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁) ≤ P ≤ P₁₂.
+Most probabilities need none of it: with P₁₂ that of the two tightest rows, P₁₂ − Σ_{j>2} P(u_j < 0
+≤ u₁) ≤ P ≤ P₁₂.
 """
 
 from __future__ import annotations
@@ -30,13 +34,15 @@ _DEPENDENT = 1e-7
 _CERTAIN, _PUSHED, _NEAR = 12.0, -3.0, 6.0
 _ITERATIONS, _HALVINGS, _ROUNDING, _NOWHERE = 60, 20, 1e-10, 1e7
 _MOST_TRIES, _RULE = 64, 24
-# Quasi-random points of each of so many scrambles; Student's factor for their scatter; how much of plain random numbers' error is
-# left at least, as few scrambles may agree by luck; numbers computed together.
+# Quasi-random points of each of so many scrambles; Student's factor for their scatter; how much of
+# plain random numbers' error is left at least, as few scrambles may agree by luck; numbers computed
+# together.
 _SIZES, _SCRAMBLES, _STUDENT, _LUCK, _TOGETHER = (32, 128, 512, 2048, 8192), 8, 1.5, 0.1, 1 << 20
 _DIGITS = 1e5
 # Owen's T is exact to 1e-15: of smaller probabilities, or rows more alike, too few digits are left.
 _OWEN, _LEAST_PAIR, _ALIKE = 1e-15, 1e-9, 1e-6
-# A lattice for up to 2²⁰ points, extensible (F. Y. Kuo, lattice-32001-1024-1048576), then any odd numbers.
+# A lattice for up to 2²⁰ points, extensible (F. Y. Kuo, lattice-32001-1024-1048576), then any odd
+# numbers.
 _LATTICE = (1, 182667, 469891, 498753, 110745, 446979, 250185, 118627, 245333, 283199)
 
 
@@ -71,9 +77,10 @@ class Truncation:
         )
 
     def quantile(self, level: Array, mean: Array, sd: Array) -> Array:
-        """β (n, p) from uniform levels (n, p), where these are of N(mean, diag sd²) inside the region: the quantile of each
-        parameter given those before it (Rosenblatt 1952). In closed form but for parameters that share a constraint with later
-        ones, whose distribution function is summed on a grid, to 2e-5 of probability."""
+        """β (n, p) from uniform levels (n, p), where these are of N(mean, diag sd²) inside the
+        region: the quantile of each parameter given those before it (Rosenblatt 1952). In closed
+        form but for parameters that share a constraint with later ones, whose distribution function
+        is summed on a grid, to 2e-5 of probability."""
         rows, edge = self.rows * sd, -self.rows @ mean
         white = np.asarray(ndtri(level))
         met = (rows != 0.0).astype(float)
@@ -87,18 +94,20 @@ class Truncation:
 
 
 class Orthant:
-    """P(u ≥ 0) for u ~ N(mean, spread spreadᵀ), a batch of w of them: means (w, m), spreads (w, m, q). InputError where the
-    saddle point is out of reach of double precision."""
+    """P(u ≥ 0) for u ~ N(mean, spread spreadᵀ), a batch of w of them: means (w, m), spreads (w, m,
+    q). InputError where the saddle point is out of reach of double precision."""
 
     def __init__(self, mean: Array, spread: Array) -> None:
         self._mean, self._spread = mean, spread
 
     def log_probability(self, tolerance: float = 1e-3, *, seed: int = 0) -> tuple[Array, Array]:
-        """ln P and its error [nat], each of shape (w,), of every member alone, whatever else is in the batch.
+        """ln P and its error [nat], each of shape (w,), of every member alone, whatever else is in
+        the batch.
 
-        In closed form where bounds are no further apart than the tolerance, else from as many quasi-random points as it needs, up
-        to 65 536: the scatter of independent scrambles times Student's factor, so that three errors hold 99 %. Members share
-        points: their errors add up. Infinite, at the upper bound, where no point satisfies rows beyond the rank.
+        In closed form where bounds are no further apart than the tolerance, else from as many
+        quasi-random points as it needs, up to 65 536: the scatter of independent scrambles times
+        Student's factor, so that three errors hold 99 %. Members share points: their errors add up.
+        Infinite, at the upper bound, where no point satisfies rows beyond the rank.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = self._mean / np.linalg.norm(self._spread, axis=2)
@@ -106,7 +115,8 @@ class Orthant:
         value, error = _closed_form(distance, self._spread)
         open_ = np.flatnonzero(error > tolerance)
         for near in (_NEAR, np.inf):
-            # Rows that are far from failing are left out at first; where these are too many, all are taken.
+            # Rows that are far from failing are left out at first; where these are too many, all
+            # are taken.
             kept, again = distance[open_] < near, np.zeros(len(open_), dtype=bool)
             for pattern in np.unique(kept, axis=0):
                 alike = np.flatnonzero((kept == pattern).all(axis=1))
@@ -128,11 +138,12 @@ class Orthant:
         return self._tilted.log_bound
 
     def moments(self, size: int = 512, *, seed: int = 0) -> tuple[Array, Array, Array]:
-        """Mean (w, d) and covariance (w, d, d) of the standard normal e behind u = mean + spread e given u ≥ 0, along the
-        orthonormal `axes` (w, d, q) that matter; across them e stays standard normal.
+        """Mean (w, d) and covariance (w, d, d) of the standard normal e behind u = mean + spread e
+        given u ≥ 0, along the orthonormal `axes` (w, d, q) that matter; across them e stays
+        standard normal.
 
-        The points of each member are moved by digits of its own numbers: what averages over many then averages their errors, and
-        nothing depends on who else is in the batch.
+        The points of each member are moved by digits of its own numbers: what averages over many
+        then averages their errors, and nothing depends on who else is in the batch.
         """
         d = len(self._tilted.bound)
         if d <= 2:
@@ -152,14 +163,16 @@ class Orthant:
 
     @property
     def axes(self) -> Array:
-        """Orthonormal directions of e that the rows near their edge depend on, shape (w, d, q): x = axes e."""
+        """Orthonormal directions of e that the rows near their edge depend on, shape (w, d, q): x =
+        axes e."""
         return self._solved[1]
 
     def draw(
         self, rng: np.random.Generator, *, most: int = 12_800
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """One exact draw of x = axes e given u ≥ 0 for each of the batch (w, d), by tilted rejection, and where one was accepted
-        in about ``most`` proposals; elsewhere x is the last one."""
+        """One exact draw of x = axes e given u ≥ 0 for each of the batch (w, d), by tilted
+        rejection, and where one was accepted in about ``most`` proposals; elsewhere x is the last
+        one."""
         d, w = self._tilted.bound.shape
         x, open_ = np.zeros((d, w)), np.arange(w)
         tries, tried = 2, 0
@@ -175,28 +188,33 @@ class Orthant:
         return x.T, ~np.isin(np.arange(w), open_)
 
     def draw_spread(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-        """One exact draw of the coordinates e of u = mean + spread e, e ~ N(0, I) given u ≥ 0, shape (w, q)."""
+        """One exact draw of the coordinates e of u = mean + spread e, e ~ N(0, I) given u ≥ 0,
+        shape (w, q)."""
         x, accepted = self.draw(rng)
         return self._complete(x, rng.standard_normal((len(x), self._spread.shape[2]))), accepted
 
     def propose_spread(self, uniform: Array, normal: Array) -> tuple[Array, Array]:
-        """A tilted, nearly exact draw of the same e, and ln (exact density / density it was drawn with), up to ln P, from uniform
-        numbers (w, m), of which those beyond the rows near their edge are not used, and normal ones (w, q)."""
+        """A tilted, nearly exact draw of the same e, and ln (exact density / density it was drawn
+        with), up to ln P, from uniform numbers (w, m), of which those beyond the rows near their
+        edge are not used, and normal ones (w, q)."""
         log_weight, x = self._tilted.propose(uniform.T[: len(self._tilted.bound), None])
         return self._complete(x[:, 0].T, normal), log_weight[0]
 
     def log_weight_of(self, white: Array) -> Array:
-        """ln (exact density / density it would be drawn with) of given e (w, q), up to ln P; e inside the truncation."""
+        """ln (exact density / density it would be drawn with) of given e (w, q), up to ln P; e
+        inside the truncation."""
         return self._tilted.log_weight(np.einsum("wiq,wq->iw", self.axes, white)[:, None])[0]
 
     def _complete(self, x: Array, normal: Array) -> Array:
-        """Standard normal e (w, q) given the standard-normal coordinates x behind the rows near their edge."""
+        """Standard normal e (w, q) given the standard-normal coordinates x behind the rows near
+        their edge."""
         return normal + np.einsum(
             "wiq,wi->wq", self.axes, x - np.einsum("wiq,wq->wi", self.axes, normal)
         )
 
     def _by_points(self, tolerance: float, seed: int) -> tuple[Array, Array]:
-        """ln P and its error by quasi-random points, four times as many until the error is within the tolerance."""
+        """ln P and its error by quasi-random points, four times as many until the error is within
+        the tolerance."""
         tilted = self._tilted
         value, error = tilted.log_bound.copy(), np.zeros(len(self._mean))
         if len(tilted.bound) + len(tilted.rest) > 1:
@@ -230,7 +248,8 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> tuple[_Tilted, Array]:
-        """The tilted problem, and the axes. Rows that hold with certainty in the whole batch are left out."""
+        """The tilted problem, and the axes. Rows that hold with certainty in the whole batch are
+        left out."""
         open_ = _uncertain(self._mean, self._spread)
         mean, spread = self._mean[:, open_], self._spread[:, open_]
         core = _core_rows(mean, spread)
@@ -266,9 +285,10 @@ class Orthant:
 
 
 class _Tilted(NamedTuple):
-    """Independent rows, tightest first, in units of their own x: L_jk / L_jj (d, d, w), bounds (d, w); the saddle point x and its
-    tilt (d, w), the last of each zero; rows beyond the rank as unit combinations of x (k, d, w), their means, and the last x that
-    each of them depends on, (k, w)."""
+    """Independent rows, tightest first, in units of their own x: L_jk / L_jj (d, d, w), bounds (d,
+    w); the saddle point x and its tilt (d, w), the last of each zero; rows beyond the rank as unit
+    combinations of x (k, d, w), their means, and the last x that each of them depends on, (k,
+    w)."""
 
     unit: Array
     bound: Array
@@ -288,8 +308,8 @@ class _Tilted(NamedTuple):
         return self._replace(last=np.full_like(self.last, -1)).log_weight(self.x[:, None])[0]
 
     def propose(self, uniform: Array, *, last: bool = True) -> tuple[Array, Array]:
-        """Log weights (s, w) and tilted draws x (d, s, w) from uniform numbers (d, s, w or 1), the last of which may be left out:
-        weights do not depend on it."""
+        """Log weights (s, w) and tilted draws x (d, s, w) from uniform numbers (d, s, w or 1), the
+        last of which may be left out: weights do not depend on it."""
         d, w = self.bound.shape
         x, log_weight = np.zeros((d, uniform.shape[1], w)), np.zeros((uniform.shape[1], w))
         for j in range(d):
@@ -313,7 +333,8 @@ class _Tilted(NamedTuple):
         )
 
     def _interval(self, j: int, x: Array) -> tuple[Array, Array | None]:
-        """Edges (s, w) between which x_j, less its tilt, must lie given those before; None where there is no upper one."""
+        """Edges (s, w) between which x_j, less its tilt, must lie given those before; None where
+        there is no upper one."""
         # The first row depends on no other: one value for all points.
         before = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j else 0.0
         edge = np.atleast_2d(self.bound[j] - before - self.tilt[j])
@@ -334,7 +355,8 @@ class _Tilted(NamedTuple):
 
 
 def _mass(low: Array, high: Array | None) -> tuple[Array, Array, Array | None, Array | float]:
-    """ln (Φ(high) − Φ(low)); ln of the larger tail beyond, the other over it, and −1 where tails are to the left, 1 else."""
+    """ln (Φ(high) − Φ(low)); ln of the larger tail beyond, the other over it, and −1 where tails
+    are to the left, 1 else."""
     if high is None:
         log_tail = log_ndtr(-low)
         return log_tail, log_tail, None, 1.0
@@ -351,7 +373,8 @@ def _mass(low: Array, high: Array | None) -> tuple[Array, Array, Array | None, A
 
 
 def _closed_form(distance: Array, spread: Array) -> tuple[Array, Array]:
-    """ln P between two bounds, and how far it may be from either, each (w,): infinite where one of them says nothing."""
+    """ln P between two bounds, and how far it may be from either, each (w,): infinite where one of
+    them says nothing."""
     w, m = distance.shape
     if m < 2:
         return (log_ndtr(distance[:, 0]) if m else np.zeros(w)), np.zeros(w)
@@ -384,7 +407,8 @@ def _closed_form(distance: Array, spread: Array) -> tuple[Array, Array]:
 
 
 def _pair(h: Array, k: Array, rho: Array) -> Array:
-    """P(x < h, y < k) of standard normals with correlation ρ (Owen, Ann. Math. Stat. 27, 1075-1090, 1956)."""
+    """P(x < h, y < k) of standard normals with correlation ρ (Owen, Ann. Math. Stat. 27, 1075-1090,
+    1956)."""
     h, k = (np.where(own == 0.0, 1e-300, own) for own in (h, k))
     root = np.sqrt((1.0 - rho) * (1.0 + rho))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -394,7 +418,8 @@ def _pair(h: Array, k: Array, rho: Array) -> Array:
 
 @cache
 def _points(dimensions: int, size: int, seed: int) -> Array:
-    """A lattice, moved at random and folded: independent scrambles of ``size`` points, shape (dimensions, scrambles, size)."""
+    """A lattice, moved at random and folded: independent scrambles of ``size`` points, shape
+    (dimensions, scrambles, size)."""
     shift = (
         np.random.default_rng([seed, size])
         .random((_SCRAMBLES, max(dimensions, 32)))[:, :dimensions]
@@ -413,8 +438,8 @@ def _lattice(dimensions: int, size: int, seed: int) -> Array:
 
 @cache
 def _rule(dimensions: int) -> tuple[Array, Array]:
-    """Points of the unit cube (dimensions, n) and their log weights (n,): Gauss-Legendre in s, u = s³ (10 − 15 s + 6 s²), as the
-    integrand changes towards both ends."""
+    """Points of the unit cube (dimensions, n) and their log weights (n,): Gauss-Legendre in s, u =
+    s³ (10 − 15 s + 6 s²), as the integrand changes towards both ends."""
     nodes, weight = np.polynomial.legendre.leggauss(_RULE)
     s, weight = (nodes + 1.0) / 2.0, weight / 2.0
     s, weight = s**3 * (10.0 - 15.0 * s + 6.0 * s**2), 30.0 * weight * s**2 * (1.0 - s) ** 2
@@ -428,7 +453,8 @@ def _rule(dimensions: int) -> tuple[Array, Array]:
 
 
 def _uncertain(mean: Array, spread: Array) -> Array:
-    """Rows that may fail anywhere in the batch; all of them where the others are far from holding and could push them."""
+    """Rows that may fail anywhere in the batch; all of them where the others are far from holding
+    and could push them."""
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = mean / np.linalg.norm(spread, axis=2)
     certain = np.all(distance > _CERTAIN, axis=0)
@@ -453,8 +479,9 @@ def _core_rows(mean: Array, spread: Array) -> NDArray[np.int_]:
 
 
 def _binding_rows(distance: Array, unit: Array, rank: int) -> list[int]:
-    """Rows active at the most probable point inside, then those that follow least from the others, tightest first. The most
-    probable point is a least-distance problem, solved by non-negative least squares (Lawson and Hanson, ch. 23)."""
+    """Rows active at the most probable point inside, then those that follow least from the others,
+    tightest first. The most probable point is a least-distance problem, solved by non-negative
+    least squares (Lawson and Hanson, ch. 23)."""
     force = _least_distance(unit, -distance) if (distance < 0.0).any() else np.zeros(len(unit))
     keep: list[int] = []
     rest = unit.copy()
@@ -471,7 +498,8 @@ def _binding_rows(distance: Array, unit: Array, rank: int) -> list[int]:
 
 
 def _least_distance(unit: Array, bound: Array) -> Array:
-    """Forces, up to a factor, with which the rows ``unit`` · x ≥ bound hold the point nearest to zero."""
+    """Forces, up to a factor, with which the rows ``unit`` · x ≥ bound hold the point nearest to
+    zero."""
     from scipy.optimize import nnls
 
     force, _ = nnls(
@@ -482,8 +510,8 @@ def _least_distance(unit: Array, bound: Array) -> Array:
 
 
 def _saddle_point(unit: Array, bound: Array) -> tuple[Array, Array]:
-    """x and tilt of the saddle, each (w, d), the last of each zero. Beyond ln P = −1e7, where nothing is decided any more, the
-    best that Newton's method found."""
+    """x and tilt of the saddle, each (w, d), the last of each zero. Beyond ln P = −1e7, where
+    nothing is decided any more, the best that Newton's method found."""
     w, d = bound.shape
     if d <= 1:
         return np.zeros((w, d)), np.zeros((w, d))
@@ -496,8 +524,9 @@ def _saddle_point(unit: Array, bound: Array) -> tuple[Array, Array]:
         solved[hard] |= np.abs(value) > _NOWHERE
     if not solved.all():
         raise InputError(
-            "the probability of physical compliances must be within reach of double precision, got readings too far from them. "
-            "Check the sign of the readings, the mount compensation and the forces, or fit --without truncation."
+            "the probability of physical compliances must be within reach of double precision, got"
+            " readings too far from them. Check the sign of the readings, the mount compensation"
+            " and the forces, or fit --without truncation."
         )
     free = _mills(edge)
     x, tilt = np.einsum("wij,wi->wj", unit, free), np.einsum("wij,wi->wj", np.tril(unit, -1), free)
@@ -506,7 +535,8 @@ def _saddle_point(unit: Array, bound: Array) -> tuple[Array, Array]:
 
 
 def _newton(coupling: Array, bound: Array, start: Array) -> tuple[Array, NDArray[np.bool_], Array]:
-    """Edges from a start, where found, and the convex function there; steps are halved until it or the residual falls."""
+    """Edges from a start, where found, and the convex function there; steps are halved until it or
+    the residual falls."""
     edge = np.array(start)
     value, residual, slope, error = _merit(coupling, bound, edge)
     for _ in range(_ITERATIONS):
@@ -544,7 +574,8 @@ def _held_edges(coupling: Array, unit: Array, bound: Array) -> Array:
 
 
 def _merit(coupling: Array, bound: Array, edge: Array) -> tuple[Array, Array, Array, Array]:
-    """½ mᵀ (K − I) m − boundᵀ m + Σ (edge m + ln Φ(−edge)); its gradient in m; dm / d edge; the gradient's relative size."""
+    """½ mᵀ (K − I) m − boundᵀ m + Σ (edge m + ln Φ(−edge)); its gradient in m; dm / d edge; the
+    gradient's relative size."""
     mills = _mills(edge)
     pulled = np.einsum("wij,wj->wi", coupling, mills)
     value = (mills * (0.5 * pulled - bound + edge) + log_ndtr(-edge)).sum(axis=1)
@@ -592,7 +623,8 @@ def _distribution(rows: bytes, edge: bytes) -> tuple[Array, Array]:
 
 
 def _between(level: Array, low: Array, high: Array) -> Array:
-    """Quantiles of a standard normal from low to high, each (n,); of the upper tail from the lower one, to keep digits."""
+    """Quantiles of a standard normal from low to high, each (n,); of the upper tail from the lower
+    one, to keep digits."""
     flip = low > 0.0
     one, other = np.where(flip, -high, low), np.where(flip, -low, high)
     level = np.where(flip, 1.0 - level, level)
@@ -601,7 +633,8 @@ def _between(level: Array, low: Array, high: Array) -> Array:
 
 
 def _first(rows: Array, edge: Array, size: int) -> tuple[Array, Array]:
-    """Places across the support of the first coordinate and its density there up to a constant, (..., size) each."""
+    """Places across the support of the first coordinate and its density there up to a constant,
+    (..., size) each."""
     low, high = _support(rows, edge)
     low = np.maximum(low, np.minimum(-_REACH, high - _LEAST_WIDTH))
     high = np.minimum(high, np.maximum(_REACH, low + _LEAST_WIDTH))
@@ -621,7 +654,8 @@ def _inside(rows: Array, edge: Array) -> Array:
 
 
 def _support(rows: Array, edge: Array) -> tuple[Array, Array]:
-    """Least and greatest first coordinate where rows · w ≥ edge (..., m): others eliminated, last first (Fourier, Motzkin)."""
+    """Least and greatest first coordinate where rows · w ≥ edge (..., m): others eliminated, last
+    first (Fourier, Motzkin)."""
     while rows.shape[1] > 1:
         last = rows[:, -1]
         up, down = np.flatnonzero(last > 0.0), np.flatnonzero(last < 0.0)

@@ -1,4 +1,5 @@
-"""The report as one page: sections composed, written as HTML, its numbers beside it as JSON and CSV."""
+"""The report as one page: sections composed, written as HTML, its numbers beside it as JSON and
+CSV."""
 
 from __future__ import annotations
 
@@ -64,7 +65,8 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Document(Shown):
-    """A whole report; its lines say under the title what it is of, its alerts what a reader must know before any number."""
+    """A whole report; its lines say under the title what it is of, its alerts what a reader must
+    know before any number."""
 
     title: str
     lines: tuple[str, ...]
@@ -106,7 +108,8 @@ def compose(
     force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
-    """Return sheets and sections in order, with campaigns to set beside this one; as `write_report`."""
+    """Return sheets and sections in order, with campaigns to set beside this one; as
+    `write_report`."""
     report = progress or (lambda done, total: None)
     report(0, len(SECTIONS) + 1)
     made = sheets(found, language=language, force_N=force_N)
@@ -129,7 +132,10 @@ def compose(
         result["provenance"]["versions"]["ldbb-bayes"],
     )
     lines = (
-        f"Machine {seen.topology}, plane {seen.plane}. {len(seen.tests)} circular tests at {min(forces):g} to {max(forces):g} N.",
+        (
+            f"Machine {seen.topology}, plane {seen.plane}. {len(seen.tests)} circular tests at"
+            f" {min(forces):g} to {max(forces):g} N."
+        ),
         f"Fitted {started} with ldbb_bayes {version}.",
         wording.annex_words(result["model"]["degree"], bool(found.probabilities)),
     )
@@ -167,7 +173,8 @@ def _template(name: str) -> jinja2.Template:
 
 
 def html_page(document: Document) -> str:
-    """Return the page: no script, no request, figures as inline SVG, all text escaped, a policy against loading anything."""
+    """Return the page: no script, no request, figures as inline SVG, all text escaped, a policy
+    against loading anything."""
     style = Markup(_template("report.css").render())
     return _template("report.html.j2").render(document=document, style=style)
 
@@ -176,7 +183,8 @@ def html_page(document: Document) -> str:
 
 
 def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
-    """Return everything in numbers for files: inside units (mm, N, rad), µm and µm/m for circular-test quantities."""
+    """Return everything in numbers for files: inside units (mm, N, rad), µm and µm/m for
+    circular-test quantities."""
     bound, (measured, pairs), summary = (
         bound_of(found.posterior),
         measured_circularity(found.posterior),
@@ -206,9 +214,9 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
         "budget": pd.DataFrame(lines).set_index("parameter"),
         "circularity": found.path.set_index("plane"),
         "measured_circularity": _with_units(measured).rename_axis("test"),
-        "contributions": _with_units(
-            contributions(found.posterior, ci_prob=found.ci_prob)
-        ).set_index("plane"),
+        "contributions": (
+            _with_units(contributions(found.posterior, ci_prob=found.ci_prob)).set_index("plane")
+        ),
     }
     if found.averaged is not None:
         mean = lb.summarize(found.averaged, ci_prob=found.ci_prob).drop(
@@ -247,8 +255,8 @@ def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 _NAMES = (
-    "results averaged covariance correlation budget circularity measured_circularity contributions measured_pairs differences "
-    "conformity"
+    "results averaged covariance correlation budget circularity measured_circularity contributions"
+    " measured_pairs differences conformity"
 )
 _TABLES = tuple(f"{name}.csv" for name in _NAMES.split())
 REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")
@@ -276,9 +284,11 @@ def write_report(
     force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
-    """Write report.html, report.pdf (its two sheets), dcc.xml (their numbers), report.json and tables (CSV) into a folder.
+    """Write report.html, report.pdf (its two sheets), dcc.xml (their numbers), report.json and
+    tables (CSV) into a folder.
 
-    InputError for a comparison of other readings, results of other machines, or a folder that cannot be written.
+    InputError for a comparison of other readings, results of other machines, or a folder that
+    cannot be written.
 
     Parameters
     ----------
@@ -289,15 +299,18 @@ def write_report(
     same_instrument : whether these were run with the same bar, balls, mount and force device.
     ci_prob : probability of the credible intervals.
     tests : circles to recommend; default: as many as the campaign has.
-    comparison : from `compare` on the same readings; default: the evidence of constant and linear compliance is worked out.
-    recommended : from `design` or `read_design` after the same readings; default: as many circles as ``tests``, of the forces
-        tested. Or what gives it when the page comes to it.
-    averaged : from `average`: what the sheets state; default: the posterior itself, and the sheets say so.
+    comparison : from `compare` on the same readings; default: the evidence of constant and linear
+        compliance is worked out.
+    recommended : from `design` or `read_design` after the same readings; default: as many circles
+        as ``tests``, of the forces tested. Or what gives it when the page comes to it.
+    averaged : from `average`: what the sheets state; default: the posterior itself, and the sheets
+        say so.
     tolerances : mapping of quantity to Tolerance, optional
         That the sheets are to state conformity with.
     language : of the sheets: en or de.
     annex : whether all that follows the sheets is printed too.
-    force_N : at which the sheets state stiffness and circular deviation; default: the reference force.
+    force_N : at which the sheets state stiffness and circular deviation; default: the reference
+        force.
     progress : called with the sections done and their number.
 
     Returns
@@ -375,13 +388,15 @@ def _record(
     }
 
 
-# ---- for programs that read calibration certificates: D-SI numbers in the format of a DCC (schema 3.3.0, D-SI 2.2.1)
+# ---- for programs that read calibration certificates: D-SI numbers in the format of a DCC (schema
+# 3.3.0, D-SI 2.2.1)
 
 _DSI = {"mm": r"\milli\metre", "um": r"\micro\metre", "N": r"\newton", "rad": r"\radian"}
 
 
 def dsi_unit(*units: str) -> str:
-    r"""Return a product of inside units in D-SI notation: mm/N → \\milli\\metre\\newton\\tothe{-1}."""
+    r"""Return a product of inside units in D-SI notation: mm/N →
+    \\milli\\metre\\newton\\tothe{-1}."""
     powers: Counter[str] = Counter()
     for unit in units:
         for k, part in enumerate(unit.split("/")):
@@ -398,10 +413,12 @@ def dsi_unit(*units: str) -> str:
 def write_dcc(
     posterior: xr.DataTree, path: str | os.PathLike[str], *, ci_prob: float = 0.95
 ) -> Path:
-    """Write what a fit says of a machine as XML in the format of a digital calibration certificate, and return the path.
+    """Write what a fit says of a machine as XML in the format of a digital calibration certificate,
+    and return the path.
 
-    Every compliance and geometric error in inside units (mm, N, rad), the numbers of ``fit --json``: mean, U (k = 2), interval of
-    probability ``ci_prob``, covariance. The file says that it is unsigned and no calibration certificate.
+    Every compliance and geometric error in inside units (mm, N, rad), the numbers of ``fit
+    --json``: mean, U (k = 2), interval of probability ``ci_prob``, covariance. The file says that
+    it is unsigned and no calibration certificate.
     """
     result, campaign = result_json(posterior, ci_prob=ci_prob), campaign_of(posterior)
     draws = np.stack(
@@ -432,7 +449,8 @@ def write_dcc(
 
 
 def _coverage_factor(draws: Array, covariance: Array, probability: float) -> float:
-    """Of the ellipsoid that holds this share of the draws; a parameter that is the same in all of them has no part in it."""
+    """Of the ellipsoid that holds this share of the draws; a parameter that is the same in all of
+    them has no part in it."""
     sd = np.sqrt(np.diag(covariance))
     scaled, scale = draws - draws.mean(axis=1, keepdims=True), np.where(sd > 0.0, sd, 1.0)
     inverse = np.linalg.pinv(covariance / np.outer(scale, scale), hermitian=True)

@@ -1,4 +1,5 @@
-"""All that a report shows of one fit, and its sections, made of that: paragraphs, lists, tables and figures."""
+"""All that a report shows of one fit, and its sections, made of that: paragraphs, lists, tables and
+figures."""
 
 from __future__ import annotations
 
@@ -67,7 +68,8 @@ _DIGITS = re.compile(r"(\.\d\d)\d+")
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A figure with the name of its file, and its caption: what it is for those who cannot see it."""
+    """A figure with the name of its file, and its caption: what it is for those who cannot see
+    it."""
 
     key: str
     caption: str
@@ -75,7 +77,8 @@ class Picture:
 
     @cached_property
     def svg(self) -> str:
-        """The figure as SVG to stand in a page: responsive, with an accessible name, its ids kept apart from other figures'."""
+        """The figure as SVG to stand in a page: responsive, with an accessible name, its ids kept
+        apart from other figures'."""
         drawn = io.StringIO()
         every: list[Any] = [self.figure, *self.figure.axes]
         grounds = [own.patch for own in every if own.patch.get_visible()]
@@ -91,7 +94,10 @@ class Picture:
         text = _COORDINATES.sub(lambda match: _DIGITS.sub(r"\1", match[0]), text)
         title = f'<title id="title-{self.key}">{html.escape(self.caption)}</title>'
         start, _, rest = text.partition(">")
-        return f'<svg role="img" aria-labelledby="title-{self.key}"{start.removeprefix("<svg")}>{title}{rest}'
+        return (
+            '<svg role="img"'
+            f' aria-labelledby="title-{self.key}"{start.removeprefix("<svg")}>{title}{rest}'
+        )
 
 
 @dataclass(frozen=True)
@@ -123,8 +129,8 @@ Recommended: TypeAlias = "Design | str"
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """All that a report shows of one posterior; what the fit did not keep is worked out when it is first asked for. Where a
-    comparison or design is missing stands why."""
+    """All that a report shows of one posterior; what the fit did not keep is worked out when it is
+    first asked for. Where a comparison or design is missing stands why."""
 
     posterior: xr.DataTree
     ci_prob: float
@@ -140,7 +146,8 @@ class Findings:
 
     @cached_property
     def probabilities(self) -> Mapping[str, float]:
-        """Of the models that were averaged over, and of the rivals of slopes; none where nothing was."""
+        """Of the models that were averaged over, and of the rivals of slopes; none where nothing
+        was."""
         found: dict[str, float] = record_of(self.numbers).get("averaged", {}).get("probability", {})
         return found
 
@@ -149,8 +156,9 @@ class Findings:
         """Probability that compliance changes with force; one where that is what was fitted."""
         return 1.0 - self.probabilities.get(DEGREES[0], 0.0)
 
-    # The tests to run next; the JSON of the fit; of the draws; the campaign without a model; what the readings tell of every
-    # parameter, and the budget of each; circular-test quantities of the machine.
+    # The tests to run next; the JSON of the fit; of the draws; the campaign without a model; what
+    # the readings tell of every parameter, and the budget of each; circular-test quantities of the
+    # machine.
     design = cached_property(lambda self: self.recommended())
     result = cached_property(lambda self: text.full_result(self.posterior, self.ci_prob))
     summary = cached_property(lambda self: lb.summarize(self.posterior, ci_prob=self.ci_prob))
@@ -179,7 +187,8 @@ def find(
     averaged: xr.DataTree | None = None,
     tolerances: Mapping[str, Any] | None = None,
 ) -> Findings:
-    """Return what a report shows of a fit, after a look whether what is brought is of the same readings; as `write_report`."""
+    """Return what a report shows of a fit, after a look whether what is brought is of the same
+    readings; as `write_report`."""
     digest = campaign_of(posterior).sha256
     for what, own in (
         ("comparison", getattr(comparison, "campaign", None)),
@@ -214,7 +223,8 @@ def _next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended:
 
 
 def _compared(posterior: xr.DataTree) -> Compared:
-    """Constant against linear compliance (and quadratic where that was fitted) by evidence alone, or why not."""
+    """Constant against linear compliance (and quadratic where that was fitted) by evidence alone,
+    or why not."""
     model = model_of(posterior)
     largest = model.with_degree(max(model.degree, 1))
     models = {DEGREES[k]: largest.with_degree(k) for k in range(largest.degree + 1)}
@@ -229,7 +239,8 @@ def _compared(posterior: xr.DataTree) -> Compared:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """Another campaign beside the first: its name, the JSON of its fit, and its `differences` to the first."""
+    """Another campaign beside the first: its name, the JSON of its fit, and its `differences` to
+    the first."""
 
     name: str
     result: Mapping[str, Any]
@@ -278,7 +289,8 @@ def limits(found: Findings) -> Iterator[Part]:
 
 
 def degree(found: Findings) -> Iterator[Part]:
-    """Evidence, what it hangs on, and where they were asked for slopes one by one and tests left out."""
+    """Evidence, what it hangs on, and where they were asked for slopes one by one and tests left
+    out."""
     compared = found.comparison
     if not isinstance(compared, Comparison):
         yield f"The models were not compared: {compared}"
@@ -321,7 +333,10 @@ def path(found: Findings) -> Iterator[Part]:
             own, QUANTITIES, f"The machine's path{where} (R = {own['radius_mm'].iloc[0]:g} mm)"
         )
         if own["quantity"].isin(list(BIDIRECTIONAL)).any():
-            caption = f"Both directions{where}: bidirectional deviation G(b), mean radial deviation D, hysteresis included"
+            caption = (
+                f"Both directions{where}: bidirectional deviation G(b), mean radial deviation D,"
+                " hysteresis included"
+            )
             yield _quantities(own, BIDIRECTIONAL, caption)
     for key in ("circularity", "contributions", "parameter_contributions"):
         yield picture(key, found.posterior)
@@ -380,7 +395,10 @@ def fit(found: Findings) -> Iterator[Part]:
             (test.name, f"{test.force_N:.4g}", fitness, f"{least:.2g} (order {order})", *cells)
         )
     checked = ("smallest p by order", "p, white noise", "autocorrelation (1)", "p, autocorrelation")
-    caption = "Fitness (Eq. 35) and posterior predictive checks: small p where the model does not expect the reading"
+    caption = (
+        "Fitness (Eq. 35) and posterior predictive checks: small p where the model does not expect"
+        " the reading"
+    )
     yield wording.quality_words(quality)
     yield Table.of(caption, ("test", "force (N)", "fitness (%)", *checked), rows)
     concerns = wording.concern_sentences(fit_of(found.posterior).concerns, found.result["sampler"])
@@ -444,7 +462,8 @@ def glossary(_: Findings) -> Iterator[Part]:
 def beside(
     first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, ci_prob: float
 ) -> Iterator[Part]:
-    """Differences of every parameter with intervals and probabilities; ``first`` is the JSON of the fit they are to."""
+    """Differences of every parameter with intervals and probabilities; ``first`` is the JSON of the
+    fit they are to."""
     name = str(first["campaign"]["name"])
     yield wording.instrument_words(first["model"]["reference_force_N"], same_instrument)
     yield tuple(

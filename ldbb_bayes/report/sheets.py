@@ -1,5 +1,5 @@
-"""The certificate: two sheets for signing, from findings. One structure, shown by the page and by `report.pdf` alike; every word
-stands in a catalogue, templates/words_<language>.toml."""
+"""The certificate: two sheets for signing, from findings. One structure, shown by the page and by
+`report.pdf` alike; every word stands in a catalogue, templates/words_<language>.toml."""
 
 from __future__ import annotations
 
@@ -86,7 +86,8 @@ class Words:
         return label.replace(" per ", str(self.table["per"]))
 
     def term(self, name: str) -> str:
-        """Return what a term of the model is called; a user's own term keeps its words, a parameter its name."""
+        """Return what a term of the model is called; a user's own term keeps its words, a parameter
+        its name."""
         return str(
             self.table["terms"].get(name)
             or (Term.kinds[name].words if name in Term.kinds else display_name(name))
@@ -116,7 +117,8 @@ def words_of(language: str) -> Words:
 
 @dataclass(frozen=True)
 class Fields:
-    """Entries with their names; an empty one is a line to write on, ``tall`` with room for a signature."""
+    """Entries with their names; an empty one is a line to write on, ``tall`` with room for a
+    signature."""
 
     entries: tuple[tuple[str, str], ...]
     tall: bool = False
@@ -165,8 +167,9 @@ class ReportSheet:
 
 @dataclass(frozen=True)
 class Stated:
-    """One quantity of the sheets: its name in words, its symbol, estimate, standard uncertainty and interval in an inside unit,
-    and what the readings tell of it; with ``limit`` only that is known."""
+    """One quantity of the sheets: its name in words, its symbol, estimate, standard uncertainty and
+    interval in an inside unit, and what the readings tell of it; with ``limit`` only that is
+    known."""
 
     words: str
     symbol: str
@@ -207,7 +210,8 @@ class Stated:
 
     @property
     def inseparable(self) -> list[str]:
-        """What it is confounded with, where the readings do not determine it: by half of its variance or else most."""
+        """What it is confounded with, where the readings do not determine it: by half of its
+        variance or else most."""
         own = self.entry
         shares = (
             {}
@@ -227,7 +231,8 @@ class Numbers:
 
     @cached_property
     def parameters(self) -> dict[str, Stated]:
-        """Compliances at the force, their slopes where they are likelier than not, geometric errors but for tool offsets."""
+        """Compliances at the force, their slopes where they are likelier than not, geometric errors
+        but for tool offsets."""
         bound, verdicts, stated = bound_of(self.found.numbers), self.found.verdicts, {}
         named = _names(bound)
         for own in bound.parameters:
@@ -240,7 +245,8 @@ class Numbers:
                 )
         return stated
 
-    # Draws of every parameter, of compliances at the force [inside units]; their mean, sd, median and interval.
+    # Draws of every parameter, of compliances at the force [inside units]; their mean, sd, median
+    # and interval.
     _draws = cached_property(lambda self: draws_at(self.found.numbers, self.force_N))
     _of = cached_property(
         lambda self: {
@@ -262,7 +268,8 @@ class Numbers:
 
     @cached_property
     def stiffnesses(self) -> dict[str, Stated]:
-        """1 / C of every axis, keyed by C: of the median, only a lower limit where C may be a fifth of it or less."""
+        """1 / C of every axis, keyed by C: of the median, only a lower limit where C may be a fifth
+        of it or less."""
         every = {}
         for own in bound_of(self.found.numbers).compliances:
             if own.kind == "direct":
@@ -608,7 +615,8 @@ _INSTRUMENT = {
 
 
 def _instrument(found: Findings) -> Iterator[tuple[str, str, bool]]:
-    """Parts of the instrument that the model knows, what is stated of each or else the U (k = 2) assumed, and which it is."""
+    """Parts of the instrument that the model knows, what is stated of each or else the U (k = 2)
+    assumed, and which it is."""
     bound = bound_of(found.posterior)
     instrument = bound.campaign.instrument
     known = {own.name: own for own in uncertainties(bound.campaign, bound.model.nuisances).assumed}
@@ -635,7 +643,8 @@ def _short(text: str) -> str:
 
 # ---- on paper: A4 by fpdf2, millimetres
 
-# A browser, which takes the sheets' scale, sets the same lines a little higher: FULL leaves it room.
+# A browser, which takes the sheets' scale, sets the same lines a little higher: FULL leaves it
+# room.
 _WIDTH, _LEFT, _TOP, _FULL, _INK, _SOFT = 182.0, 14.0, 14.0, 272.0, 0, 85
 _SHADES = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _PAIRED, _LARGEST, _WIDE, _DPI, _SIGNED = 104.0, 88.0, 1.6, 300.0, 256.0

@@ -70,9 +70,10 @@ Passage: TypeAlias = Table | str | tuple[str, ...]
 
 
 def _as_it_is(result: Any) -> tuple[Passage, ...]:
-    """Return a result as tables, sentences and lists, in the order they are read. Every room registers a function for each of its
-    kinds of result (``@parts_of.register``), which takes its sentences from `ldbb_bayes.report.wording`; else it is what
-    `ldbb_bayes.result.entries_of` says."""
+    """Return a result as tables, sentences and lists, in the order they are read. Every room
+    registers a function for each of its kinds of result (``@parts_of.register``), which takes its
+    sentences from `ldbb_bayes.report.wording`; else it is what `ldbb_bayes.result.entries_of`
+    says."""
     rows = [(name, brief(value)) for name, value in entries_of(result).items()]
     return (
         Table.of(
@@ -85,7 +86,8 @@ parts_of = ByClass(_as_it_is)
 
 
 def lines_of(parts: Iterable[Passage], width: int = 120) -> str:
-    """Return tables, an empty line after each, paragraphs and lists as lines of at most ``width`` characters."""
+    """Return tables, an empty line after each, paragraphs and lists as lines of at most ``width``
+    characters."""
     lines: list[str] = []
     for part in parts:
         if isinstance(part, Table):
@@ -107,15 +109,18 @@ def html_of(result: Any) -> str:
     """Return a result for a notebook; everything is escaped."""
     parts = [(part,) if isinstance(part, str) else part for part in parts_of(result)]
     return "".join(
-        part.html()
-        if isinstance(part, Table)
-        else "".join(f"<p>{html.escape(typeset(text))}</p>" for text in part)
+        (
+            part.html()
+            if isinstance(part, Table)
+            else "".join(f"<p>{html.escape(typeset(text))}</p>" for text in part)
+        )
         for part in parts
     )
 
 
 def two_digits(value: float | None, factor: float = 1.0) -> str:
-    """Return a number of either sign with two significant digits and no exponent; a dash for one that is missing or infinite."""
+    """Return a number of either sign with two significant digits and no exponent; a dash for one
+    that is missing or infinite."""
     if value is None or not np.isfinite(value):
         return "–"
     return f"{'−' if value < 0 else ''}{round_uncertainty(abs(value) * factor)[0]}"
@@ -158,7 +163,10 @@ def _(campaign: Campaign) -> tuple[Passage, ...]:
 @parts_of.register
 def _(result: Imported) -> tuple[Passage, ...]:
     campaign = result.campaign
-    head = f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed (change it with the option named):"
+    head = (
+        f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed"
+        " (change it with the option named):"
+    )
     beside: list[Passage] = []
     for own in result.records:
         from ldbb_bayes.analysis.circularity import (
@@ -346,12 +354,16 @@ def _(result: LeastSquares) -> tuple[Passage, ...]:
                 unit,
             )
         )
-    caption = f"Least squares (Eq. 31), RMSE {result.quality.rmse_um:.3g} µm; u from the scatter of the readings alone"
+    caption = (
+        f"Least squares (Eq. 31), RMSE {result.quality.rmse_um:.3g} µm; u from the scatter of the"
+        " readings alone"
+    )
     return (Table.of(caption, ("parameter", "estimate", "u (1 sd)", "unit"), rows, text=("unit",)),)
 
 
 def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
-    """The JSON of a fit, with nuisances, and what a look at the readings finds among its warnings."""
+    """The JSON of a fit, with nuisances, and what a look at the readings finds among its
+    warnings."""
     from ldbb_bayes.inference.posterior import (
         campaign_of,
         nuisances,
@@ -376,7 +388,8 @@ class FitWords(Shown, dict[str, Any]):
 
 
 def fit_in_words(posterior: xr.DataTree) -> FitWords:
-    """Return a fit's state, the kinds of what to mind, and verdict, misfits and warnings in words; it prints as sentences."""
+    """Return a fit's state, the kinds of what to mind, and verdict, misfits and warnings in words;
+    it prints as sentences."""
     from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
     from ldbb_bayes.inference.posterior import bound_of, fit_of, record_of
 
@@ -407,7 +420,8 @@ def further_remarks(seen: CampaignPreview) -> list[str]:
 
 
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
-    """Return the JSON of a fit as tables and sentences, other effects of the instrument left out."""
+    """Return the JSON of a fit as tables and sentences, other effects of the instrument left
+    out."""
     others = {
         name: own
         for name, own in result["nuisances"].items()
@@ -436,7 +450,8 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
 
 
 def conformity_table(found: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Return tolerance, probability of conformance, guard band and decision of every quantity, from the JSON of `conformity`."""
+    """Return tolerance, probability of conformance, guard band and decision of every quantity, from
+    the JSON of `conformity`."""
     rows = []
     for name, own in found.items():
         factor, label = display_unit(own["unit"])
@@ -463,8 +478,8 @@ _ODD = 2.5
 
 
 def parameter_table(result: Mapping[str, Any]) -> Table:
-    """Return posterior mean and sd, interval, and sd of the prior (its mean too where priors have any) from the JSON of a fit; of
-    the circles' scales λ those of odd circles alone."""
+    """Return posterior mean and sd, interval, and sd of the prior (its mean too where priors have
+    any) from the JSON of a fit; of the circles' scales λ those of odd circles alone."""
     entries = {**result["parameters"], **result["hyper"]}
     means = any(entry.get("prior_mean") for entry in entries.values())
     rows = []
@@ -479,9 +494,11 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
             middle = entry.get("prior_mean")
             prior.insert(
                 0,
-                "–"
-                if middle is None
-                else value_and_uncertainty(middle * factor, entry["prior_sd"] * factor)[0],
+                (
+                    "–"
+                    if middle is None
+                    else value_and_uncertainty(middle * factor, entry["prior_sd"] * factor)[0]
+                ),
             )
         shown = display_name(name.removesuffix("_um"))
         rows.append(
@@ -512,8 +529,9 @@ def results_table(
     *,
     shares: bool = True,
 ) -> Table:
-    """Return value, u, U, interval, unit, stiffness of the direct compliances, and verdict of every parameter; with the share of
-    the variance that every partner holds, where no budget stands beside it."""
+    """Return value, u, U, interval, unit, stiffness of the direct compliances, and verdict of every
+    parameter; with the share of the variance that every partner holds, where no budget stands
+    beside it."""
     rows = []
     for name, entry in result["parameters"].items():
         own = units.state(entry["mean"], entry["sd"], wording.interval_of(entry), entry["unit"])
@@ -552,7 +570,8 @@ def results_table(
 
 
 def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
-    """Return mean, u, prior sd and unit of the nuisance coefficients that lie more than 2 sd off zero, or that none does."""
+    """Return mean, u, prior sd and unit of the nuisance coefficients that lie more than 2 sd off
+    zero, or that none does."""
     rows = []
     for name, entry in entries.items():
         if abs(entry["mean"]) > 2.0 * entry["sd"]:
@@ -569,7 +588,10 @@ def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
             )
     if not rows:
         return f"None of the {len(entries)} other effects differs from zero by more than 2 u."
-    caption = f"Other effects that differ from zero by more than 2 u; {len(entries) - len(rows)} of {len(entries)} do not"
+    caption = (
+        f"Other effects that differ from zero by more than 2 u; {len(entries) - len(rows)} of"
+        f" {len(entries)} do not"
+    )
     return Table.of(
         caption, ("effect", "mean", "u (1 sd)", "prior sd", "unit"), rows, text=("unit",)
     )
@@ -621,7 +643,8 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _(validation: Validation) -> tuple[Passage, ...]:
-    """With the share of truths inside their intervals, its standard error, and whether the ranks stay inside the band."""
+    """With the share of truths inside their intervals, its standard error, and whether the ranks
+    stay inside the band."""
     coverage = validation.coverage()
     claimed = [name for name in coverage.columns if not name.startswith("u")]
     rows = []
@@ -649,7 +672,8 @@ _SMALL, _RUNNERS = 0.005, 0.05
 
 @parts_of.register
 def _(found: ByName[Any]) -> tuple[Passage, ...]:
-    """Conformities; or of budgets what limits every parameter, what would improve it most, and u then."""
+    """Conformities; or of budgets what limits every parameter, what would improve it most, and u
+    then."""
     if not all(type(own).__name__ == "Budget" for own in found.values()):
         return (conformity_table({name: own.as_dict() for name, own in found.items()}),)
     rows = []
@@ -712,15 +736,18 @@ def _(budget: Budget) -> tuple[Passage, ...]:
 
 
 def _source(line: Any) -> tuple[str, float, str]:
-    """What a line of a budget is called, and factor and label that its own uncertainty is read in."""
+    """What a line of a budget is called, and factor and label that its own uncertainty is read
+    in."""
     if line.source == line.term:
         return wording.source_words(line.term), *((1.0, "N") if line.unit == "N" else (1e3, "µm"))
     one, label = wording.unit_words(line.source)
     other = line.source.startswith("other ")
     return (
-        f"other {wording.source_words(line.term)}"
-        if other
-        else wording.nuisance_words(line.source),
+        (
+            f"other {wording.source_words(line.term)}"
+            if other
+            else wording.nuisance_words(line.source)
+        ),
         1.0 / one,
         label,
     )
@@ -772,7 +799,8 @@ def _models_table(comparison: Comparison, rmse: bool) -> Table:
 
 
 def _assumption_table(comparison: Comparison) -> Table:
-    """ln B under every assumption, and by how much the readings prefer it to what the models assume."""
+    """ln B under every assumption, and by how much the readings prefer it to what the models
+    assume."""
     rows = [
         (f"slope scale {s.slope_scale:g}", s.log_bayes_factor, s.error, "")
         for s in comparison.prior_sensitivity
@@ -817,8 +845,8 @@ def _left_out_table(comparison: Comparison) -> Table:
 
 @parts_of.register
 def _(design: Design) -> tuple[Passage, ...]:
-    """With the different tests and how often to run each, and the expected standard uncertainty of every parameter beside that of
-    baseline and others, floor and prior."""
+    """With the different tests and how often to run each, and the expected standard uncertainty of
+    every parameter beside that of baseline and others, floor and prior."""
     every = design.table.to_numpy(dtype=object).tolist()
     rows = [[value if isinstance(value, str) else f"{value:.4g}" for value in row] for row in every]
     heads = [wording.PAGE["tests"].get(name, name) for name in ("force_N", *design.columns)]

@@ -1,6 +1,8 @@
-"""Every sentence about findings: small functions that choose among templates (sentences.toml, sentences.j2) and fill them.
+"""Every sentence about findings: small functions that choose among templates (sentences.toml,
+sentences.j2) and fill them.
 
-Nothing decides by reading a sentence: what is decided stands in the findings. Kinds of findings are looked up by their values.
+Nothing decides by reading a sentence: what is decided stands in the findings. Kinds of findings are
+looked up by their values.
 """
 
 from __future__ import annotations
@@ -117,9 +119,10 @@ def _words(macro: str) -> Callable[..., str]:
     return lambda *found: _sentence(macro, *found)
 
 
-# Of a fit whether its numbers can be used, whether the model expects readings like these, and a note on what it does not expect
-# though it hardly moves an interval; of parts of its JSON what was fitted, how well, and whether the sampler reached its target;
-# of a validation whether its ranks are as they should be.
+# Of a fit whether its numbers can be used, whether the model expects readings like these, and a
+# note on what it does not expect though it hardly moves an interval; of parts of its JSON what was
+# fitted, how well, and whether the sampler reached its target; of a validation whether its ranks
+# are as they should be.
 fit_verdict, expectation, check_notes = (
     _words("fit_verdict"),
     _words("expectation"),
@@ -131,15 +134,17 @@ model_words, quality_words, sampler_words = (
     _words("sampler_words"),
 )
 validation_verdict = _words("validation_verdict")
-# What a campaign is, and remarks on its tests (what a fit will assume is apart); of a machine joints, rank, and what does not
-# show; of a comparison the evidence, whether its sign is robust, and what else speaks; what is to be minded of a population, and
-# what it does not model; what forbids the use of a difference of campaigns (first, other, converged, conflict).
+# What a campaign is, and remarks on its tests (what a fit will assume is apart); of a machine
+# joints, rank, and what does not show; of a comparison the evidence, whether its sign is robust,
+# and what else speaks; what is to be minded of a population, and what it does not model; what
+# forbids the use of a difference of campaigns (first, other, converged, conflict).
 preview_sentences, machine_sentences = _every("preview_sentences"), _every("machine_sentences")
 comparison_sentences, population_doubts = (
     _every("comparison_sentences"),
     _every("population_doubts"),
 )
-# Which model the numbers after the sheets are of (degree, averaged); what differences between campaigns rest on (force, same).
+# Which model the numbers after the sheets are of (degree, averaged); what differences between
+# campaigns rest on (force, same).
 annex_words, instrument_words, difference_doubts = (
     _words("annex_words"),
     _words("instrument_words"),
@@ -214,7 +219,10 @@ def _amount(value: float, factor: float, label: str, name: str, plus: str = "+")
     size = abs(value) * factor
     if size < 0.01 and label.startswith("µ"):
         size, label = size * 1e3, "n" + label[1:]
-    return f"{plus if value > 0 else '−'}{round_uncertainty(size, 3)[0]}{'' if label == '°' else ' '}{label} of {name}"
+    return (
+        f"{plus if value > 0 else '−'}{round_uncertainty(size, 3)[0]}{'' if label == '°' else ' '}{label}"
+        f" of {name}"
+    )
 
 
 def statement(found: Degeneracy) -> str:
@@ -264,7 +272,8 @@ def degeneracy_items(
 
 
 def alias_sentences(found: Sequence[Degeneracy]) -> Iterator[str]:
-    """Return what the terms of the model are confounded with, the terms that it leaves out, and parameters that are alike."""
+    """Return what the terms of the model are confounded with, the terms that it leaves out, and
+    parameters that are alike."""
     alike: dict[bool, dict[str, dict[str, None]]] = {False: {}, True: {}}
     for own in found:
         if own.term:
@@ -402,10 +411,14 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
 
 
 def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> str:
-    """Return the verdict, with the share of the variance that every partner holds or with the partners' names alone."""
+    """Return the verdict, with the share of the variance that every partner holds or with the
+    partners' names alone."""
     known = entry.partner_shares
     if not shares and entry.verdict == "confounded":
-        return f"confounded with {joined([term_words(p) + ('' if p in known else ' (left out)') for p in entry.partners])}"
+        return (
+            "confounded with"
+            f" {joined([term_words(p) + ('' if p in known else ' (left out)') for p in entry.partners])}"
+        )
     if not shares:
         return str(entry.verdict)
     parts = {
@@ -432,8 +445,8 @@ def _(result: Identifiability) -> dict[str, Any]:
 
 
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
-    """Return what the numbers rest on, and how much the readings narrow; what certificates would be worth: how much narrower the
-    parameters that they narrow by a tenth."""
+    """Return what the numbers rest on, and how much the readings narrow; what certificates would be
+    worth: how much narrower the parameters that they narrow by a tenth."""
     certificates, worth = dict(result.certificates), {}
     without = certificates.pop("none of these", {})
     for name, left in certificates.items():
@@ -466,7 +479,8 @@ _SURE = 0.95
 
 
 def strength_words(log_bayes_factor: float) -> str:
-    """Words for a log Bayes factor of either sign (Kass and Raftery, J. Am. Stat. Assoc. 90, 773-795, 1995)."""
+    """Words for a log Bayes factor of either sign (Kass and Raftery, J. Am. Stat. Assoc. 90,
+    773-795, 1995)."""
     return next(
         (words for limit, words in _STRENGTHS if abs(log_bayes_factor) < limit),
         "very strong evidence",
@@ -638,7 +652,8 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float)
         (table["probability_of_increase"] > 1.0 - tail) | (table["probability_of_increase"] < tail)
     ]
     sizes = [
-        f"{display_name(str(name))} {plus_minus(row['difference'], row['sd'], (row['ci_low'], row['ci_high']), row['unit'])}"
+        f"{display_name(str(name))}"
+        f" {plus_minus(row['difference'], row['sd'], (row['ci_low'], row['ci_high']), row['unit'])}"
         for name, row in clear.iterrows()
     ]
     return _sentence("change_sentence", first, other, sizes, f"{100 * ci_prob:g}")

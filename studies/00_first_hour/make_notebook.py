@@ -1,4 +1,5 @@
-"""Write and execute first_hour.ipynb, draw the README's picture, and write the workbook of the first tutorial.
+"""Write and execute first_hour.ipynb, draw the README's picture, and write the workbook of the
+first tutorial.
 
 pip install nbformat nbclient ipykernel openpyxl
 python studies/00_first_hour/make_notebook.py
@@ -15,7 +16,8 @@ try:
     from openpyxl import Workbook
 except ImportError as error:
     sys.exit(
-        f"make_notebook: {error.name} must be installed. pip install nbformat nbclient ipykernel openpyxl"
+        f"make_notebook: {error.name} must be installed. pip install nbformat nbclient ipykernel"
+        " openpyxl"
     )
 
 import ldbb_bayes as lb
@@ -34,22 +36,39 @@ ABOUT = (
     ("Ball bar", "Practice bar 1"),
 )
 CELLS = (
-    "# The first hour\n\nReadings to credible intervals, on the experiment recovered from the published tables "
-    "(what in it is not data stands in `data/recovered_experiment/README.md`).",
-    "%matplotlib inline\nimport ldbb_bayes as lb\n\ncampaign = lb.read_campaign(lb.embedded_campaign())\ncampaign",
+    (
+        "# The first hour\n\nReadings to credible intervals, on the experiment recovered from the"
+        " published tables (what in it is not data stands in"
+        " `data/recovered_experiment/README.md`)."
+    ),
+    (
+        "%matplotlib inline\nimport ldbb_bayes as lb\n\ncampaign ="
+        " lb.read_campaign(lb.embedded_campaign())\ncampaign"
+    ),
     "What is in the campaign, and what looks odd, before anything is fitted:",
     "lb.preview(campaign)",
     "The model: compliance linear in force, and everything that is not the machine.",
     "linear = lb.HybridModel.default(degree=1)\nlinear",
-    "Sampling takes a few seconds. The result is an ArviZ DataTree; `summarize` is a pandas table in mm, N and rad.",
+    (
+        "Sampling takes a few seconds. The result is an ArviZ DataTree; `summarize` is a pandas"
+        " table in mm, N and rad."
+    ),
     "posterior = lb.sample(linear, campaign, seed=1)\nlb.summarize(posterior).round(12)",
     "Which of these numbers come from the readings, and which are two names for one thing?",
     "lb.identify(linear, campaign)",
     "from ldbb_bayes.report.figures import traces\n\ntraces(posterior)",
-    "from ldbb_bayes.report.figures import compliance_against_force\n\ncompliance_against_force(posterior)",
-    "Simulated readings of the same plan, with truths of your own, to see what the analysis returns:",
-    'truth = {"C_XXX": 6e-5, "C_YYY": 4.5e-5, "E_XX1": -1e-4}\n'
-    "simulation = linear.simulate(campaign.plan(), seed=2, parameters=truth)\nsimulation",
+    (
+        "from ldbb_bayes.report.figures import"
+        " compliance_against_force\n\ncompliance_against_force(posterior)"
+    ),
+    (
+        "Simulated readings of the same plan, with truths of your own, to see what the analysis"
+        " returns:"
+    ),
+    (
+        'truth = {"C_XXX": 6e-5, "C_YYY": 4.5e-5, "E_XX1": -1e-4}\n'
+        "simulation = linear.simulate(campaign.plan(), seed=2, parameters=truth)\nsimulation"
+    ),
 )
 
 

@@ -136,7 +136,8 @@ def scale_and_compliance(readings: Mapping[float, np.ndarray]) -> Figure:
 def simulated_and_predicted(
     parts: Mapping[str, Mapping[float, tuple[np.ndarray, np.ndarray]]],
 ) -> Figure:
-    """Fig. 5: simulated (wide) and predicted (dashed) readings of geometry, compliance and both, at every force."""
+    """Fig. 5: simulated (wide) and predicted (dashed) readings of geometry, compliance and both, at
+    every force."""
     figure = lb.figures.new_figure(9.6, 3.8)
     panels: Any = figure.subplots(1, 3)
     for axes, (title, by_force) in zip(panels, parts.items(), strict=True):

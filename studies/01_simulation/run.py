@@ -1,4 +1,5 @@
-"""Section 4 of the paper: Tables 1 to 3, the simulation (Table 4, Figs. 3 to 5), and how far the linear model reaches.
+"""Section 4 of the paper: Tables 1 to 3, the simulation (Table 4, Figs. 3 to 5), and how far the
+linear model reaches.
 
 python studies/01_simulation/run.py            # fails when a stated number is not reproduced
 python studies/01_simulation/run.py --write    # states anew
@@ -86,8 +87,10 @@ def tables_1_and_2() -> dict[str, Any]:
             }
             for seen in (*found.compliances, *found.geometric_errors)
         ],
-        "table_1_same": [seen.name for seen in (*found.compliances, *found.geometric_errors)]
-        == [in_code(name) for name in printed(1, "parameters")["symbol"]],
+        "table_1_same": (
+            [seen.name for seen in (*found.compliances, *found.geometric_errors)]
+            == [in_code(name) for name in printed(1, "parameters")["symbol"]]
+        ),
         "table_2_same": sets == own,
         "sets": {name: list(members) for name, members in own.items()},
         "null": list(found.null),
@@ -136,7 +139,8 @@ def estimated(values: Values, angle_rad: np.ndarray = PAPERS_ANGLE) -> dict[str,
 
 
 def table_4_truth() -> dict[str, float]:
-    """Simulated values with the sign of Eq. 16 for E_C(0Y)X: the paper's simulation has the opposite one."""
+    """Simulated values with the sign of Eq. 16 for E_C(0Y)X: the paper's simulation has the
+    opposite one."""
     table = printed(4, "simulation")
     values = {
         in_code(name): float(value)
@@ -166,9 +170,9 @@ def table_4() -> dict[str, Any]:
                 "cut": digits != row["estimated"] and _cut(found[name]) == row["estimated"],
                 "same_with_the_sign_of_Eq_16": f"{other[name]:.4E}" == row["estimated"],
                 "difference": found[name] - simulated,
-                "difference_has_other_sign": float(row["difference"])
-                * (float(row["estimated"]) - simulated)
-                < 0.0,
+                "difference_has_other_sign": (
+                    float(row["difference"]) * (float(row["estimated"]) - simulated) < 0.0
+                ),
             }
         )
     return {
@@ -247,7 +251,8 @@ def linearisation_um(values: Values) -> float:
 
 
 def size_at(values: Values, error_um: float) -> float:
-    """Factor on these errors at which the largest linearisation error is this large; it grows with the square, nearly."""
+    """Factor on these errors at which the largest linearisation error is this large; it grows with
+    the square, nearly."""
     factor = 1.0
     for _ in range(20):
         factor *= np.sqrt(
@@ -257,7 +262,8 @@ def size_at(values: Values, error_um: float) -> float:
 
 
 def reach() -> dict[str, Any]:
-    """How large errors may be before the linear model is off by the resolution, and what that does to the estimates."""
+    """How large errors may be before the linear model is off by the resolution, and what that does
+    to the estimates."""
     plan = lb.Plan(tuple(lb.CircularTest(force, np.rad2deg(ANGLE)) for force in FORCES_N[1:]))
     known = lb.identify(lb.HybridModel.first(1), plan).parameters
     sd = {name: entry.prior_sd for name, entry in known.items() if name.startswith("E_")}
@@ -314,7 +320,8 @@ def _unit(name: str) -> str:
 
 
 def atlas_swing() -> float:
-    """Largest distance of a drawn pattern from the nominal circle, the same in every panel of both atlases."""
+    """Largest distance of a drawn pattern from the nominal circle, the same in every panel of both
+    atlases."""
     drawn = [
         axes.lines
         for figure in (lb.figures.compliance_atlas(MACHINE), lb.figures.geometric_atlas(MACHINE))

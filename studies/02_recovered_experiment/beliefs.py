@@ -1,4 +1,5 @@
-"""What each belief of the model's second edition does to the recovered experiment: one at a time, and all together."""
+"""What each belief of the model's second edition does to the recovered experiment: one at a time,
+and all together."""
 
 from __future__ import annotations
 
@@ -75,8 +76,8 @@ def log_bayes_factor(linear: lb.HybridModel, campaign: lb.Campaign) -> float:
 
 
 def measure(beliefs: Sequence[str]) -> dict[str, Any]:
-    """By belief: mean and sd of every parameter [unit for reading], mean δ [µm], ln B over constant, and the evidence over the
-    first edition's [nat], all with linear compliance."""
+    """By belief: mean and sd of every parameter [unit for reading], mean δ [µm], ln B over
+    constant, and the evidence over the first edition's [nat], all with linear compliance."""
     plain = lb.read_campaign(DATA / "recovered_experiment")
     ball = lb.Ball(grade=GRADE)
     stated = replace(plain, instrument=replace(plain.instrument, work=ball, tool=ball))
@@ -108,7 +109,8 @@ def measure(beliefs: Sequence[str]) -> dict[str, Any]:
 def elsewhere(
     own: Mapping[str, Any], factor: Mapping[str, float], campaign: lb.Campaign
 ) -> dict[str, float]:
-    """Largest difference of all beliefs together from independent draws: of means in u, and of the ratio of sds from one."""
+    """Largest difference of all beliefs together from independent draws: of means in u, and of the
+    ratio of sds from one."""
     tree = lb.sample(TOGETHER, campaign, sampler="independent", seed=1)["posterior"]
     draws = {name: factor[name] * tree[name].to_numpy().ravel() for name in factor}
     return {
@@ -123,7 +125,8 @@ def elsewhere(
 
 @lb.figures.styled
 def widths_and_shifts(results: Mapping[str, Any]) -> Figure:
-    """Of every parameter, by belief: u over the first edition's, and how far the mean moves in the first edition's u."""
+    """Of every parameter, by belief: u over the first edition's, and how far the mean moves in the
+    first edition's u."""
     beliefs = dict(results["by_belief"])
     first = beliefs.pop("first edition")
     names = list(first["mean"])

@@ -1,4 +1,5 @@
-"""Figs. 8 to 14 of least-squares estimates, and the least-squares lines of Figs. 15 and 16 on the package's own."""
+"""Figs. 8 to 14 of least-squares estimates, and the least-squares lines of Figs. 15 and 16 on the
+package's own."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ GLOBAL = {"constant": ("#009E73", (0, (6, 2))), "linear": ("#CC79A7", (0, (6, 2,
 
 
 def part_um(estimate: Mapping[str, float], force_N: float, *, start: str) -> np.ndarray:
-    """Reading at 0° … 360° from the parameters whose names start so, tool offsets left out, shape (361,) [µm]."""
+    """Reading at 0° … 360° from the parameters whose names start so, tool offsets left out, shape
+    (361,) [µm]."""
     jacobian = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), np.deg2rad(ANGLE_DEG), force_N)
     names = [name for name in jacobian.columns if name.startswith(start) and name not in OFFSETS]
     return 1e3 * (jacobian[names] @ pd.Series(estimate)[names]).to_numpy()
@@ -43,7 +45,8 @@ def upper_pair(pairs: Mapping[Pair, lb.LeastSquares], test: str) -> Pair:
 
 @lb.figures.styled
 def local_traces(campaign: lb.Campaign, pairs: Mapping[Pair, lb.LeastSquares]) -> Figure:
-    """Fig. 11 (b): readings and what each pair of neighbouring forces predicts for its two circles."""
+    """Fig. 11 (b): readings and what each pair of neighbouring forces predicts for its two
+    circles."""
     figure = lb.figures.new_figure(9.6, 5.0)
     panels: Any = figure.subplots(2, 3, sharex=True)
     for axes, test, colour in zip(
@@ -85,7 +88,8 @@ def local_traces(campaign: lb.Campaign, pairs: Mapping[Pair, lb.LeastSquares]) -
 
 @lb.figures.styled
 def contributions(campaign: lb.Campaign, estimates: Mapping[str, Mapping[str, float]]) -> Figure:
-    """Figs. 8 and 12: both parts, compliance and geometry at every force, from the estimate for each test."""
+    """Figs. 8 and 12: both parts, compliance and geometry at every force, from the estimate for
+    each test."""
     figure = lb.figures.new_figure(9.6, 3.6)
     panels: Any = figure.subplots(1, 3)
     one = len({tuple(estimate.values()) for estimate in estimates.values()}) == 1
@@ -113,7 +117,8 @@ def contributions(campaign: lb.Campaign, estimates: Mapping[str, Mapping[str, fl
 
 @lb.figures.styled
 def parameter_contributions(table: pd.DataFrame, force_N: float) -> Figure:
-    """Figs. 9, 10 and 13, 14: every parameter's part of the reading by least squares, with its 95 % band by white noise."""
+    """Figs. 9, 10 and 13, 14: every parameter's part of the reading by least squares, with its 95 %
+    band by white noise."""
     jacobian = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), np.deg2rad(ANGLE_DEG), force_N)
     figure = lb.figures.new_figure(10.4, 6.8)
     panels: Any = figure.subplots(2, 2)
@@ -166,7 +171,8 @@ def on_page(name: str) -> str:
 def with_least_squares(
     figure: Figure, fits: Mapping[str, lb.LeastSquares], forces_N: np.ndarray
 ) -> Figure:
-    """Figs. 15 and 16: the paper's own global lines, of constant and of linear compliance (Eq. 33), added to the package's."""
+    """Figs. 15 and 16: the paper's own global lines, of constant and of linear compliance (Eq. 33),
+    added to the package's."""
     force = np.linspace(forces_N.min(), forces_N.max(), 51)
     middle = 0.5 * (forces_N.min() + forces_N.max())
     panels = [axes for axes in figure.axes if axes.get_visible()]
@@ -201,7 +207,8 @@ def with_least_squares(
 def harmonics(
     mean: np.ndarray, sd: np.ndarray, zero: np.ndarray, forces_N: np.ndarray, names: tuple[str, ...]
 ) -> Figure:
-    """The recovered harmonics against force, with ± 2 u, and the completion that sets the open directions to zero."""
+    """The recovered harmonics against force, with ± 2 u, and the completion that sets the open
+    directions to zero."""
     figure = lb.figures.new_figure(9.6, 4.4)
     panels: Any = figure.subplots(2, 4, sharex=True)
     for k, (axes, name) in enumerate(zip(panels.flat, names, strict=True)):

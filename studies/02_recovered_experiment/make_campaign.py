@@ -1,8 +1,9 @@
 """Recover the published experiment from the paper's Tables 5-8 and write it as a campaign.
 
-The raw readings are not public. Tables 5-8 are 78 printed numbers, each a known linear map of 48 harmonic coefficients
-(orders 0-3 and cos 4θ at six forces): least squares (Eq. 31) on full uniform circles. They determine 45 of the 48 dimensions;
-a weak prior supplies the rest. What lies outside these harmonics is synthetic and seeded.
+The raw readings are not public. Tables 5-8 are 78 printed numbers, each a known linear map of 48
+harmonic coefficients (orders 0-3 and cos 4θ at six forces): least squares (Eq. 31) on full uniform
+circles. They determine 45 of the 48 dimensions; a weak prior supplies the rest. What lies outside
+these harmonics is synthetic and seeded.
 
     python studies/02_recovered_experiment/make_campaign.py --out data/recovered_experiment
 """
@@ -30,7 +31,8 @@ OUT_OF_BAND_RMS_UM, WHITE_UM, DISCREPANCY_UM = 0.60, 0.12, 0.27
 
 @dataclass(frozen=True)
 class Printed:
-    """One printed number: which forces it was estimated from, which of the 13 parameters, value and half-unit."""
+    """One printed number: which forces it was estimated from, which of the 13 parameters, value and
+    half-unit."""
 
     forces_N: tuple[float, ...]
     parameter: int
@@ -116,7 +118,8 @@ class Recovered:
 
     @property
     def misses(self) -> np.ndarray:
-        """What the mean returns minus what is printed, in half-units of the last printed digit, shape (78,)."""
+        """What the mean returns minus what is printed, in half-units of the last printed digit,
+        shape (78,)."""
         printed, unit = (
             np.array([getattr(n, name) for n in self.numbers]) for name in ("value", "half_unit")
         )
@@ -133,7 +136,8 @@ class Recovered:
 
 
 def recover() -> Recovered:
-    """The 78 printed numbers, known to half-unit/√3 each, and the weak prior: each harmonic = a + bF + N(0, 0.5 µm)."""
+    """The 78 printed numbers, known to half-unit/√3 each, and the weak prior: each harmonic = a +
+    bF + N(0, 0.5 µm)."""
     numbers = printed_numbers()
     maps = {forces: estimation_map(forces) for forces in {number.forces_N for number in numbers}}
     jacobian = np.array([maps[number.forces_N][number.parameter] for number in numbers]) * 1e-3
@@ -154,7 +158,8 @@ def recover() -> Recovered:
 
 
 def synthetic_um(angle_rad: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """What the tables do not hold, shape (6, n) [µm]: white noise, discrepancy per test, and one shared form."""
+    """What the tables do not hold, shape (6, n) [µm]: white noise, discrepancy per test, and one
+    shared form."""
     basis = harmonics(angle_rad)
 
     def project_off(values: np.ndarray) -> np.ndarray:
@@ -186,7 +191,8 @@ def make_campaign() -> lb.Campaign:
 
 
 def campaign_of(harmonics_um: np.ndarray) -> lb.Campaign:
-    """The campaign with these 48 harmonics, 720 readings per circle, and the same synthetic part."""
+    """The campaign with these 48 harmonics, 720 readings per circle, and the same synthetic
+    part."""
     angle_deg = 360.0 - 0.5 * np.arange(READINGS)
     angle = np.deg2rad(angle_deg)
     readings = harmonics_um.reshape(FORCES_N.size, 8) @ harmonics(angle).T + synthetic_um(
@@ -217,7 +223,8 @@ def main() -> None:
     except lb.InputError as error:
         sys.exit(f"make_campaign: {error}")
     print(
-        f"{len(found.numbers)} printed numbers returned, worst {np.abs(found.misses).max():.3f} half-units"
+        f"{len(found.numbers)} printed numbers returned, worst {np.abs(found.misses).max():.3f}"
+        " half-units"
     )
     print(f"SHA-256 {campaign.sha256}")
 

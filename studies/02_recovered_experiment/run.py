@@ -1,7 +1,8 @@
-"""The published experiment given back by its printed numbers: what they determine, and Tables 5 to 9 and Figs. 7 to 16 anew.
+"""The published experiment given back by its printed numbers: what they determine, and Tables 5 to
+9 and Figs. 7 to 16 anew.
 
-python studies/02_recovered_experiment/run.py            # fails when a stated number is not reproduced
-python studies/02_recovered_experiment/run.py --write    # states anew
+python studies/02_recovered_experiment/run.py            # fails when a stated number is not
+reproduced python studies/02_recovered_experiment/run.py --write    # states anew
 """
 
 from __future__ import annotations
@@ -81,7 +82,8 @@ def pairs() -> Mapping[Pair, lb.LeastSquares]:
 
 
 def named_directions(found: Recovered) -> dict[str, np.ndarray]:
-    """Orthonormal open directions by name, each (48,): the unseen parts of three harmonics of the lowest force."""
+    """Orthonormal open directions by name, each (48,): the unseen parts of three harmonics of the
+    lowest force."""
     projector = found.open_directions.T @ found.open_directions
     exchanges = ("exchange of cos θ and cos 3θ", "exchange of sin θ and sin 3θ")
     unseen = {name: projector[:, 1 + k] for k, name in enumerate(exchanges)}
@@ -125,7 +127,8 @@ def _determined_to(found: Recovered) -> float:
 
 
 def completions(found: Recovered) -> dict[str, Any]:
-    """Posterior of what depends most on the completion, under the default model with constant compliance."""
+    """Posterior of what depends most on the completion, under the default model with constant
+    compliance."""
     named = named_directions(found)
     made = {
         "as recovered": found.mean,
@@ -158,8 +161,9 @@ def completions(found: Recovered) -> dict[str, Any]:
         "range": {
             p: [f(row[p]["mean"] for row in rows.values()) for f in (min, max)] for p in kept
         },
-        "least_squares_unchanged": max(_change(campaign_of(values)) for values in made.values())
-        < 1e-9,
+        "least_squares_unchanged": (
+            max(_change(campaign_of(values)) for values in made.values()) < 1e-9
+        ),
     }
 
 
@@ -208,7 +212,8 @@ def _cell(printed: str, name: str, squares: lb.LeastSquares, forces: str) -> dic
 
 
 def table_9() -> dict[str, Any]:
-    """Fitness (Eq. 35) as printed, with the RMSE of each own circle (own), and with that of all circles fitted together (all)."""
+    """Fitness (Eq. 35) as printed, with the RMSE of each own circle (own), and with that of all
+    circles fitted together (all)."""
     printed = pd.read_csv(TABLES / "table_9_fitness.csv").set_index("force_N")
     fits = {
         column: lb.least_squares(campaign(), degree).quality
@@ -258,7 +263,8 @@ def table_9() -> dict[str, Any]:
 
 
 def figure_values() -> list[dict[str, Any]]:
-    """What the text states beside Figs. 8 to 14, in µm, and the same from the recovered readings."""
+    """What the text states beside Figs. 8 to 14, in µm, and the same from the recovered
+    readings."""
     top = max(campaign().tests, key=lambda test: test.force_N or 0.0)
     force = float(top.force_N or 0.0)
     whole, last = (

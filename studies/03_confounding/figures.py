@@ -22,7 +22,8 @@ OTHERWISE = ("− 1 u", "+ 1 u")
 def confounding(
     parameters: Mapping[str, Any], plans: Mapping[str, Any], completions: Mapping[str, Any]
 ) -> Figure:
-    """Top: 95 % intervals by model, of C_CCY with other completions too; bottom: predicted standard uncertainties by plan."""
+    """Top: 95 % intervals by model, of C_CCY with other completions too; bottom: predicted standard
+    uncertainties by plan."""
     figure = lb.figures.new_figure(11.0, 5.6)
     panels: Any = figure.subplots(2, 6, width_ratios=[1.0] * 5 + [1.5])
     for axes, (name, entry) in zip(panels[0], parameters.items(), strict=True):
@@ -49,8 +50,9 @@ def confounding(
         axes.set_xlabel(f"u ({entry['unit']})")
         axes.tick_params(labelsize=7)
     figure.suptitle(
-        "Truncation off. Top: 95 % intervals by model; squares: with form, cos 4θ at the lowest force changed by one u; "
-        "line: published\nBottom: predicted u of the same six circles by plan; orange: confounded, green: identified",
+        "Truncation off. Top: 95 % intervals by model; squares: with form, cos 4θ at the lowest"
+        " force changed by one u; line: published\nBottom: predicted u of the same six circles by"
+        " plan; orange: confounded, green: identified",
         fontsize=9,
     )
     return figure

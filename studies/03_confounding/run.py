@@ -1,4 +1,5 @@
-"""What form error of the balls does to the published geometric errors and C_CCY, and what clocking both balls would have changed.
+"""What form error of the balls does to the published geometric errors and C_CCY, and what clocking
+both balls would have changed.
 
 python studies/03_confounding/run.py            # fails when a stated number is not reproduced
 python studies/03_confounding/run.py --write    # states anew
@@ -121,7 +122,8 @@ def with_readings(campaign: lb.Campaign, readings_um: np.ndarray) -> lb.Campaign
 
 
 def with_form_scaled(campaign: lb.Campaign, factor: float) -> lb.Campaign:
-    """The campaign with what its circles share outside orders 0 to 3 and cos 4θ made so many times as large."""
+    """The campaign with what its circles share outside orders 0 to 3 and cos 4θ made so many times
+    as large."""
     known = np.array(
         [basis(t) @ own for t, own in zip(campaign.tests, harmonics_um(campaign), strict=True)]
     )
@@ -130,9 +132,11 @@ def with_form_scaled(campaign: lb.Campaign, factor: float) -> lb.Campaign:
 
 
 def completed(campaign: lb.Campaign, cos_4_um: float) -> lb.Campaign:
-    """The campaign with so much more cos 4θ at the lowest force, and no other number of Tables 5 to 8.
+    """The campaign with so much more cos 4θ at the lowest force, and no other number of Tables 5 to
+    8.
 
-    C_CCY of two neighbours is their sum of F cos 4θ, over the sum of F²: what alternates with the force and is as 1/F is in none.
+    C_CCY of two neighbours is their sum of F cos 4θ, over the sum of F²: what alternates with the
+    force and is as 1/F is in none.
     """
     forces = campaign.forces_N
     change = cos_4_um * (-1.0) ** np.arange(forces.size) * forces[0] / forces
@@ -148,7 +152,8 @@ def completed(campaign: lb.Campaign, cos_4_um: float) -> lb.Campaign:
 
 
 def completions(campaign: lb.Campaign) -> dict[str, Any]:
-    """C_CCY under other values of cos 4θ at the lowest force, which nobody printed: truncation off, and on (study 02)."""
+    """C_CCY under other values of cos 4θ at the lowest force, which nobody printed: truncation off,
+    and on (study 02)."""
     known = json.loads(RECOVERED.read_text(encoding="utf-8"))
     u_um, bounded = known["open"]["cos4_at_lowest_um"]["sd"], known["completions"]
     cos_4 = harmonics_um(campaign)[:, 7]
@@ -181,7 +186,8 @@ def completions(campaign: lb.Campaign) -> dict[str, Any]:
 
 
 def synthetic_form(campaign: lb.Campaign) -> dict[str, Any]:
-    """What the size of the synthetic form does to τ, and through it to the geometric errors form is confused with."""
+    """What the size of the synthetic form does to τ, and through it to the geometric errors form is
+    confused with."""
     rows = {}
     for factor in SYNTHETIC:
         table = lb.marginals(FREE, with_form_scaled(campaign, factor))
@@ -234,8 +240,10 @@ def measure() -> dict[str, Any]:
         }
     unshifted = lb.marginals(FREE.without("setup-shift"), campaign)
     others = {
-        name: {"unit": unit, "published": printed[name] * factor}
-        | {k: _read(t, name) for k, t in ({**fits, "without set-up shift": unshifted}).items()}
+        name: (
+            {"unit": unit, "published": printed[name] * factor}
+            | {k: _read(t, name) for k, t in ({**fits, "without set-up shift": unshifted}).items()}
+        )
         for name, (factor, unit) in COMPLIANCES.items()
     }
     plans = {}

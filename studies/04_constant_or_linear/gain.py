@@ -1,7 +1,8 @@
-"""Where the gain of linear over constant compliance comes from: by Fourier order, common-mode curvature, the other slopes.
+"""Where the gain of linear over constant compliance comes from: by Fourier order, common-mode
+curvature, the other slopes.
 
-C_XXX_1 = C_YYY_1 = a adds a F (F − F0) to every reading (c² + s² = 1): so does a curved mount. A curved force law adds slopes in
-proportion to the compliances themselves.
+C_XXX_1 = C_YYY_1 = a adds a F (F − F0) to every reading (c² + s² = 1): so does a curved mount. A
+curved force law adds slopes in proportion to the compliances themselves.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ class Fits:
     Attributes
     ----------
     columns : DataFrame, shape (n, 19)
-        Eq. 33, with C_XXX_1 and C_YYY_1 replaced by their sum ("equal") and difference, and slopes in proportion to the
-        compliances ("force law") added.
+        Eq. 33, with C_XXX_1 and C_YYY_1 replaced by their sum ("equal") and difference, and slopes
+        in proportion to the compliances ("force law") added.
     reading_um : ndarray, shape (n,)
     """
 
@@ -40,7 +41,8 @@ class Fits:
     reading_um: Array
 
     def predicted(self, *slopes: str) -> Array:
-        """Least-squares prediction of constant compliance, geometry and these columns, shape (n,) [µm]."""
+        """Least-squares prediction of constant compliance, geometry and these columns, shape (n,)
+        [µm]."""
         constant = [
             name
             for name in self.columns
@@ -76,7 +78,8 @@ def fits_of(campaign: lb.Campaign) -> Fits:
 
 
 def least_squares(campaign: lb.Campaign) -> dict[str, Any]:
-    """The gain as a sum of squares [µm²] and its shares [1]: by order, and by the order in which columns enter."""
+    """The gain as a sum of squares [µm²] and its shares [1]: by order, and by the order in which
+    columns enter."""
     fits = fits_of(campaign)
     others = tuple(name for name in SLOPES if name not in EQUAL)
     constant, linear = fits.squares(), fits.squares(*SLOPES)
@@ -168,9 +171,11 @@ ASSUMPTIONS: dict[str, Callable[[lb.HybridModel], lb.HybridModel]] = {
 
 
 def evidence(campaign: lb.Campaign) -> dict[str, Any]:
-    """ln B over constant compliance [nat] of a common-mode curvature, of subsets of slopes, and of all six, by assumption.
+    """ln B over constant compliance [nat] of a common-mode curvature, of subsets of slopes, and of
+    all six, by assumption.
 
-    The curvature is a bar length that changes with F (F − F0): `lb.Drift` over times chosen so, its prior sd that of a slope.
+    The curvature is a bar length that changes with F (F − F0): `lb.Drift` over times chosen so, its
+    prior sd that of a slope.
     """
     curve = campaign.forces_N * (
         campaign.forces_N - 0.5 * (campaign.forces_N.min() + campaign.forces_N.max())
@@ -209,7 +214,8 @@ def evidence(campaign: lb.Campaign) -> dict[str, Any]:
 
 
 def slopes(campaign: lb.Campaign) -> dict[str, Any]:
-    """Posterior of the mean slope (C_XXX_1 + C_YYY_1) / 2 and of their difference [nm/N per kN], linear compliance."""
+    """Posterior of the mean slope (C_XXX_1 + C_YYY_1) / 2 and of their difference [nm/N per kN],
+    linear compliance."""
     found = {}
     for label in ("zero and centre move", "the centre alone moves"):
         posterior = lb.sample(

@@ -1,7 +1,9 @@
-"""The first edition of the model once more, dense, for numbers that are a linear map of the harmonics of six circles.
+"""The first edition of the model once more, dense, for numbers that are a linear map of the
+harmonics of six circles.
 
-Under the model harmonics are Gaussian given the hyper-parameters, and so are such numbers; their density is averaged over the
-priors on a grid. Given the harmonics of the shipped readings this must return `lb.log_evidence`.
+Under the model harmonics are Gaussian given the hyper-parameters, and so are such numbers; their
+density is averaged over the priors on a grid. Given the harmonics of the shipped readings this must
+return `lb.log_evidence`.
 """
 
 from __future__ import annotations
@@ -76,7 +78,8 @@ class Data:
     sd: Array
 
     def without(self, circle: int) -> Data:
-        """What is known whatever the harmonics of one circle are: numbers projected on what does not see it, each known to 1."""
+        """What is known whatever the harmonics of one circle are: numbers projected on what does
+        not see it, each known to 1."""
         own = (
             self.jacobian[:, circle * len(self.order) : (circle + 1) * len(self.order)]
             / self.sd[:, None]
@@ -161,7 +164,8 @@ def estimate() -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The first edition of the model, of a linear map of harmonics, for every subset of slopes at once.
+    """The first edition of the model, of a linear map of harmonics, for every subset of slopes at
+    once.
 
     Parameters
     ----------
@@ -178,7 +182,8 @@ class Model:
     rivals : tuple of str
         Which of `RIVALS` it has.
     of_estimate : bool
-        Whether a slope is measured against its own compliance, max(|Ĉ|, sd(C)/20), not against sd(C): the second edition's.
+        Whether a slope is measured against its own compliance, max(|Ĉ|, sd(C)/20), not against
+        sd(C): the second edition's.
     """
 
     data: Data
@@ -211,7 +216,8 @@ class Model:
 
     @cached_property
     def fixed(self) -> Array:
-        """Covariance of length, mount, force error, common mode and what is unexplained, shape (m, m)."""
+        """Covariance of length, mount, force error, common mode and what is unexplained, shape (m,
+        m)."""
         one = (self.data.order == 0.0).astype(float)
         deflection: Array = np.sum(
             [value * self.data.columns[name] for name, value in estimate().items()], axis=0
@@ -241,7 +247,8 @@ class Model:
         return own + self.unexplained_mm**2 * _square(self.data.jacobian)
 
     def _own_load(self) -> list[Array]:
-        """One sd of what yields to the load of its own axis: stiffening and contact of X and of Y, each (6, k) [mm]."""
+        """One sd of what yields to the load of its own axis: stiffening and contact of X and of Y,
+        each (6, k) [mm]."""
         force, found = FORCES_N[:, None], []
         for name, u in (("C_XXX", np.cos(angles())), ("C_YYY", np.sin(angles()))):
             stiffening = force * u**2 * (force * np.abs(u) - MIDDLE_N) / FORCES_N.max()
@@ -286,7 +293,8 @@ class Model:
 
     @cached_property
     def weighed(self) -> tuple[Array, Array, Array]:
-        """At g points, of all parameters: XᵀN⁻¹X (g, 19, 19); XᵀN⁻¹y (g, 19); yᵀN⁻¹y + ln det N + m ln 2π (g,) [nat]."""
+        """At g points, of all parameters: XᵀN⁻¹X (g, 19, 19); XᵀN⁻¹y (g, 19); yᵀN⁻¹y + ln det N + m
+        ln 2π (g,) [nat]."""
         found = [self._weighed(point) for point in self.points]
         information, projected, rest = (np.array(own) for own in zip(*found, strict=True))
         return information, projected, rest
@@ -301,8 +309,8 @@ class Model:
         return self.parameters.T @ weighted[:, :-1], of_values[:-1], float(of_values[-1] + own)
 
     def given(self, slopes: Sequence[str]) -> tuple[Array, Array, Array]:
-        """At g points: ln p(numbers | φ) (g,) [nat]; precision (g, k, k) of k = 13 parameters and these slopes in units of the
-        prior sd, and precision times mean (g, k)."""
+        """At g points: ln p(numbers | φ) (g,) [nat]; precision (g, k, k) of k = 13 parameters and
+        these slopes in units of the prior sd, and precision times mean (g, k)."""
         size = len(PRIOR_SD)
         kept = [*range(size), *(size + COMPLIANCES.index(name) for name in slopes)]
         information, projected, rest = self.weighed
@@ -316,8 +324,8 @@ class Model:
         return -0.5 * (rest - (white**2).sum(axis=1) + log_det), precision, projected
 
     def not_negative(self, slopes: Sequence[str], mean: Array, covariance: Array) -> Array:
-        """P(C_XXX, C_YYY, C_CCY ≥ 0 at the lowest and the highest force) (n,), of means (n, k) and covariances (n, k, k) in
-        prior sd."""
+        """P(C_XXX, C_YYY, C_CCY ≥ 0 at the lowest and the highest force) (n,), of means (n, k) and
+        covariances (n, k, k) in prior sd."""
         rows = []
         for name in NOT_NEGATIVE:
             for end in (-0.5, 0.5) if name in slopes else (0.0,):

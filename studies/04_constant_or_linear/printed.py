@@ -1,4 +1,5 @@
-"""Constant or linear compliance from the 78 printed numbers themselves: no reading, nothing synthetic.
+"""Constant or linear compliance from the 78 printed numbers themselves: no reading, nothing
+synthetic.
 
 They are a linear map of 48 harmonics, each number known to its half-unit/√3.
 """
@@ -34,7 +35,8 @@ SLOPE_SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
 SUBSETS = tuple(
     own for size in range(len(COMPLIANCES) + 1) for own in combinations(COMPLIANCES, size)
 )
-# The discrepancy of order n: κ/n to a power, and what is added to the standard deviation of every harmonic [mm].
+# The discrepancy of order n: κ/n to a power, and what is added to the standard deviation of every
+# harmonic [mm].
 LAWS = {
     "κ, the same for all orders": {"decay": 0.0},
     "κ/n²": {"decay": 2.0},
@@ -97,7 +99,8 @@ def answer(model: Model) -> Answer:
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """What the printed numbers say, what that rests on, and what the shipped readings say with their synthetic part scaled.
+    """What the printed numbers say, what that rests on, and what the shipped readings say with
+    their synthetic part scaled.
 
     ``quick``: without what `LONG` names.
     """
@@ -134,7 +137,8 @@ LONG += tuple(f"without/{force:.0f}" for force in FORCES_N[1:])
 
 
 def measure_long(data: Data, found: Answer) -> dict[str, Any]:
-    """What takes minutes: other scales and laws, every further circle left out, the synthetic part scaled."""
+    """What takes minutes: other scales and laws, every further circle left out, the synthetic part
+    scaled."""
     return {
         "slope_scale": {
             f"{scale:g}": Model(data, slope_scale=scale).log_bayes_factor()
@@ -162,7 +166,8 @@ def measure_long(data: Data, found: Answer) -> dict[str, Any]:
 
 
 def explanations(model: Model) -> dict[str, Any]:
-    """ln B of all six slopes over none [nat], with no rival and averaged over all combinations of these; how likely each."""
+    """ln B of all six slopes over none [nat], with no rival and averaged over all combinations of
+    these; how likely each."""
     combined = [own for size in range(len(RIVALS) + 1) for own in combinations(RIVALS, size)]
     own = np.array(
         [
@@ -183,7 +188,8 @@ def explanations(model: Model) -> dict[str, Any]:
 
 
 def curve_um() -> float:
-    """Of sin 2θ, the pattern of C_XYX, over force: departure of its amplitudes from a straight line, peak to peak."""
+    """Of sin 2θ, the pattern of C_XYX, over force: departure of its amplitudes from a straight
+    line, peak to peak."""
     amplitude = np.reshape(recover().mean, (len(FORCES_N), -1))[:, HARMONICS.index("sin 2θ")]
     return float(np.ptp(amplitude - np.polyval(np.polyfit(FORCES_N, amplitude, 1), FORCES_N)))
 
@@ -200,7 +206,8 @@ def without(data: Data, circle: int) -> dict[str, Any]:
 
 
 def under(model: Model, usual: Answer) -> dict[str, Any]:
-    """The answer under another law of the discrepancy, and the evidence of the law over the usual one [nat]."""
+    """The answer under another law of the discrepancy, and the evidence of the law over the usual
+    one [nat]."""
     found = answer(model)
     evidence = {
         name: found.log_evidence[own] - usual.log_evidence[own]
@@ -238,7 +245,8 @@ def of_readings() -> dict[str, float]:
 
 
 def scaled(factor: float) -> lb.Campaign:
-    """The recovered experiment; what is synthetic and differs from circle to circle (sin 4θ, orders 5 to 12) times ``factor``."""
+    """The recovered experiment; what is synthetic and differs from circle to circle (sin 4θ, orders
+    5 to 12) times ``factor``."""
     angle = recovered().tests[0].angles_rad()
     basis = np.column_stack(
         [np.sin(4.0 * angle), *(f(n * angle) for n in range(5, 13) for f in (np.cos, np.sin))]
@@ -255,7 +263,8 @@ def scaled(factor: float) -> lb.Campaign:
 
 
 def with_scaled(factor: float) -> dict[str, Any]:
-    """ln B of the readings by `lb.log_evidence`, κ and the two RMSE, with the synthetic part scaled."""
+    """ln B of the readings by `lb.log_evidence`, κ and the two RMSE, with the synthetic part
+    scaled."""
     campaign = scaled(factor)
     found: dict[str, Any] = {}
     for label in (ZERO_AND_CENTRE, CENTRE):

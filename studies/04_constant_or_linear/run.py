@@ -1,7 +1,8 @@
-"""Constant or linear compliance on the recovered experiment: RMSE's answer, white noise's, the honest one, and what it hangs on.
+"""Constant or linear compliance on the recovered experiment: RMSE's answer, white noise's, the
+honest one, and what it hangs on.
 
-python studies/04_constant_or_linear/run.py            # fails when a stated number is not reproduced
-python studies/04_constant_or_linear/run.py --quick    # with fewer simulated campaigns
+python studies/04_constant_or_linear/run.py            # fails when a stated number is not
+reproduced python studies/04_constant_or_linear/run.py --quick    # with fewer simulated campaigns
 python studies/04_constant_or_linear/run.py --write    # states anew
 """
 
@@ -52,9 +53,11 @@ def compared() -> dict[str, Any]:
     none = next(s["probability"] for s in record["slope_subsets"] if not s["varying"])
     return {
         "log_bayes_factor": record["log_bayes_factor"]["linear/constant"],
-        "kappa_um": 1e3
-        * float(
-            lb.marginals(lb.HybridModel.first(0), undetermined.recovered()).loc["kappa", "mean"]
+        "kappa_um": (
+            1e3
+            * float(
+                lb.marginals(lb.HybridModel.first(0), undetermined.recovered()).loc["kappa", "mean"]
+            )
         ),
         "probability": {
             name: model["posterior_probability"] for name, model in record["models"].items()
@@ -84,8 +87,8 @@ def compared() -> dict[str, Any]:
 
 
 def explained(label: str) -> dict[str, Any]:
-    """The second edition's answer from the readings: ln B with no rival of slopes and averaged over all combinations of rivals,
-    and how probable each explanation is."""
+    """The second edition's answer from the readings: ln B with no rival of slopes and averaged over
+    all combinations of rivals, and how probable each explanation is."""
     linear = gain.ASSUMPTIONS[label](lb.HybridModel.default(degree=1))
     models = {"constant": linear.with_degree(0), "linear": linear}
     found = lb.compare(models, undetermined.recovered(), evidence_only=True).explanations
@@ -138,7 +141,8 @@ def measure(effort: Effort) -> dict[str, Any]:
 
 
 def draw(results: dict[str, Any]) -> dict[str, Figure]:
-    """The comparison's own figures, the gain and the open directions, and the reliability of probabilities."""
+    """The comparison's own figures, the gain and the open directions, and the reliability of
+    probabilities."""
     return {
         "answer": answer_figure(results),
         "explanations": explanations_figure(results),
@@ -150,7 +154,8 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
 
 
 def answer_figure(results: dict[str, Any]) -> Figure:
-    """Left: ln B of the readings against how much circles differ, and of the printed numbers; right: which slopes."""
+    """Left: ln B of the readings against how much circles differ, and of the printed numbers;
+    right: which slopes."""
     found, compared = results["printed"], results["compared"]
     figure = Figure(figsize=(9.6, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
@@ -207,7 +212,8 @@ def answer_figure(results: dict[str, Any]) -> Figure:
 
 
 def explanations_figure(results: dict[str, Any]) -> Figure:
-    """Left: ln B with slopes alone, by both editions, and averaged over rivals; right: how probable every explanation is."""
+    """Left: ln B with slopes alone, by both editions, and averaged over rivals; right: how probable
+    every explanation is."""
     first, second = (
         results["printed"]["explanations"][size] for size in (printed.FIRST, printed.SECOND)
     )
@@ -261,7 +267,8 @@ def explanations_figure(results: dict[str, Any]) -> Figure:
 
 
 def gain_figure(results: dict[str, Any]) -> Figure:
-    """Left: gain by order; middle: ln B of its parts; right: ln B against what the tables leave open."""
+    """Left: gain by order; middle: ln B of its parts; right: ln B against what the tables leave
+    open."""
     figure = Figure(figsize=(10.5, 3.8), layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=[0.8, 1.1, 1.1])
     orders = results["gain"]["least_squares"]["order"]
@@ -278,7 +285,8 @@ def gain_figure(results: dict[str, Any]) -> Figure:
 
 
 def _parts(axes: Axes, evidence: dict[str, Any]) -> None:
-    """ln B over constant compliance of common mode, the other slopes and all of them, under three assumptions."""
+    """ln B over constant compliance of common mode, the other slopes and all of them, under three
+    assumptions."""
     labels = [label for label in gain.ASSUMPTIONS if label != "white noise alone"]
     for k, (part, colour) in enumerate(SHOWN.items()):
         values = [evidence[label][part] for label in labels]

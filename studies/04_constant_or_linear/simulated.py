@@ -1,4 +1,5 @@
-"""Simulated campaigns: does the comparison find slopes that are there, none that are not, and circles that do not belong?"""
+"""Simulated campaigns: does the comparison find slopes that are there, none that are not, and
+circles that do not belong?"""
 
 from __future__ import annotations
 
@@ -54,14 +55,16 @@ def log_bayes_factor(model: lb.HybridModel, campaign: lb.Campaign) -> float:
 
 @cache
 def slope_sd() -> dict[str, float]:
-    """Posterior sd of every slope where there is none [inside units]: three of these are called a slope."""
+    """Posterior sd of every slope where there is none [inside units]: three of these are called a
+    slope."""
     campaign = LINEAR.simulate(plan(), seed=1, parameters=TRUTH, hyper_um=HYPER_UM).campaign
     table = lb.marginals(LINEAR, campaign)
     return {name: float(table.loc[name, "sd"]) for name in SLOPES}
 
 
 def evidence_row(kind: str, seed: int) -> dict[str, float]:
-    """ln B [nat] of one campaign with no slope, with all six or with one in turn; and with that one alone in the model."""
+    """ln B [nat] of one campaign with no slope, with all six or with one in turn; and with that one
+    alone in the model."""
     name = SLOPES[seed % len(SLOPES)]
     chosen = {"no slope": (), "six slopes": SLOPES, "one slope": (name,)}[kind]
     truth = TRUTH | {slope: SIZE_SD * slope_sd()[slope] for slope in chosen}
@@ -76,7 +79,8 @@ def evidence_row(kind: str, seed: int) -> dict[str, float]:
 
 
 def prior_row(kind: str, seed: int) -> dict[str, float]:
-    """Posterior probability of linear [1], and whether it was: model, parameters and hyper-parameters from their priors."""
+    """Posterior probability of linear [1], and whether it was: model, parameters and
+    hyper-parameters from their priors."""
     is_linear = np.random.default_rng(5000 + seed).random() < 0.5
     campaign = (LINEAR if is_linear else CONSTANT).simulate(plan(), seed=5000 + seed).campaign
     return {
@@ -171,7 +175,8 @@ def share(hits: pd.Series) -> dict[str, float]:
 def reliability(
     probability: Sequence[float] | pd.Series, outcome: Sequence[float] | pd.Series
 ) -> dict[str, Any]:
-    """Claimed probability of linear against how often it was, in bins of equal count; and a test of their agreement.
+    """Claimed probability of linear against how often it was, in bins of equal count; and a test of
+    their agreement.
 
     Spiegelhalter's z is standard normal when the probabilities are calibrated.
     """

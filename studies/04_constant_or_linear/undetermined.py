@@ -1,7 +1,9 @@
-"""The three directions of the recovered experiment that the tables leave open, and what the evidence says along them.
+"""The three directions of the recovered experiment that the tables leave open, and what the
+evidence says along them.
 
-The tables print 13 parameters of all six circles and of the five pairs of neighbours, each by Eq. 31 a linear map of 48 harmonics
-(orders 0 to 3 and cos 4θ of every circle). Its null space is what no printed number sees.
+The tables print 13 parameters of all six circles and of the five pairs of neighbours, each by Eq.
+31 a linear map of 48 harmonics (orders 0 to 3 and cos 4θ of every circle). Its null space is what
+no printed number sees.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ import ldbb_bayes as lb
 
 Array = NDArray[np.float64]
 HARMONICS = ("1", "cos θ", "sin θ", "cos 2θ", "sin 2θ", "cos 3θ", "sin 3θ", "cos 4θ")
-# What each direction is called, and the harmonic of the lightest circle of which it is the unseen part.
+# What each direction is called, and the harmonic of the lightest circle of which it is the unseen
+# part.
 COS_4 = "cos 4θ of the lightest circle"
 DIRECTIONS = {"exchange of cos θ and cos 3θ": 1, "exchange of sin θ and sin 3θ": 2, COS_4: 7}
 # The weak prior of the recovery [µm]: harmonic = a + b (F − 389 N) / 353 N + scatter.
@@ -74,7 +77,8 @@ def harmonics(angle_rad: Array) -> Array:
 
 
 def printed_map(campaign: lb.Campaign) -> Array:
-    """Every printed number per µm of every harmonic, shape (78, 48), by Eq. 31 on campaigns of one harmonic of one circle."""
+    """Every printed number per µm of every harmonic, shape (78, 48), by Eq. 31 on campaigns of one
+    harmonic of one circle."""
     names = [test.name for test in campaign.tests]
     windows = [names, *(names[k : k + 2] for k in range(len(names) - 1))]
     columns = []
@@ -144,7 +148,8 @@ def along(coordinates_um: Array) -> lb.Campaign:
 
 
 def log_evidence(campaign: lb.Campaign) -> dict[str, float]:
-    """ln Z of both models, less that of constant compliance on the experiment as recovered [nat]."""
+    """ln Z of both models, less that of constant compliance on the experiment as recovered
+    [nat]."""
     return {
         name: lb.log_evidence(m, campaign, tolerance=1e-2).log_value - as_recovered()
         for name, m in MODELS.items()
@@ -158,7 +163,8 @@ def as_recovered() -> float:
 
 
 def row(kind: str, seed: int) -> dict[str, float]:
-    """Both log evidences [nat] with the three directions drawn from what the weak prior leaves open [µm], or nearer."""
+    """Both log evidences [nat] with the three directions drawn from what the weak prior leaves open
+    [µm], or nearer."""
     rng = np.random.default_rng(3000 + seed)
     drawn = (
         SPREAD[kind]
@@ -169,7 +175,8 @@ def row(kind: str, seed: int) -> dict[str, float]:
 
 
 def measure(drawn: pd.DataFrame) -> dict[str, Any]:
-    """Along each direction by prior sd; at the smallest harmonics; drawn, and averaged; without the lightest circle."""
+    """Along each direction by prior sd; at the smallest harmonics; drawn, and averaged; without the
+    lightest circle."""
     found = open_directions()
     lightest = int(np.argmin(recovered().forces_N))
     paths = {}
@@ -178,8 +185,9 @@ def measure(drawn: pd.DataFrame) -> dict[str, Any]:
         steps = STEPS_SD if name == COS_4 else [step for step in STEPS_SD if step == round(step)]
         paths[name] = {
             "sd_um": found.sd_um[k],
-            "sd_of_harmonic_um": found.sd_um[k]
-            * found.directions[len(HARMONICS) * lightest + harmonic, k],
+            "sd_of_harmonic_um": (
+                found.sd_um[k] * found.directions[len(HARMONICS) * lightest + harmonic, k]
+            ),
             "steps": {f"{step:+g}": stated(along(step * unit)) for step in steps},
         }
     own, cos_4 = stated(recovered())["log_bayes_factor"], coefficients(recovered())[:, 7]
@@ -212,7 +220,8 @@ def measure(drawn: pd.DataFrame) -> dict[str, Any]:
 
 
 def stated(campaign: lb.Campaign) -> dict[str, float]:
-    """ln B(linear/constant), and ln Z of constant compliance less that of the experiment as recovered [nat]."""
+    """ln B(linear/constant), and ln Z of constant compliance less that of the experiment as
+    recovered [nat]."""
     found = log_evidence(campaign)
     return {"log_bayes_factor": found["linear"] - found["constant"], "constant": found["constant"]}
 
@@ -246,7 +255,8 @@ def spread(drawn: pd.DataFrame) -> dict[str, float]:
 
 
 def averaged(near: pd.DataFrame) -> dict[str, float]:
-    """ln B with each model's evidence averaged over the weak prior, as missing data are [nat]: draws nearby, reweighted."""
+    """ln B with each model's evidence averaged over the weak prior, as missing data are [nat]:
+    draws nearby, reweighted."""
     coordinates = near[list(DIRECTIONS)].to_numpy()
     square = np.sum(
         coordinates * np.linalg.solve(open_directions().covariance, coordinates.T).T, axis=1

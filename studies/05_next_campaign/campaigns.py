@@ -1,4 +1,5 @@
-"""The recommended designs run in simulation and analysed as any campaign: widths, coverage, and whether slopes are found."""
+"""The recommended designs run in simulation and analysed as any campaign: widths, coverage, and
+whether slopes are found."""
 
 from __future__ import annotations
 
@@ -91,7 +92,8 @@ def plan_of(kind: str, edition: designs.Edition = "first") -> lb.Plan:
 
 
 def width_row(kind: str, seed: int, edition: designs.Edition = "first") -> dict[str, float]:
-    """Error of the mean and sd [inside units], and whether the 95 % interval held the truth, of every parameter."""
+    """Error of the mean and sd [inside units], and whether the 95 % interval held the truth, of
+    every parameter."""
     true, model = truth(1, seed, edition), designs.EDITIONS[edition]
     made = model.simulate(
         plan_of(kind, edition), seed=1000 + seed, parameters=true.parameters, hyper_um=true.hyper_um
@@ -146,7 +148,8 @@ def second_decision_row(kind: str, seed: int) -> dict[str, float]:
 
 
 def zero_kept(model: lb.HybridModel) -> lb.HybridModel:
-    """The model where only the centre moves between circles: the zero of the bar is checked before each."""
+    """The model where only the centre moves between circles: the zero of the bar is checked before
+    each."""
     terms = (
         replace(term, moves="centre") if type(term).__name__ == "SetupShift" else term
         for term in model.nuisances
@@ -168,7 +171,8 @@ def slope_sd(edition: designs.Edition = "first") -> dict[str, float]:
 def physical_slopes(
     parameters: dict[str, float], rng: np.random.Generator, edition: designs.Edition = "first"
 ) -> dict[str, float]:
-    """Slopes from their prior, such that C_XXX, C_YYY and C_CCY are nowhere negative over the tested forces."""
+    """Slopes from their prior, such that C_XXX, C_YYY and C_CCY are nowhere negative over the
+    tested forces."""
     half_range = 0.5 * float(np.ptp(designs.pilot().forces_N))
     while True:
         slopes = {name: sd * rng.standard_normal() for name, sd in slope_sd(edition).items()}
@@ -180,7 +184,8 @@ def physical_slopes(
 
 
 def widths(rows: pd.DataFrame, kind: str, predicted: dict[str, float]) -> dict[str, Any]:
-    """Of every parameter: predicted sd, rms sd and rms error over it, coverage of 95 % intervals; and over all of them."""
+    """Of every parameter: predicted sd, rms sd and rms error over it, coverage of 95 % intervals;
+    and over all of them."""
     own = rows[rows["kind"] == kind]
     table = {}
     for name, sd in predicted.items():

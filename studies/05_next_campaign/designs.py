@@ -89,7 +89,8 @@ def fewest(
 
 
 def settling() -> lb.Design:
-    """The fewest circles that settle constant or linear with the power wanted, whichever is true."""
+    """The fewest circles that settle constant or linear with the power wanted, whichever is
+    true."""
 
     def settles(found: lb.Design) -> bool:
         chances = found.discrimination
@@ -123,7 +124,8 @@ def finding(slope: str) -> lb.Design:
 
 
 def squareness(edition: Edition = "first") -> dict[str, lb.Design]:
-    """Squareness: the best six circles by forces alone, the fewest to a target with two radii, and with both balls clocked."""
+    """Squareness: the best six circles by forces alone, the fewest to a target with two radii, and
+    with both balls clocked."""
     coarse, fine = WITHIN["E_C0YX"]
 
     def six_or_fewest(sd: float | None, **choice: Any) -> lb.Design:

@@ -1,4 +1,5 @@
-"""The campaign that should come next: which forces, how many circles, which clockings or radii; predicted and simulated.
+"""The campaign that should come next: which forces, how many circles, which clockings or radii;
+predicted and simulated.
 
 python studies/05_next_campaign/run.py            # fails when a stated number is not reproduced
 python studies/05_next_campaign/run.py --quick    # with fewer simulated campaigns
@@ -80,7 +81,8 @@ def measure(effort: Effort) -> dict[str, Any]:
 
 
 def second(widths: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
-    """What the second edition makes of it: six circles, nine, squareness, and constant or linear of so many and of very many."""
+    """What the second edition makes of it: six circles, nine, squareness, and constant or linear of
+    so many and of very many."""
     few = len(designs.settling().tests)
     return {
         "six": six("second"),
@@ -100,7 +102,8 @@ def second(widths: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
 def simulated(
     widths: pd.DataFrame, decisions: pd.DataFrame, edition: designs.Edition = "first"
 ) -> dict[str, Any]:
-    """Widths and coverage of the simulated designs, the worst of both, and ln B of those that are to decide."""
+    """Widths and coverage of the simulated designs, the worst of both, and ln B of those that are
+    to decide."""
     found = {
         kind: campaigns.widths(widths, kind, predicted(kind, edition))
         for kind in dict.fromkeys(widths["kind"])
@@ -128,8 +131,10 @@ def six(edition: designs.Edition = "first") -> dict[str, Any]:
     ratio = {name: entry.sd / paper.expected[name].sd for name, entry in found.expected.items()}
     return {
         "forces_N": sorted(float(test.force_N or 0.0) for test in found.tests),
-        "efficiency": {"recommended": found.efficiency}
-        | {own.name: own.efficiency for own in (found.compared[0], paper)},
+        "efficiency": (
+            {"recommended": found.efficiency}
+            | {own.name: own.efficiency for own in (found.compared[0], paper)}
+        ),
         "width_over_the_papers": ratio,
         "narrower": [value for name, value in ratio.items() if name.startswith("C_")],
     }
@@ -222,7 +227,8 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
 
 
 def settling_figure(results: dict[str, Any]) -> Figure:
-    """Left: ln B of simulated campaigns; right: expected u of nine circles by what may be changed."""
+    """Left: ln B of simulated campaigns; right: expected u of nine circles by what may be
+    changed."""
     figure = Figure(figsize=(10.0, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
     _evidence(left)

@@ -1,4 +1,5 @@
-"""Does the computation return the posterior it claims to, what does Ĉ cost, and what happens when a nuisance is left out?
+"""Does the computation return the posterior it claims to, what does Ĉ cost, and what happens when a
+nuisance is left out?
 
 python studies/06_validation/run.py            # fails when a stated number is not reproduced
 python studies/06_validation/run.py --write    # states anew
@@ -68,7 +69,8 @@ class Case:
 
 
 class Linearised(BoundModel):
-    """The model linearised where its plan is, at a usual machine's compliances, whatever the readings and the truth."""
+    """The model linearised where its plan is, at a usual machine's compliances, whatever the
+    readings and the truth."""
 
     def __init__(self, model: lb.HybridModel, campaign: lb.Campaign) -> None:
         super().__init__(model, campaign, pilot=campaign.plan())
@@ -89,7 +91,8 @@ class LinearisedModel(lb.HybridModel):
 
 
 def plan(*, arc_deg: float = 360.0, clocked: bool = False, step_deg: float = STEP_DEG) -> lb.Plan:
-    """The forces of the recovered experiment; both balls turned from circle to circle where asked."""
+    """The forces of the recovered experiment; both balls turned from circle to circle where
+    asked."""
     turns = list(product((0.0, 45.0, 90.0), repeat=2))
     angle = np.arange(0.0, arc_deg, step_deg)
     return lb.Plan(
@@ -138,7 +141,8 @@ def cases() -> dict[str, Case]:
 
 
 def everything() -> lb.Plan:
-    """Six circles at four forces in both directions, both balls turned: every term of the second edition acts."""
+    """Six circles at four forces in both directions, both balls turned: every term of the second
+    edition acts."""
     angle = np.arange(0.0, 360.0, 10.0)
     runs = [
         (36, "CW", 0, 0),
@@ -156,7 +160,8 @@ def everything() -> lb.Plan:
 
 
 def of_second() -> dict[str, Case]:
-    """The second edition: all of it but that Ĉ is known; with Ĉ from the readings; and that with slopes of an absolute scale."""
+    """The second edition: all of it but that Ĉ is known; with Ĉ from the readings; and that with
+    slopes of an absolute scale."""
     known, all_terms = LinearisedModel(degree=1), everything()
     absolute = replace(SECOND, prior=replace(SECOND.prior, slopes_of_estimate=False))
     return {
@@ -190,7 +195,8 @@ def ranked(case: Case, replicates: int, pool: Executor | None) -> lb.Validation:
 def all_ranks(
     path: Path, every: dict[str, Case], effort: Effort, again: dict[Effort, int]
 ) -> pd.DataFrame:
-    """Ranks of every case, one row per replicate; made again as far as the effort goes, and all that are kept."""
+    """Ranks of every case, one row per replicate; made again as far as the effort goes, and all
+    that are kept."""
     made = []
     with executor() as pool:
         for kind, case in every.items():
@@ -245,8 +251,8 @@ def stated(case: Case, found: lb.Validation) -> dict[str, Any]:
 
 
 def cost_of_estimate(ranks: pd.DataFrame) -> dict[str, Any]:
-    """How far Ĉ is off, and how often a slope's rank is among the outermost where Ĉ is much smaller than the compliance and
-    elsewhere; the same replicates simulated again."""
+    """How far Ĉ is off, and how often a slope's rank is among the outermost where Ĉ is much smaller
+    than the compliance and elsewhere; the same replicates simulated again."""
     case, own = of_second()["estimated"], ranks[ranks["kind"] == "estimated"]
     small, end, off = [], [], []
     for row, seed in zip(
@@ -278,8 +284,9 @@ def cost_of_estimate(ranks: pd.DataFrame) -> dict[str, Any]:
 
 
 def seven_circles(kind: str, seed: int) -> dict[str, float]:
-    """Seven circles of a machine of λ = 1, with and without a scale for every circle: of every compliance the sd and whether the
-    interval covers the truth. Where ``kind`` is odd one circle changes by 3 µm at every order up to six, over the order."""
+    """Seven circles of a machine of λ = 1, with and without a scale for every circle: of every
+    compliance the sd and whether the interval covers the truth. Where ``kind`` is odd one circle
+    changes by 3 µm at every order up to six, over the order."""
     rng = np.random.default_rng([seed, 6])
     angle = np.arange(0.0, 360.0, 4.0)
     planned = lb.Plan(tuple(lb.CircularTest(force, angle) for force in SEVEN_N), radius_mm=150.0)

@@ -1,4 +1,5 @@
-"""Campaigns whose readings are not what the model believes: truths and nuisances as it believes, and something else on top."""
+"""Campaigns whose readings are not what the model believes: truths and nuisances as it believes,
+and something else on top."""
 
 from __future__ import annotations
 
@@ -68,9 +69,11 @@ class Kind:
     spike_um : float
         Height at every reversal, outwards, fading within `SPIKE_DEG`.
     hysteresis_um, hysteresis_um_per_kN : float
-        Amplitude of sin 2θ with the sign of travel (servo mismatch), constant and in proportion to force.
+        Amplitude of sin 2θ with the sign of travel (servo mismatch), constant and in proportion to
+        force.
     centre_um, bar_um : float
-        How far warm-up with time constant `WARM_UP_S` leads centre (in a random direction) and bar length in the end.
+        How far warm-up with time constant `WARM_UP_S` leads centre (in a random direction) and bar
+        length in the end.
     random_order : bool
         Forces run in random order, not from low to high.
     both_ways, stated : bool
@@ -148,8 +151,8 @@ KINDS = {
 
 
 def simulated(kind: Kind, seed: int, edition: Edition) -> tuple[lb.Campaign, dict[str, float]]:
-    """Readings as the user has them, and the true parameters; truths, nuisances and noise of a seed are those of every kind, as
-    this edition of the model believes them."""
+    """Readings as the user has them, and the true parameters; truths, nuisances and noise of a seed
+    are those of every kind, as this edition of the model believes them."""
     rng = np.random.default_rng([seed, 0])
     plan = _plan(kind, rng)
     loaded = replace(
@@ -188,7 +191,8 @@ def warmth(test: lb.CircularTest) -> float:
 
 
 def added_um(kind: Kind, test: lb.CircularTest, heading: float, mean_warmth: float) -> Array:
-    """What the readings have on top of truth and nuisances, noise aside, shape (n,) [µm]; drift is about its mean."""
+    """What the readings have on top of truth and nuisances, noise aside, shape (n,) [µm]; drift is
+    about its mean."""
     angle, force = test.angle_deg, float(test.force_N or 0.0)
     x, y = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
     travel = 1.0 if test.direction == "CCW" else -1.0
@@ -211,7 +215,8 @@ def added_um(kind: Kind, test: lb.CircularTest, heading: float, mean_warmth: flo
 
 
 def _plan(kind: Kind, rng: np.random.Generator) -> lb.Campaign:
-    """Seven forces, low to high or in random order, one circle every `CIRCLE_S`; CW, or CW and CCW."""
+    """Seven forces, low to high or in random order, one circle every `CIRCLE_S`; CW, or CW and
+    CCW."""
     places = rng.permutation(len(FORCES_N))
     places = places if kind.random_order else np.arange(len(FORCES_N))
     ways: tuple[Way, ...] = ("CW", "CCW") if kind.both_ways else ("CW",)
@@ -231,8 +236,8 @@ def _plan(kind: Kind, rng: np.random.Generator) -> lb.Campaign:
 
 
 def _truth(rng: np.random.Generator, edition: Edition) -> dict[str, float]:
-    """Compliances about the published ones, the rest within `NARROWER` of its prior, slopes of the prior's compliance or, in the
-    second edition, of their own; C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0."""
+    """Compliances about the published ones, the rest within `NARROWER` of its prior, slopes of the
+    prior's compliance or, in the second edition, of their own; C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0."""
     spread = np.array([rng.uniform(1.0 - DIRECT_SPREAD, 1.0 + DIRECT_SPREAD) for _ in DIRECT])
     truth = {
         name: NARROWER * sd * rng.standard_normal() for name, sd in (PRIOR_SD | GEOMETRY_SD).items()

@@ -1,7 +1,8 @@
-"""Data the model does not believe: does the 95 % interval still hold the truth, and does the package notice?
+"""Data the model does not believe: does the 95 % interval still hold the truth, and does the
+package notice?
 
-python studies/07_misspecification/run.py            # makes a part of the campaigns again; fails when one is not reproduced
-python studies/07_misspecification/run.py --write    # states anew
+python studies/07_misspecification/run.py            # makes a part of the campaigns again; fails
+when one is not reproduced python studies/07_misspecification/run.py --write    # states anew
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ UNITS |= {f"{name}_1": (UNITS[name][0] * 1e3, f"{UNITS[name][1]} per kN") for na
 
 
 def job(label: str, seed: int) -> dict[str, Any]:
-    """One campaign by the first edition: error in units of u, whether the interval holds the truth, u (mm, N, rad); what the
-    package says."""
+    """One campaign by the first edition: error in units of u, whether the interval holds the truth,
+    u (mm, N, rad); what the package says."""
     kind = made.KINDS[label]
     campaign, truth = made.simulated(kind, seed, "first")
     row, fit = analysed(kind.model("first"), campaign, truth, seed)
@@ -77,8 +78,8 @@ def job(label: str, seed: int) -> dict[str, Any]:
 
 
 def job_of_second(label: str, seed: int) -> dict[str, Any]:
-    """The same by the second edition, on machines as that believes them: misfits are what would move an interval, the rest are
-    notes, as is a centre that shifts with force."""
+    """The same by the second edition, on machines as that believes them: misfits are what would
+    move an interval, the rest are notes, as is a centre that shifts with force."""
     kind = made.KINDS[label]
     campaign, truth = made.simulated(kind, seed, "second")
     row, fit = analysed(kind.model("second"), campaign, truth, seed)
@@ -139,8 +140,9 @@ def measure(effort: Effort) -> dict[str, Any]:
         "circle_min": made.CIRCLE_S / 60.0,
         "warm_up_h": made.WARM_UP_S / 3600.0,
         "drift_length_um_per_h": lb.Drift("time").length_um,
-        "warmed_by_the_end": 1.0
-        - float(np.exp(-(len(made.FORCES_N) - 1) * made.CIRCLE_S / made.WARM_UP_S)),
+        "warmed_by_the_end": (
+            1.0 - float(np.exp(-(len(made.FORCES_N) - 1) * made.CIRCLE_S / made.WARM_UP_S))
+        ),
         "spike_deg": made.SPIKE_DEG,
         "outlier_um": made.OUTLIER_UM,
         "knee_N": made.KNEE_N,
@@ -171,7 +173,8 @@ def measure(effort: Effort) -> dict[str, Any]:
 
 
 def of_second(rows: pd.DataFrame, first: pd.DataFrame) -> dict[str, Any]:
-    """The second edition's campaigns as `judged`, with shares of notes; the baseline's u over that of the first edition."""
+    """The second edition's campaigns as `judged`, with shares of notes; the baseline's u over that
+    of the first edition."""
     baseline = rows[rows["kind"] == "baseline"]
     found = {}
     for label in ONE_WAY:
@@ -191,14 +194,16 @@ def of_second(rows: pd.DataFrame, first: pd.DataFrame) -> dict[str, Any]:
 
 
 def verdict(label: str, name: str) -> str:
-    """What `lb.identify` calls a parameter of the first of these campaigns by the second edition."""
+    """What `lb.identify` calls a parameter of the first of these campaigns by the second
+    edition."""
     kind = made.KINDS[label]
     campaign, _ = made.simulated(kind, 0, "second")
     return str(lb.identify(kind.model("second"), campaign).parameters[name].verdict)
 
 
 def said_beforehand(*, timed: bool) -> dict[str, list[str]]:
-    """Sentences on what circles of one direction cannot tell, by what they are about: in every result, whatever the readings."""
+    """Sentences on what circles of one direction cannot tell, by what they are about: in every
+    result, whatever the readings."""
     campaign, _ = made.simulated(made.KINDS["baseline"], 0, "first")
     if not timed:
         campaign = replace(
@@ -253,9 +258,11 @@ def judged(rows: pd.DataFrame, baseline: pd.DataFrame) -> dict[str, Any]:
     return found | {
         "sensitive": float(rows["sensitive"].mean()),
         "flagged": share(rows["flagged"].dropna()),
-        "drift_found": share(rows["ln_b_drift"].dropna() > STRONG)
-        if rows["ln_b_drift"].notna().any()
-        else None,
+        "drift_found": (
+            share(rows["ln_b_drift"].dropna() > STRONG)
+            if rows["ln_b_drift"].notna().any()
+            else None
+        ),
     }
 
 
@@ -286,7 +293,8 @@ def mean_and_se(values: pd.Series) -> dict[str, float]:
 
 
 def share(hits: pd.Series) -> dict[str, float]:
-    """Share of hits and its standard error, with half a hit added to either side, so that none or all is not certain."""
+    """Share of hits and its standard error, with half a hit added to either side, so that none or
+    all is not certain."""
     p, n = float(hits.mean()), len(hits)
     q = (p * n + 0.5) / (n + 1.0)
     return {"share": p, "se": float(np.sqrt(q * (1.0 - q) / n))}

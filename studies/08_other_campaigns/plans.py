@@ -50,7 +50,8 @@ def three_planes() -> lb.Plan:
 
 
 def everything() -> tuple[lb.HybridModel, lb.Plan]:
-    """Two radii in both directions, in a random order that takes 100 minutes; the model has a drift over time."""
+    """Two radii in both directions, in a random order that takes 100 minutes; the model has a drift
+    over time."""
     tests = [
         test
         for radius in (150.0, 100.0)

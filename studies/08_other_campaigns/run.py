@@ -1,4 +1,5 @@
-"""What a second radius, the other direction and further planes make known: as predicted, and in simulated campaigns.
+"""What a second radius, the other direction and further planes make known: as predicted, and in
+simulated campaigns.
 
 python studies/08_other_campaigns/run.py            # fails when a stated number is not reproduced
 python studies/08_other_campaigns/run.py --write    # states anew
@@ -20,7 +21,15 @@ import ldbb_bayes as lb
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
-from plans import FORCES_N, MODEL, both_directions, everything, one_radius, three_planes, two_radii  # noqa: E402
+from plans import (
+    FORCES_N,
+    MODEL,
+    both_directions,
+    everything,
+    one_radius,
+    three_planes,
+    two_radii,
+)  # noqa: E402
 from simulated import CLOCKWISE, LEVEL, PLANS, analysed, summary  # noqa: E402
 from study import Effort, Study, executor, kept, replicated, run  # noqa: E402
 
@@ -34,7 +43,8 @@ RANKS_AGAIN: dict[Effort, int] = {"quick": 10, "usual": 40, "write": CALIBRATED}
 
 
 def predicted() -> dict[str, Any]:
-    """Verdict and expected sd of every parameter (no slopes) at the hyper-parameters' prior median."""
+    """Verdict and expected sd of every parameter (no slopes) at the hyper-parameters' prior
+    median."""
     found = {}
     cases = [
         (MODEL, plan) for plan in (one_radius(), two_radii(), both_directions(), three_planes())
@@ -109,7 +119,8 @@ def measure(effort: Effort) -> dict[str, Any]:
 
 
 def chance_of_lowest(coverage: Mapping[str, float]) -> float:
-    """Probability that of so many calibrated parameters, taken as independent, one is covered as rarely as the rarest here."""
+    """Probability that of so many calibrated parameters, taken as independent, one is covered as
+    rarely as the rarest here."""
     hits = round(min(coverage.values()) * CAMPAIGNS)
     return float(1.0 - (1.0 - binom.cdf(hits, CAMPAIGNS, LEVEL)) ** len(coverage))
 

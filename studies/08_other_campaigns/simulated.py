@@ -1,4 +1,5 @@
-"""Campaigns of several radii, directions and planes, everything drawn from its prior: what the analysis says of the truth."""
+"""Campaigns of several radii, directions and planes, everything drawn from its prior: what the
+analysis says of the truth."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ LEVEL = 0.95
 
 
 def analysed(kind: str, seed: int) -> Mapping[str, float]:
-    """Of every parameter the posterior probability below the truth; of those shown u and error (mean − truth) as well."""
+    """Of every parameter the posterior probability below the truth; of those shown u and error
+    (mean − truth) as well."""
     made = MODEL.simulate((PLANS | CLOCKWISE)[kind](), seed=FIRST_SEED + seed)
     campaign = made.campaign
     if kind in CLOCKWISE:

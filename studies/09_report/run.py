@@ -1,7 +1,9 @@
-"""The report of the published experiment: how long it takes after the fit, how large the page is, what it counts.
+"""The report of the published experiment: how long it takes after the fit, how large the page is,
+what it counts.
 
-python studies/09_report/run.py            # fails when a stated number is not reproduced (seconds are not compared)
-python studies/09_report/run.py --write    # states anew; pictures of sheet 1 and, where a Chromium is installed, of the page
+python studies/09_report/run.py            # fails when a stated number is not reproduced (seconds
+are not compared) python studies/09_report/run.py --write    # states anew; pictures of sheet 1 and,
+where a Chromium is installed, of the page
 """
 
 from __future__ import annotations
@@ -79,10 +81,12 @@ def numbers(folder: Path) -> dict[str, Any]:
         "page_MB": len(page.encode()) / 1e6,
         "figures": page.count("<figure"),
         "tables": page.count("<table"),
-        "shares_sum_to_one": max(
-            abs(sum(line.share for line in own.contributions) - 1.0) for own in budgets.values()
-        )
-        < 1e-9,
+        "shares_sum_to_one": (
+            max(
+                abs(sum(line.share for line in own.contributions) - 1.0) for own in budgets.values()
+            )
+            < 1e-9
+        ),
         "E_XX1_bar_length": budgets["E_XX1"].share("BarLength"),
         "peak_to_peak_um": {
             name: {

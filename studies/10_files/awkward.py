@@ -1,6 +1,8 @@
-"""One campaign of three circles, written as awkwardly as instruments and spreadsheets write: every case must import to the same.
+"""One campaign of three circles, written as awkwardly as instruments and spreadsheets write: every
+case must import to the same.
 
-python studies/10_files/awkward.py FOLDER    # writes all cases, one folder each, with a README of what is awkward
+python studies/10_files/awkward.py FOLDER    # writes all cases, one folder each, with a README of
+what is awkward
 """
 
 from __future__ import annotations
@@ -182,7 +184,8 @@ def numbered_sheets(book: Workbook) -> None:
 
 
 def open_document() -> bytes:
-    """The tests as sheets of an OpenDocument workbook, with the empty rows to the end that spreadsheets leave below."""
+    """The tests as sheets of an OpenDocument workbook, with the empty rows to the end that
+    spreadsheets leave below."""
     sheets = []
     for test in campaign().tests:
         rows = [[f'string"><text:p>{name}</text:p>' for name in ("Winkel [°]", "Messwert [µm]")]]
@@ -195,9 +198,13 @@ def open_document() -> bytes:
             for row in rows
         ]
         filled = "".join(f"<table:table-row>{own}</table:table-row>" for own in cells)
-        below = '<table:table-row table:number-rows-repeated="1048503"><table:table-cell/></table:table-row>'
+        below = (
+            "<table:table-row"
+            ' table:number-rows-repeated="1048503"><table:table-cell/></table:table-row>'
+        )
         sheets.append(
-            f'<table:table table:name="{test.name} {test.pressure_bar:g} bar">{filled}{below}</table:table>'
+            f'<table:table table:name="{test.name} {test.pressure_bar:g}'
+            f' bar">{filled}{below}</table:table>'
         )
     names = "".join(
         f' xmlns:{own}="urn:oasis:names:tc:opendocument:xmlns:{own}:1.0"'
@@ -490,8 +497,10 @@ CASES: dict[str, Case] = {
         "a table as it is written in notes",
         {
             name: (
-                "| angle_deg | reading_um |\n|---|---|\n" + content.decode().split("\n", 1)[1]
-            ).encode()
+                (
+                    "| angle_deg | reading_um |\n|---|---|\n" + content.decode().split("\n", 1)[1]
+                ).encode()
+            )
             for name, content in Writing(" | ", row=lambda c: ["", *c, ""]).files(".md").items()
         },
     ),

@@ -1,4 +1,5 @@
-"""Every reader on mutated files: what is wrong must end as one `InputError`, in little time and memory.
+"""Every reader on mutated files: what is wrong must end as one `InputError`, in little time and
+memory.
 
 python studies/10_files/fuzz.py                      # 100 000 inputs over all readers
 python studies/10_files/fuzz.py --reader layout --inputs 5000 --seed 7
@@ -120,7 +121,8 @@ class Reader:
 
 @dataclass(frozen=True)
 class Findings:
-    """Of one reader: how many inputs were read and refused, what was slowest, largest, and wrong."""
+    """Of one reader: how many inputs were read and refused, what was slowest, largest, and
+    wrong."""
 
     reader: str
     inputs: int
@@ -197,7 +199,10 @@ def readers(own: Mapping[str, bytes]) -> dict[str, Reader]:
     )
     layout = layout_to_toml(lb.import_campaign(written_table()).layout).encode()
     model = model_to_toml(lb.HybridModel.first()).encode()
-    truths = b"schema = 1\nforces_N = [36.0, 389.0]\nreadings = 90\n[parameters]\nC_XXX = 5e-5\n[hyper_um]\nsigma = 0.3\n"
+    truths = (
+        b"schema = 1\nforces_N = [36.0, 389.0]\nreadings = 90\n[parameters]\nC_XXX ="
+        b" 5e-5\n[hyper_um]\nsigma = 0.3\n"
+    )
     return {
         "import, text": Reader("light 1 bar.csv", texts, lb.import_campaign, 0.40),
         "import, workbook": Reader("light 1 bar.xlsx", books, lb.import_campaign, 0.04),
@@ -253,7 +258,8 @@ def mutated(raw: bytes, rng: np.random.Generator) -> bytes:
 
 
 def mutated_workbook(raw: bytes, rng: np.random.Generator) -> bytes:
-    """One part of a workbook mutated, and packed again; every fourth time, or where it cannot be unpacked, its bytes."""
+    """One part of a workbook mutated, and packed again; every fourth time, or where it cannot be
+    unpacked, its bytes."""
     if rng.integers(4) == 0:
         return mutated(raw, rng)
     stream = io.BytesIO()

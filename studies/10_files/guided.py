@@ -17,7 +17,8 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 READERS = ("import, text", "import, workbook", "layout", "tidy table", "campaign.toml", "truths")
-# Of memory, with what libFuzzer itself gathers (1 kB an input with pandas, which without it stays flat): `fuzz.py` measures.
+# Of memory, with what libFuzzer itself gathers (1 kB an input with pandas, which without it stays
+# flat): `fuzz.py` measures.
 LIMIT_S, LIMIT_MB, LONGEST = 2, 1000, 20_000
 # What libFuzzer says at the end.
 _SAID = {

@@ -101,7 +101,8 @@ def repacked(
 
 
 def bomb(raw: bytes) -> bytes:
-    """A last part of a quarter of a megabyte, a thousand times as much unpacked by its entry in the list of parts."""
+    """A last part of a quarter of a megabyte, a thousand times as much unpacked by its entry in the
+    list of parts."""
     content = bytearray(
         repacked(raw, lambda name, own: own, {"xl/big.xml": random.Random(1).randbytes(2**18)})
     )

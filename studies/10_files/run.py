@@ -1,4 +1,5 @@
-"""Files as they are found: do the awkward ones import to one campaign, and are the malformed ones refused by name?
+"""Files as they are found: do the awkward ones import to one campaign, and are the malformed ones
+refused by name?
 
 python studies/10_files/run.py            # fails when a stated number or message is not reproduced
 python studies/10_files/run.py --write    # states anew
@@ -61,7 +62,8 @@ def imported(folder: Path, case: awkward.Case) -> dict[str, Any]:
 
 
 def refused(folder: Path, case: malformed.Malformed) -> dict[str, Any]:
-    """The message, without the folder; whether it names what it should; whether anything was written."""
+    """The message, without the folder; whether it names what it should; whether anything was
+    written."""
     (folder / case.file).write_bytes(case.content)
     start = time.perf_counter()
     done = CliRunner().invoke(

@@ -1,7 +1,9 @@
-"""Fleets of machines and a machine over the months, all measured with one bar, and what their campaigns say.
+"""Fleets of machines and a machine over the months, all measured with one bar, and what their
+campaigns say.
 
-The bar's errors, the mount's deflection and the gain of the force, are drawn once a fleet; everything else of the model, ball
-form and bar length too, is drawn anew for each campaign, as the analysis believes.
+The bar's errors, the mount's deflection and the gain of the force, are drawn once a fleet;
+everything else of the model, ball form and bar length too, is drawn anew for each campaign, as the
+analysis believes.
 """
 
 from __future__ import annotations
@@ -33,7 +35,8 @@ PLAN = lb.Plan(
     ),
     name="seven forces",
 )
-# What differs from campaign to campaign; the mount and the force's gain are the bar's and added below.
+# What differs from campaign to campaign; the mount and the force's gain are the bar's and added
+# below.
 EACH = MODEL.with_term(ForceError(gain_sd=1e-12, curvature_sd=0.0)).without("mount", "truncation")
 BOUND = MODEL.without("truncation").bind(PLAN)
 COMPLIANCES = tuple(p.name for p in BOUND.parameters if p.group == "compliance")
@@ -42,7 +45,8 @@ USUAL = {"C_XXX": 6e-5, "C_YYY": 5e-5, "C_CCY": 5e-10}
 
 
 class Bar:
-    """One instrument: its mount deflects and its force is off by as much as the priors say, the same in all campaigns."""
+    """One instrument: its mount deflects and its force is off by as much as the priors say, the
+    same in all campaigns."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         nominal = PLAN.mount.deflection_um_per_bar
@@ -50,7 +54,8 @@ class Bar:
         self.gain = ForceError().gain_sd * rng.standard_normal()
 
     def measured(self, compliances: Mapping[str, float], rng: np.random.Generator) -> lb.Campaign:
-        """A campaign on a machine of these compliances; slopes and geometric errors are drawn from their priors."""
+        """A campaign on a machine of these compliances; slopes and geometric errors are drawn from
+        their priors."""
         others = {
             name: sd * rng.standard_normal()
             for name, sd in PRIOR_SD.items()
@@ -75,7 +80,8 @@ class Bar:
 
 
 def row_of(campaign: lb.Campaign) -> dict[str, Any]:
-    """What a batch would keep of a campaign, without the fit that `population` and `trend` do not use."""
+    """What a batch would keep of a campaign, without the fit that `population` and `trend` do not
+    use."""
     bound = MODEL.bind(campaign)
     return {
         "campaign": campaign.name,
@@ -99,9 +105,11 @@ def row_of(campaign: lb.Campaign) -> dict[str, Any]:
 def usual(rng: np.random.Generator) -> dict[str, float]:
     """A kind of machine: direct compliances as machines have them, the others from their priors."""
     return {
-        name: USUAL[name] * rng.uniform(0.7, 1.3)
-        if name in USUAL
-        else PRIOR_SD[name] * rng.standard_normal()
+        name: (
+            USUAL[name] * rng.uniform(0.7, 1.3)
+            if name in USUAL
+            else PRIOR_SD[name] * rng.standard_normal()
+        )
         for name in COMPLIANCES
     }
 
@@ -130,7 +138,8 @@ def fleet(seed: int) -> tuple[pd.DataFrame, dict[str, Any]]:
 def months(
     seed: int, *, before: int, after: int, change: float, parameter: str = "C_XXX"
 ) -> pd.DataFrame:
-    """Rows of one machine, a campaign a month; after ``before`` of them one compliance changes by the share ``change``."""
+    """Rows of one machine, a campaign a month; after ``before`` of them one compliance changes by
+    the share ``change``."""
     rng = np.random.default_rng([12, seed])
     bar, level = Bar(rng), usual(rng)
     rows = []

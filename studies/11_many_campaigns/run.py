@@ -1,4 +1,5 @@
-"""Many machines and many months: is a population returned as surely as it says, and how soon is a loosened joint found?
+"""Many machines and many months: is a population returned as surely as it says, and how soon is a
+loosened joint found?
 
 python studies/11_many_campaigns/run.py            # fails when a stated number is not reproduced
 python studies/11_many_campaigns/run.py --write    # states anew
@@ -29,7 +30,8 @@ SHOWN = 7
 
 
 def pooled(seed: int) -> dict[str, float]:
-    """A fleet: which true means, spreads and machines lie in their 95 % intervals, and their errors in units of u."""
+    """A fleet: which true means, spreads and machines lie in their 95 % intervals, and their errors
+    in units of u."""
     rows, truth = fleet(seed)
     found = lb.population(rows)
     row: dict[str, float] = {
@@ -113,7 +115,8 @@ def setting() -> dict[str, Any]:
 
 
 def population(rows: pd.DataFrame) -> dict[str, Any]:
-    """Coverage with its standard error: fleets are independent, parameters and machines of one are not."""
+    """Coverage with its standard error: fleets are independent, parameters and machines of one are
+    not."""
     found: dict[str, Any] = {"pareto_k_most": float(rows["pareto k"].max())}
     for what in ("mean inside", "spread", "machines inside"):
         own = rows.filter(regex=f"^{what} C_")
@@ -135,7 +138,8 @@ def population(rows: pd.DataFrame) -> dict[str, Any]:
 
 
 def counting_error(found: int, of: int) -> float:
-    """Standard deviation of a share after counting, from a uniform prior: not 0 where all or none were found."""
+    """Standard deviation of a share after counting, from a uniform prior: not 0 where all or none
+    were found."""
     return float(np.sqrt((found + 1.0) * (of - found + 1.0) / ((of + 2.0) ** 2 * (of + 3.0))))
 
 
@@ -164,7 +168,8 @@ def draw(results: dict[str, Any]) -> Mapping[str, Figure]:
 
 @lb.figures.styled
 def coverage(population: dict[str, Any]) -> Figure:
-    """Share inside the interval by parameter, with two binomial standard errors about what is promised."""
+    """Share inside the interval by parameter, with two binomial standard errors about what is
+    promised."""
     figure = lb.figures.new_figure(7.5, 3.0)
     axes = figure.add_subplot()
     names = list(population["mean"]["by_parameter"])

@@ -1,13 +1,15 @@
-"""Campaigns of machines as they are: springs that yield to the load of their own joint, balls with lobes, drives, drifts.
+"""Campaigns of machines as they are: springs that yield to the load of their own joint, balls with
+lobes, drives, drifts.
 
-Nothing of the package's linear model is used. Geometry goes through the exact forward model (Eq. 1-14); each joint yields by its
-own law to the load that the bar puts on it, in the place where the tool then stands, by iteration to equilibrium:
+Nothing of the package's linear model is used. Geometry goes through the exact forward model (Eq.
+1-14); each joint yields by its own law to the load that the bar puts on it, in the place where the
+tool then stands, by iteration to equilibrium:
 
     δ_X = C_XXX a_X(u_X) l(F u_X),  δ_Y likewise,  φ = C_CXY F_x + C_CYY F_y + C_CCY (x F_y),
 
-u the bar's direction, l the law (linear, contact ~ f^⅔, stiffening under its own load), a the change along the travel. The truth
-of C_XXX is the secant compliance along the axis at F0 in the middle of the travel, that of a slope the change of the linear
-spring with the bar's force.
+u the bar's direction, l the law (linear, contact ~ f^⅔, stiffening under its own load), a the
+change along the travel. The truth of C_XXX is the secant compliance along the axis at F0 in the
+middle of the travel, that of a slope the change of the linear spring with the bar's force.
 """
 
 from __future__ import annotations
@@ -126,20 +128,23 @@ class Machine:
         }
 
     def secant(self, name: str, force_N: float) -> float:
-        """C_XXX or C_YYY as the deflection along the axis over the bar's force, in the middle of the travel [mm/N]."""
+        """C_XXX or C_YYY as the deflection along the axis over the bar's force, in the middle of
+        the travel [mm/N]."""
         k = ("C_XXX", "C_YYY").index(name)
         spring = self.compliance[name] + self.slope[name] * (force_N - MIDDLE_N)
         return spring * self.axial_force(k, np.array(force_N)).item() / force_N
 
     def axial_force(self, k: int, load: Array) -> Array:
-        """The force that a linear spring of axis ``k`` would need to yield as this one does to its load [N]."""
+        """The force that a linear spring of axis ``k`` would need to yield as this one does to its
+        load [N]."""
         size, share = np.abs(load), self.contact[k]
         law = (1.0 - share) * load + share * np.sign(load) * np.cbrt(size**2 * MIDDLE_N)
         return np.asarray(law + self.own_load[k] * load * (size - MIDDLE_N) / LARGEST_N)
 
 
 def ball(rng: np.random.Generator, decay: float, sphericity_um: float, lobe: bool) -> Array:
-    """Complex amplitudes [mm] of a form whose deviation from sphericity over the circle, peak to valley, is so much."""
+    """Complex amplitudes [mm] of a form whose deviation from sphericity over the circle, peak to
+    valley, is so much."""
     size = _ORDERS.astype(float) ** -decay * np.hypot(*rng.standard_normal((2, len(_ORDERS))))
     if lobe:
         size = np.where(rng.integers(2, 6) == _ORDERS, 1.0, 0.0)
@@ -200,8 +205,8 @@ def draw_machine(family: Disturbances, rng: np.random.Generator) -> Machine:
 def deflection_mm(
     machine: Machine, force_N: float, bar_N: float, angle: Array
 ) -> tuple[Array, Array]:
-    """Displacement of the tool along X and Y, (n,) each, under a bar force at the angles of the undeflected bar; ``bar_N``: the
-    force that the linear springs' slopes see."""
+    """Displacement of the tool along X and Y, (n,) each, under a bar force at the angles of the
+    undeflected bar; ``bar_N``: the force that the linear springs' slopes see."""
     lever = bar_N - MIDDLE_N
     c = {name: value + machine.slope[name] * lever for name, value in machine.compliance.items()}
     x, y = RADIUS_MM * np.cos(angle), RADIUS_MM * np.sin(angle)
@@ -313,7 +318,8 @@ def simulate(
 
 
 def _reading(machine: Machine, nominal: float, angle: Array, rng: np.random.Generator) -> Array:
-    """Geometry, springs, balls, length, mount and force as the bar applies it; ``angle`` is the true one."""
+    """Geometry, springs, balls, length, mount and force as the bar applies it; ``angle`` is the
+    true one."""
     share = nominal / LARGEST_N
     bow = 4.0 * share * (1.0 - share)
     force = (
@@ -343,9 +349,10 @@ def _changes(angle: Array, size_mm: float, rng: np.random.Generator, highest: in
 
 
 def _drives(angle: Array, sign: float, drive: dict[str, Array], rng: np.random.Generator) -> Array:
-    """What the drives add, ``sign`` 1 clockwise: servo mismatch and friction, which change their sign with the direction; lost
-    motion, by half of which each axis lags behind its own velocity; spikes where an axis sticks after its reversal, outwards
-    (inwards where compensated too much) in either direction and fading as the circle goes on."""
+    """What the drives add, ``sign`` 1 clockwise: servo mismatch and friction, which change their
+    sign with the direction; lost motion, by half of which each axis lags behind its own velocity;
+    spikes where an axis sticks after its reversal, outwards (inwards where compensated too much) in
+    either direction and fading as the circle goes on."""
     total = sign * (drive["mismatch"][0] * np.sin(2.0 * angle) + drive["friction"][0])
     along = np.stack([np.cos(angle), np.sin(angle)])
     velocity = sign * np.stack([np.sin(angle), -np.cos(angle)])

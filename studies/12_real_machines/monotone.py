@@ -1,12 +1,16 @@
-"""Research: a deflection of each axis that only grows with its own load, beside slopes in the bar's force. Not in the package.
+"""Research: a deflection of each axis that only grows with its own load, beside slopes in the bar's
+force. Not in the package.
 
-    δ_a(f) = Σ_k w_k g_k(f),   w_k ≥ 0,   g = f, f^⅔ F0^⅓, (f − f_k)₊,   f = F |u_a| the axis' own load
+    δ_a(f) = Σ_k w_k g_k(f),   w_k ≥ 0,   g = f, f^⅔ F0^⅓, (f − f_k)₊,   f = F |u_a| the axis' own
+    load
 
-against degrees 1 and 2 with `JointLoad`. All three share data, nuisances and hyper-parameters (those `identify` works out, at
-their mean), so that only the law differs; w is drawn exactly inside w ≥ 0. Compared is the force curve C_aa(F) = δ_a(F)/F.
+against degrees 1 and 2 with `JointLoad`. All three share data, nuisances and hyper-parameters
+(those `identify` works out, at their mean), so that only the law differs; w is drawn exactly inside
+w ≥ 0. Compared is the force curve C_aa(F) = δ_a(F)/F.
 
-Not better, so not proposed: its curve is nearer the truth where joints are in contact, further from it elsewhere, and its
-intervals of the change with force are too narrow in all three families, with the prior sd of w at these values or half of them.
+Not better, so not proposed: its curve is nearer the truth where joints are in contact, further from
+it elsewhere, and its intervals of the change with force are too narrow in all three families, with
+the prior sd of w at these values or half of them.
 
 python studies/12_real_machines/monotone.py 30    # campaigns of each family
 """
@@ -52,7 +56,8 @@ def _wrench(angle: Array) -> Array:
 def laws_columns(
     law: str, force: float, angle: Array, estimate: dict[str, float], span: float
 ) -> tuple[Array, Array, Array]:
-    """Columns (n, k) of C_XXX, C_YYY and what changes with force, their prior sd (k,), and C_XX, C_YY at this force (2, k)."""
+    """Columns (n, k) of C_XXX, C_YYY and what changes with force, their prior sd (k,), and C_XX,
+    C_YY at this force (2, k)."""
     c, s = np.cos(angle), np.sin(angle)
     wrench, columns, sd, along = _wrench(angle), [], [], []
     for axis, (u, name) in enumerate(((c, "C_XXX"), (s, "C_YYY"))):
@@ -94,7 +99,8 @@ def other_columns(
     hyper: dict[str, float],
     fitted: Array,
 ) -> tuple[Array, Array]:
-    """Columns of the other compliances, geometry and nuisances of one circle, shape (n, k), and their prior sd (k,)."""
+    """Columns of the other compliances, geometry and nuisances of one circle, shape (n, k), and
+    their prior sd (k,)."""
     c, s, r = np.cos(angle), np.sin(angle), RADIUS_MM
     wrench = _wrench(angle)
     yields = wrench.T @ np.array([estimate[name] for name in COMPLIANCES])
@@ -171,7 +177,8 @@ def _gaussian(precision: Array, shift: Array) -> tuple[Array, Array]:
 
 
 def _draws(mean: Array, root: Array, rows: slice, truncated: bool) -> Array:
-    """Draws of the first coefficients, all of them not negative where truncated, shape (draws, k)."""
+    """Draws of the first coefficients, all of them not negative where truncated, shape (draws,
+    k)."""
     rng, own, spread = np.random.default_rng(1), mean[rows], root[rows]
     if not truncated:
         return np.asarray(own + rng.standard_normal((DRAWS, spread.shape[1])) @ spread.T)
@@ -200,7 +207,8 @@ def truth(machine: Machine, force_N: Array) -> Array:
 
 
 def compared(kind: str, seed: int) -> list[dict[str, float | str]]:
-    """Of each law: rms error of C_aa(F) and of its change from the middle force, over C_aa; coverage, half width."""
+    """Of each law: rms error of C_aa(F) and of its change from the middle force, over C_aa;
+    coverage, half width."""
     campaign, machine = simulate(FAMILIES[kind], seed)
     hyper = lb.identify(lb.HybridModel.default(1), campaign).hyper_um
     wanted, rows = truth(machine, campaign.forces_N), []

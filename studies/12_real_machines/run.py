@@ -1,4 +1,5 @@
-"""Do intervals hold on real machines? Twelve families of exactly simulated machines, the model's second edition beside its first.
+"""Do intervals hold on real machines? Twelve families of exactly simulated machines, the model's
+second edition beside its first.
 
 python studies/12_real_machines/run.py            # fails when a stated number is not reproduced
 python studies/12_real_machines/run.py --write    # states anew
@@ -50,8 +51,9 @@ LEVEL = 0.95
 
 
 def analysed(kind: str, seed: int) -> dict[str, float]:
-    """Of every parameter by both editions: error in u, u, whether the interval covers it and whether it is called confounded; of
-    the result whether it says misfit, and that the centre shifts with force."""
+    """Of every parameter by both editions: error in u, u, whether the interval covers it and
+    whether it is called confounded; of the result whether it says misfit, and that the centre
+    shifts with force."""
     campaign, machine = simulate((FAMILIES | STATED)[kind], seed)
     truth, row = np.array([machine.truth[name] for name in NAMES]), dict[str, float]()
     for edition, model in MODELS.items():
@@ -103,8 +105,9 @@ def foretold(campaign: lb.Campaign) -> dict[str, float]:
 
 
 def of_family(rows: pd.DataFrame) -> dict[str, Any]:
-    """Coverage by group, of the worst parameter and of C(F) at the ends; errors beyond 3 u and the share of them that was
-    announced, the share of all parameters that was, and the coverage of the rest; alarms."""
+    """Coverage by group, of the worst parameter and of C(F) at the ends; errors beyond 3 u and the
+    share of them that was announced, the share of all parameters that was, and the coverage of the
+    rest; alarms."""
     found: dict[str, Any] = {}
     for edition in MODELS:
         covered = {name: float(rows[f"{edition}/{name}/covered"].mean()) for name in NAMES}

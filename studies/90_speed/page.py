@@ -1,5 +1,6 @@
-"""What the page of `ldbb-bayes app` takes, on Linux: seconds until it is there, memory with sessions that have read, fitted and
-planned, seconds of an answer to a slider, of a fit and of the best forces. By hand; a few minutes.
+"""What the page of `ldbb-bayes app` takes, on Linux: seconds until it is there, memory with
+sessions that have read, fitted and planned, seconds of an answer to a slider, of a fit and of the
+best forces. By hand; a few minutes.
 
     python studies/90_speed/page.py [SESSIONS]
 """
@@ -81,7 +82,8 @@ def main(sessions: int) -> None:
                 time.sleep(0.2)
             fits.append(time.monotonic() - begun)
         print(
-            f"a fit {statistics.median(fits):.1f} s; memory while one of {sessions} fits: {highest:.0f} MB at most"
+            f"a fit {statistics.median(fits):.1f} s; memory while one of {sessions} fits:"
+            f" {highest:.0f} MB at most"
         )
         sliders, best = [], []
         for tab in tabs:

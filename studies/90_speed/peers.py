@@ -1,10 +1,13 @@
-"""The peers of the speed study: the same posterior by NumPyro's NUTS, and its evidence by dynesty and by a bridge.
+"""The peers of the speed study: the same posterior by NumPyro's NUTS, and its evidence by dynesty
+and by a bridge.
 
-`ReducedNuts` samples p(β, φ | y) with the nuisances integrated out, from the 25 reduced numbers of every test: the density the
-package's joint sampler sees, written again in JAX. `nested_log_evidence` is ln p(y) by nested sampling, `bridged_log_evidence`
-by bridge sampling on draws.
+`ReducedNuts` samples p(β, φ | y) with the nuisances integrated out, from the 25 reduced numbers of
+every test: the density the package's joint sampler sees, written again in JAX.
+`nested_log_evidence` is ln p(y) by nested sampling, `bridged_log_evidence` by bridge sampling on
+draws.
 
-Only public attributes of `BoundModel` are used. NumPyro, JAX and dynesty are imported where they are needed.
+Only public attributes of `BoundModel` are used. NumPyro, JAX and dynesty are imported where they
+are needed.
 """
 
 from __future__ import annotations
@@ -33,8 +36,9 @@ _LOG_2PI = float(np.log(2 * np.pi))
 class _Nuisances:
     """All Gaussian latents of the reduced readings.
 
-    ``values`` (tests, 25, q): columns, those of one test alone being zero elsewhere. Their sd is ``sd`` (q,) times component
-    ``owner`` (q,) of (φ, 1). ``noise`` (h, 25): variance of the independent noise on the basis in units of φ².
+    ``values`` (tests, 25, q): columns, those of one test alone being zero elsewhere. Their sd is
+    ``sd`` (q,) times component ``owner`` (q,) of (φ, 1). ``noise`` (h, 25): variance of the
+    independent noise on the basis in units of φ².
     """
 
     values: Array
@@ -68,7 +72,8 @@ def _nuisances(bound: BoundModel) -> _Nuisances:
 
 
 def _integrated() -> Callable[[Any, Any], Any]:
-    """(M, b) → ½ bᵀ M⁻¹ b − ½ ln|M|: what Gaussian columns add once integrated out. Its gradient reuses the inverse root."""
+    """(M, b) → ½ bᵀ M⁻¹ b − ½ ln|M|: what Gaussian columns add once integrated out. Its gradient
+    reuses the inverse root."""
     import jax
     import jax.numpy as jnp
     from jax.scipy.linalg import solve_triangular
@@ -82,9 +87,10 @@ def _integrated() -> Callable[[Any, Any], Any]:
     def backward(saved: tuple[Any, Any], cotangent: Any) -> tuple[Any, Any]:
         inverse_root, white = saved
         solved = inverse_root.T @ white
-        return -0.5 * cotangent * (
-            inverse_root.T @ inverse_root + jnp.outer(solved, solved)
-        ), cotangent * solved
+        return (
+            -0.5 * cotangent * (inverse_root.T @ inverse_root + jnp.outer(solved, solved)),
+            cotangent * solved,
+        )
 
     integrated = jax.custom_vjp(lambda matrix, vector: forward(matrix, vector)[0])
     integrated.defvjp(forward, backward)
@@ -94,9 +100,9 @@ def _integrated() -> Callable[[Any, Any], Any]:
 def _uniform_log_likelihood(bound: BoundModel) -> Callable[[Any, Any], Any]:
     """ln p(y | β, φ) for uniform circles as a function of β − centre and φ.
 
-    The factor is diagonal, so that set-up shift and discrepancy are. Basis functions that a single column holds alone (form
-    of high order) are scalars; the others meet in one Woodbury. Rows whose noise is the same function of φ share their Gram
-    matrix, computed once.
+    The factor is diagonal, so that set-up shift and discrepancy are. Basis functions that a single
+    column holds alone (form of high order) are scalars; the others meet in one Woodbury. Rows whose
+    noise is the same function of φ share their Gram matrix, computed once.
     """
     import jax.numpy as jnp
 
@@ -204,7 +210,8 @@ class ReducedDensity:
         self.bound = bound
         if not all(test.is_orthogonal for test in bound.reduced):
             raise InputError(
-                "tests must be uniform circles for a peer, got another sampling. Leave the peers out."
+                "tests must be uniform circles for a peer, got another sampling. Leave the peers"
+                " out."
             )
         self._log_likelihood = _uniform_log_likelihood(bound)
         hyper = bound.hyper_prior
@@ -247,7 +254,8 @@ class ReducedDensity:
         self._second_order = jax.jit(second_order).lower(jnp.zeros(size)).compile()
 
     def laplace(self) -> tuple[Array, Array]:
-        """Mode, shape (p + h,), and root of the inverse curvature there, lower triangular, by damped Newton steps.
+        """Mode, shape (p + h,), and root of the inverse curvature there, lower triangular, by
+        damped Newton steps.
 
         Raises
         ------
@@ -271,7 +279,8 @@ class ReducedDensity:
         raise RuntimeError("no mode of the reduced posterior found in 200 Newton steps.")
 
     def start(self) -> tuple[Array, Array]:
-        """β by least squares and the prior median of φ, shape (p + h,), and the diagonal root of the curvatures there."""
+        """β by least squares and the prior median of φ, shape (p + h,), and the diagonal root of
+        the curvatures there."""
         x = self._origin()
         curvature = np.diag(self._evaluate(x)[2])
         return x, np.diag(1.0 / np.sqrt(np.abs(curvature)))
@@ -320,7 +329,8 @@ def check(bound: BoundModel, *, points: int = 24, seed: int = 1, tolerance: floa
     difference = float(np.nanmax(np.abs(np.array([evaluate(point) for point in x]) - package)))
     if not difference < tolerance:
         raise RuntimeError(
-            f"the JAX density differs from the package's by {difference:.2g}, more than {tolerance:g}."
+            f"the JAX density differs from the package's by {difference:.2g}, more than"
+            f" {tolerance:g}."
         )
     return difference
 
@@ -328,18 +338,20 @@ def check(bound: BoundModel, *, points: int = 24, seed: int = 1, tolerance: floa
 class ReducedNuts:
     """NumPyro's NUTS on the reduced posterior, four chains, the whole run one compiled function.
 
-    ``prepare`` compiles; ``run`` finds where to start, warms up and draws. The kernel and its adaptation are NumPyro's own; its
-    ``MCMC`` driver is left out because it traces and compiles again at every call.
+    ``prepare`` compiles; ``run`` finds where to start, warms up and draws. The kernel and its
+    adaptation are NumPyro's own; its ``MCMC`` driver is left out because it traces and compiles
+    again at every call.
 
     Parameters
     ----------
     bound : BoundModel
         With proper priors and without truncation.
     whitened : bool
-        Sample in the coordinates of the Laplace approximation, starting from draws of it, and adapt the step size alone; the
-        chains go side by side. Otherwise in coordinates of unit curvature at the least-squares estimate and the prior median of
-        φ, starting there, with a dense mass matrix that is adapted; the chains go one after the other. Each is the cheaper way
-        in CPU seconds.
+        Sample in the coordinates of the Laplace approximation, starting from draws of it, and adapt
+        the step size alone; the chains go side by side. Otherwise in coordinates of unit curvature
+        at the least-squares estimate and the prior median of φ, starting there, with a dense mass
+        matrix that is adapted; the chains go one after the other. Each is the cheaper way in CPU
+        seconds.
     draws : int
         Of each chain.
     """
@@ -347,7 +359,8 @@ class ReducedNuts:
     def __init__(self, bound: BoundModel, *, whitened: bool, draws: int = 2000) -> None:
         if bound.truncation.active:
             raise InputError(
-                'the model must be without truncation, got it on. Use HybridModel.without("truncation").'
+                "the model must be without truncation, got it on. Use"
+                ' HybridModel.without("truncation").'
             )
         self.whitened, self.draws, self.chains = whitened, draws, 4
         self.warmup = 200 if whitened else 1000
@@ -376,7 +389,8 @@ class ReducedNuts:
         self.run(0)
 
     def run(self, seed: int) -> Array:
-        """One fresh run, search of the start and warm-up included: β [mm, N, rad] and φ [mm], shape (chains, draws, p + h)."""
+        """One fresh run, search of the start and warm-up included: β [mm, N, rad] and φ [mm], shape
+        (chains, draws, p + h)."""
         import jax
 
         if self._compiled is None:
@@ -414,10 +428,12 @@ class ReducedNuts:
 def nested_log_evidence(
     density: ReducedDensity, *, seed: int, live_points: int = 400, dlogz: float = 0.05
 ) -> tuple[float, float]:
-    """ln p(y) by dynesty's nested sampling over β and φ (random walks within one ellipsoid), and its error.
+    """ln p(y) by dynesty's nested sampling over β and φ (random walks within one ellipsoid), and
+    its error.
 
-    Live points come from independent Student t (4 degrees of freedom) about the mode of p(β, φ | y) in its own units, with
-    L π / t as likelihood: the same integral as from the prior, far less to compress. With truncation ln ∫ L π 1_T − ln P(T).
+    Live points come from independent Student t (4 degrees of freedom) about the mode of p(β, φ | y)
+    in its own units, with L π / t as likelihood: the same integral as from the prior, far less to
+    compress. With truncation ln ∫ L π 1_T − ln P(T).
     """
     import dynesty
     import jax
@@ -454,10 +470,12 @@ def nested_log_evidence(
 
 
 def bridged_log_evidence(bound: BoundModel, chain: Array, *, seed: int) -> tuple[float, float]:
-    """ln p(y) by bridge sampling (Meng and Wong 1996) on draws (chains, draws, p + h) without truncation, and its error.
+    """ln p(y) by bridge sampling (Meng and Wong 1996) on draws (chains, draws, p + h) without
+    truncation, and its error.
 
-    The bridge leads to a normal distribution fitted to the first half of every chain; the second half is used. Error: relative,
-    draws counted by their effective number (Frühwirth-Schnatter 2004).
+    The bridge leads to a normal distribution fitted to the first half of every chain; the second
+    half is used. Error: relative, draws counted by their effective number (Frühwirth-Schnatter
+    2004).
     """
     p, half = len(bound.names), chain.shape[1] // 2
     x = np.concatenate([chain[..., :p], bound.hyper_prior.free(chain[..., p:])], axis=2)

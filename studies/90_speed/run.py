@@ -1,4 +1,5 @@
-"""How fast are the samplers and the evidence, against NUTS, nested sampling and a bridge? What do circles and readings cost?
+"""How fast are the samplers and the evidence, against NUTS, nested sampling and a bridge? What do
+circles and readings cost?
 
 python studies/90_speed/run.py                        # by hand; peers: pip install '.[bench]'
 python studies/90_speed/run.py --quick --out speed    # small: shows that it runs
@@ -23,7 +24,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-# One thread and one core for everybody: XLA's threads wait by spinning, which can double the CPU seconds of NUTS.
+# One thread and one core for everybody: XLA's threads wait by spinning, which can double the CPU
+# seconds of NUTS.
 os.environ.setdefault(
     "XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 )
@@ -57,7 +59,8 @@ SAMPLERS = ("joint", "independent")
 
 @dataclass(frozen=True)
 class Size:
-    """How much: effective draws asked for, runs of each row, circles beyond the experiment's, readings of a circle."""
+    """How much: effective draws asked for, runs of each row, circles beyond the experiment's,
+    readings of a circle."""
 
     ess: float
     repeats: int
@@ -73,7 +76,8 @@ QUICK = Size(1000.0, 1, (12,), (1_000, 10_000), 5, (1,))
 
 @dataclass(frozen=True)
 class Runner:
-    """A way to the posterior: ``run(seed)`` gives a chain (chains, draws, p + h) in mm, N, rad; CPU seconds compiling took."""
+    """A way to the posterior: ``run(seed)`` gives a chain (chains, draws, p + h) in mm, N, rad; CPU
+    seconds compiling took."""
 
     truncated: bool
     what: str
@@ -129,7 +133,8 @@ def has(name: str) -> bool:
 
 
 def sampler_alone(bound: BoundModel, sampler: str, ess: float, seed: int) -> Array:
-    """From the bound model to the draws: search for the modes, nodes, proposals, burn-in and diagnostics included."""
+    """From the bound model to the draws: search for the modes, nodes, proposals, burn-in and
+    diagnostics included."""
     start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
     _, beta, phi = run_sampler(
         sampler, start, rule=lb.StoppingRule(ess=ess), seed=np.random.SeedSequence(seed)
@@ -148,7 +153,8 @@ def whole_sample(model: lb.HybridModel, campaign: lb.Campaign, sampler: str, see
 
 
 def runners(campaign: lb.Campaign, size: Size, *, whole: bool) -> dict[str, Runner]:
-    """The package's samplers with truncation and without, those of NUTS that are installed; ``whole``: `lb.sample` too."""
+    """The package's samplers with truncation and without, those of NUTS that are installed;
+    ``whole``: `lb.sample` too."""
     found: dict[str, Runner] = {}
     default = lb.StoppingRule().ess
     for ending, model in (("", MODEL.without("truncation")), (", truncated", MODEL)):
@@ -174,7 +180,8 @@ def runners(campaign: lb.Campaign, size: Size, *, whole: bool) -> dict[str, Runn
 
 
 def race(campaign: lb.Campaign, size: Size, *, whole: bool) -> dict[str, Any]:
-    """Minimum bulk ESS per second of everyone, all in turn in each repeat, and how far they are from the exact marginals."""
+    """Minimum bulk ESS per second of everyone, all in turn in each repeat, and how far they are
+    from the exact marginals."""
     models = {True: MODEL, False: MODEL.without("truncation")}
     exact = {truncated: lb.marginals(model, campaign) for truncated, model in models.items()}
     everyone = runners(campaign, size, whole=whole)
@@ -215,7 +222,8 @@ def race(campaign: lb.Campaign, size: Size, *, whole: bool) -> dict[str, Any]:
             for column, value in zip(columns, values, strict=True):
                 rows[name][column].append(float(value))
             say(
-                f"{len(campaign.tests)} circles, repeat {repeat + 1}, {name}: {ess.min() / took.cpu:,.0f} per CPU second"
+                f"{len(campaign.tests)} circles, repeat {repeat + 1}, {name}:"
+                f" {ess.min() / took.cpu:,.0f} per CPU second"
             )
     return summed_up(everyone, rows)
 
@@ -245,8 +253,8 @@ def summed_up(
 
 
 def bulk_ess(chain: Array, *, shuffled: bool) -> Array:
-    """Of every parameter of a chain (chains, draws, d), by ArviZ; of ``shuffled`` draws, each of which comes n times, times
-    N / Σ n², for ArviZ sees only neighbours that are the same."""
+    """Of every parameter of a chain (chains, draws, d), by ArviZ; of ``shuffled`` draws, each of
+    which comes n times, times N / Σ n², for ArviZ sees only neighbours that are the same."""
     ess = partial(arviz_stats.base.array_stats.ess, chain_axis=0, draw_axis=1, method="bulk")
     columns = [np.ascontiguousarray(chain[..., j]) for j in range(chain.shape[2])]
     times = [
@@ -259,7 +267,8 @@ def bulk_ess(chain: Array, *, shuffled: bool) -> Array:
 
 
 def kernel(campaigns: Mapping[str, lb.Campaign], rounds: int) -> dict[str, dict[str, Any]]:
-    """CPU µs for each φ in stacks as the package uses them, of every operation on each campaign, all in turn in each round."""
+    """CPU µs for each φ in stacks as the package uses them, of every operation on each campaign,
+    all in turn in each round."""
     rng, calls = np.random.default_rng(1), {}
     for name, campaign in campaigns.items():
         bound = MODEL.bind(campaign)
@@ -287,8 +296,8 @@ def kernel(campaigns: Mapping[str, lb.Campaign], rounds: int) -> dict[str, dict[
 
 
 def cost_of_readings(size: Size) -> dict[str, dict[str, Any]]:
-    """By readings a circle, all in turn: CPU µs of the kernel, CPU seconds of the sampler, of `lb.sample` (once), of reducing one
-    circle and of least squares on it."""
+    """By readings a circle, all in turn: CPU µs of the kernel, CPU seconds of the sampler, of
+    `lb.sample` (once), of reducing one circle and of least squares on it."""
     campaigns = {str(n): simulated(len(recovered().tests), n) for n in size.readings}
     found: dict[str, dict[str, Any]] = {
         n: {"kernel": row["evidence"]} for n, row in kernel(campaigns, size.rounds).items()
@@ -320,7 +329,8 @@ def least_squares(angle: Array, reading: Array) -> Array:
 
 
 def evidence(size: Size) -> list[dict[str, Any]]:
-    """ln p(y) of the recovered experiment from nodes, from nested sampling and by a bridge from draws of NUTS."""
+    """ln p(y) of the recovered experiment from nodes, from nested sampling and by a bridge from
+    draws of NUTS."""
     rows = []
     for degree in size.degrees:
         for truncated in (False, True):
@@ -373,7 +383,8 @@ def by_nodes(model: lb.HybridModel, seed: int) -> tuple[float, float]:
 
 
 def memory(ess: float, readings: int) -> dict[str, dict[str, float]]:
-    """Peak MB of resident memory, each in a process of its own, and how much there was before the work began."""
+    """Peak MB of resident memory, each in a process of its own, and how much there was before the
+    work began."""
     whats = ["independent", "joint", "lb.sample", "lb.log_evidence", "reduce", "lstsq"]
     whats += list(NUTS) if has("numpyro") else []
     with ProcessPoolExecutor(1, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
@@ -381,7 +392,8 @@ def memory(ess: float, readings: int) -> dict[str, dict[str, float]]:
 
 
 def peak_of(ess: float, readings: int, what: str) -> dict[str, float]:
-    """One of them, here: package and campaign are there before, a peer's own libraries and compilation are not."""
+    """One of them, here: package and campaign are there before, a peer's own libraries and
+    compilation are not."""
     bound = MODEL.without("truncation").bind(recovered())
     angle = np.arange(readings) * (2.0 * np.pi / readings)
     reading = 1e-4 * np.random.default_rng(0).standard_normal(readings)
@@ -457,7 +469,10 @@ def measure(size: Size) -> dict[str, Any]:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     results: dict[str, Any] = {
-        "machine": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "machine": (
+            f"Python {platform.python_version()}, {platform.system()} {platform.machine()},"
+            f" {os.cpu_count()} cores"
+        ),
         "versions": {name: version(name) for name in PACKAGES if has(name)},
         "ess": size.ess,
         "default_ess": lb.StoppingRule().ess,

@@ -1,6 +1,8 @@
-"""How often the error that an evidence states holds: simulated campaigns of every kind, against finer nodes.
+"""How often the error that an evidence states holds: simulated campaigns of every kind, against
+finer nodes.
 
-python studies/90_speed/stated_errors.py 0 300    # fails below 99 % within three stated errors, or 95 % stated below 0.02 nat
+python studies/90_speed/stated_errors.py 0 300    # fails below 99 % within three stated errors, or
+95 % stated below 0.02 nat
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ TOLERANCE, FINER = 1e-2, 1e-3
 
 
 def campaign_of(seed: int) -> tuple[lb.HybridModel, lb.Campaign]:
-    """2 to 40 tests, degree 0 to 2, arcs, clocked balls, strong and absent form, discrepancy near zero, truncation off and on."""
+    """2 to 40 tests, degree 0 to 2, arcs, clocked balls, strong and absent form, discrepancy near
+    zero, truncation off and on."""
     rng = np.random.default_rng(seed)
     count, degree, arc = (
         int(np.exp(rng.uniform(np.log(2.0), np.log(41.0)))),
@@ -49,7 +52,8 @@ def campaign_of(seed: int) -> tuple[lb.HybridModel, lb.Campaign]:
 
 
 def reference(model: lb.HybridModel, campaign: lb.Campaign) -> float:
-    """ln Z from finer nodes and starts of another seed; P(T | y, φ) is finer too, and from other points for every few nodes."""
+    """ln Z from finer nodes and starts of another seed; P(T | y, φ) is finer too, and from other
+    points for every few nodes."""
     bound = model.bind(campaign)
     density = HyperPosterior(bound, truncated=bound.truncation.active, seed=1)
     fine = density.plain.nodes(FINER).integral
@@ -67,8 +71,8 @@ def reference(model: lb.HybridModel, campaign: lb.Campaign) -> float:
 
 
 def stated(seed: int) -> list[tuple[float, float]]:
-    """How many stated errors the evidence is off, and that error [nat]: of a model, and where it has slopes of one with some of
-    them fixed, from the nodes of the first."""
+    """How many stated errors the evidence is off, and that error [nat]: of a model, and where it
+    has slopes of one with some of them fixed, from the nodes of the first."""
     model, campaign = campaign_of(seed)
     slopes = [name for name in model.bind(campaign).names if name.endswith("_1")]
     some = np.random.default_rng(seed).permutation(slopes)[: 1 + seed % 5]
@@ -90,7 +94,8 @@ def main() -> None:
     ratio, error = np.array(rows).T
     within, small = float(np.mean(ratio <= 3.0)), float(np.mean(error <= 0.02))
     print(
-        f"within three errors: {within:.3f}; stated error at most 0.02 nat: {small:.3f}; largest ratio {ratio.max():.2f}"
+        f"within three errors: {within:.3f}; stated error at most 0.02 nat: {small:.3f}; largest"
+        f" ratio {ratio.max():.2f}"
     )
     if within < 0.99 or small < 0.95:
         sys.exit("The stated error does not hold.")

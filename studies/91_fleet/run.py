@@ -1,7 +1,9 @@
-"""How many campaigns a second, on how many workers, in how much memory; and what a million on a cluster would take.
+"""How many campaigns a second, on how many workers, in how much memory; and what a million on a
+cluster would take.
 
-python studies/91_fleet/run.py                        # by hand, three quarters of an hour on two cores, nothing else running
-python studies/91_fleet/run.py --quick --out fleet    # small: shows that it runs
+python studies/91_fleet/run.py                        # by hand, three quarters of an hour on two
+cores, nothing else running python studies/91_fleet/run.py --quick --out fleet    # small: shows
+that it runs
 """
 
 from __future__ import annotations
@@ -44,7 +46,8 @@ COLLECTED, CLUSTER = 5000, 1_000_000
 
 @dataclass(frozen=True)
 class Size:
-    """What is measured: ``few`` and ``many`` campaigns of ``readings`` a test, ``broken`` of the many planted."""
+    """What is measured: ``few`` and ``many`` campaigns of ``readings`` a test, ``broken`` of the
+    many planted."""
 
     few: int
     many: int
@@ -58,7 +61,8 @@ QUICK = Size(4, 8, 2, 60, (20,))
 
 
 def plant(folder: Path, size: Size) -> list[str]:
-    """Write the campaigns; every so many one that is broken, in turn torn, without a file, misspelt, of one force, no number."""
+    """Write the campaigns; every so many one that is broken, in turn torn, without a file,
+    misspelt, of one force, no number."""
     angles = np.arange(size.readings) * 360.0 / size.readings
     plan = lb.Plan(
         tuple(lb.CircularTest(force_N=float(force), angle_deg=angles) for force in FORCES_N)
@@ -98,7 +102,8 @@ def _break(folder: Path, kind: int) -> None:
 
 
 def batch(paths: list[str], out: Path, executor: str, workers: int) -> dict[str, Any]:
-    """One batch, as a user starts it: seconds, campaigns a second, peak memory of every process, digest of the dataset."""
+    """One batch, as a user starts it: seconds, campaigns a second, peak memory of every process,
+    digest of the dataset."""
     listed = out.with_suffix(".txt")
     listed.write_text("\n".join(paths) + "\n", encoding="utf-8")
     command = [
@@ -139,13 +144,15 @@ def batch(paths: list[str], out: Path, executor: str, workers: int) -> dict[str,
         "dataset_bytes": (out / "campaigns.parquet").stat().st_size,
     }
     _say(
-        f"{executor}, {workers} workers, {len(paths)} campaigns: {found['per_second']:.2f}/s, {found['worker_MB']:.0f} MB"
+        f"{executor}, {workers} workers, {len(paths)} campaigns: {found['per_second']:.2f}/s,"
+        f" {found['worker_MB']:.0f} MB"
     )
     return found
 
 
 def _note_peaks(pid: int, peaks: dict[int, float]) -> None:
-    """Largest resident memory so far of a process and all below it [MB]; helpers of the executors count too."""
+    """Largest resident memory so far of a process and all below it [MB]; helpers of the executors
+    count too."""
     try:
         family = [psutil.Process(pid), *psutil.Process(pid).children(recursive=True)]
     except psutil.Error:
@@ -160,22 +167,24 @@ def _note_peaks(pid: int, peaks: dict[int, float]) -> None:
 
 
 def pooled(rows: pd.DataFrame, machines: int) -> dict[str, Any]:
-    """A population of so many machines in a process of its own: machines it counts, seconds and peak memory.
+    """A population of so many machines in a process of its own: machines it counts, seconds and
+    peak memory.
 
-    Campaigns are taken again and again, each time as readings of their own, for the same readings given twice count once; those
-    whose readings the model does not expect are kept, for as many machines as asked for are to be pooled.
+    Campaigns are taken again and again, each time as readings of their own, for the same readings
+    given twice count once; those whose readings the model does not expect are kept, for as many
+    machines as asked for are to be pooled.
     """
     with tempfile.TemporaryDirectory() as folder:
         stem = Path(folder) / "rows.pkl"
         rows.to_pickle(stem)
         code = (
-            "import sys, time, resource, pandas as pd, numpy as np, ldbb_bayes as lb\n"
-            "from dataclasses import replace\n"
-            "rows = pd.read_pickle(sys.argv[1]); n = int(sys.argv[2]); rng = np.random.default_rng(91)\n"
-            "rows = rows.iloc[np.arange(n) % len(rows)].reset_index(drop=True)\n"
-            "rows['machine_id'] = rows['sha256'] = [f'M{i:06d}' for i in range(n)]\n"
-            "start = time.perf_counter(); found = lb.population(rows, include_misfits=True); end = time.perf_counter()\n"
-            "print(len(found.machine), end - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)\n"
+            "import sys, time, resource, pandas as pd, numpy as np, ldbb_bayes as lb\nfrom"
+            " dataclasses import replace\nrows = pd.read_pickle(sys.argv[1]); n = int(sys.argv[2]);"
+            " rng = np.random.default_rng(91)\nrows = rows.iloc[np.arange(n) %"
+            " len(rows)].reset_index(drop=True)\nrows['machine_id'] = rows['sha256'] = [f'M{i:06d}'"
+            " for i in range(n)]\nstart = time.perf_counter(); found = lb.population(rows,"
+            " include_misfits=True); end = time.perf_counter()\nprint(len(found.machine), end -"
+            " start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)\n"
         )
         done = subprocess.run(
             [sys.executable, "-c", code, str(stem), str(machines)],
@@ -221,7 +230,10 @@ def measure(size: Size, folder: Path) -> dict[str, Any]:
         )
     rows = lb.read_batch(folder / f"process-2-{size.many}")
     return {
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores, {psutil.virtual_memory().total / 2**30:.0f} GiB",
+        "machine": (
+            f"{platform.machine()}, {os.cpu_count()} cores,"
+            f" {psutil.virtual_memory().total / 2**30:.0f} GiB"
+        ),
         "versions": {
             name: version(name) for name in ("numpy", "scipy", "pyarrow", "dask", "distributed")
         },
@@ -232,13 +244,16 @@ def measure(size: Size, folder: Path) -> dict[str, Any]:
         "broken": size.broken,
         "runs": runs,
         "scaling": {
-            executor: runs[f"{executor} 2 {size.few}"]["per_second"]
-            / runs[f"{executor} 1 {size.few}"]["per_second"]
+            executor: (
+                runs[f"{executor} 2 {size.few}"]["per_second"]
+                / runs[f"{executor} 1 {size.few}"]["per_second"]
+            )
             for executor in ("process", "dask")
         },
         "same_dataset": {
-            str(count): len({run["dataset"] for run in runs.values() if run["campaigns"] == count})
-            == 1
+            str(count): (
+                len({run["dataset"] for run in runs.values() if run["campaigns"] == count}) == 1
+            )
             for count in (size.few, size.many)
         },
         "collector": {

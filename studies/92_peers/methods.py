@@ -1,14 +1,16 @@
-"""The methods side by side. Each is given a campaign and says 95 % intervals of the parameters and, of a circle that is not among
-its tests, a 95 % band and the density of every reading.
+"""The methods side by side. Each is given a campaign and says 95 % intervals of the parameters and,
+of a circle that is not among its tests, a 95 % band and the density of every reading.
 
-    least squares      θ̂ = J⁺ y, u² by propagation: the scatter of the residuals (type A) and the budget (type B)
-    Gaussian process   y = J θ + B b + d(angle, force) + ε, d a Gaussian process (Kennedy and O'Hagan 2001)
-    ours               the default model, linear in force; and averaged over constant, linear and the rivals of slopes
+    least squares      θ̂ = J⁺ y, u² by propagation: the scatter of the residuals (type A) and the
+    budget (type B) Gaussian process   y = J θ + B b + d(angle, force) + ε, d a Gaussian process
+    (Kennedy and O'Hagan 2001) ours               the default model, linear in force; and averaged
+    over constant, linear and the rivals of slopes
 
-J is the hybrid Jacobian (Eq. 33), B the budget: its short form has bar length, mount and force; its full form everything that
-`lb.uncertainties` states, ball form and angle among it, and how far zero and centre move between circles. Ours and the Gaussian
-process have the same prior of θ. The kernel and the density of the scales of d are those of ACBICI; the rest is linear, and is
-integrated out here: `as_it_stands` compares that with the package's own sampling.
+J is the hybrid Jacobian (Eq. 33), B the budget: its short form has bar length, mount and force; its
+full form everything that `lb.uncertainties` states, ball form and angle among it, and how far zero
+and centre move between circles. Ours and the Gaussian process have the same prior of θ. The kernel
+and the density of the scales of d are those of ACBICI; the rest is linear, and is integrated out
+here: `as_it_stands` compares that with the package's own sampling.
 """
 
 from __future__ import annotations
@@ -61,7 +63,8 @@ ALL_WALKERS, ALL_STEPS, ALL_BURNT = 72, 3000, 0.5
 
 @dataclass(frozen=True, eq=False)
 class Circle:
-    """What a method says of a new circle: band (2, n) [µm] and log density of every reading (n,) [nat, per µm]."""
+    """What a method says of a new circle: band (2, n) [µm] and log density of every reading (n,)
+    [nat, per µm]."""
 
     band_um: Array
     log_density: Array
@@ -74,8 +77,8 @@ Said = tuple[
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Readings (n,) [µm], where they were taken (n,) [rad], [N], [bar], in which test (n,), and J (n, p) [µm per prior sd] and
-    its derivative along the angle."""
+    """Readings (n,) [µm], where they were taken (n,) [rad], [N], [bar], in which test (n,), and J
+    (n, p) [µm per prior sd] and its derivative along the angle."""
 
     reading: Array
     angle: Array
@@ -91,8 +94,9 @@ class Readings:
         return np.asarray(self.jacobian[:, :elastic] @ theta[:elastic])
 
     def budget(self, campaign: lb.Campaign, theta: Array, *, full: bool) -> tuple[Array, Array]:
-        """What one standard uncertainty adds to the readings: of what all circles share (n, q), and of what each has for itself
-        (n, k) [µm]. Circles that state no direction, and these all run the same way, lag as the angle's reference is off."""
+        """What one standard uncertainty adds to the readings: of what all circles share (n, q), and
+        of what each has for itself (n, k) [µm]. Circles that state no direction, and these all run
+        the same way, lag as the angle's reference is off."""
         sd, deflection = (
             {own.name: own.sd for own in lb.uncertainties(campaign).assumed},
             self.deflection(theta),
@@ -128,7 +132,8 @@ class Readings:
         return np.asarray((own[:, :, None] * its[:, None, :]).reshape(len(own), -1))
 
     def places(self) -> Array:
-        """Where the Gaussian process sees them, shape (n, 3): on the unit circle, and the range of forces one radius long."""
+        """Where the Gaussian process sees them, shape (n, 3): on the unit circle, and the range of
+        forces one radius long."""
         return np.column_stack([np.cos(self.angle), np.sin(self.angle), self.force / RANGE_N])
 
 
@@ -143,7 +148,8 @@ def readings_of(
     scale: Array,
     count: int | None = None,
 ) -> Readings:
-    """So many readings of each of these tests, or all; J for slopes about mid-range of the campaign's forces."""
+    """So many readings of each of these tests, or all; J for slopes about mid-range of the
+    campaign's forces."""
     middle = 0.5 * float(campaign.forces_N.min() + campaign.forces_N.max())
     parts = []
     for k, test in enumerate(tests):
@@ -176,7 +182,8 @@ def readings_of(
 def by_least_squares(
     campaign: lb.Campaign, new: lb.CircularTest | None = None, *, full: bool
 ) -> Said:
-    """Least squares of all readings on J, with the uncertainty that a budget after the GUM gives."""
+    """Least squares of all readings on J, with the uncertainty that a budget after the GUM
+    gives."""
     scale = MODEL.bind(campaign).prior_sd
     own = readings_of(campaign, campaign.tests, scale)
     inverse = np.linalg.pinv(own.jacobian, rcond=1e-12)
@@ -209,7 +216,8 @@ def by_least_squares(
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """What is linear in the model of the Gaussian process: readings, and columns (n, q) of unit prior sd, θ first [µm]."""
+    """What is linear in the model of the Gaussian process: readings, and columns (n, q) of unit
+    prior sd, θ first [µm]."""
 
     readings: Readings
     columns: Array
@@ -218,7 +226,8 @@ class Linear:
     def of(
         cls, campaign: lb.Campaign, scale: Array, count: int, *, full: bool
     ) -> tuple[Linear, Array]:
-        """Of so many readings of each test; and the θ about which errors of force and angle are linear."""
+        """Of so many readings of each test; and the θ about which errors of force and angle are
+        linear."""
         own = readings_of(campaign, campaign.tests, scale, count)
         theta = np.linalg.lstsq(own.jacobian, own.reading, rcond=1e-12)[0]
         shared, its_own = own.budget(campaign, theta, full=full)
@@ -226,7 +235,8 @@ class Linear:
 
 
 def calibrator(linear: Linear, *, integrated: bool) -> Any:
-    """ACBICI's calibrator with a Gaussian process as discrepancy; what is linear as parameters, or integrated out."""
+    """ACBICI's calibrator with a Gaussian process as discrepancy; what is linear as parameters, or
+    integrated out."""
     import ACBICI
 
     columns, normal = linear.columns, ACBICI.Normal(mu=0.0, sigma=1.0)
@@ -262,7 +272,8 @@ def calibrator(linear: Linear, *, integrated: bool) -> Any:
 
 
 def scales_of(found: Any, seed: int) -> Array:
-    """Draws (n, 3) of the length, the variance of the discrepancy and the noise: importance resampling about the higher mode."""
+    """Draws (n, 3) of the length, the variance of the discrepancy and the noise: importance
+    resampling about the higher mode."""
 
     def log_density(u: Array) -> float:
         return float(found.logPosterior(np.exp(u)) + u.sum())
@@ -347,7 +358,8 @@ def by_process(
 
 @one_blas_thread
 def as_it_stands(campaign: lb.Campaign, *, seed: int) -> dict[str, float]:
-    """ACBICI's own sampling of everything against what is integrated here, with the short budget: intervals, CPU time."""
+    """ACBICI's own sampling of everything against what is integrated here, with the short budget:
+    intervals, CPU time."""
     scale = MODEL.bind(campaign).prior_sd
     linear, _ = Linear.of(campaign, scale, FEW, full=False)
     start = time.process_time()
@@ -392,7 +404,8 @@ def linear(campaign: lb.Campaign, new: lb.CircularTest | None = None, *, seed: i
 
 
 def averaged(campaign: lb.Campaign, new: lb.CircularTest | None = None, *, seed: int) -> Said:
-    """Averaged over constant and linear compliance, with and without each rival of slopes, as `lb.average` does."""
+    """Averaged over constant and linear compliance, with and without each rival of slopes, as
+    `lb.average` does."""
     kinds = [
         model.with_rivals(*itertools.compress(model.rivals, there))
         for model in (MODEL.with_degree(0), MODEL)
@@ -436,7 +449,8 @@ def _new_circle(
     phi: Array,
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
-    """Mean and sd of every picked reading of the new circle, each (draws, n) [µm], given β, φ and shared nuisances drawn."""
+    """Mean and sd of every picked reading of the new circle, each (draws, n) [µm], given β, φ and
+    shared nuisances drawn."""
     bound = BoundModel(
         nodes.bound.model, replace(campaign, tests=(*campaign.tests, new)), pilot=campaign
     )

@@ -1,7 +1,9 @@
-"""Side by side with the field: least squares with a GUM budget, a Gaussian process as discrepancy, and the package.
+"""Side by side with the field: least squares with a GUM budget, a Gaussian process as discrepancy,
+and the package.
 
 python studies/92_peers/run.py            # fails when a stated number is not reproduced
-python studies/92_peers/run.py --write    # states anew; needs the package of the Gaussian process: pip install '.[bench]'
+python studies/92_peers/run.py --write    # states anew; needs the package of the Gaussian process:
+pip install '.[bench]'
 """
 
 from __future__ import annotations
@@ -85,8 +87,9 @@ def without_one(campaign: lb.Campaign, seed: int) -> tuple[lb.Campaign, lb.Circu
 def judged(
     every: Mapping[str, Callable[..., methods.Said]], kind: str, seed: int
 ) -> dict[str, float]:
-    """By each method: intervals of the parameters less the truth; of the circle left out the mean log density of its readings
-    [nat, per µm], the share of them inside the band and its mean width [µm]."""
+    """By each method: intervals of the parameters less the truth; of the circle left out the mean
+    log density of its readings [nat, per µm], the share of them inside the band and its mean width
+    [µm]."""
     campaign, truth = campaign_of(kind, seed)
     rest, new = without_one(campaign, seed)
     reading, row = np.asarray(new.reading_um)[methods.picked(new)], dict[str, float]()
@@ -123,7 +126,8 @@ def processes(seed: int) -> dict[str, Callable[..., methods.Said]]:
 
 
 def by_others(kind: str, seed: int) -> dict[str, float]:
-    """By least squares and by the default model; on the measured campaign the average over models too."""
+    """By least squares and by the default model; on the measured campaign the average over models
+    too."""
     row = judged(least_squares() | {"linear": partial(methods.linear, seed=seed)}, kind, seed)
     columns = ("score", "inside", "width")
     if kind != RECOVERED:
@@ -138,7 +142,8 @@ def by_process(kind: str, seed: int) -> dict[str, float]:
 
 
 def all_rows(effort: Effort) -> pd.DataFrame:
-    """Every campaign by every method; what the Gaussian process said is made again where its package is."""
+    """Every campaign by every method; what the Gaussian process said is made again where its
+    package is."""
     rows = replicated(HERE / "campaigns.csv", by_others, KINDS, effort, again=AGAIN)
     path = HERE / "gaussian_process.csv"
     if methods.HAS_PACKAGE:
@@ -149,15 +154,16 @@ def all_rows(effort: Effort) -> pd.DataFrame:
         )
     else:
         print(
-            "ACBICI is not installed: what the Gaussian process said is taken as kept. pip install '.[bench]' has it made again."
+            "ACBICI is not installed: what the Gaussian process said is taken as kept. pip install"
+            " '.[bench]' has it made again."
         )
         process = pd.read_csv(path)
     return rows.merge(process, on=["kind", "seed"], validate="one_to_one")
 
 
 def of_parameters(rows: pd.DataFrame) -> dict[str, Any]:
-    """By method: coverage of all parameters, its standard error over campaigns, that of groups; median width and mean interval
-    score over ours, geometric means over the parameters."""
+    """By method: coverage of all parameters, its standard error over campaigns, that of groups;
+    median width and mean interval score over ours, geometric means over the parameters."""
     found: dict[str, Any] = {}
     scores, widths = {}, {}
     for method in COLOURS:
@@ -185,7 +191,8 @@ def of_parameters(rows: pd.DataFrame) -> dict[str, Any]:
 
 
 def of_circles(rows: pd.DataFrame) -> dict[str, Any]:
-    """By method, of the circles left out: log score, its difference from ours with standard error, coverage, width."""
+    """By method, of the circles left out: log score, its difference from ours with standard error,
+    coverage, width."""
     found = {}
     for method in WORDS:
         if rows[f"{method}/score"].notna().all():
@@ -205,7 +212,8 @@ def of_circles(rows: pd.DataFrame) -> dict[str, Any]:
 
 
 def shown(k: int) -> dict[str, Any]:
-    """A circle of the measured campaign that was left out: readings and bands less the least-squares prediction [µm]."""
+    """A circle of the measured campaign that was left out: readings and bands less the
+    least-squares prediction [µm]."""
     rest, new = without_one(MEASURED, k)
     index = methods.picked(new)
     every = (
@@ -241,7 +249,8 @@ def stated(name: str) -> Any:
 
 @one_blas_thread
 def seconds() -> dict[str, Any]:
-    """CPU seconds of each method for the intervals of one campaign, medians, in this process and one thread."""
+    """CPU seconds of each method for the intervals of one campaign, medians, in this process and
+    one thread."""
     every = least_squares() | processes(1)
     every |= {
         "linear": partial(methods.linear, seed=1),
@@ -258,7 +267,8 @@ def seconds() -> dict[str, Any]:
 
 
 def measure(effort: Effort) -> dict[str, Any]:
-    """Everything the page states; time is measured, and the package as it stands run, with ``--write`` only."""
+    """Everything the page states; time is measured, and the package as it stands run, with
+    ``--write`` only."""
     rows = all_rows(effort)
     anew = effort == "write"
     found = {
@@ -297,7 +307,8 @@ def measure(effort: Effort) -> dict[str, Any]:
 
 @lb.figures.styled
 def figure(results: dict[str, Any]) -> Figure:
-    """A circle that no method was given, and how often intervals hold the truth and how wide they are."""
+    """A circle that no method was given, and how often intervals hold the truth and how wide they
+    are."""
     drawn = lb.figures.new_figure(11.0, 6.2)
     left, right = drawn.subfigures(1, 2, width_ratios=(1.0, 1.35))
     circle, panels = results["shown"], left.subplots(3, 1, sharex=True, sharey=True)

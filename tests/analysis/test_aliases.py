@@ -1,4 +1,5 @@
-"""The null space of a campaign's design: every statement holds in the exact forward model, clockings end what they should."""
+"""The null space of a campaign's design: every statement holds in the exact forward model,
+clockings end what they should."""
 
 from __future__ import annotations
 
@@ -53,14 +54,17 @@ def test_recovered_experiment(recovered: lb.Campaign) -> None:
 
 
 def test_exchange_rates(recovered: lb.Campaign) -> None:
-    """cos 2θ of 1 µm at R = 150 mm is E_XX1 − E_YY1 = 2/150 = 13.3 µm/m; a length of 1 µm is 1/150 on both."""
+    """cos 2θ of 1 µm at R = 150 mm is E_XX1 − E_YY1 = 2/150 = 13.3 µm/m; a length of 1 µm is 1/150
+    on both."""
     every = {d.nuisances[0]: d for d in degeneracies(lb.HybridModel.first(1).bind(recovered))}
     form = every["form_cos2"].combination
     assert form["form_cos2"] == pytest.approx(1e-3)
     assert -form["E_XX1"] == pytest.approx(1e-3 / 150.0, rel=1e-9)
     assert form["E_YY1"] == pytest.approx(1e-3 / 150.0, rel=1e-9)
-    assert statement(every["form_cos2"]) == (
-        "1.00 µm of 2-lobe form (cos 2θ) looks exactly like +6.67 µm/m of E_XX1 and −6.67 µm/m of E_YY1."
+    assert (
+        statement(every["form_cos2"])
+        == "1.00 µm of 2-lobe form (cos 2θ) looks exactly like +6.67 µm/m of E_XX1 and −6.67 µm/m"
+        " of E_YY1."
     )
     length = every["bar_length"].combination
     assert [-length["E_XX1"], -length["E_YY1"]] == pytest.approx([1e-3 / 150.0] * 2, rel=1e-6)
@@ -71,7 +75,8 @@ def test_exchange_rates(recovered: lb.Campaign) -> None:
 
 
 def exact_change_um(campaign: lb.Campaign, degeneracy: Degeneracy, degree: int = 1) -> float:
-    """The largest change of a reading by the combination: geometry exactly, the rest from the definition of each nuisance."""
+    """The largest change of a reading by the combination: geometry exactly, the rest from the
+    definition of each nuisance."""
     change, largest = degeneracy.combination, 0.0
     bound = lb.HybridModel.first(degree).bind(campaign)
     estimate, kept = bound.setting.compliance_estimate, [c.label for c in bound.compliances]
@@ -122,7 +127,8 @@ def exact_change_um(campaign: lb.Campaign, degeneracy: Degeneracy, degree: int =
 def test_every_statement_holds_in_the_exact_model(
     recovered: lb.Campaign, which: str, degree: int
 ) -> None:
-    """No reading moves by more than the linearisation error of changes this small and a tenth of the resolution."""
+    """No reading moves by more than the linearisation error of changes this small and a tenth of
+    the resolution."""
     campaign = {
         "recovered": recovered,
         "two balls": clocked(((0.0, 0.0), (180.0, 180.0))),
@@ -153,7 +159,8 @@ def test_every_statement_holds_in_the_exact_model(
 
 @pytest.mark.parametrize("order", [2, 3, 4, 11])
 def test_clocking_ends_what_it_should(order: int) -> None:
-    """Order n of a ball is separated by ψ unless nψ is a multiple of 360°; here of a form that is alone in its order."""
+    """Order n of a ball is separated by ψ unless nψ is a multiple of 360°; here of a form that is
+    alone in its order."""
 
     def left(turns: tuple[tuple[float, float], ...]) -> set[str]:
         """Nuisances of this order that some parameter imitates."""
@@ -171,7 +178,8 @@ def test_clocking_ends_what_it_should(order: int) -> None:
 
 
 def test_a_second_radius_brings_a_second_length() -> None:
-    """Form is told apart, lengths only from each other: in proportion to the radii they are a scale."""
+    """Form is told apart, lengths only from each other: in proportion to the radii they are a
+    scale."""
     every = degeneracies(lb.HybridModel.first(1).bind(two_radii()))
     lengths = [d for d in every if d.term == "BarLength"]
     assert len(lengths) == 1
@@ -214,7 +222,8 @@ def test_what_the_model_leaves_out_is_said_too(recovered: lb.Campaign) -> None:
 
 @pytest.mark.parametrize("readings", [9, 24])
 def test_what_no_reading_sees_has_no_partner(readings: int) -> None:
-    """sin 12θ is zero at 24 uniform angles: that is not a likeness with compliances that are zero as well."""
+    """sin 12θ is zero at 24 uniform angles: that is not a likeness with compliances that are zero
+    as well."""
     campaign = plan((readings,) * 4)
     for degeneracy in degeneracies(lb.HybridModel.first(1).bind(campaign)):
         largest = max(abs(change) for change in degeneracy.combination.values())
@@ -280,7 +289,8 @@ def test_a_drift_in_the_order_of_force_looks_like_compliance(recovered: lb.Campa
 
 
 def test_orders_of_force() -> None:
-    """Where Spearman's rank correlation is significant: one in twenty that chance gives. Times go before the list."""
+    """Where Spearman's rank correlation is significant: one in twenty that chance gives. Times go
+    before the list."""
     rng = np.random.default_rng(1)
     for order in [np.arange(7), np.arange(7)[::-1], *(rng.permutation(7) for _ in range(30))]:
         run = [

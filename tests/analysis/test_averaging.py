@@ -1,4 +1,5 @@
-"""average(): its moments against those of every model by itself and in closed form; all that reads a posterior reads it."""
+"""average(): its moments against those of every model by itself and in closed form; all that reads
+a posterior reads it."""
 
 from __future__ import annotations
 
@@ -61,7 +62,8 @@ def test_moments_are_those_of_every_model_by_its_probability(averaged) -> None: 
 
 
 def test_in_closed_form() -> None:
-    """Neither nuisances nor truncation: given σ everything is one Gaussian, dense, and σ a sum over a grid."""
+    """Neither nuisances nor truncation: given σ everything is one Gaussian, dense, and σ a sum over
+    a grid."""
     plain = lb.HybridModel(1, (), lb.HybridModel.default().without("truncation").prior)
     campaign = simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)), seed=2)
     posterior = lb.average(
@@ -118,7 +120,8 @@ def test_all_that_reads_a_posterior_reads_an_average(averaged, tmp_path: Path) -
     )
     assert lb.verdicts(again).keys() == lb.budgets(again).keys() == set(found["parameters"])
     assert np.isfinite(lb.circularity(again)["sd"]).all()
-    # What the joint load adds to C(F) is of the models that have it alone: without it and without slopes C(F) is constant.
+    # What the joint load adds to C(F) is of the models that have it alone: without it and without
+    # slopes C(F) is constant.
     parts, curves = parts_of(again), curves_of(again, np.array([36.0, 742.0]))
     changes = np.abs(np.diff(curves[:, :, 0], axis=1)[:, 0]) > 0.0
     without = np.concatenate(

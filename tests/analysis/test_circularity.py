@@ -1,4 +1,5 @@
-"""Circular-test quantities by the exact model and by simulation; contributions as the paper states them; zones by other means."""
+"""Circular-test quantities by the exact model and by simulation; contributions as the paper states
+them; zones by other means."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ def second_harmonic(trace: np.ndarray) -> tuple[float, float]:
 
 @pytest.mark.parametrize("topology", ["wCAFYXZSt", "wYFXZt"])
 def test_the_machines_path(topology: str) -> None:
-    """Every quantity of the exact model at the truth lies where the posterior says, at every force and at none."""
+    """Every quantity of the exact model at the truth lies where the posterior says, at every force
+    and at none."""
     model = lb.HybridModel.first(0)
     planned = replace(plan((120,) * 4), topology=topology)
     names = set(model.bind(planned).names)
@@ -61,7 +63,8 @@ def test_the_machines_path(topology: str) -> None:
             "G": zone.width,
             "F_max": zone.upper - zone.mean,
             "F_min": zone.lower - zone.mean,
-            # cos 2θ of R (g₁ cos² θ + g₂ sin² θ) is R (g₁ − g₂) / 2; 1 µm/m of squareness makes the trace `one`.
+            # cos 2θ of R (g₁ cos² θ + g₂ sin² θ) is R (g₁ − g₂) / 2; 1 µm/m of squareness makes the
+            # trace `one`.
             "scale_mismatch": 2.0 * cosine / 0.150,
             "squareness": sine / second_harmonic(one)[1],
         }
@@ -92,7 +95,8 @@ def both_ways() -> tuple[lb.Campaign, Any]:
     )
     model = lb.HybridModel.first(0)
     campaign = model.simulate(replace(plan(), tests=tests), seed=3, hyper_um=QUIET).campaign
-    # Lost motion: clockwise 2 µm of cos θ and 3 µm of sin 2θ more than the mean path, the other way as much less.
+    # Lost motion: clockwise 2 µm of cos θ and 3 µm of sin 2θ more than the mean path, the other way
+    # as much less.
     lost = [
         2.0 * np.cos(test.angles_rad()) + 3.0 * np.sin(2 * test.angles_rad())
         for test in campaign.tests
@@ -107,7 +111,8 @@ def both_ways() -> tuple[lb.Campaign, Any]:
 
 
 def test_both_directions(both_ways: tuple[lb.Campaign, Any]) -> None:
-    """G(b) and D of the readings by their definition, and of the posterior where the readings put them."""
+    """G(b) and D of the readings by their definition, and of the posterior where the readings put
+    them."""
     campaign, posterior = both_ways
     _, pairs = circularity.measured_circularity(posterior)
     assert list(pairs.index) == [f"CW{k} + CCW{k}" for k in range(4)]
@@ -160,7 +165,8 @@ OFFSETS = {"E_Xt0": "0.0076", "E_Yt0": "0.0012"}
 
 
 def test_contributions_as_the_paper_states_them(recovered: lb.Campaign) -> None:
-    """The paper cuts digits off: 3 % below and 2 % above. Figure 8: compliance to 0.046 mm, geometry −0.026 to −0.007 mm."""
+    """The paper cuts digits off: 3 % below and 2 % above. Figure 8: compliance to 0.046 mm,
+    geometry −0.026 to −0.007 mm."""
     paper = lb.sample(lb.HybridModel.paper(0), recovered, seed=1, sampler="independent")
     found = lb.contributions(paper).set_index("source")
     for name, text in (COMPLIANCES | ERRORS | OFFSETS).items():
@@ -172,7 +178,8 @@ def test_contributions_as_the_paper_states_them(recovered: lb.Campaign) -> None:
 
 
 def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> None:
-    """At the mean parameters the exact model gives the same paths; a compliance counts with its slopes."""
+    """At the mean parameters the exact model gives the same paths; a compliance counts with its
+    slopes."""
     campaign, posterior = fitted
     force = 640.0
     found = lb.contributions(posterior, force).set_index("source")
@@ -237,7 +244,8 @@ def true_width(
 
 
 def test_minimum_zone_by_search() -> None:
-    """Against a search over centres with true distances: never wider than what it finds, and as narrow to 1 nm."""
+    """Against a search over centres with true distances: never wider than what it finds, and as
+    narrow to 1 nm."""
     rng = np.random.default_rng(4)
     for k in range(30):
         angle = np.sort(rng.uniform(0.0, 2 * np.pi, 60)) if k % 2 else ANGLE[::6]

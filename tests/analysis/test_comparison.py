@@ -1,4 +1,5 @@
-"""compare(): its numbers against those of its parts, what it refuses and says; local fits; tests that do not belong."""
+"""compare(): its numbers against those of its parts, what it refuses and says; local fits; tests
+that do not belong."""
 
 from __future__ import annotations
 
@@ -87,7 +88,8 @@ def test_sensitivity_is_the_same_comparison_again(found: Comparison) -> None:
 
 
 def test_rejected_assumptions_are_weighed_roughly(recovered: lb.Campaign) -> None:
-    """Within an error of their own, which no exit code hangs on, and which is shown; others as exactly as asked."""
+    """Within an error of their own, which no exit code hangs on, and which is shown; others as
+    exactly as asked."""
     model = lb.HybridModel.first(1).without("ball-form", "truncation")
     found = lb.compare(
         {"constant": model.with_degree(0), "linear": model},
@@ -111,7 +113,8 @@ def test_rejected_assumptions_are_weighed_roughly(recovered: lb.Campaign) -> Non
 
 
 def test_the_recovered_experiment_is_not_robust(compared: Comparison) -> None:
-    """Constant compliance is favoured; that no zero shift is assumed turns it, and the readings do not rule that out."""
+    """Constant compliance is favoured; that no zero shift is assumed turns it, and the readings do
+    not rule that out."""
     assert compared.log_bayes_factor[RATIO] < -1.0
     changes = {assumed.assumption: compared.gain(assumed) for assumed in compared.turning()}
     assert changes[CENTRED] > -5.0
@@ -120,7 +123,8 @@ def test_the_recovered_experiment_is_not_robust(compared: Comparison) -> None:
     assert compared.sign is Sign.OPEN
     text = " ".join(comparison_sentences(compared))
     assert re.search(
-        r"very strong evidence, in favour of constant.*The sign is NOT robust.*the readings do not rule out",
+        r"very strong evidence, in favour of constant.*The sign is NOT robust.*the readings do not"
+        r" rule out",
         text,
     )
     assert [f"{compared.models[name].least_squares_rmse_um:.1f}" for name in PAIR] == ["1.1", "0.9"]
@@ -212,7 +216,8 @@ def test_crossings() -> None:
 
 
 def test_the_sign_and_what_the_readings_prefer(compared: Comparison) -> None:
-    """Where no assumption turns the sign the verdict says so; where the slope scale does, it says where."""
+    """Where no assumption turns the sign the verdict says so; where the slope scale does, it says
+    where."""
     same = tuple(
         Assumed(a.assumption, -6.0, 1e-3, a.log_evidence) for a in compared.discrepancy_sensitivity
     )
@@ -383,8 +388,8 @@ def test_a_curve_in_the_force_axis_explains_the_experiment_better_than_slopes(
     assert whole.sign is Sign.HELD
     text = " ".join(comparison_sentences(whole))
     assert (
-        "over curved mount and curved force law, each in the model or not; +5.79 (error 0.01) with none of them: strong"
-        in text
+        "over curved mount and curved force law, each in the model or not; +5.79 (error 0.01) with"
+        " none of them: strong" in text
     )
     assert (
         "Slopes are not needed: curved mount and curved force law explain the readings as well."
@@ -442,7 +447,8 @@ def test_averaged_compliance(found: Comparison) -> None:
 
 @pytest.mark.parametrize("slopes", [4, 15])
 def test_too_many_subsets_are_searched_from_the_best(slopes: int) -> None:
-    """Compliances of known, independent evidence: all sets of 4, and 100 of 32768, which hold the best and most probability."""
+    """Compliances of known, independent evidence: all sets of 4, and 100 of 32768, which hold the
+    best and most probability."""
     gain = np.array(
         [3.0, -4.0, 2.5, -3.0, -5.0, 1.5, -2.0, -6.0, -3.5, -4.5, -2.5, -3.0, 4.0, -5.5, -4.0]
     )[:slopes]
@@ -493,7 +499,8 @@ def test_refused(call: Callable[[lb.Campaign], object], message: str) -> None:
     refuses(re.escape(message), call, SMALL)
 
 
-# Local fits: a window's posterior and least squares (the paper's Tables 7 and 8, in tests/studies), repeated forces
+# Local fits: a window's posterior and least squares (the paper's Tables 7 and 8, in tests/studies),
+# repeated forces
 
 COLUMNS = [
     "force_low_N",
@@ -508,7 +515,8 @@ COLUMNS = [
 
 
 def test_a_window_is_a_campaign_of_its_own(recovered: lb.Campaign) -> None:
-    """Without truncation and force error: `marginals` and `least_squares` say the same, and fix what the model fixes."""
+    """Without truncation and force error: `marginals` and `least_squares` say the same, and fix
+    what the model fixes."""
     model = lb.HybridModel.first(0).without("truncation", "force-error").fixing("C_CCY")
     some = recovered.select(["f036", "f238", "f364"])
     local = lb.local_fits(model, some)
@@ -542,7 +550,8 @@ def test_pairs_of_force_levels() -> None:
 
 
 def test_windows_that_lack_a_set_up_or_a_plane() -> None:
-    """Low forces in one set-up, high ones in another; then in another plane: each window keeps the campaign's parameters."""
+    """Low forces in one set-up, high ones in another; then in another plane: each window keeps the
+    campaign's parameters."""
     model = lb.HybridModel.first(0).without("truncation", "ball-form", "discrepancy")
     for further in ({"setup": 2}, {"plane": "YZ", "setup": 2}):
         planned = plan((40,) * 4, forces_N=(50.0, 300.0, 500.0, 700.0))
@@ -553,7 +562,8 @@ def test_windows_that_lack_a_set_up_or_a_plane() -> None:
         assert np.isfinite(table["mean"]).all()
 
 
-# Tests that do not belong: p-values that are exact, an outlier found without its neighbours, Holm's method
+# Tests that do not belong: p-values that are exact, an outlier found without its neighbours, Holm's
+# method
 
 CONSTANT = lb.HybridModel.first(0).without("truncation")
 MODELS = {"constant": CONSTANT, "linear": CONSTANT.with_degree(1)}

@@ -1,4 +1,5 @@
-"""conformity(): probabilities against the normal distribution and the draws, decisions by the guard band; state_of()."""
+"""conformity(): probabilities against the normal distribution and the draws, decisions by the guard
+band; state_of()."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""design(): the paper's preset, dense oracles, order and cost, directions and radii, forecasts against simulation, refusals."""
+"""design(): the paper's preset, dense oracles, order and cost, directions and radii, forecasts
+against simulation, refusals."""
 
 from __future__ import annotations
 
@@ -66,7 +67,8 @@ def six(pilot: lb.Campaign) -> lb.Design:
 def test_the_paper_preset(
     degree: int, forces: tuple[float, ...], shares: tuple[float, ...], efficiency: float
 ) -> None:
-    """D-optimal shares over 36 to 742 N on a 1 N grid, the certificate there, and what the paper's seven levels are worth."""
+    """D-optimal shares over 36 to 742 N on a 1 N grid, the certificate there, and what the paper's
+    seven levels are worth."""
     seven = plan((60,) * 7, forces_N=(36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0))
     found = lb.design(lb.HybridModel.paper(degree), seven, tests=7, against={"seven": seven})
     support = found.shares.groupby((found.shares["force_N"] / 100.0).round())
@@ -85,7 +87,8 @@ def test_the_paper_preset(
 
 
 def test_information_against_the_dense_oracle(pilot: lb.Campaign) -> None:
-    """Posterior covariance of a plan with clocked balls and two radii, and the expected information gain, by dense matrices."""
+    """Posterior covariance of a plan with clocked balls and two radii, and the expected information
+    gain, by dense matrices."""
     model = LINEAR.without("force-error", "truncation")
     like = [replace(test, angle_deg=np.arange(30) * 12.0) for test in templates(pilot)]
     tests = [
@@ -128,7 +131,8 @@ def dense_sd(
     *,
     times: float,
 ) -> float:
-    """Posterior sd of a parameter at PHI, every test run so often, by inverting the whole precision matrix."""
+    """Posterior sd of a parameter at PHI, every test run so often, by inverting the whole precision
+    matrix."""
     information = information_of(bind_tests(model, campaign, tests, keep=False), PHI)
     rows, k = information.rows(), information.names.index(name)
     covariance = np.linalg.inv(times * rows.T @ rows + np.eye(rows.shape[1]))
@@ -138,7 +142,8 @@ def dense_sd(
 def test_hysteresis_counts_for_every_design_that_could_have_both_ways(
     clockwise: lb.Campaign,
 ) -> None:
-    """Expected and least sd of C_XYX by dense matrices: circles of one direction show it no better than the friction does."""
+    """Expected and least sd of C_XYX by dense matrices: circles of one direction show it no better
+    than the friction does."""
     plain = LINEAR.without("truncation")
     both = lb.design(
         plain, clockwise, tests=6, forces_N=THREE, directions=("CW", "CCW"), parameters=["C_XYX"]
@@ -162,7 +167,8 @@ def test_hysteresis_counts_for_every_design_that_could_have_both_ways(
             dense_sd(plain, space.pilot, tests, "C_XYX", times=1e6), rel=1e-3
         )
         assert _limits(space, tests, found).one_way == ({"XY": ways} if ways else {})
-    # F s sin 2θ of 1 µm/kN is 2 µm/kN of C_XYX: with one sd of 2 µm/kN / 2 a friction of 2e-6 mm/N stays in it.
+    # F s sin 2θ of 1 µm/kN is 2 µm/kN of C_XYX: with one sd of 2 µm/kN / 2 a friction of 2e-6 mm/N
+    # stays in it.
     hidden = 2e-6 * 1e-5 / np.hypot(2e-6, 1e-5)
     assert sd["CW"] == pytest.approx(hidden, rel=0.15)
     assert sd["CW"] == pytest.approx(sd["CCW"], rel=1e-6)
@@ -185,7 +191,8 @@ def arcs() -> lb.Campaign:
 def test_the_search_and_the_forecast_agree(
     pilot: lb.Campaign, arcs: lb.Campaign, criterion: str
 ) -> None:
-    """The criterion by the search's compact rows against explicit covariances, arcs and clockings included, at the same φ."""
+    """The criterion by the search's compact rows against explicit covariances, arcs and clockings
+    included, at the same φ."""
     for campaign, augment in ((pilot, False), (arcs, True)):
         space = Space(LINEAR, campaign, LEVELS[::4], BOTH[:3], criterion=criterion, augment=augment)
         tests = (*space.tests[:3], space.tests[7])
@@ -220,7 +227,8 @@ def test_the_search_and_the_forecast_agree(
 
 
 def test_what_does_not_matter(pilot: lb.Campaign) -> None:
-    """How F0 is given, for criterion i; whole turns; the pilot's rule for balls, and a common turn of all tests. Arcs do."""
+    """How F0 is given, for criterion i; whole turns; the pilot's rule for balls, and a common turn
+    of all tests. Arcs do."""
     given = replace(LINEAR, reference_force_N=389.0)
     values = [
         value_of(s := Space(m, pilot, (200.0, 389.0, 742.0), criterion="i"), s.tests)
@@ -260,7 +268,8 @@ def test_a_design_of_six(six: lb.Design, pilot: lb.Campaign) -> None:
 
 
 def test_read_back(six: lb.Design, pilot: lb.Campaign, tmp_path: Path) -> None:
-    """design.json holds every finding: sentences and numbers of a design read back are the same; its tests are in the plan."""
+    """design.json holds every finding: sentences and numbers of a design read back are the same;
+    its tests are in the plan."""
     (tmp_path / "design.json").write_text(
         json_text({"schema": 1, **with_words(six)}), encoding="utf-8"
     )
@@ -293,7 +302,8 @@ def test_the_best_of_few(pilot: lb.Campaign) -> None:
     ],
 )
 def test_order_of_clockings(clockings: list[tuple[float, float]], changes: int) -> None:
-    """By hand: blocks of the work ball, in them of the tool ball, there and back; all tests are run."""
+    """By hand: blocks of the work ball, in them of the tool ball, there and back; all tests are
+    run."""
     tests = [
         lb.CircularTest(f, np.arange(36) * 10.0, work_ball_deg=w, tool_ball_deg=t)
         for w, t in clockings
@@ -338,7 +348,8 @@ def test_a_certificate_may_fail(pilot: lb.Campaign, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_plan_for_a_model_with_drift(pilot: lb.Campaign) -> None:
-    """At the pilot's pace, or at its mean temperature; the plan is one that the model can be asked about."""
+    """At the pilot's pace, or at its mean temperature; the plan is one that the model can be asked
+    about."""
     timed = replace(
         pilot,
         tests=tuple(
@@ -357,7 +368,8 @@ def test_a_plan_for_a_model_with_drift(pilot: lb.Campaign) -> None:
 
 
 def test_levels_that_cannot_show_another_degree(pilot: lb.Campaign) -> None:
-    """Geometry and the coefficients of degree 1 take three levels; the fourth is the first that checks them."""
+    """Geometry and the coefficients of degree 1 take three levels; the fourth is the first that
+    checks them."""
     space = Space(LINEAR, pilot, LEVELS)
     for number, too_few in ((2, 2), (3, 3), (4, None)):
         tests = space.equal_steps(number)
@@ -390,7 +402,8 @@ def test_what_forces_cannot_do(pilot: lb.Campaign) -> None:
 
 
 def test_finding_a_slope(pilot: lb.Campaign) -> None:
-    """Designed for it, larger slopes are found more often, and more often than by a design for everything."""
+    """Designed for it, larger slopes are found more often, and more often than by a design for
+    everything."""
     options = {"tests": 6, "forces_N": LEVELS[::3], "parameters": ("C_XYX_1",)}
     small, large = (
         lb.design(LINEAR, pilot, criterion="discriminate", slope_size=size, **options)
@@ -416,7 +429,8 @@ def test_the_paper_preset_takes_sigma_from_the_pilot(pilot: lb.Campaign) -> None
 
 
 def test_designs_that_leave_something_undetermined(pilot: lb.Campaign) -> None:
-    """Two levels do not determine a linear compliance under flat priors: no efficiency, no u, no number that looks like one."""
+    """Two levels do not determine a linear compliance under flat priors: no efficiency, no u, no
+    number that looks like one."""
     two = pilot.without("f300", "f520").plan()
     found = lb.design(
         lb.HybridModel.paper(1), pilot, tests=5, forces_N=LEVELS, against={"two": two}
@@ -433,7 +447,8 @@ def test_designs_that_leave_something_undetermined(pilot: lb.Campaign) -> None:
 
 
 def test_templates_are_the_pilots_in_equal_steps(rng: np.random.Generator) -> None:
-    """Half circles that overlap become one circle, and an uneven arc across 0° keeps its ends: a plan can be written."""
+    """Half circles that overlap become one circle, and an uneven arc across 0° keeps its ends: a
+    plan can be written."""
     halves = np.r_[np.arange(-10.0, 190.0, 2.0), np.arange(170.0, 370.0, 2.0)]
     arc = rng.permutation([-110.0, 110.0, *rng.uniform(-110.0, 110.0, 98)])
     for uneven, first, last in ((halves, 0.0, 358.2), (arc, 250.0, 470.0)):
@@ -460,7 +475,8 @@ def test_templates_are_the_pilots_in_equal_steps(rng: np.random.Generator) -> No
 
 
 def test_foreseen_parameters_do_not_change_what_is_known(clockwise: lb.Campaign) -> None:
-    """A plane that is judged adds parameters at their prior; the readings' evidence and all else stay as they were."""
+    """A plane that is judged adds parameters at their prior; the readings' evidence and all else
+    stay as they were."""
     wider = foreseen_by(clockwise, (), [replace(clockwise.plan().tests[0], plane="YZ", setup=2)])
     (alone, found, given), (more, wide, wide_given) = (
         (bound, *bound.given(PHI[None])) for bound in (LINEAR.bind(clockwise), LINEAR.bind(wider))
@@ -495,7 +511,8 @@ def test_a_second_radius_against_one(pilot: lb.Campaign) -> None:
 
 
 def test_a_pilot_of_two_planes(clockwise: lb.Campaign) -> None:
-    """Tests of either plane one after the other, equal steps, the model for the analysis with overrides and fixed parameters."""
+    """Tests of either plane one after the other, equal steps, the model for the analysis with
+    overrides and fixed parameters."""
     other = [replace(test, plane="YZ", setup=2, name="") for test in clockwise.plan().tests]
     both = replace(clockwise.plan(), tests=(*clockwise.plan().tests, *other))
     prior = replace(LINEAR.prior, overrides={"C_ZZZ": 2e-5})
@@ -546,7 +563,8 @@ def test_a_pilot_that_does_not_state_its_direction(pilot: lb.Campaign) -> None:
 
 
 def test_evidence_of_old_and_new_readings_together() -> None:
-    """With tests already run: ln B of all readings, the new ones drawn given the old, by dense evidences."""
+    """With tests already run: ln B of all readings, the new ones drawn given the old, by dense
+    evidences."""
     rng = np.random.default_rng(1)
     old, new = rng.standard_normal((5, 3)), rng.standard_normal((6, 3))
     every = np.vstack([old, new])
@@ -577,7 +595,8 @@ def test_evidence_of_old_and_new_readings_together() -> None:
 
 @pytest.mark.slow
 def test_intervals_inside_the_truncation_against_simulation() -> None:
-    """Expected variances of truncated parameters against those found in simulated campaigns at given φ and truth."""
+    """Expected variances of truncated parameters against those found in simulated campaigns at
+    given φ and truth."""
     model = LINEAR.without("force-error")
     planned = plan((30,) * 4)
     truth = TRUTH | {"C_CCY": 2e-11}

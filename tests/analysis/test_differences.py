@@ -1,4 +1,5 @@
-"""Differences between campaigns: independent ones by hand, those of one instrument by a dense model of both at once."""
+"""Differences between campaigns: independent ones by hand, those of one instrument by a dense model
+of both at once."""
 
 from __future__ import annotations
 
@@ -92,7 +93,8 @@ def test_one_instrument_at_the_mean_hyper_parameters(two: tuple[Any, Any]) -> No
 
 
 def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
-    """Posterior of both parameter vectors at PHI from all readings stacked: y = J₁ β₁ + J₂ β₂ + N ν + noise, N shared by both."""
+    """Posterior of both parameter vectors at PHI from all readings stacked: y = J₁ β₁ + J₂ β₂ + N ν
+    + noise, N shared by both."""
     value = dict(zip((scale.name for scale in MODEL.scales), PHI, strict=True)) | {None: 1.0}
     designs, shared, noises, readings = [], [], [], []
     for bound in bounds:
@@ -135,7 +137,8 @@ def together(bounds: list[BoundModel]) -> tuple[list[str], _Together]:
 
 @pytest.mark.parametrize("work_deg", [0.0, 40.0])
 def test_the_same_instrument(work_deg: float) -> None:
-    """Against the dense model of both campaigns at once; with balls turned in one of them, whose forms both campaigns share."""
+    """Against the dense model of both campaigns at once; with balls turned in one of them, whose
+    forms both campaigns share."""
     bounds = [MODEL.bind(campaign_of(1)), MODEL.bind(campaign_of(2, work_deg=work_deg))]
     names, found = together(bounds)
     mean, covariance = dense([bound.with_two_balls() for bound in bounds] if work_deg else bounds)
@@ -173,7 +176,8 @@ def test_another_radius_is_another_length() -> None:
 
 
 def test_two_instruments_taken_for_one() -> None:
-    """Campaigns simulated with forms of their own disagree about them; with one instrument they hardly ever do."""
+    """Campaigns simulated with forms of their own disagree about them; with one instrument they
+    hardly ever do."""
     name, p = together([MODEL.bind(campaign_of(seed)) for seed in (1, 2)])[1].conflict
     assert name.startswith("form_")
     assert p < 1e-6
@@ -186,7 +190,8 @@ def test_two_instruments_taken_for_one() -> None:
 
 
 def test_what_two_readings_say_of_two_coefficients() -> None:
-    """n₁ ± s₁ and n₂ ± s₂ are |n₁ − n₂| / √(s₁² + s₂²) apart, whatever the prior; the p-value is that of the worst of two."""
+    """n₁ ± s₁ and n₂ ± s₂ are |n₁ − n₂| / √(s₁² + s₂²) apart, whatever the prior; the p-value is
+    that of the worst of two."""
     for prior_sd in (2.0, 20.0):
         own, means = [], []
         for value, noise in ((3.0, 1.0), (-1.0, 1.5)):

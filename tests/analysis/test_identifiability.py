@@ -53,8 +53,8 @@ def two(
 
 
 def test_two_parameters_in_closed_form() -> None:
-    """E ~ N(0, 10²), form ~ N(0, 2²), v the variance of the mean reading: Var(E | y) = 1 / (1/100 + 1/(4 + v)), a known form
-    without the 4; without noise 100 · 4 / 104."""
+    """E ~ N(0, 10²), form ~ N(0, 2²), v the variance of the mean reading: Var(E | y) = 1 / (1/100 +
+    1/(4 + v)), a known form without the 4; without noise 100 · 4 / 104."""
     information = two(0.0)
     given, known = 1.0 / (0.01 + 1.0 / 4.01), 1.0 / (0.01 + 1.0 / 0.01)
     assert information.variances()[0] * 100.0 == pytest.approx(given)
@@ -66,7 +66,8 @@ def test_two_parameters_in_closed_form() -> None:
 
 @pytest.mark.parametrize("angle", [1e-1, 1e-2, 1e-3, 1e-8, 0.0])
 def test_near_collinear_designs_are_graded(angle: float) -> None:
-    """The share of E's variance where priors outweigh readings falls as the columns come apart; nothing breaks."""
+    """The share of E's variance where priors outweigh readings falls as the columns come apart;
+    nothing breaks."""
     information = two(angle)
     expected = np.linalg.inv(
         np.diag([0.01, 0.25]) + information.design[0].T @ information.design[0]
@@ -96,7 +97,8 @@ def test_geometry_is_confounded_with_length_and_form(identified: lb.Identifiabil
 
 
 def test_differences_are_not(recovered: lb.Campaign) -> None:
-    """E_XX1 − E_YY1 is not confounded with the length, C_XXX − C_YYY not with the mount, though each of them is."""
+    """E_XX1 − E_YY1 is not confounded with the length, C_XXX − C_YYY not with the mount, though
+    each of them is."""
     information = information_of(LINEAR.bind(recovered), PHI)
     every, names = np.diag(information.scale), list(information.names)
     for first, second, term, least in (
@@ -182,7 +184,8 @@ def test_clocking_both_balls_ends_the_alias() -> None:
     ],
 )
 def test_the_partner_is_always_named(turn: float, word: str) -> None:
-    """From no clocking to enough of it: form holds most of the variance of E_C(0Y)X long before it is told apart, and after."""
+    """From no clocking to enough of it: form holds most of the variance of E_C(0Y)X long before it
+    is told apart, and after."""
     angle = np.arange(60) * 6.0
     tests = [
         lb.CircularTest(f, angle, work_ball_deg=p, tool_ball_deg=p)
@@ -209,7 +212,8 @@ def test_readings_change_nothing_but_the_hyper_parameters(
 
 
 def test_matrices_by_the_oracle() -> None:
-    """Effective parameters, posterior correlations, and one prior sd of the bar's length pushed through numpy's least squares."""
+    """Effective parameters, posterior correlations, and one prior sd of the bar's length pushed
+    through numpy's least squares."""
     campaign = simulated(plan())
     found, oracle = lb.identify(LINEAR, campaign), oracle_of(campaign, 1)
     covariance = oracle.given(np.array(list(found.hyper_um.values())) * 1e-3)[2]
@@ -230,7 +234,8 @@ def test_matrices_by_the_oracle() -> None:
 
 
 def test_certificates_by_the_oracle() -> None:
-    """Variances given φ are averaged, with a bar certified to 1 µm and without; such they are then."""
+    """Variances given φ are averaged, with a bar certified to 1 µm and without; such they are
+    then."""
     campaign, weight = simulated(plan()), np.array([0.5, 0.3, 0.2])
     bound = LINEAR.without("truncation").bind(campaign)
     phi = hyper_nodes(bound)[1][[0, 7, -1]]
@@ -342,7 +347,8 @@ def test_what_the_paper_needs_to_know(found: dict[str, Budget]) -> None:
 
 
 def test_the_sign_of_a_sensitivity(found: dict[str, Budget]) -> None:
-    """Every reading one micrometre longer: how the estimate of a gain moves is the sensitivity to the bar's length."""
+    """Every reading one micrometre longer: how the estimate of a gain moves is the sensitivity to
+    the bar's length."""
     longer = replace(
         CAMPAIGN,
         tests=tuple(t.with_reading_um(np.asarray(t.reading_um) + 1.0) for t in CAMPAIGN.tests),

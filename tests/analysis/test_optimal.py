@@ -1,4 +1,5 @@
-"""Textbook optima through the same code: polynomial, quadratic and 3 × 3 designs; gradients, certificates, rounding."""
+"""Textbook optima through the same code: polynomial, quadratic and 3 × 3 designs; gradients,
+certificates, rounding."""
 
 from __future__ import annotations
 
@@ -44,7 +45,8 @@ def polynomial(degree: int, x: Array) -> Array:
     ],
 )
 def test_polynomial_d(degree: int, points: tuple[float, ...]) -> None:
-    """Equal shares at the extrema of a Legendre polynomial, found on a fine grid that holds them; the bound is p."""
+    """Equal shares at the extrema of a Legendre polynomial, found on a fine grid that holds them;
+    the bound is p."""
     x = np.union1d(np.linspace(-1.0, 1.0, 2001), points)
     found = optimal.optimal_shares(
         objective(polynomial(degree, x), Determinant(degree + 1)), 1.0, tolerance=1e-9
@@ -76,7 +78,8 @@ LINE, NONE = np.diag([1e-9, 1e-9, 1.0]), np.zeros((3, 3))
     ids=["A", "I", "c", "D_s", "ln B", "ln B small"],
 )
 def test_a_quarter_a_half_a_quarter(criterion: Criterion, prior: Array) -> None:
-    """A and I for a quadratic; its discrimination from a line, whatever increasing function of the information is asked for."""
+    """A and I for a quadratic; its discrimination from a line, whatever increasing function of the
+    information is asked for."""
     x = np.linspace(-1.0, 1.0, 201)
     wanted = Objective(
         polynomial(2, x)[None, :, None, :], prior[None], 1 if prior.any() else 3, criterion
@@ -89,7 +92,8 @@ def test_a_quarter_a_half_a_quarter(criterion: Criterion, prior: Array) -> None:
 
 
 def test_three_factors_in_fourteen_runs() -> None:
-    """The D-optimal quadratic in 3 × 3 × 3 that AlgDesign's vignette lists (Wheeler): |M|^(1/10) = 0.4630447 per run."""
+    """The D-optimal quadratic in 3 × 3 × 3 that AlgDesign's vignette lists (Wheeler): |M|^(1/10) =
+    0.4630447 per run."""
     grid = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
     pairs = [grid[:, i] * grid[:, j] for i, j in combinations(range(3), 2)]
     wanted = objective(np.column_stack([np.ones(27), grid, grid**2, *pairs]), Determinant(10))
@@ -101,7 +105,8 @@ def test_three_factors_in_fourteen_runs() -> None:
     ("tests", "determinant"), [(6, 256), (7, 960), (8, 2304), (9, 5184), (10, 9360)]
 )
 def test_three_by_three(tests: int, determinant: float) -> None:
-    """Exact D-optimal designs of the full quadratic on a 3 × 3 grid (Box and Draper 1971; Mitchell 1974)."""
+    """Exact D-optimal designs of the full quadratic on a 3 × 3 grid (Box and Draper 1971; Mitchell
+    1974)."""
     a, b = (axis.ravel() for axis in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
     wanted = objective(np.column_stack([np.ones(9), a, b, a * b, a**2, b**2]), Determinant(6))
     rng = np.random.default_rng(1)
@@ -114,7 +119,8 @@ def test_three_by_three(tests: int, determinant: float) -> None:
 
 
 def test_elfving() -> None:
-    """c-optimality for extrapolating a line from [−1, 1] to 2: shares 1/4 and 3/4 at the ends (Elfving 1952)."""
+    """c-optimality for extrapolating a line from [−1, 1] to 2: shares 1/4 and 3/4 at the ends
+    (Elfving 1952)."""
     x = np.linspace(-1.0, 1.0, 81)
     c = np.array([1.0, 2.0])
     found = optimal.optimal_shares(
@@ -143,7 +149,8 @@ def test_sensitivities_are_derivatives(criterion: Criterion) -> None:
 
 
 def test_expected_log_bayes_factor_by_simulation() -> None:
-    """Φ of `LogBayesFactor` is half the difference of mean ln B with and without the slopes, by dense evidences."""
+    """Φ of `LogBayesFactor` is half the difference of mean ln B with and without the slopes, by
+    dense evidences."""
     rng = np.random.default_rng(5)
     rows = rng.standard_normal((8, 3))
     expected = Objective(rows[None, :, None, :], np.eye(3)[None], 2, LogBayesFactor(1.0)).value(
@@ -169,7 +176,8 @@ def test_rounding(tests: int, weights: list[float]) -> None:
 
 @pytest.mark.parametrize("apart", [1.0, 100.0])
 def test_neighbouring_forces_are_one_where_that_costs_nothing(apart: float) -> None:
-    """A parabola's middle is split over levels beside it, 2 N or 200 N apart: the first are run at one of them."""
+    """A parabola's middle is split over levels beside it, 2 N or 200 N apart: the first are run at
+    one of them."""
     forces = np.array([100.0, 500.0 - apart, 500.0 + apart, 900.0])
     wanted = objective(polynomial(2, (forces - 500.0) / 400.0), Determinant(3))
     best = max(
@@ -189,7 +197,8 @@ def test_a_wrong_design_has_no_certificate() -> None:
 
 @pytest.mark.parametrize("nudge", [0.0, 1e-12, -1e-12])
 def test_too_few_points_are_seen_whatever_the_rounding(nudge: float) -> None:
-    """Two points do not determine a parabola, also where rounding leaves the matrix positive definite."""
+    """Two points do not determine a parabola, also where rounding leaves the matrix positive
+    definite."""
     x = np.array([-1.0, 1.0 / 3.0, 1.0 / 3.0 + nudge, 1.0])
     wanted = objective(polynomial(2, x), Determinant(3))
     assert wanted.value(np.array([1.0, 2.0, 1.0, 0.0])) == -np.inf

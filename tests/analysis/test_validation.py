@@ -1,4 +1,5 @@
-"""Simulation-based calibration of every sampler, and of models that are wrong; its band against simulation."""
+"""Simulation-based calibration of every sampler, and of models that are wrong; its band against
+simulation."""
 
 from __future__ import annotations
 
@@ -110,7 +111,8 @@ def test_quadrature_is_calibrated(degree: int, planned: lb.Campaign, replicates:
 
 @pytest.mark.slow
 def test_emcee_is_calibrated_and_a_wrong_model_is_not() -> None:
-    """Readings with a discrepancy that the model lacks: intervals far too narrow, and the ranks say so."""
+    """Readings with a discrepancy that the model lacks: intervals far too narrow, and the ranks say
+    so."""
     found = lb.validate(CONSTANT, CIRCLES, replicates=100, draws=49, sampler="joint", seed=12)
     assert found.calibrated, found.outside
     found = lb.validate(
@@ -120,7 +122,8 @@ def test_emcee_is_calibrated_and_a_wrong_model_is_not() -> None:
 
 
 def test_the_band_holds_for_all_quantities_together(rng: np.random.Generator) -> None:
-    """Of uniform ranks of twenty quantities nine in ten stay inside the 90 % band; were it that of one alone, 0.9²⁰ would."""
+    """Of uniform ranks of twenty quantities nine in ten stay inside the 90 % band; were it that of
+    one alone, 0.9²⁰ would."""
     names = tuple(f"q{k}" for k in range(20))
     ranks = rng.integers(0, 20, size=(300, 40, len(names)))
     calibrated = [Validation(names, own, 19, "independent", 0.9, ()).calibrated for own in ranks]

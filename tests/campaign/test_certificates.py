@@ -56,7 +56,8 @@ def test_a_german_certificate(tmp_path: Path) -> None:
 
 
 def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
-    """In campaign.toml as by options; `check` names the certificates, and so does the campaign written again."""
+    """In campaign.toml as by options; `check` names the certificates, and so does the campaign
+    written again."""
     tables = "".join(
         f'[{name}]\ndcc = "{SCHEIN.name}"\n'
         for name in ("bar", "force", "balls.work", "balls.tool")

@@ -1,4 +1,5 @@
-"""What headers, lines above a table and names of files say: sign, unit and kind must be right, or they are left alone."""
+"""What headers, lines above a table and names of files say: sign, unit and kind must be right, or
+they are left alone."""
 
 from __future__ import annotations
 

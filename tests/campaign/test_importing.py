@@ -1,4 +1,5 @@
-"""Tables as they are found: what each step makes of them, checked by hand-worked examples; round trip through the layout."""
+"""Tables as they are found: what each step makes of them, checked by hand-worked examples; round
+trip through the layout."""
 
 from __future__ import annotations
 
@@ -168,7 +169,8 @@ def test_log_over_time() -> None:
 
 
 def test_laps_are_averaged_at_the_same_angles(tmp_path: Path) -> None:
-    """The second lap lies between the angles of the first; then twice at the same, the closing angle and an end mark too."""
+    """The second lap lies between the angles of the first; then twice at the same, the closing
+    angle and an end mark too."""
     first, second = np.arange(0.0, 360.0, 5.0), np.arange(362.0, 722.0, 5.0)
     averaged, mean = average_laps(np.concatenate([first, second]), np.repeat([1.0, 2.0], 72))
     np.testing.assert_array_equal(averaged, first)
@@ -204,9 +206,10 @@ def test_the_layout_that_was_found_out_leaves_nothing_to_guess(tmp_path: Path) -
     assert {"separator", "decimal mark", "columns", "unit of the angle"} <= {
         own.what for own in first.assumptions
     }
-    assert {own.what for own in again.assumptions if own.place} == {"force_N", "radius_mm"}, (
-        "what the file says of its test"
-    )
+    assert {own.what for own in again.assumptions if own.place} == {
+        "force_N",
+        "radius_mm",
+    }, "what the file says of its test"
     assert (first.campaign.tests[0].force_N, first.campaign.tests[0].radius_mm) == (238.0, 140.0)
     assert str(first).startswith("own 238N: 1 tests, 72 readings. Assumed")
     assert first.as_dict()["campaign"] == {"name": "own 238N", "tests": 1, "readings": 72}
@@ -250,7 +253,8 @@ def test_layouts_that_are_refused(tmp_path: Path, text: str, said: str) -> None:
 
 
 def test_a_layout_of_last_week_does_not_speak_over_this_weeks_files_unheard(tmp_path: Path) -> None:
-    """The same names, other headers: what the files say counts; what was stated counts, and is told."""
+    """The same names, other headers: what the files say counts; what was stated counts, and is
+    told."""
     for week, force, sense in (("1", 36, "CCW"), ("2", 86, "CW")):
         (tmp_path / week).mkdir()
         table(
@@ -510,7 +514,8 @@ def test_marks_that_may_be_of_thousands_bare_columns_and_commas_between_blanks(
 
 
 def test_names_of_files_and_labels(tmp_path: Path) -> None:
-    """What cannot stand in a file's name is replaced; a label that two files share comes behind the file's name."""
+    """What cannot stand in a file's name is replaced; a label that two files share comes behind the
+    file's name."""
     found = imported(table(tmp_path / "36,5 N (1).csv"))
     assert [(test.name, test.force_N) for test in found.campaign.tests] == [("36_5 N _1_", 36.5)]
     paths = [
@@ -524,7 +529,8 @@ def test_names_of_files_and_labels(tmp_path: Path) -> None:
 
 
 def test_a_label_before_its_file(tmp_path: Path) -> None:
-    """Both entries speak; the label's word counts; one force for a file of several tests is refused."""
+    """Both entries speak; the label's word counts; one force for a file of several tests is
+    refused."""
     path = table(
         tmp_path / "all.csv",
         "test,angle_deg,reading_um",

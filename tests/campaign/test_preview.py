@@ -45,7 +45,8 @@ def test_what_a_fit_will_assume() -> None:
 
 
 def test_the_step_of_the_readout_is_found(rng: np.random.Generator) -> None:
-    """Rounded readings give their step, with an offset and on a wide circle too; a fine readout, or its digits, none."""
+    """Rounded readings give their step, with an offset and on a wide circle too; a fine readout, or
+    its digits, none."""
     reading = 40.0 * np.cos(np.deg2rad(2.0 * np.arange(720.0))) + 0.3 * rng.standard_normal(720)
     for step in (0.01, 0.24, 1.0):
         assert resolution_of(step * np.rint(reading / step) + 0.077) == pytest.approx(
@@ -131,7 +132,8 @@ def test_preview_notices_spikes_copies_and_units() -> None:
 def test_a_step_of_the_path_is_no_drift_and_a_spike_is_one_reading(
     step: float, rng: np.random.Generator
 ) -> None:
-    """Last and first reading are a step apart: where the path is steep they differ without any drift."""
+    """Last and first reading are a step apart: where the path is steep they differ without any
+    drift."""
     angle = np.arange(20.0, 380.0, step)
     for drift, expected in ((0.0, []), (60.0, [RemarkKind.OPEN]), (0.0, [RemarkKind.SPIKES])):
         reading = (

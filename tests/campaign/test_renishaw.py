@@ -1,4 +1,5 @@
-"""Renishaw's ball-bar files: header and features as a record, beside readings of known circularity; refused with a reason."""
+"""Renishaw's ball-bar files: header and features as a record, beside readings of known circularity;
+refused with a reason."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def campaign() -> lb.Campaign:
-    """ρ = 5 µm sin 2θ about a centre 3 µm off, both ways: G and G_b are 10 µm, the squareness 10 µm in 150 mm."""
+    """ρ = 5 µm sin 2θ about a centre 3 µm off, both ways: G and G_b are 10 µm, the squareness 10 µm
+    in 150 mm."""
     angle = np.arange(0.0, 360.0, 5.0)
     reading = 5.0 * np.sin(np.deg2rad(2.0 * angle)) + 3.0 * np.cos(np.deg2rad(angle))
     return lb.Campaign(

@@ -1,4 +1,5 @@
-"""The page of ``ldbb-bayes app`` as its server answers: what was dropped is understood, and what should not get in does not."""
+"""The page of ``ldbb-bayes app`` as its server answers: what was dropped is understood, and what
+should not get in does not."""
 
 from __future__ import annotations
 
@@ -210,7 +211,8 @@ def test_certificates_are_worth_what_identify_says(house: tuple[Tab, Path], tab:
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A session's folder as a fit leaves it, as far as a plan needs it: the campaign, and uncertainties of its fit."""
+    """A session's folder as a fit leaves it, as far as a plan needs it: the campaign, and
+    uncertainties of its fit."""
     folder = tmp_path_factory.mktemp("fitted")
     (folder / worker.RESULT).mkdir()
     campaign = replace(lb.read_campaign(RECOVERED), date="2026-11-20", operator="A")

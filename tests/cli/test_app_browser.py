@@ -1,4 +1,5 @@
-"""The page of ``ldbb-bayes app`` in Debian's Chromium, from files to PDF; skipped where none is installed."""
+"""The page of ``ldbb-bayes app`` in Debian's Chromium, from files to PDF; skipped where none is
+installed."""
 
 from __future__ import annotations
 

@@ -37,7 +37,8 @@ def drawn(text: str) -> set[str]:
 
 @pytest.fixture(autouse=True)
 def blank(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are drawn in tests/report; here they are asked for with what they are functions of, and written."""
+    """Figures are drawn in tests/report; here they are asked for with what they are functions of,
+    and written."""
 
     def empty(draw: Callable[..., Figure]) -> Callable[..., Figure]:
         return lambda *given: [inspect.signature(draw).bind(*given), style.new_figure(1.0, 1.0)][1]
@@ -108,7 +109,8 @@ def test_fit_that_misses_its_target(
 
 
 def test_fit_of_nearly_equal_forces_with_flat_priors(tmp_path: Path, invoke: Invoke) -> None:
-    """Two thousandths apart: answered, with an uncertainty that says the number is worth nothing."""
+    """Two thousandths apart: answered, with an uncertainty that says the number is worth
+    nothing."""
     campaign = simulated(plan((40, 40), forces_N=(100.0, 100.2)))
     code, shown, _ = invoke(
         "fit", lb.write_campaign(campaign, tmp_path / "c"), "--preset", "paper", *FIT, "--json"
@@ -167,7 +169,8 @@ def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke
 
 
 def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
-    """Its options are fields of the campaign; what looks odd in several tests is said once. The rest is held by its golden."""
+    """Its options are fields of the campaign; what looks odd in several tests is said once. The
+    rest is held by its golden."""
     rows = "\n".join(
         f"{test};2;{angle};{angle // 20 % 5}" for test in "ab" for angle in range(0, 360, 10)
     )
@@ -190,7 +193,8 @@ def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
     shown = invoke("check", tmp_path / "all.csv", *options[:-1], "--mount-U-percent", 2)[1]
     assert shown.count("Look at a, b: readings go in steps of 1 µm") == 1
     assert re.search(
-        r"mount deflection +1.500 +0.015 +µm/bar +certificate\s+(in campaign.toml: )?\[mount\] U_percent",
+        r"mount deflection +1.500 +0.015 +µm/bar +certificate\s+(in campaign.toml: )?\[mount\]"
+        r" U_percent",
         shown,
     )
     assert [own["sd"] for own in seen["uncertainties"] if own["name"] == "bar_length"] == [9.4e-3]
@@ -199,8 +203,9 @@ def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
 def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
     truths = tmp_path / "truths.toml"
     truths.write_text(
-        'schema = 1\nforces_N = [50.0, 300.0, 700.0]\nreadings = 90\nmachine_id = "VMC 07"\ndate = 2026-11-20\n'
-        "[parameters]\nC_XXX = 6e-5\nC_YYY = 4e-5\n[hyper_um]\nsigma = 0.2\ndelta = 0.0\nkappa = 0.0\ntau = 0.0\n"
+        'schema = 1\nforces_N = [50.0, 300.0, 700.0]\nreadings = 90\nmachine_id = "VMC 07"\ndate ='
+        " 2026-11-20\n[parameters]\nC_XXX = 6e-5\nC_YYY = 4e-5\n[hyper_um]\nsigma = 0.2\ndelta ="
+        " 0.0\nkappa = 0.0\ntau = 0.0\n"
     )
     options = ("--preset", "first", "--without", "bar-length,mount,force-error", "--seed", 3)
     assert invoke("simulate", truths, "--out", tmp_path / "c", *options)[0] == 0
@@ -218,7 +223,8 @@ def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
 def test_certificates_are_options_too(
     folder: Path, planned: Path, tmp_path: Path, invoke: Invoke
 ) -> None:
-    """Of what reads, and of what writes a campaign: they say what is written over what campaign.toml says."""
+    """Of what reads, and of what writes a campaign: they say what is written over what
+    campaign.toml says."""
     table = tidy(lb.read_campaign(folder), tmp_path / "t.csv")
     stated = ("--balls", "G20", "--tool-ball", "0.1um", "--bar-U-um", 2)
     known = lb.Instrument(lb.Ball(grade="G20"), lb.Ball(sphericity_um=0.1), bar_U_um=2.0)
@@ -395,7 +401,8 @@ def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
 def test_answers_that_miss(
     three: Path, compared: Comparison, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An evidence less exact than asked, a design that is not proven best, ranks that are not uniform: exit code 1."""
+    """An evidence less exact than asked, a design that is not proven best, ranks that are not
+    uniform: exit code 1."""
     rough = replace(compared, largest_error=1.0, by_emcee=2)
     best = lb.design(
         lb.HybridModel.first(1), lb.read_campaign(three), tests=3, forces_N=(36.0, 742.0)

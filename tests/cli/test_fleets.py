@@ -1,4 +1,5 @@
-"""``batch``, ``trend``, ``population`` on simulated campaigns: files, exit codes, an interruption resumed, what is refused.
+"""``batch``, ``trend``, ``population`` on simulated campaigns: files, exit codes, an interruption
+resumed, what is refused.
 
 What they answer is held by the goldens of their names.
 """
@@ -39,7 +40,8 @@ MEAN, SPREAD, STIFF = 5e-5, 4e-6, 1.2e-4
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
-    """Six machines, the first of another kind and the last measured twice; one campaign names no machine, one is not there."""
+    """Six machines, the first of another kind and the last measured twice; one campaign names no
+    machine, one is not there."""
     folder = tmp_path_factory.mktemp("shop")
     rng = np.random.default_rng(1)
     truths = [STIFF, *(MEAN + SPREAD * rng.standard_normal(5))]
@@ -151,8 +153,8 @@ def test_interrupted_and_resumed(
     code, stdout, stderr = anew(listed)
     assert (code, stdout) == (130, "")
     assert (
-        f"interrupted; {tmp_path}/b keeps what is done. The same command with --resume goes on with it."
-        in stderr
+        f"interrupted; {tmp_path}/b keeps what is done. The same command with --resume goes on"
+        " with it." in stderr
     )
     assert anew(listed, "--resume")[0] == 0
     assert seen == [0, 1, *range(1, 8)]
@@ -177,8 +179,8 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invo
     assert "Left out, because the fit failed: " in doubts
     assert "Without a machine's name, each counted as a machine of its own: " in doubts
     assert (
-        "Where the population gives the prior of a campaign with the same bar they are counted again."
-        in doubts
+        "Where the population gives the prior of a campaign with the same bar they are counted"
+        " again." in doubts
     )
     assert record["readings_sha256"] == lb.read_batch(rows)["sha256"].dropna().tolist()
     table = pd.read_csv(out / "machines.csv", index_col="machine")

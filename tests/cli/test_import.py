@@ -1,4 +1,5 @@
-"""``import``: every assumption it states has an option that exists; what is there is kept; what is refused names the option."""
+"""``import``: every assumption it states has an option that exists; what is there is kept; what is
+refused names the option."""
 
 from __future__ import annotations
 

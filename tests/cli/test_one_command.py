@@ -1,4 +1,5 @@
-"""``report FILE…`` and what it rests on: files as they are found to a page in one command, nothing edited."""
+"""``report FILE…`` and what it rests on: files as they are found to a page in one command, nothing
+edited."""
 
 from __future__ import annotations
 
@@ -65,7 +66,8 @@ def german(value: float, digits: int) -> str:
 
 
 def book(folder: Path) -> list[str]:
-    """Six sheets, the first of them an overview that says what the others are; decimal commas, as text."""
+    """Six sheets, the first of them an overview that says what the others are; decimal commas, as
+    text."""
 
     def fill(own: Workbook) -> None:
         sheet = own.active
@@ -91,7 +93,8 @@ def book(folder: Path) -> list[str]:
 
 
 def windows(folder: Path) -> list[str]:
-    """CSVs in Windows-1252 with a preamble, named by a pattern as cmd.exe hands it on; a note lies beside them."""
+    """CSVs in Windows-1252 with a preamble, named by a pattern as cmd.exe hands it on; a note lies
+    beside them."""
     above = [f"{name}: {said}" for name, said in HEAD]
     how = awkward.Writing(
         ";",
@@ -168,7 +171,8 @@ CASES: dict[str, Callable[[Path], list[str]]] = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_what_files_say_is_understood(name: str, tmp_path: Path, invoke: Invoke) -> None:
-    """Forces, readings, resolution, and everything that the certificate names; only machine and mount are assumed."""
+    """Forces, readings, resolution, and everything that the certificate names; only machine and
+    mount are assumed."""
     given = CASES[name](tmp_path)
     record = json.loads(invoke("import", *given, "--out", tmp_path / "c", "--json")[1])
     campaign, wanted = (
@@ -275,7 +279,8 @@ def answering(monkeypatch: pytest.MonkeyPatch, *answers: str) -> list[str]:
 def test_at_most_three_questions(
     files: list[Path], tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of what neither files nor options say; a wrong answer is asked again; the folder stands beside the first file."""
+    """Of what neither files nor options say; a wrong answer is asked again; the folder stands
+    beside the first file."""
     asked = answering(monkeypatch, "9", "4", "perhaps", "n", "G20")
     code, shown, said = invoke("report", *files)
     assert code == 0, said
@@ -362,7 +367,8 @@ def test_machines_on_the_list_can_be_measured(root: Path) -> None:
 def test_patterns_are_expanded_in_natural_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As cmd.exe and PowerShell hand them on, backslashes and a closing quote included; brackets mean themselves."""
+    """As cmd.exe and PowerShell hand them on, backslashes and a closing quote included; brackets
+    mean themselves."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my runs").mkdir()
     names = ["10 N.csv", "2 N.csv", "2 N [b].csv", "36 N.csv", "~$2 N.csv", ".2 N.csv", "note.txt"]

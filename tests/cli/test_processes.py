@@ -32,10 +32,9 @@ def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[st
 def test_help_and_version_import_nothing_heavy() -> None:
     assert run("--version").stdout == f"ldbb-bayes {lb.__version__}\n"
     code = (
-        "import sys; sys.argv = ['ldbb-bayes', *sys.argv[1:]]\n"
-        "from ldbb_bayes.cli import main\n"
-        "try: main()\nexcept SystemExit: pass\n"
-        "print([m for m in ('numpy', 'scipy', 'pandas', 'xarray', 'emcee', 'matplotlib') if m in sys.modules])"
+        "import sys; sys.argv = ['ldbb-bayes', *sys.argv[1:]]\nfrom ldbb_bayes.cli import"
+        " main\ntry: main()\nexcept SystemExit: pass\nprint([m for m in ('numpy', 'scipy',"
+        " 'pandas', 'xarray', 'emcee', 'matplotlib') if m in sys.modules])"
     )
     for arguments in (["--help"], ["fit", "--help"]):
         done = subprocess.run(
@@ -60,7 +59,8 @@ def test_interruption_while_modules_are_loaded(module: str, folder: Path) -> Non
 
 
 def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
-    """A real Ctrl-C, sent once the progress bar says that sampling has begun: one line, exit code 130."""
+    """A real Ctrl-C, sent once the progress bar says that sampling has begun: one line, exit code
+    130."""
     ours, theirs = pty.openpty()
     fit = [
         "fit",

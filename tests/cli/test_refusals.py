@@ -1,6 +1,8 @@
-"""Every kind of bad input: exit code 2, one message that names the place and the cure, nothing written, nothing lost.
+"""Every kind of bad input: exit code 2, one message that names the place and the cure, nothing
+written, nothing lost.
 
-Which files of a campaign are refused, and how, is held by tests/campaign; here that a command says it and leaves no trace.
+Which files of a campaign are refused, and how, is held by tests/campaign; here that a command says
+it and leaves no trace.
 """
 
 from __future__ import annotations
@@ -51,7 +53,8 @@ def test_one_force(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     )
 
 
-# What a library call refuses is held where its tests are; here what a command line alone can get wrong, and that options arrive.
+# What a library call refuses is held where its tests are; here what a command line alone can get
+# wrong, and that options arrive.
 COMMANDS: dict[str, list[list[str]]] = cases(__file__, "refusals.toml")
 
 

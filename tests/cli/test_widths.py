@@ -1,4 +1,5 @@
-"""What commands print on terminals of 80, 100 and 120 columns: whole numbers with their units, whole heads, no line too long."""
+"""What commands print on terminals of 80, 100 and 120 columns: whole numbers with their units,
+whole heads, no line too long."""
 
 from __future__ import annotations
 
@@ -109,7 +110,8 @@ BROKEN = (
 
 @pytest.mark.parametrize("width", [80, 100, 120])
 def test_nothing_is_cut(printed: dict[str, list[Any]], width: int) -> None:
-    """Every cell and every word of a head stands there whole; the rest is said of lines by what must not end or begin one."""
+    """Every cell and every word of a head stands there whole; the rest is said of lines by what
+    must not end or begin one."""
     assert len(printed) >= 15
     for command, parts in printed.items():
         assert parts, command

@@ -1,4 +1,5 @@
-"""Batches: rows are what a fit says, a bad campaign is its own row, and whatever stops a batch, the table is the same."""
+"""Batches: rows are what a fit says, a bad campaign is its own row, and whatever stops a batch, the
+table is the same."""
 
 from __future__ import annotations
 
@@ -86,7 +87,8 @@ def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
 
 
 def test_what_is_beside_the_fit(folders: list[str], fitted: Batch) -> None:
-    """The Bayes factor is that of the evidences, the statistics those of the untruncated posterior."""
+    """The Bayes factor is that of the evidences, the statistics those of the untruncated
+    posterior."""
     rows = fitted.rows()
     campaign = lb.read_campaign(folders[2])
     value, error = lb.log_bayes_factor(
@@ -235,7 +237,8 @@ def made(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[list[str], li
 def test_interrupted_anywhere_and_resumed(
     made: tuple[list[str], list[int]], tmp_path: Path
 ) -> None:
-    """What is done is not done again, and the table is the same; so it is on threads, in whatever order rows come."""
+    """What is done is not done again, and the table is the same; so it is on threads, in whatever
+    order rows come."""
     paths, calls = made
     whole = dataset_bytes(lb.batch(paths, tmp_path / "whole").out)
     with ThreadPoolExecutor(8) as executor:

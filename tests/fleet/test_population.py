@@ -1,4 +1,5 @@
-"""A population against dense Gaussians of everything, its spreads against grids, coverage in made-up fleets, what is said."""
+"""A population against dense Gaussians of everything, its spreads against grids, coverage in
+made-up fleets, what is said."""
 
 from __future__ import annotations
 
@@ -195,7 +196,8 @@ def test_a_machine_against_the_dense_prediction(rng: np.random.Generator) -> Non
 
 
 def test_readings_that_tell_fewer_numbers_than_parameters(rng: np.random.Generator) -> None:
-    """A machine of rank one has one z, whatever the parameter; of one that tells nothing there is nothing to say."""
+    """A machine of rank one has one z, whatever the parameter; of one that tells nothing there is
+    nothing to say."""
     made = fleet(rng, machines=6, parameters=2)
     information, weighted = made.likelihood.precision.copy(), made.likelihood.shift.copy()
     row = np.array([1.0, 0.5, 0.2, 0.1])
@@ -272,7 +274,8 @@ def found() -> Population:
 
 
 def test_everything_against_a_sum_over_dense_gaussians(rng: np.random.Generator) -> None:
-    """One parameter: s on a grid with its half-normal prior, everything else from dense matrices."""
+    """One parameter: s on a grid with its half-normal prior, everything else from dense
+    matrices."""
     made = fleet(rng, machines=4, parameters=1)
     result = pool(made)
     grid = (np.arange(300) + 0.5) * 1.5 / 300
@@ -366,7 +369,8 @@ def test_what_each_its_own_bar_changes(rng: np.random.Generator) -> None:
 
 
 def test_doubts(rng: np.random.Generator) -> None:
-    """Of one bar's length and balls, of forces that were not tested; readings that tell nothing leave the prior."""
+    """Of one bar's length and balls, of forces that were not tested; readings that tell nothing
+    leave the prior."""
     made = fleet(rng, machines=2, parameters=1)
     for other in ({"reference_force_N": 900.0}, {"forces_N": (500.0, 300.0)}):
         assert "was not within the tested forces of every campaign" in " ".join(
@@ -419,7 +423,8 @@ def test_doubts_of_a_prior(tmp_path: Path) -> None:
     prior = lb.prior_from(written(tmp_path, doubts=["Its spreads cannot be trusted."]))
     force, own = prior.doubts(plan((40, 40), forces_N=(400.0, 742.0)))
     assert force.startswith(
-        "The population's compliances are meant at 300 N, outside this campaign's forces (400 to 742 N)"
+        "The population's compliances are meant at 300 N, outside this campaign's forces (400 to"
+        " 742 N)"
     )
     assert own == "The population says: Its spreads cannot be trusted."
     assert (
@@ -440,7 +445,9 @@ def test_an_edited_file_is_refused(tmp_path: Path) -> None:
 def test_other_machines_are_refused(tmp_path: Path) -> None:
     with pytest.raises(
         InputError,
-        match=r"topology must be the population's 'wCAFYXZSt' to use its prior, got 'wXFYZt'\. Use a",
+        match=(
+            r"topology must be the population's 'wCAFYXZSt' to use its prior, got 'wXFYZt'\. Use a"
+        ),
     ):
         lb.prior_from(written(tmp_path)).doubts(replace(plan(), topology="wXFYZt"))
     other = lb.prior_from(
@@ -519,7 +526,8 @@ def placed(
 
 
 def test_the_sum_is_what_readings_see(rng: np.random.Generator) -> None:
-    """Joints' compliances drawn, the kept ones made of them: the same readings of a circle off the centre."""
+    """Joints' compliances drawn, the kept ones made of them: the same readings of a circle off the
+    centre."""
     made = placed((120.0, -40.0, 90.0), frames_mm=FRAMES)
     meant = stands_for(made)
     members = sorted({label for parts in meant.values() for label in parts})

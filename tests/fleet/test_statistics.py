@@ -1,4 +1,5 @@
-"""A campaign's sufficient statistics against other ways to the same posterior; which campaigns are relied on."""
+"""A campaign's sufficient statistics against other ways to the same posterior; which campaigns are
+relied on."""
 
 from __future__ import annotations
 
@@ -85,7 +86,8 @@ def posteriors(*fleets: statistics.FleetStatistics) -> tuple[list[np.ndarray], l
 def test_the_reference_force_is_that_of_another_model(
     found: statistics.SufficientStatistics,
 ) -> None:
-    """Carried along the slopes: C at 500 N is what a model about 500 N calls C, but for what priors of either say."""
+    """Carried along the slopes: C at 500 N is what a model about 500 N calls C, but for what priors
+    of either say."""
     there = replace(MODEL, reference_force_N=500.0).bind(CAMPAIGN)
     other = statistics.sufficient_statistics(HyperPosterior(there, truncated=False))
     for force, here, moved in (
@@ -134,7 +136,8 @@ def test_each_its_own_instrument(found: statistics.SufficientStatistics) -> None
 
 
 def test_compliances_that_are_not_the_same(found: statistics.SufficientStatistics) -> None:
-    """Circles 100 mm higher: C_XXX holds a rotation of the joint as well; C_CCY is what it was. Old rows do not say it."""
+    """Circles 100 mm higher: C_XXX holds a rotation of the joint as well; C_CCY is what it was. Old
+    rows do not say it."""
     here, near, there = (json.dumps(statistics.stands_for(_at(z))) for z in (0.0, 0.5, 100.0))
     table = pd.DataFrame(
         [
@@ -146,7 +149,9 @@ def test_compliances_that_are_not_the_same(found: statistics.SufficientStatistic
     other = pd.concat([table, pd.DataFrame([row(found, campaign="d", compliances=there)])])
     with pytest.raises(
         InputError,
-        match=r"must mean the same by C_XXX, got a and d: circles or joints' frames stand elsewhere",
+        match=(
+            r"must mean the same by C_XXX, got a and d: circles or joints' frames stand elsewhere"
+        ),
     ):
         statistics.fleet_statistics(other)
     assert len(statistics.fleet_statistics(other, parameters=["C_CCY", "E_XX1"])) == 4
@@ -228,8 +233,10 @@ def test_a_slip_does_not_reach_the_others(rows: pd.DataFrame) -> None:
         n: own.mean for n, own in clean.parameters.items()
     }
     assert "M2" not in found.machine
-    assert doubts(found)[0] == (
-        "Left out, because the model does not expect their readings (--include-misfits keeps them): c03."
+    assert (
+        doubts(found)[0]
+        == "Left out, because the model does not expect their readings (--include-misfits keeps"
+        " them): c03."
     )
     kept = lb.population(bad, include_misfits=True)
     assert kept.campaigns == 8

@@ -1,4 +1,5 @@
-"""One machine over time: steps against stacked normal distributions, brute force and simulation; a loosened joint is found."""
+"""One machine over time: steps against stacked normal distributions, brute force and simulation; a
+loosened joint is found."""
 
 from __future__ import annotations
 
@@ -165,7 +166,8 @@ def test_probability_by_brute_force() -> None:
 
 @pytest.mark.slow
 def test_probabilities_are_calibrated() -> None:
-    """Series drawn from the model: of those that changed with probability 0.8, 0.8 have, and false alarms are bounded."""
+    """Series drawn from the model: of those that changed with probability 0.8, 0.8 have, and false
+    alarms are bounded."""
     rng = np.random.default_rng(11)
     rule = scatter_rule(0.02)
     said, true = [], []
@@ -208,7 +210,8 @@ def visited(
     r: float | None = None,
     step: tuple[int, int, float] | None = None,
 ) -> Gaussian:
-    """Of the model, two parameters and one error: campaigns that see each in their own way, some hardly at all."""
+    """Of the model, two parameters and one error: campaigns that see each in their own way, some
+    hardly at all."""
     root = rng.standard_normal((n, 3, 4)) * np.array([60.0, 4.0, 40.0])[:, None]
     information = root @ np.swapaxes(root, 1, 2)
     own = halfnorm(scale=SCALE).rvs(random_state=rng) if r is None else r
@@ -229,7 +232,8 @@ def analysed(series: Gaussian):  # type: ignore[no-untyped-def]
 @pytest.mark.slow
 @pytest.mark.parametrize("limits", [0.997, 0.8])
 def test_limits_cover_as_they_say(limits: float) -> None:
-    """Where nothing changes; of every campaign from the second on, and of the early ones by themselves."""
+    """Where nothing changes; of every campaign from the second on, and of the early ones by
+    themselves."""
     rng = np.random.default_rng(5)
     inside = []
     for _ in range(150):
@@ -370,7 +374,8 @@ def test_a_loosened_joint(found: Trend) -> None:
 
 
 def test_conformity_of_every_campaign(rows: pd.DataFrame, found: Trend) -> None:
-    """Normal, with what the instrument adds; the limits of the newest campaign where none are given."""
+    """Normal, with what the instrument adds; the limits of the newest campaign where none are
+    given."""
     limit, common = found.parameters["C_XXX"].level_now.mean, found.parameters["C_XXX"].common_sd
     own = found.estimates.query("parameter == 'C_XXX'")
     limits = {"C_XXX": lb.Tolerance(upper=limit), "stiffness_X": lb.Tolerance(lower=1.0 / limit)}
@@ -490,7 +495,8 @@ def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], said: s
 
 @pytest.mark.parametrize("case", ["many", "no dates", "one day"])
 def test_the_figure(case: str) -> None:
-    """Units on its axes, text inside the page and clear of other text; campaigns of one day side by side."""
+    """Units on its axes, text inside the page and clear of other text; campaigns of one day side by
+    side."""
     n, step_at = (60, 40) if case == "many" else (8, 5)
     rows = drawn_rows(n, np.random.default_rng(4), step_at=step_at)
     if case == "no dates":
@@ -523,7 +529,8 @@ def test_scatter_rule_is_a_half_normal() -> None:
 
 
 def test_limits_are_of_what_the_next_campaign_would_say() -> None:
-    """r known: the estimate of the third campaign, b known, drawn from its predictive distribution."""
+    """r known: the estimate of the third campaign, b known, drawn from its predictive
+    distribution."""
     rng, r = np.random.default_rng(9), 0.05
     series, known = visited(rng, 3), np.array([0.4])
     carried = carried_by(series, np.array([r]), 2)

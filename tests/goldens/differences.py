@@ -52,10 +52,11 @@ class Rule:
 
 
 def condensed(value: Any) -> Any:
-    """The same, long lists of numbers as [size, first, last, smallest, largest, sum, a weighted sum].
+    """The same, long lists of numbers as [size, first, last, smallest, largest, sum, a weighted
+    sum].
 
-    So are matrices, written as lists or dictionaries: row by row where there are few rows. A dictionary alone may hold several
-    units and stays.
+    So are matrices, written as lists or dictionaries: row by row where there are few rows. A
+    dictionary alone may hold several units and stays.
     """
     if isinstance(value, dict):
         rows = list(value.values())
@@ -103,7 +104,10 @@ def _digest(numbers: list[float]) -> dict[str, Any]:
 def _keys(value: dict[str, Any]) -> dict[str, str]:
     names = list(map(str, value))
     return {
-        "keys": f"{len(names)} from {names[0]} to {names[-1]}, {zlib.crc32('|'.join(names).encode()):08x}"
+        "keys": (
+            f"{len(names)} from {names[0]} to {names[-1]},"
+            f" {zlib.crc32('|'.join(names).encode()):08x}"
+        )
     }
 
 
@@ -130,8 +134,8 @@ def differences(
     Parameters
     ----------
     relative
-        Largest difference of two numbers, of the larger one, the largest in its list, or the standard uncertainty beside it.
-        Numbers in sentences may differ by one in their last place.
+        Largest difference of two numbers, of the larger one, the largest in its list, or the
+        standard uncertainty beside it. Numbers in sentences may differ by one in their last place.
     rules
         The first that fits a path or sentence holds for it.
     """
@@ -209,7 +213,8 @@ def _is_number(value: Any) -> bool:
 
 
 def _same_but_for_rounding(old: str, new: str, relative: float) -> bool:
-    """Whether the words are the same and every number is, to one of its last place or so much of its size."""
+    """Whether the words are the same and every number is, to one of its last place or so much of
+    its size."""
     if NUMBER.sub("#", old).split() != NUMBER.sub("#", new).split():
         return False
     for one, two in zip(NUMBER.findall(old), NUMBER.findall(new), strict=True):

@@ -1,7 +1,9 @@
-"""What the package answers today, kept as JSON, so that a change of its inside can be held against it.
+"""What the package answers today, kept as JSON, so that a change of its inside can be held against
+it.
 
 python tests/goldens/make.py [NAME...]           # writes the goldens
-python tests/goldens/make.py --check [NAME...]   # lists what differs by more than rounding; exit code 1 where there is
+python tests/goldens/make.py --check [NAME...]   # lists what differs by more than rounding; exit
+code 1 where there is
 
 Only public names and the command line are used; every golden is one function below.
 """
@@ -60,14 +62,16 @@ _FEW_NUISANCES = ("--without", "discrepancy,hysteresis,setup-shift")
 
 
 class Work:
-    """A folder with the campaigns, and what several goldens need, made when it is first asked for."""
+    """A folder with the campaigns, and what several goldens need, made when it is first asked
+    for."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.campaign, self.fitted = cache(self._campaign), cache(self._fitted)
 
     def _campaign(self, name: str) -> Path:
-        """Folder of one of the five campaigns, of the plan, of the smallest of the shop, or of the recovered experiment."""
+        """Folder of one of the five campaigns, of the plan, of the smallest of the shop, or of the
+        recovered experiment."""
         if name in ("recovered", "small"):
             return RECOVERED if name == "recovered" else self.shop[0]
         path = self.folder / name
@@ -77,7 +81,8 @@ class Work:
         return lb.read_campaign(self.campaign(name))
 
     def command(self, *arguments: object) -> tuple[int, str, str]:
-        """Exit code and what is printed; in the folder, its paths relative: how long they are must not break lines elsewhere."""
+        """Exit code and what is printed; in the folder, its paths relative: how long they are must
+        not break lines elsewhere."""
         with chdir(self.folder):
             words = [str(own).removeprefix(f"{self.folder}/") for own in arguments]
             if words[0] in _WITH_MODEL and "--preset" not in words:
@@ -88,7 +93,8 @@ class Work:
         return ended.exit_code, ended.stdout, ended.stderr
 
     def run(self, *arguments: object) -> dict[str, Any]:
-        """Exit code, and the text or the JSON that a command prints, without the place and the time of this run."""
+        """Exit code, and the text or the JSON that a command prints, without the place and the time
+        of this run."""
         code, out, error = self.command(*arguments)
         if "--json" in arguments and out:
             return {"code": code} | self.cleaned(json.loads(out))
@@ -104,7 +110,8 @@ class Work:
 
     def _fitted(self, name: str) -> Path:
         """A result of independent draws."""
-        # With 400 draws R-hat of two_radii is 1.0100, on either side of 1.01 after the last bit of a sum.
+        # With 400 draws R-hat of two_radii is 1.0100, on either side of 1.01 after the last bit of
+        # a sum.
         ess = 500 if name == "two_radii" else 400
         options = (
             "--degree",
@@ -203,7 +210,8 @@ class Work:
 
 @dataclasses.dataclass(frozen=True)
 class Golden:
-    """One file: what makes it, whether it is left out of the fast tests, and the largest relative difference that is rounding."""
+    """One file: what makes it, whether it is left out of the fast tests, and the largest relative
+    difference that is rounding."""
 
     answer: Callable[[Work], Any]
     slow: bool = False
@@ -218,7 +226,8 @@ GOLDENS: dict[str, Golden] = {}
 def golden(
     *names: str, fast: tuple[str, ...] = (), slow: bool = False, relative: float = FOUND
 ) -> Callable[[Any], Any]:
-    """Register a function as the golden of its name; with names as one for each, handed to it, slow but for those ``fast``."""
+    """Register a function as the golden of its name; with names as one for each, handed to it, slow
+    but for those ``fast``."""
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         stem = function.__name__.lstrip("_")
@@ -248,7 +257,8 @@ def _check(work: Work) -> Any:
 
 @golden(relative=1e-10)
 def _import_awkward(work: Work) -> Any:
-    """Of every accepted file: digest of the campaign, what its layout says, and what was taken for granted."""
+    """Of every accepted file: digest of the campaign, what its layout says, and what was taken for
+    granted."""
     import awkward
 
     found: dict[str, Any] = {}
@@ -343,7 +353,8 @@ def _fit(work: Work, name: str) -> Any:
 
 @golden(*CAMPAIGNS)
 def _marginals(work: Work, name: str) -> Any:
-    """Where many compliances are truncated the processor chooses their order, and so the points of the sequence."""
+    """Where many compliances are truncated the processor chooses their order, and so the points of
+    the sequence."""
     model = lb.HybridModel.first(int(name == "clocked"))
     model = model.without("truncation") if name in ("clocked", "three_planes") else model
     return work.cleaned(lb.marginals(model, work.read(name), tolerance=0.02))
@@ -371,7 +382,8 @@ def _compare_small(work: Work) -> Any:
 
 @golden(slow=True)
 def _compare_recovered(work: Work) -> Any:
-    """comparison.json whole: the tests of pages and figures read it from here (fixture ``compared``)."""
+    """comparison.json whole: the tests of pages and figures read it from here (fixture
+    ``compared``)."""
     return work.plain(json.loads((work.compared / "comparison.json").read_text(encoding="utf-8")))
 
 
@@ -431,7 +443,8 @@ def _validate(work: Work) -> Any:
 
 @golden(slow=True)
 def _meaning(work: Work) -> Any:
-    """What the page of the recovered experiment does not hold: two directions, and how two results differ."""
+    """What the page of the recovered experiment does not hold: two directions, and how two results
+    differ."""
     one, two, ways = (lb.load(work.fitted(name)) for name in ("arcs", "clocked", "both_ways"))
     found = {
         "circularity": lb.circularity(ways, [0.0, 500.0]),
@@ -444,7 +457,8 @@ def _meaning(work: Work) -> Any:
 
 @golden("small", "recovered")
 def _report(work: Work, name: str) -> Any:
-    """The page as text, every number in it kept; rows, columns and means of the tables beside it."""
+    """The page as text, every number in it kept; rows, columns and means of the tables beside
+    it."""
     result, out = work.fitted(name), work.folder / f"report_{name}"
     compared = ("--comparison", work.compared) if name == "recovered" else ()
     printed = work.run("report", result, "--out", out, "--quiet", *compared)

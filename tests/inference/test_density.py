@@ -1,4 +1,5 @@
-"""The log density for samplers of one's own: the oracle's, normalised, with its prior transform; emcee and dynesty on it."""
+"""The log density for samplers of one's own: the oracle's, normalised, with its prior transform;
+emcee and dynesty on it."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ MODELS = {
 
 @pytest.mark.parametrize("edition", ["first", "second"])
 def test_densities_are_the_oracles(edition: str, rng: np.random.Generator) -> None:
-    """ln p(y | x) of the dense covariance; ln p(x) of normals inside, over P(T) in closed form, and of the scales."""
+    """ln p(y | x) of the dense covariance; ln p(x) of normals inside, over P(T) in closed form, and
+    of the scales."""
     model = MODELS["tight"] if edition == "first" else lb.HybridModel.default(1)
     priors = TIGHT if edition == "first" else {}
     density, dense = (

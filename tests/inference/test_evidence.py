@@ -1,5 +1,5 @@
-"""Exact evidence against brute force on the dense oracle, to 1e-6; nested Bayes factors by two routes; marginals; tests left out:
-campaign properties frozen, replicates as the model has them."""
+"""Exact evidence against brute force on the dense oracle, to 1e-6; nested Bayes factors by two
+routes; marginals; tests left out: campaign properties frozen, replicates as the model has them."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def campaign() -> lb.Campaign:
 
 
 def brute_force(oracle: Oracle) -> list[float]:
-    """ln ∫∫ p(y | σ, κ) p(σ) p(κ) [P(T | y, σ, κ) / P(T)] dσ dκ by Gauss-Legendre rules over the dense oracle, panel by panel:
-    without and with the factor in brackets."""
+    """ln ∫∫ p(y | σ, κ) p(σ) p(κ) [P(T | y, σ, κ) / P(T)] dσ dκ by Gauss-Legendre rules over the
+    dense oracle, panel by panel: without and with the factor in brackets."""
     nodes, weights = np.polynomial.legendre.leggauss(10)
 
     def panels(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -111,7 +111,8 @@ def test_the_stated_error_holds_on_campaigns_of_every_kind(root: Path) -> None:
 def test_the_seed_moves_a_truncated_evidence_by_no_more_than_its_error(
     recovered: lb.Campaign,
 ) -> None:
-    """At degree 2 P(T | y, φ) comes from 256 points: common to all nodes they left the evidence with an sd of 0.011 nat."""
+    """At degree 2 P(T | y, φ) comes from 256 points: common to all nodes they left the evidence
+    with an sd of 0.011 nat."""
     bound = lb.HybridModel.first(2).bind(recovered)
     near = HyperPosterior(bound, truncated=True).mode
     found = [
@@ -146,7 +147,8 @@ def test_refused(
 def test_readings_of_the_wrong_sign(
     recovered: lb.Campaign, degree: int, without: tuple[str, ...]
 ) -> None:
-    """All compliances negative and strongly correlated through the mount: far from physical, and said so at once."""
+    """All compliances negative and strongly correlated through the mount: far from physical, and
+    said so at once."""
     flipped = replace(
         recovered,
         tests=tuple(t.with_reading_um(-np.asarray(t.reading_um)) for t in recovered.tests),
@@ -186,7 +188,8 @@ def test_emcee_takes_over_where_weights_cannot_be_trusted(
 
 @pytest.mark.parametrize("truncated", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
-    """Slopes fixed, rescaled, known better: evidence and left-out densities are those of nodes of their own."""
+    """Slopes fixed, rescaled, known better: evidence and left-out densities are those of nodes of
+    their own."""
     linear = lb.HybridModel.first(1) if truncated else lb.HybridModel.first(1).without("truncation")
     narrow = replace(linear, prior=replace(linear.prior, overrides={"C_YYY_1": 1e-9}))
     models = [
@@ -213,7 +216,8 @@ def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
 
 
 def test_nodes_that_do_not_suit_are_not_used() -> None:
-    """Slopes that the readings need, taken away, move the noise out of reach of the nodes of the largest model."""
+    """Slopes that the readings need, taken away, move the noise out of reach of the nodes of the
+    largest model."""
     truth = TRUTH | {"C_XXX_1": 4e-8, "C_YYY_1": -4e-8}
     linear = lb.HybridModel.first(1).without("truncation", "setup-shift", "discrepancy")
     campaign = linear.simulate(
@@ -290,7 +294,8 @@ def test_moments_inside_the_orthant_by_rejection(rows: int) -> None:
 
 
 def test_properties_of_the_campaign_stay_frozen() -> None:
-    """F0, force range, Ĉ and the bar lengths are the campaign's: leaving out an end force moves none of them."""
+    """F0, force range, Ĉ and the bar lengths are the campaign's: leaving out an end force moves
+    none of them."""
     campaign = simulated(plan(work_deg=40.0), seed=1)
     bound = lb.HybridModel.first(1).bind(campaign)
     rest = bound.keeping(bound.test_names[:-1])
@@ -321,7 +326,8 @@ def test_properties_of_the_campaign_stay_frozen() -> None:
 
 
 def test_replicates_are_the_predictive_distribution() -> None:
-    """Mean and covariance of harmonics of a left-out circle, at given hyper-parameters, from the dense oracle."""
+    """Mean and covariance of harmonics of a left-out circle, at given hyper-parameters, from the
+    dense oracle."""
     test, campaign = 2, simulated(plan(), seed=4)
     model = lb.HybridModel.first(1).without("truncation")
     bound = model.bind(campaign)

@@ -1,4 +1,5 @@
-"""Plain integrals on ℝ^h against closed forms: the stated error must cover, in one dimension and in 45."""
+"""Plain integrals on ℝ^h against closed forms: the stated error must cover, in one dimension and in
+45."""
 
 from __future__ import annotations
 
@@ -112,7 +113,8 @@ def bananas(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
 
 
 def funnel(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
-    """The first coordinate is ln of the variance of the others (Neal, Annals of Statistics 31, 705-767, 2003)."""
+    """The first coordinate is ln of the variance of the others (Neal, Annals of Statistics 31,
+    705-767, 2003)."""
 
     def log_density(x: Array) -> Array:
         others = stats.norm.logpdf(x[:, 1:] * np.exp(-0.5 * x[:, :1])) - 0.5 * x[:, :1]
@@ -184,8 +186,9 @@ def test_the_error_of_a_lattice_covers(tolerance: float) -> None:
 
 
 class Circles:
-    """Forty circles, a scale λ each with λ² ~ InvGamma(3/2, 3/2), half-normal σ, δ, κ, τ, and p of the form: given the shared
-    ones circles are independent, so that the truth is a lattice over five dimensions of products of one-dimensional sums."""
+    """Forty circles, a scale λ each with λ² ~ InvGamma(3/2, 3/2), half-normal σ, δ, κ, τ, and p of
+    the form: given the shared ones circles are independent, so that the truth is a lattice over
+    five dimensions of products of one-dimensional sums."""
 
     orders = np.repeat(np.arange(1.0, 13.0), 2)
     grid = np.linspace(-2.5, 3.5, 121)
@@ -273,7 +276,8 @@ def plain_emcee(log_density: LogDensity, start: Array, steps: int) -> tuple[Arra
 
 @pytest.mark.slow
 def test_a_scale_for_every_circle() -> None:
-    """45 hyper-parameters: evidence, means within 0.05 sd and sds within 3 % of the truth, and of a long run of plain emcee."""
+    """45 hyper-parameters: evidence, means within 0.05 sd and sds within 3 % of the truth, and of a
+    long run of plain emcee."""
     model = Circles(np.random.default_rng(5))
     log_integral, *truth = model.truth()
     modes = modes_of(
@@ -368,7 +372,8 @@ def test_ensembles_that_do_not_converge_change_nothing(monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize(("problem", "h"), [(log_gammas, 4), (two_modes, 2), (log_gammas, 8)])
 def test_moments_and_draws(problem: Problem, h: int) -> None:
-    """Means and sds of the nodes, and of draws weighted by density over proposal, are those of a long sample."""
+    """Means and sds of the nodes, and of draws weighted by density over proposal, are those of a
+    long sample."""
     log_density, modes = case(problem, h, 3)
     long = importance_sample(log_density, modes, tolerance=1e-3, seed=9)
     mean = long.weight @ long.free

@@ -1,4 +1,5 @@
-"""Ensembles: the redrawing move leaves a known posterior as it is, the rule sees what has not mixed, Ctrl-C ends a run."""
+"""Ensembles: the redrawing move leaves a known posterior as it is, the rule sees what has not
+mixed, Ctrl-C ends a run."""
 
 from __future__ import annotations
 
@@ -98,7 +99,8 @@ def test_the_move_leaves_a_known_density_as_it_is(wrong: bool) -> None:
 
 @pytest.mark.slow
 def test_ensembles_sample_a_correlated_normal_at_the_real_dimension() -> None:
-    """23 dimensions: the moves must not bias the spread (a known fault of another move is sd 0.88)."""
+    """23 dimensions: the moves must not bias the spread (a known fault of another move is sd
+    0.88)."""
     rng = np.random.default_rng(0)
     d = 23
     root = np.tril(rng.normal(size=(d, d)), -1) * 0.3 + np.diag(np.exp(rng.normal(size=d)))

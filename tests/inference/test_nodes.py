@@ -20,7 +20,8 @@ def bound() -> BoundModel:
 
 
 def test_hopeless_truncation_is_exact(recovered: lb.Campaign) -> None:
-    """σ alone is left: ln P(T | y) = −1311 by one-dimensional quadrature, C_CCY being the only constraint that binds."""
+    """σ alone is left: ln P(T | y) = −1311 by one-dimensional quadrature, C_CCY being the only
+    constraint that binds."""
     bound = (
         lb.HybridModel.first(0).without("ball-form", "discrepancy", "setup-shift").bind(recovered)
     )
@@ -97,7 +98,8 @@ def test_draws_have_the_moments_of_the_nodes(
 def test_a_proposal_reaches_the_corners_of_the_density(
     planned: lb.Campaign, left_out: list[str]
 ) -> None:
-    """Where one noise vanishes and another makes up for it one draw would stand for hundreds: the lattice's nodes go there."""
+    """Where one noise vanishes and another makes up for it one draw would stand for hundreds: the
+    lattice's nodes go there."""
     model = lb.HybridModel.first(1)
     campaign = model.simulate(planned, seed=4, parameters=TRUTH, hyper_um=HYPER_UM).campaign
     posterior = HyperPosterior(model.without(*left_out).bind(campaign), truncated=False)

@@ -1,4 +1,5 @@
-"""Predictions in their layers and nuisances against dense algebra; checks: uniform when the model is right, small when not."""
+"""Predictions in their layers and nuisances against dense algebra; checks: uniform when the model
+is right, small when not."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ PHI = np.array([[0.3e-3, 0.5e-3, 0.4e-3, 2e-3]])
     [plan(), plan((40, 50, 60, 45), arc_deg=220.0), plan(work_deg=40.0, compensated=False)],
 )
 def test_shared_layer_is_the_dense_conditional_mean(planned: lb.Campaign) -> None:
-    """E[form + length + mount + force error | y, β, φ] = S Σ⁻¹ (y − Jβ), all terms but set-up shift, discrepancy and noise."""
+    """E[form + length + mount + force error | y, β, φ] = S Σ⁻¹ (y − Jβ), all terms but set-up
+    shift, discrepancy and noise."""
     campaign = simulated(planned)
     bound, oracle = lb.HybridModel.first(1).bind(campaign), oracle_of(campaign, 1)
     beta = bound.centre[None] + 0.01 * bound.scale
@@ -119,7 +121,8 @@ def test_a_wave_on_one_circle_is_found_where_it_is(
 
 
 def test_only_what_circles_do_not_share_beyond_the_orders_widens_intervals() -> None:
-    """1 µm at order 14: in all alike, nothing; at four phases, as white noise of a variance of 4/3 · 120/2 · 1/8 µm² more."""
+    """1 µm at order 14: in all alike, nothing; at four phases, as white noise of a variance of 4/3
+    · 120/2 · 1/8 µm² more."""
     campaign, widening = simulated(plan((120,) * 4)), []
     oracle, noisy = oracle_of(campaign, 0), PHI[0] * [np.sqrt(1.0 + 10.0 / 0.3**2), 1.0, 1.0, 1.0]
     for turn in (0.0, 0.5 * np.pi):
@@ -185,9 +188,10 @@ def test_the_line_puts_first_what_matters_most() -> None:
         Concern(ConcernKind.NOT_CONVERGED, 200.0, 1000.0),
         Concern(ConcernKind.TRUNCATION, -20.0, -6.9),
     )
-    assert fit_verdict(fit) == (
-        "Converged; the model expects readings like these (15 checks, smallest p = 0.2, white noise of a); "
-        "2 of 3 parameters are sensitive to their prior (C_XXX, E_XX1)."
+    assert (
+        fit_verdict(fit)
+        == "Converged; the model expects readings like these (15 checks, smallest p = 0.2, white"
+        " noise of a); 2 of 3 parameters are sensitive to their prior (C_XXX, E_XX1)."
     )
     assert (fit.state, fit.kinds) == (State.USABLE, ())
     assert "speak against non-negative compliance" in fit_verdict(replace(fit, concerns=(against,)))
@@ -234,8 +238,9 @@ def drifting() -> lb.Campaign:
     "model", [DRIFTING, lb.HybridModel.default(0).without("truncation").with_term(lb.Drift("time"))]
 )
 def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: lb.Campaign) -> None:
-    """Means and variances of all coefficients, by name, given φ and the readings, parameters integrated out, by one dense matrix
-    per draw of φ; then averaged over φ. Of parameters and nuisances alike nothing is sampled."""
+    """Means and variances of all coefficients, by name, given φ and the readings, parameters
+    integrated out, by one dense matrix per draw of φ; then averaged over φ. Of parameters and
+    nuisances alike nothing is sampled."""
     posterior = lb.sample(model, drifting, seed=2, sampler="independent")
     bound = model.bind(drifting)
     shared = [

@@ -1,4 +1,5 @@
-"""New circles against the oracle's Gaussian; the groups for ArviZ, whose functions run on them without a warning."""
+"""New circles against the oracle's Gaussian; the groups for ArviZ, whose functions run on them
+without a warning."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def checked(posterior: xr.DataTree) -> xr.DataTree:
 
 
 def test_new_circles_are_the_oracles(rng: np.random.Generator) -> None:
-    """At given scales: the Gaussian of further circles given those measured, also at another radius and with turned balls."""
+    """At given scales: the Gaussian of further circles given those measured, also at another radius
+    and with turned balls."""
     model = MODEL.without("force-error", "truncation")
     new = [
         lb.CircularTest(520.0, ANGLE, ANGLE),
@@ -81,7 +83,10 @@ def test_prediction_as_a_table(posterior: xr.DataTree) -> None:
     np.testing.assert_allclose(lb.predict(averaged, later)["mean_um"], table["mean_um"], atol=1.0)
     with pytest.raises(
         InputError,
-        match=r"got planes or set-ups with E_Xt0_2, E_Yt0_2 too\. Fit with replace\(campaign, foreseen",
+        match=(
+            r"got planes or set-ups with E_Xt0_2, E_Yt0_2 too\. Fit with replace\(campaign,"
+            r" foreseen"
+        ),
     ):
         lb.predict(posterior, replace(later, tests=(replace(later.tests[0], setup=2),)))
     refuses(
@@ -128,7 +133,8 @@ def test_arviz_judges_the_posterior(checked: xr.DataTree, posterior: xr.DataTree
 
 
 def test_circle_given_the_others_is_the_oracles() -> None:
-    """ln p(y_r | y_−r, φ) of the dense covariance, parameters integrated out; the circle's own scale summed over its law."""
+    """ln p(y_r | y_−r, φ) of the dense covariance, parameters integrated out; the circle's own
+    scale summed over its law."""
     model = lb.HybridModel.default(0).without(
         "truncation", "joint-load", "position", "angle", "force-error", "mount"
     )

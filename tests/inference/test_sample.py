@@ -1,4 +1,5 @@
-"""sample(): layout, reproducibility, agreement of what is stored, what a fit finds; two routes and a third to one posterior."""
+"""sample(): layout, reproducibility, agreement of what is stored, what a fit finds; two routes and
+a third to one posterior."""
 
 from __future__ import annotations
 
@@ -70,7 +71,8 @@ def test_layout(either: xr.DataTree, campaign: lb.Campaign) -> None:
 
 
 def test_stored_densities_are_consistent(either: xr.DataTree, campaign: lb.Campaign) -> None:
-    """lp = ln likelihood + ln prior(β) + ln prior(φ) + Jacobian of the free coordinates, up to nothing at all."""
+    """lp = ln likelihood + ln prior(β) + ln prior(φ) + Jacobian of the free coordinates, up to
+    nothing at all."""
     bound, pick = MODEL.bind(campaign), {"chain": 2, "draw": 17}
     draws, log_prior = either["posterior"].isel(pick), either["log_prior"].isel(pick)
     beta = np.array([[float(draws[name]) for name in bound.names]])
@@ -110,7 +112,8 @@ def test_diagnostics_are_arvizs(either: xr.DataTree) -> None:
     record = record_of(either)["sampler"]
     assert record["converged"]
     assert record["ess_bulk_min"] == pytest.approx(table["ess_bulk"].min())
-    # The chain is judged in ln φ: folded about its median, as R-hat does for scales, κ has other ranks than ln κ.
+    # The chain is judged in ln φ: folded about its median, as R-hat does for scales, κ has other
+    # ranks than ln κ.
     assert record["rhat_max"] == pytest.approx(table["rhat"].max(), abs=1e-4)
     assert table[["ess_bulk", "ess_tail"]].to_numpy().min() >= 300.0
 
@@ -134,7 +137,8 @@ def test_summary_numbers(posterior: xr.DataTree) -> None:
 
 
 def test_draws_in_units_for_reading(posterior: xr.DataTree) -> None:
-    """The same draws with the labels of the tables, also for ArviZ; an analysis refuses them, whose numbers would be wrong."""
+    """The same draws with the labels of the tables, also for ArviZ; an analysis refuses them, whose
+    numbers would be wrong."""
     made, plain = lb.to_units(posterior), posterior["posterior"].data_vars
     assert arviz_stats.summary(made, round_to="none")["mean"].astype(float)[
         "C_XXX"
@@ -299,7 +303,8 @@ def test_contradiction_and_misfit_are_warned_of(recovered: lb.Campaign) -> None:
 
 
 def test_truncation_probability_is_reported_though_not_imposed() -> None:
-    """Readings that shrink under tension: negative compliance, whether or not the model forbids it."""
+    """Readings that shrink under tension: negative compliance, whether or not the model forbids
+    it."""
     planned = plan((40,) * 3, forces_N=(100.0, 300.0, 500.0))
     tests = [
         t.with_reading_um(-0.03 * float(t.force_N or 0) * np.cos(t.angles_rad()) ** 2)

@@ -1,4 +1,5 @@
-"""Topology strings, lever arms; what the bar reads: Table 4, a rigid-body computation, complex steps, the paper's Jacobians."""
+"""Topology strings, lever arms; what the bar reads: Table 4, a rigid-body computation, complex
+steps, the paper's Jacobians."""
 
 from __future__ import annotations
 
@@ -95,9 +96,10 @@ def code_name(printed: str) -> str:
 def test_table_4(root) -> None:
     """Eq. 31 on exact readings returns every printed digit.
 
-    The paper's simulation carries E_C(0Y)X with the opposite sign in model and Jacobian; the flip is made here, the package
-    keeps Eq. 16. Two printed digits are the paper's own: E_YY1, printed −2.2195E-04 where the model gives −2.1995E-04 (the
-    table's difference column was computed from the misprint), and C_CCY, 6.59998E-08, cut instead of rounded.
+    The paper's simulation carries E_C(0Y)X with the opposite sign in model and Jacobian; the flip
+    is made here, the package keeps Eq. 16. Two printed digits are the paper's own: E_YY1, printed
+    −2.2195E-04 where the model gives −2.1995E-04 (the table's difference column was computed from
+    the misprint), and C_CCY, 6.59998E-08, cut instead of rounded.
     """
     table = pd.read_csv(root / "data" / "published_tables" / "table_4_simulation.csv", dtype=str)
     printed = {code_name(row.error): row.estimated for row in table.itertuples()}
@@ -143,8 +145,9 @@ def turned(vector: np.ndarray, about: int, angle: float) -> np.ndarray:
 def rigid_body_reading(
     machine: chain.Machine, circle: chain.Circle, angle: np.ndarray, errors: dict[str, float]
 ) -> np.ndarray:
-    """ρ by moving points: each joint, from the ball inwards, turns and shifts what it carries. Own code: vectors, no matrices,
-    branches read from the string, error names spelled out. Nothing of the package but its data is used."""
+    """ρ by moving points: each joint, from the ball inwards, turns and shifts what it carries. Own
+    code: vectors, no matrices, branches read from the string, error names spelled out. Nothing of
+    the package but its data is used."""
     work, tool = machine.topology[1:-1].split("F")
     # From the ball to the foundation.
     order = {"w": [c for c in work if c in "XYZ"], "t": [c for c in reversed(tool) if c in "XYZ"]}
@@ -211,8 +214,9 @@ def test_against_moving_points(topology: str, planes: str, frames: dict, plane: 
 def test_linear_model_is_the_derivative(
     topology: str, planes: str, frames: dict, plane: str
 ) -> None:
-    """Column by column to 1e-8 of its own size, by complex step: geometric errors through homogeneous transforms, compliances
-    through Eq. 20 as the twist of a joint that deflects under its wrench."""
+    """Column by column to 1e-8 of its own size, by complex step: geometric errors through
+    homogeneous transforms, compliances through Eq. 20 as the twist of a joint that deflects under
+    its wrench."""
     machine, circle = chain.Machine(topology, planes, frames), chain.Circle(120.0, CENTRE, plane)
     step = 1e-40
     names = [name.label for name in chain.geometric_names(machine)]
@@ -232,8 +236,9 @@ def test_linear_model_is_the_derivative(
 def test_compliances_deflect_a_chain_of_springs(
     topology: str, planes: str, frames: dict, plane: str
 ) -> None:
-    """Each joint a spring with six degrees of freedom: C times its wrench, found by carrying the bar's pull inwards along the
-    chain, moves the ball rigidly by d + φ × lever; the reading is that motion along the bar, for 1 N."""
+    """Each joint a spring with six degrees of freedom: C times its wrench, found by carrying the
+    bar's pull inwards along the chain, moves the ball rigidly by d + φ × lever; the reading is that
+    motion along the bar, for 1 N."""
     machine, circle = chain.Machine(topology, planes, frames), chain.Circle(120.0, CENTRE, plane)
     names = chain.joint_names(machine)
     linear = chain.compliance_jacobian(machine, circle, ANGLES, names)
@@ -320,8 +325,9 @@ def test_kept_columns_span_the_whole_jacobian(topology: str, plane: str, frames:
 def test_height_above_a_guideway_by_hand() -> None:
     """The tool ball h above Y's frame.
 
-    The moment about X of a force along Y at height h is −h s; a rotation A moves the ball along Y by −h. So C_AYY goes with
-    −h s² and C_AAY with h² s²: one height cannot tell them from C_YYY, two heights tell C_AYY, three C_AAY too.
+    The moment about X of a force along Y at height h is −h s; a rotation A moves the ball along Y
+    by −h. So C_AYY goes with −h s² and C_AAY with h² s²: one height cannot tell them from C_YYY,
+    two heights tell C_AYY, three C_AAY too.
     """
 
     def kept(*heights: float) -> list[str]:
@@ -373,10 +379,12 @@ def test_height_above_a_guideway_by_hand() -> None:
 def test_what_cannot_be_negative(
     machine: chain.Machine, circles: tuple[chain.Circle, ...], unbounded: set[str]
 ) -> None:
-    """Joints with random positive semi-definite compliance matrices: the kept parameters that readings then have are never
-    negative where the machine says so, and sometimes are for the others, though they are a translation along its force.
+    """Joints with random positive semi-definite compliance matrices: the kept parameters that
+    readings then have are never negative where the machine says so, and sometimes are for the
+    others, though they are a translation along its force.
 
-    Two heights of 100 and 300 mm cannot tell h² of C_AAY from −30000 + 400 h: C_YYY is then known less 30000 mm² of it.
+    Two heights of 100 and 300 mm cannot tell h² of C_AAY from −30000 + 400 h: C_YYY is then known
+    less 30000 mm² of it.
     """
     circles = circles or tuple(chain.Circle(plane=plane) for plane in machine.planes)
     kept = chain.kept_compliances(machine, *circles)

@@ -1,4 +1,5 @@
-"""The Gaussian kernel: Bayes' identity, SciPy, closed forms, singular and nearly singular designs; mixtures; Newton; Holm."""
+"""The Gaussian kernel: Bayes' identity, SciPy, closed forms, singular and nearly singular designs;
+mixtures; Newton; Holm."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ def problem(
 
 @given(n=st.integers(0, 9), p=st.integers(1, 6), seed=st.integers(0, 10**6), full=st.booleans())
 def test_bayes_identity(n: int, p: int, seed: int, full: bool) -> None:
-    """ln p(y | x) + ln p(x) = ln p(y) + ln p(x | y) at any x; by rows and by information; for a stack and one by one."""
+    """ln p(y | x) + ln p(x) = ln p(y) + ln p(x | y) at any x; by rows and by information; for a
+    stack and one by one."""
     prior, rows, values = problem(n, p, seed, full=full, batch=(2,))
     x = np.random.default_rng(seed).normal(size=(2, p))
     posterior = prior.observe(rows, values)
@@ -185,7 +187,8 @@ def test_refused() -> None:
 @example(seed=199, level=0.5988615144518045)
 @given(seed=st.integers(0, 10**6), level=st.floats(0.001, 0.999))
 def test_quantiles_of_mixtures(seed: int, level: float) -> None:
-    """Against a root of the mixture's distribution function, narrow and far components too; weights shared or not."""
+    """Against a root of the mixture's distribution function, narrow and far components too; weights
+    shared or not."""
     rng = np.random.default_rng(seed)
     weight, mean = rng.dirichlet(np.ones(5)), 3.0 * rng.standard_normal((5, 2))
     sd = np.exp(2.0 * rng.standard_normal((5, 2)))

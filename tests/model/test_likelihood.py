@@ -1,4 +1,5 @@
-"""The structured likelihood against the dense oracle, and the symmetries it must have; readings reduced to at most 25 numbers."""
+"""The structured likelihood against the dense oracle, and the symmetries it must have; readings
+reduced to at most 25 numbers."""
 
 from __future__ import annotations
 
@@ -73,7 +74,8 @@ def test_against_the_dense_oracle(sampling: str, degree: int) -> None:
 
 @pytest.mark.parametrize("degree", [0, 1])
 def test_flat_priors_integrate_to_the_formula(degree: int) -> None:
-    """ln ∫ N(y; J β, σ² I) dβ = −½ rss/σ² − ½ (n − p) ln(2π σ²) − ½ ln det JᵀJ, β in inside units, its constants included."""
+    """ln ∫ N(y; J β, σ² I) dβ = −½ rss/σ² − ½ (n − p) ln(2π σ²) − ½ ln det JᵀJ, β in inside units,
+    its constants included."""
     campaign = simulated(plan((30, 35, 40, 45)))
     bound, oracle = (
         lb.HybridModel.paper(degree).bind(campaign),
@@ -124,7 +126,8 @@ def test_start_angle_and_whole_turns_do_not_matter(sampling: str) -> None:
 
 
 def test_columns_of_zeros_do_no_harm() -> None:
-    """A bar without pressure has no mount column; a test at F0 alone has no slope columns; dead circles have no force error."""
+    """A bar without pressure has no mount column; a test at F0 alone has no slope columns; dead
+    circles have no force error."""
     planned = replace(plan(), tests=tuple(replace(t, pressure_bar=0.0) for t in plan().tests))
     dead = replace(plan(), tests=tuple(t.with_reading_um(np.zeros(40)) for t in plan().tests))
     middle = simulated(plan((40,) * 3, forces_N=(100.0, 300.0, 500.0)))
@@ -163,7 +166,8 @@ def test_results_do_not_depend_on_the_stack(sampling: str) -> None:
 
 
 def test_prior_sd_of_zero_and_scales_of_zero_are_no_column_at_all() -> None:
-    """A mount that does not yield, and a ball without form, to all digits; widely spread units of the others."""
+    """A mount that does not yield, and a ball without form, to all digits; widely spread units of
+    the others."""
     campaign = simulated(plan())
     bound = lb.HybridModel.first(1).bind(campaign)
     phi, beta = points(bound)

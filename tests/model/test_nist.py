@@ -1,4 +1,5 @@
-"""The Gaussian kernel on regressions with an unknown noise scale: NIST's certified values (tests/nist), and Radiata pine.
+"""The Gaussian kernel on regressions with an unknown noise scale: NIST's certified values
+(tests/nist), and Radiata pine.
 
 1/σ² ~ Gamma(a, b) on top of the kernel is a few lines: they stand here.
 """
@@ -25,7 +26,8 @@ DIGITS: dict[str, list[int]] = tomllib.loads((FOLDER / "digits.toml").read_text(
 
 @dataclass(frozen=True)
 class Certified:
-    """One dataset as printed: powers of x in the model (none for Longley's own columns), data and certified values."""
+    """One dataset as printed: powers of x in the model (none for Longley's own columns), data and
+    certified values."""
 
     powers: tuple[int, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -37,12 +39,17 @@ class Certified:
         """J and y."""
         y, *columns = np.array(self.rows, dtype=float).T
         longley = len(columns) > 1
-        return np.stack(
-            [np.ones(len(y)), *columns]
-            if longley
-            else [columns[0] ** power for power in self.powers],
-            axis=1,
-        ), y
+        return (
+            np.stack(
+                (
+                    [np.ones(len(y)), *columns]
+                    if longley
+                    else [columns[0] ** power for power in self.powers]
+                ),
+                axis=1,
+            ),
+            y,
+        )
 
 
 @cache
@@ -63,7 +70,8 @@ def certified(name: str) -> Certified:
 
 
 def regression(jacobian: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Under p(β, σ) ∝ 1/σ: estimate, its standard deviations, and the residual standard deviation."""
+    """Under p(β, σ) ∝ 1/σ: estimate, its standard deviations, and the residual standard
+    deviation."""
     found = Gaussian.from_rows(jacobian, y)
     left = y - jacobian @ found.mean
     residual = float(np.sqrt(left @ left / (len(y) - jacobian.shape[1])))
@@ -99,7 +107,8 @@ def test_certified_digits(name: str) -> None:
 
 
 def test_a_wide_prior_loses_no_digits() -> None:
-    """Prior to posterior by the same factorisation: with a prior 10¹² wider than Pontius' estimates their digits stay."""
+    """Prior to posterior by the same factorisation: with a prior 10¹² wider than Pontius' estimates
+    their digits stay."""
     data = certified("Pontius")
     jacobian, y = data.arrays()
     estimate, sd, residual = regression(jacobian, y)
@@ -118,7 +127,8 @@ PUBLISHED = {"density": -310.12828553675, "adjusted_density": -301.70460213437}
 
 @pytest.mark.parametrize(("predictor", "published"), PUBLISHED.items())
 def test_published_evidences_of_radiata_pine(predictor: str, published: float) -> None:
-    """ln ∫ p(y | τ) Gamma(τ; 3, rate 180 000) dτ on a grid of ln τ, all of it one stack; and in closed form."""
+    """ln ∫ p(y | τ) Gamma(τ; 3, rate 180 000) dτ on a grid of ln τ, all of it one stack; and in
+    closed form."""
     x = PINE[predictor].to_numpy()
     jacobian = np.column_stack([np.ones(len(x)), x - x.mean()])
     log_tau = np.linspace(-14.0, -8.0, 1201)

@@ -35,7 +35,8 @@ def test_against_scipy(d: int, shift: float) -> None:
 
 @pytest.mark.parametrize("start", [0.5, -6.0])
 def test_a_parabola_kept_positive_at_six_places(start: float) -> None:
-    """More rows than rank: plain Monte Carlo near the mode, importance from a shifted Gaussian in the tail."""
+    """More rows than rank: plain Monte Carlo near the mode, importance from a shifted Gaussian in
+    the tail."""
     x = np.linspace(-1.0, 1.0, 6)
     rows = np.vander(x, 3, increasing=True)
     mean, sd = np.array([start, 0.0, 0.3]), np.array([1.0, 1.0, 1.0])
@@ -107,7 +108,8 @@ def test_members_of_a_batch_do_not_depend_on_one_another() -> None:
     ],
 )
 def test_the_stated_error_holds(tolerance: float, count: int, first: int) -> None:
-    """Correlated by up to 0.99, down to ln P of some thousand, with rows that follow from others; 2e-6 is the references' own."""
+    """Correlated by up to 0.99, down to ln P of some thousand, with rows that follow from others;
+    2e-6 is the references' own."""
     rng, apart, stated = np.random.default_rng(first), [], []
     for case in (random_case(rng) for _ in range(count)):
         if case.log_probability > -3000.0:
@@ -143,7 +145,8 @@ def test_rows_that_nearly_repeat_each_other(mean: tuple[float, float], rho: floa
 
 @pytest.mark.parametrize("d", [2, 3, 5, 8])
 def test_the_bound_is_one(d: int) -> None:
-    """No log weight exceeds it, down to ln P = −10⁷ and rows that nearly repeat each other: rejection stays exact."""
+    """No log weight exceeds it, down to ln P = −10⁷ and rows that nearly repeat each other:
+    rejection stays exact."""
     rng = np.random.default_rng(d)
     seen = []
     for k in range(120):
@@ -163,7 +166,8 @@ def test_the_bound_is_one(d: int) -> None:
 
 
 def test_errors_of_moments_average_out_over_members() -> None:
-    """Six constraints, members alike but for a thousandth, as nodes are: the mean of their variances is that of a long run."""
+    """Six constraints, members alike but for a thousandth, as nodes are: the mean of their
+    variances is that of a long run."""
     rng = np.random.default_rng(3)
     spread = rng.standard_normal((1, 6, 6))
     mean = rng.uniform(0.0, 2.0, (1, 6)) * np.linalg.norm(spread, axis=2)

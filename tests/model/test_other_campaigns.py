@@ -1,4 +1,5 @@
-"""Campaigns of several planes, radii, centres, set-ups, directions and times: the model against a dense one built here."""
+"""Campaigns of several planes, radii, centres, set-ups, directions and times: the model against a
+dense one built here."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ ANGLE = np.arange(30) * 12.0
 
 
 def everything(*, arc_deg: float = 360.0) -> Campaign:
-    """Three planes, two radii, two centres, both directions in XY and YZ, two set-ups, times and temperatures."""
+    """Three planes, two radii, two centres, both directions in XY and YZ, two set-ups, times and
+    temperatures."""
     angle = ANGLE if arc_deg == 360.0 else np.linspace(0.0, arc_deg, 33)
     tests = []
     for i, plane in enumerate(("XY", "YZ", "ZX")):
@@ -53,8 +55,8 @@ def everything(*, arc_deg: float = 360.0) -> Campaign:
 def dense(
     bound: object, campaign: Campaign, phi: dict[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of the parameters at the readings' own angles, and the covariance of all readings by hand from the measurement
-    model: nothing of terms, basis or reduction."""
+    """Columns of the parameters at the readings' own angles, and the covariance of all readings by
+    hand from the measurement model: nothing of terms, basis or reduction."""
     forces = np.array([t.force_N for t in campaign.tests])
     reference, machine = 0.5 * (forces.min() + forces.max()), campaign.machine()
     errors = [name.label for name in geometric_names(machine)]
@@ -189,7 +191,8 @@ def test_refused() -> None:
 
 
 def test_drift_of_a_sorted_campaign_is_stated() -> None:
-    """Forces run in order at even times: a drift of the length looks like C_XXX and C_YYY; turned order, and it does not."""
+    """Forces run in order at even times: a drift of the length looks like C_XXX and C_YYY; turned
+    order, and it does not."""
     tests = tuple(
         CircularTest(f, np.arange(120) * 3.0, time_s=60.0 * k)
         for k, f in enumerate((100.0, 300.0, 500.0, 700.0))

@@ -117,7 +117,8 @@ def test_prior_refused(changes: dict, message: str) -> None:
 
 
 def test_overrides() -> None:
-    """Slopes follow their compliance; their own overrides go with the degree, and change with the slopes' scale in proportion."""
+    """Slopes follow their compliance; their own overrides go with the degree, and change with the
+    slopes' scale in proportion."""
 
     def sds(degree: int, scale: float, **overrides: float) -> dict[str, float]:
         model = (
@@ -140,7 +141,8 @@ def test_overrides() -> None:
 
 
 def test_a_kept_compliance_has_the_prior_of_what_it_absorbs() -> None:
-    """Circles at heights of 100 and 300 mm: h² = 400 h − 30000 there, so C_YYY holds −30000 mm² of C_AAY, C_AYY 400 mm."""
+    """Circles at heights of 100 and 300 mm: h² = 400 h − 30000 there, so C_YYY holds −30000 mm² of
+    C_AAY, C_AYY 400 mm."""
     heights = (100.0, 300.0, 100.0, 300.0)
     tests = tuple(
         replace(test, centre_z_mm=height)
@@ -229,7 +231,8 @@ def test_variants_of_what_differs_between_circles(arc_deg: float) -> None:
 
 
 def test_fixed_parameters_leave_the_model() -> None:
-    """A parameter fixed at zero is one that the model has not; C(F), truncation and priors of the others stay."""
+    """A parameter fixed at zero is one that the model has not; C(F), truncation and priors of the
+    others stay."""
     planned = plan()
     model = lb.HybridModel.first(1)
     whole, fixed = model.bind(planned), model.fixing("C_XXX_1", "E_Xt0").bind(planned)
@@ -251,7 +254,8 @@ def test_fixed_parameters_leave_the_model() -> None:
 
 
 def test_a_slope_alone_about_the_middle_is_refused() -> None:
-    """C(F) = (F − F0) C_1 cannot be positive on both sides of F0: no truncated prior, no evidence."""
+    """C(F) = (F − F0) C_1 cannot be positive on both sides of F0: no truncated prior, no
+    evidence."""
     planned = plan()
     model = lb.HybridModel.first(1).fixing("C_CCY")
     refuses(

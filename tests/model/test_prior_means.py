@@ -1,5 +1,5 @@
-"""Priors with means: densities, draws and the estimate of compliance against the dense oracle and closed forms; in
-what is made of a model: identifiability, plans, comparison, texts."""
+"""Priors with means: densities, draws and the estimate of compliance against the dense oracle and
+closed forms; in what is made of a model: identifiability, plans, comparison, texts."""
 
 from __future__ import annotations
 
@@ -90,7 +90,8 @@ def test_draws_follow_the_prior(truncated: bool, rng: np.random.Generator) -> No
 
 
 def test_slopes_keep_their_scale_beside_a_mean() -> None:
-    """An override alone says how large a compliance may be, and its slope with it; beside a mean, how well it is known."""
+    """An override alone says how large a compliance may be, and its slope with it; beside a mean,
+    how well it is known."""
     model = lb.HybridModel.first(1)
     narrow = replace(model, prior=replace(model.prior, overrides={"C_XXX": 4e-6})).bind(plan())
     known = model.with_prior({"C_XXX": (0.0, 4e-6)}).bind(plan())
@@ -124,9 +125,11 @@ def test_toml_both_ways_and_digests_as_they_were() -> None:
     before = {
         "17c5304c3ff51f437b812fc393500f9dbbf841fa81312a7c2e49e46161726e35": lb.HybridModel.first(1),
         "f6ebc15be3b03d018c48b292b3d5d4b3105472198d2a8409adcde005305585e9": lb.HybridModel.paper(0),
-        "00234eacc5e5111d036cdaa5fb9a8a00b435058c8ad41621746e7f9725e07d40": lb.HybridModel(
-            0, prior=replace(lb.Prior.first(), overrides={"C_XXX": 1e-5})
-        ).fixing("E_C0YX"),
+        "00234eacc5e5111d036cdaa5fb9a8a00b435058c8ad41621746e7f9725e07d40": (
+            lb.HybridModel(0, prior=replace(lb.Prior.first(), overrides={"C_XXX": 1e-5})).fixing(
+                "E_C0YX"
+            )
+        ),
     }
     assert {digest: model_sha256(one) for digest, one in before.items()} == {
         digest: digest for digest in before
@@ -134,7 +137,8 @@ def test_toml_both_ways_and_digests_as_they_were() -> None:
 
 
 def test_estimate_of_compliance_where_readings_do_not_tell() -> None:
-    """A plan's is the prior mean; at one force the readings leave compliance and geometry open between them."""
+    """A plan's is the prior mean; at one force the readings leave compliance and geometry open
+    between them."""
     priors = {"C_XXX": (5.1e-5, 4e-6), "C_CXY": (-2e-8, 3e-8)}
     model = lb.HybridModel.first(0).with_prior(priors)
     planned = model.bind(plan())
@@ -259,7 +263,8 @@ def test_a_prior_that_the_readings_contradict_is_named() -> None:
 
 @pytest.mark.slow
 def test_calibrated_and_a_missed_mean_is_seen() -> None:
-    """Ranks of truths drawn from priors with means: uniform where the same means are believed, at an end where none are."""
+    """Ranks of truths drawn from priors with means: uniform where the same means are believed, at
+    an end where none are."""
     model = lb.HybridModel.first(0).without("mount", "force-error", "bar-length").with_prior(OTHERS)
     blind = replace(model, prior=replace(model.prior, means=dict.fromkeys(OTHERS, 0.0)))
     planned = plan((30, 30), forces_N=(100.0, 600.0))

@@ -1,4 +1,5 @@
-"""The second edition of the model against the dense oracle: every term alone and all together, on campaigns of every kind."""
+"""The second edition of the model against the dense oracle: every term alone and all together, on
+campaigns of every kind."""
 
 from __future__ import annotations
 
@@ -68,7 +69,8 @@ def made(
     ways: str = "",
     radii: Sequence[float] = (150.0,),
 ) -> Campaign:
-    """Readings of a machine with waves and noise that are of no model; clockings grow by ``turns`` from test to test."""
+    """Readings of a machine with waves and noise that are of no model; clockings grow by ``turns``
+    from test to test."""
     angle = np.linspace(-10.0, 230.0, 36) if arc else np.arange(36) * 10.0
     circles = tuple(
         CircularTest(
@@ -114,7 +116,8 @@ CAMPAIGNS = {
 def both(
     campaign: Campaign, degree: int, terms: Sequence[str]
 ) -> tuple[BoundModel, Oracle, dict[str, float], np.ndarray]:
-    """The package's model and the oracle with these terms alone, and hyper-parameters by name and in the package's order."""
+    """The package's model and the oracle with these terms alone, and hyper-parameters by name and
+    in the package's order."""
     bound = (
         lb.HybridModel.default(degree)
         .without(*(name for name in TERMS if name not in terms))
@@ -145,7 +148,8 @@ def both(
 
 
 def check(bound: BoundModel, oracle: Oracle, phi: dict[str, float], own: np.ndarray) -> None:
-    """ln p(y | φ), ln p(y | φ, β), β given y and φ, and the prior of φ, of parameters in any order."""
+    """ln p(y | φ), ln p(y | φ, β), β given y and φ, and the prior of φ, of parameters in any
+    order."""
     place = [oracle.names.index(name) for name in bound.names]
     sd, (expected, mean, covariance) = oracle.sd[place], oracle.given(phi)
     np.testing.assert_allclose(bound.prior_sd, sd, rtol=1e-8)
@@ -186,7 +190,8 @@ def test_every_term_alone_and_left_out(name: str, term: str) -> None:
 
 
 def test_force_curves_with_joint_load() -> None:
-    """C_aa(F) by dense algebra, where the coefficients of the joint load are parameters beside the others."""
+    """C_aa(F) by dense algebra, where the coefficients of the joint load are parameters beside the
+    others."""
     bound, oracle, phi, own = both(CAMPAIGNS["circles"], 1, list(TERMS))
     dense = oracle_of(
         bound.campaign, 1, terms=tuple(set(TERMS.values()) - {"joint"}), edition="second"
@@ -219,7 +224,8 @@ def test_force_curves_with_joint_load() -> None:
 
 @pytest.mark.parametrize("name", ["circles", "both directions", "all at once"])
 def test_without_rivals_of_slopes(name: str) -> None:
-    """ln p(y | φ) of the fullest model, conditioned on some coefficients being zero, against the oracle without their columns."""
+    """ln p(y | φ) of the fullest model, conditioned on some coefficients being zero, against the
+    oracle without their columns."""
     bound, oracle, phi, own = both(CAMPAIGNS[name], 1, list(TERMS))
     zero = np.zeros(1)
     integral = Integral(

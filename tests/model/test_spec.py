@@ -85,7 +85,8 @@ def test_units_in_a_model_file() -> None:
 
 
 def test_with_prior() -> None:
-    """Parameters by mean and sd, settings by their key, with units or without; what was fixed is free again."""
+    """Parameters by mean and sd, settings by their key, with units or without; what was fixed is
+    free again."""
     plain = lb.HybridModel.default(1).fixing("C_XXX", "C_XYX_1")
     model = plain.with_prior(
         {"E_C(0Y)X": (0, "20 µrad")},

@@ -1,4 +1,5 @@
-"""The page in a real browser: no error, no request, nothing that overflows; skipped where none is installed."""
+"""The page in a real browser: no error, no request, nothing that overflows; skipped where none is
+installed."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Results as D-SI in a DCC: the numbers of summary.json, its structure, and what it says of itself.
 
-Where LDBB_DCC_XSD names PTB's dcc.xsd (3.3.0, with SI_Format.xsd 2.2.1 beside it) the file is validated against that; it is not
-part of this repository. Everywhere elements and texts are compared with what that schema asks of them (dcc_structure.toml).
+Where LDBB_DCC_XSD names PTB's dcc.xsd (3.3.0, with SI_Format.xsd 2.2.1 beside it) the file is
+validated against that; it is not part of this repository. Everywhere elements and texts are
+compared with what that schema asks of them (dcc_structure.toml).
 """
 
 from __future__ import annotations

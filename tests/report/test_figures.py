@@ -1,4 +1,5 @@
-"""Every figure: text inside the page that does not overlap, units on the axes, and values where they belong."""
+"""Every figure: text inside the page that does not overlap, units on the axes, and values where
+they belong."""
 
 from __future__ import annotations
 
@@ -73,7 +74,8 @@ def posterior(request: pytest.FixtureRequest) -> xr.DataTree:
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_texts_and_units(name: str, posterior: xr.DataTree) -> None:
-    """Every text inside the page, no two over one another, a unit on every axis, true minus signs; settings are left alone."""
+    """Every text inside the page, no two over one another, a unit on every axis, true minus signs;
+    settings are left alone."""
     before = dict(mpl.rcParams)
     figure = FIGURES[name](posterior)
     assert dict(mpl.rcParams) == before
@@ -84,8 +86,8 @@ def test_texts_and_units(name: str, posterior: xr.DataTree) -> None:
 def test_rings_are_labelled_with_their_distance_and_forces_in_their_order(
     posterior: xr.DataTree,
 ) -> None:
-    """A ring's label is its radius less that of the dashed circle [µm]; the scale has every force, as the traces lie, in colours
-    that grow darker with force and stand out from paper in grey."""
+    """A ring's label is its radius less that of the dashed circle [µm]; the scale has every force,
+    as the traces lie, in colours that grow darker with force and stand out from paper in grey."""
     traces, scale = FIGURES["traces"](posterior).axes
     (nominal,) = {
         float(line.get_ydata()[0])
@@ -115,7 +117,8 @@ def test_rings_are_labelled_with_their_distance_and_forces_in_their_order(
 
 
 def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
-    """Intervals and texts of the forest are those of the summary; peaks to peak above the contributions those of their table."""
+    """Intervals and texts of the forest are those of the summary; peaks to peak above the
+    contributions those of their table."""
     table = lb.summarize(posterior)
     for axes in FIGURES["forest"](posterior).axes:
         names = [label.get_text().replace("(0Y)", "0Y") for label in axes.get_yticklabels()]

@@ -106,7 +106,8 @@ def cells_of(page: str) -> list[tuple[list[str], list[list[str]]]]:
     return found
 
 
-# What a column states of the quantity that its row names; a forecast is not the u of the results and is named so.
+# What a column states of the quantity that its row names; a forecast is not the u of the results
+# and is named so.
 STATED = {
     "value": "value",
     "mean": "value",
@@ -150,7 +151,8 @@ OTHERS = {
 
 
 def test_a_quantity_is_one_number_wherever_it_stands(published: tuple[Document, str]) -> None:
-    """Of every table with a row for a quantity every column is known; what states the same of it agrees to its last digit."""
+    """Of every table with a row for a quantity every column is known; what states the same of it
+    agrees to its last digit."""
     _, page = published
     found: dict[tuple[str, str], set[str]] = {}
     for heads, rows in cells_of(page):
@@ -182,7 +184,8 @@ def test_a_quantity_is_one_number_wherever_it_stands(published: tuple[Document, 
 
 
 def drawn(page: str, known: Collection[tuple[str, str]]) -> Iterator[tuple[tuple[str, str], str]]:
-    """What figures write beside their dots and bars: quantity and what is stated of it, as known from tables, and the number."""
+    """What figures write beside their dots and bars: quantity and what is stated of it, as known
+    from tables, and the number."""
     of_forest = (
         ("forest", r"(−?[\d.]+) (?:±|\[).*", "value"),
         ("forest", r"−?[\d.]+ (?:± ([\d.]+)|\[.*\]) .*", "U"),
@@ -240,7 +243,8 @@ def test_catalogues_say_the_same() -> None:
 
 
 def test_paper(tmp_path: Path) -> None:
-    """Two pages of A4 with the words of the sheets, in German with decimal commas, at whatever number of tests and names."""
+    """Two pages of A4 with the words of the sheets, in German with decimal commas, at whatever
+    number of tests and names."""
     named = {
         "machine_type": "Μ 5 axes",
         "serial_number": "12.5",

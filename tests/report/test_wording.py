@@ -1,4 +1,5 @@
-"""Nothing is decided by reading a sentence: every function of report/wording.py reworded, all decisions and numbers stay."""
+"""Nothing is decided by reading a sentence: every function of report/wording.py reworded, all
+decisions and numbers stay."""
 
 from __future__ import annotations
 
@@ -169,7 +170,8 @@ def rows_of(folders: dict[str, Path]) -> Any:
 
 
 def population_of() -> Any:
-    """Of eight campaigns, two of one machine; one campaign that the model does not expect, one not converged."""
+    """Of eight campaigns, two of one machine; one campaign that the model does not expect, one not
+    converged."""
     rows = drawn_rows(8, np.random.default_rng(6)).assign(
         machine_id=[f"M{m}" for m in range(7)] + ["M6"]
     )
@@ -209,7 +211,8 @@ def test_words_decide_nothing(
     monkeypatch: pytest.MonkeyPatch,
     request: pytest.FixtureRequest,
 ) -> None:
-    """Decisions, numbers, exit codes and campaigns left out; of a campaign that the model expects and one that it does not."""
+    """Decisions, numbers, exit codes and campaigns left out; of a campaign that the model expects
+    and one that it does not."""
     undrawn(monkeypatch)
     work: dict[str, Callable[[], Any]] = {
         "analyses": lambda: analyses_of(campaigns["good"]),
@@ -239,7 +242,10 @@ def test_every_kind_has_its_words(words: dict[str, Any], kinds: Any) -> None:
     assert set(words) == set(map(str, kinds))
 
 
-PRIVATE = r"told (from|apart)|tells? \w* ?apart|lopsided|unasked|in company|Idle here|foret(ell|old)|set aside|for granted|tion aside"
+PRIVATE = (
+    r"told (from|apart)|tells? \w* ?apart|lopsided|unasked|in company|Idle here|foret(ell|old)|set"
+    r" aside|for granted|tion aside"
+)
 
 
 def test_words_are_those_of_the_field(root: Path) -> None:

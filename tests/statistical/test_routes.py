@@ -1,5 +1,5 @@
-"""At the real dimension: joint and independent draws against the exact marginals (recovered experiment, 20 simulated campaigns,
-drift, planes) and against the dense oracle."""
+"""At the real dimension: joint and independent draws against the exact marginals (recovered
+experiment, 20 simulated campaigns, drift, planes) and against the dense oracle."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ def test_recovered_experiment(recovered: lb.Campaign, degree: int) -> None:
 
 @pytest.mark.slow
 def test_simulated_campaigns() -> None:
-    """Five plans, four models. Of some seven hundred differences a few pass three Monte Carlo errors by chance."""
+    """Five plans, four models. Of some seven hundred differences a few pass three Monte Carlo
+    errors by chance."""
     every_z, every_ratio = [], []
     for k, planned in enumerate(PLANS.values()):
         campaign = (
@@ -141,7 +142,8 @@ def test_means_and_sds(case: str, degree: int) -> None:
 
 @pytest.mark.slow
 def test_a_wrong_model_fails_the_same_comparison() -> None:
-    """With the mount left out of the oracle the agreement breaks: the comparison can see a wrong answer."""
+    """With the mount left out of the oracle the agreement breaks: the comparison can see a wrong
+    answer."""
     campaign = simulated(CASES["full circles"])
     mean, sd = reference(campaign, 0, terms=("form", "length", "force", "setup", "discrepancy"))
     found_mean, found_sd = sampled(campaign, lb.HybridModel.first(0))

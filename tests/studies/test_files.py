@@ -1,4 +1,5 @@
-"""Awkward files import to one campaign; mutated ones are read or refused in one line, without a traceback or a long wait."""
+"""Awkward files import to one campaign; mutated ones are read or refused in one line, without a
+traceback or a long wait."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ def imported(folder: Path, case: awkward.Case, out: str, *options: str) -> lb.Ca
 
 @pytest.mark.parametrize("name", awkward.CASES)
 def test_awkward(name: str, tmp_path: Path) -> None:
-    """Forces, angles and readings as far as their digits tell; the import.toml that is written reads the same without options."""
+    """Forces, angles and readings as far as their digits tell; the import.toml that is written
+    reads the same without options."""
     case, wanted = awkward.CASES[name], awkward.campaign()
     campaign = imported(tmp_path, case, "campaign", *case.options)
     assert len(campaign.tests) == len(wanted.tests)
@@ -55,7 +57,8 @@ def test_the_page_counts_them(root: Path) -> None:
     assert f"{len(malformed.CASES)} files that are refused" in page
 
 
-# What a message names: options that say otherwise, or the line to leave out. The others name what only its owner can mend.
+# What a message names: options that say otherwise, or the line to leave out. The others name what
+# only its owner can mend.
 CURES: dict[str, str] = cases(__file__, "cures.toml")
 LINES = "08 09 10 11 12 13 14 16 17 18 19 20 21 22 41 43 63"
 
@@ -104,7 +107,8 @@ def test_a_few_hundred_mutations(name: str) -> None:
 
 @pytest.mark.slow
 def test_many_mutations() -> None:
-    """In other inputs than those of the study: no traceback, no input above 2 s, no reader above 500 MB."""
+    """In other inputs than those of the study: no traceback, no input above 2 s, no reader above
+    500 MB."""
     every = list(fuzz.fuzz_all(20_000, 2, list(fuzz.readers({}))))
     assert sum(found.inputs for found in every) >= 20_000
     for found in every:

@@ -1,4 +1,5 @@
-"""What the studies state: the paper's own numbers, right signs, calibrated intervals, and what the README says of them."""
+"""What the studies state: the paper's own numbers, right signs, calibrated intervals, and what the
+README says of them."""
 
 from __future__ import annotations
 
@@ -115,7 +116,8 @@ def test_a_broken_evidence_would_be_seen() -> None:
 
 
 def test_machines_as_they_are_in_the_limits() -> None:
-    """Rigid: the exact forward model; linear springs: Eq. 20, but for deflection over radius; a lobe: its order alone."""
+    """Rigid: the exact forward model; linear springs: Eq. 20, but for deflection over radius; a
+    lobe: its order alone."""
     sys.modules.pop("machines", None)
     machines, angle = (
         module_of("12_real_machines", "machines"),
@@ -184,7 +186,11 @@ def test_pages_of_the_handbook_quote_the_studies() -> None:
     )
     assert (
         many["trend"]
-        | {"latest_found": 3, "false_alarms": 0, "found_at_all": many["setting"]["series"]}
+        | {
+            "latest_found": 3,
+            "false_alarms": 0,
+            "found_at_all": many["setting"]["series"],
+        }
         == many["trend"]
     )
     for words in (
@@ -218,7 +224,8 @@ def test_pages_of_the_explanation_state_what_studies_found_and_the_model_assumes
 
 
 def test_the_lines_of_the_readme_and_the_table_of_priors() -> None:
-    """They say what the studies found and what the default model assumes: their templates, filled with it."""
+    """They say what the studies found and what the default model assumes: their templates, filled
+    with it."""
     text = (
         (ROOT / "README.md")
         .read_text(encoding="utf-8")

@@ -1,4 +1,5 @@
-"""What holds for every study: the page is written from the numbers, by the public interface, and the numbers are reproduced."""
+"""What holds for every study: the page is written from the numbers, by the public interface, and
+the numbers are reproduced."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ import study
 STUDIES = Path(__file__).parents[2] / "studies"
 FOLDERS = sorted(path.parent for path in STUDIES.glob("[0-9][0-9]_*/run.py"))
 IDS = [folder.name for folder in FOLDERS]
-# Time the machinery itself against other packages, feed every reader with what is broken, and simulate by the exact chain.
+# Time the machinery itself against other packages, feed every reader with what is broken, and
+# simulate by the exact chain.
 BEHIND_THE_SCENES = {
     "06_validation",
     "90_speed",
@@ -32,7 +34,8 @@ BEHIND_THE_SCENES = {
 PARTS = ("**Question.**", "**Method.**", "**Answer.**", "**Limits.**")
 BY_HAND = re.compile(
     r"\{\{.*?\}\}|\{%.*?%\}|\{#.*?#\}|`[^`]*`|\]\([^)]*\)|^# \d\d|^    .*$"
-    r"|\b(?:Tables?|Figs?\.|Figures?|Eqs?\.|Sections?|ISO|[Oo]rders?|degree|Python|schema) (?:[\d()]+(?:, | and | to |–|-)?)+"
+    r"|\b(?:Tables?|Figs?\.|Figures?|Eqs?\.|Sections?|ISO|[Oo]rders?|degree|Python|schema)"
+    r" (?:[\d()]+(?:, | and | to |–|-)?)+"
     r"|[A-Za-z_(]+\d[\w)]*|(?:cos|sin) ?\dθ|\b95 %|²|³|χ²|√3",
     re.DOTALL | re.MULTILINE,
 )
@@ -220,8 +223,10 @@ def test_files_that_are_missing_or_damaged(smallest: Path) -> None:
         ("README.md.j2", "{{ r.nothing }}", "a template asks for"),
     ):
         content = (smallest / name).read_bytes()
-        (smallest / name).unlink() if damage is None else (smallest / name).write_text(
-            damage, encoding="utf-8"
+        (
+            (smallest / name).unlink()
+            if damage is None
+            else (smallest / name).write_text(damage, encoding="utf-8")
         )
         assert message in ended(smallest)
         (smallest / name).write_bytes(content)

@@ -1,4 +1,5 @@
-"""Every figure is a function of a posterior (or of another result) that returns a matplotlib Figure.
+"""Every figure is a function of a posterior (or of another result) that returns a matplotlib
+Figure.
 
 PALETTE, force_colours, new_figure and styled are for figures of one's own in the same style.
 """

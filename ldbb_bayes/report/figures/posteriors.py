@@ -1,4 +1,5 @@
-"""Figures of a posterior: its parameters, its circles, and what these are made of; and the atlases of a machine's patterns."""
+"""Figures of a posterior: its parameters, its circles, and what these are made of; and the atlases
+of a machine's patterns."""
 
 from __future__ import annotations
 
@@ -89,7 +90,8 @@ WORDS: Mapping[str, str] = MappingProxyType(
 
 @styled
 def forest(posterior: xr.DataTree) -> Figure:
-    """Every parameter's 95 % and 50 % interval in its own unit, a panel for each; faint: 95 % of its prior; right: value ± U."""
+    """Every parameter's 95 % and 50 % interval in its own unit, a panel for each; faint: 95 % of
+    its prior; right: value ± U."""
     group, (prior_sd, _) = posterior["posterior"], priors_of(posterior)
     units = {name: group[name].attrs["unit"] for name in record_of(posterior)["model"]["groups"]}
     groups: dict[tuple[float, str], list[str]] = {}
@@ -144,7 +146,8 @@ def forest(posterior: xr.DataTree) -> Figure:
 
 @styled
 def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
-    """C(F) of every compliance with its 95 % band over the tested forces; ``words``: labels, by default English."""
+    """C(F) of every compliance with its 95 % band over the tested forces; ``words``: labels, by
+    default English."""
     bound = bound_of(posterior)
     forces = bound.setting.force_N
     force = (
@@ -195,7 +198,8 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
 
     Parameters
     ----------
-    names : default: the direct compliances, C_CCY, and the geometric errors that share their patterns, where the model has them.
+    names : default: the direct compliances, C_CCY, and the geometric errors that share their
+        patterns, where the model has them.
     """
     from corner import corner as draw_corner  # brings pyplot
 
@@ -237,8 +241,9 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
 
 @styled
 def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
-    """Polar traces of all tests, plane by plane: readings, prediction (machine, bar and balls), of few tests the 95 % band for a
-    new circle, rings in µm, forces along a scale in the order of the traces; ``words``: labels, by default English."""
+    """Polar traces of all tests, plane by plane: readings, prediction (machine, bar and balls), of
+    few tests the 95 % band for a new circle, rings in µm, forces along a scale in the order of the
+    traces; ``words``: labels, by default English."""
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
     rng = np.random.default_rng(0)
@@ -356,7 +361,8 @@ def _head(
 
 
 def _force_scale(figure: Figure, forces: Array, outward: bool, label: str) -> None:
-    """Draw a colour for every force, from the innermost trace (below) to the outermost, with at most nine of them named."""
+    """Draw a colour for every force, from the innermost trace (below) to the outermost, with at
+    most nine of them named."""
     across, count = figure.get_figwidth(), len(forces)
     axes = figure.add_axes((1.0 - 0.55 / across, 0.14, 0.14 / across, 0.56))
     rows = np.arange(count) if outward else np.arange(count)[::-1]
@@ -414,8 +420,8 @@ _PANELS: tuple[tuple[tuple[str, ...], str], ...] = (
 
 @styled
 def circularity(posterior: xr.DataTree) -> Figure:
-    """G, F_max and F_min, squareness and scale mismatch of the machine's path against force with 95 % bands; crosses: of the
-    readings themselves, balls and bar included."""
+    """G, F_max and F_min, squareness and scale mismatch of the machine's path against force with 95
+    % bands; crosses: of the readings themselves, balls and bar included."""
     bound = bound_of(posterior)
     top = float(bound.setting.force_N.max())
     table = of_path.circularity(
@@ -454,8 +460,8 @@ _SOURCES = {
 
 @styled
 def contributions(posterior: xr.DataTree) -> Figure:
-    """Compliance, geometry and both against angle, a panel for each of up to six forces, with 95 % bands and the peak to peak of
-    both; offsets of the tool ball left out (Fig. 8)."""
+    """Compliance, geometry and both against angle, a panel for each of up to six forces, with 95 %
+    bands and the peak to peak of both; offsets of the tool ball left out (Fig. 8)."""
     bound = bound_of(posterior)
     forces = distinct_forces(bound.setting.force_N)
     forces = forces[np.unique(np.linspace(0, len(forces) - 1, _MOST_FORCES).round().astype(int))]
@@ -477,7 +483,8 @@ def contributions(posterior: xr.DataTree) -> Figure:
 
 @styled
 def parameter_contributions(posterior: xr.DataTree) -> Figure:
-    """Every compliance (with slope) and geometric error at the highest force, 95 % bands and peak to peak (Figs. 9 and 10)."""
+    """Every compliance (with slope) and geometric error at the highest force, 95 % bands and peak
+    to peak (Figs. 9 and 10)."""
     bound = bound_of(posterior)
     force, planes = float(bound.setting.force_N.max()), bound.setting.planes
     cases = [
@@ -510,17 +517,21 @@ def _outer(every: Sequence[Axes], columns: int) -> None:
 def _paths(
     posterior: xr.DataTree, bound: BoundModel, plane: str, force_N: float, *only: str
 ) -> Mapping[str, Array]:
-    """Paths on the first circle of a plane, (draws, 360) [µm], all or only these: of the very draws of
-    `analysis.circularity.contributions`."""
+    """Paths on the first circle of a plane, (draws, 360) [µm], all or only these: of the very draws
+    of `analysis.circularity.contributions`."""
     r, (beta, _) = of_path.first_circle(bound, plane), draws_of(posterior, bound, of_path.DRAWS)
     return of_path.contribution_paths(bound, r, force_N, beta, only)
 
 
 def _swing(path: Array) -> str:
-    """Peak to peak of paths, median and 95 % interval, as `analysis.circularity.contributions` has it: 17.2 [11.5, 39.8] µm."""
+    """Peak to peak of paths, median and 95 % interval, as `analysis.circularity.contributions` has
+    it: 17.2 [11.5, 39.8] µm."""
     low, median, high = np.quantile(np.ptp(path, axis=1), [0.025, 0.5, 0.975])
     _, decimals = round_uncertainty((high - low) / 4.0)
-    return f"{round_like(median, decimals)} [{round_like(low, decimals)}, {round_like(high, decimals)}] µm"
+    return (
+        f"{round_like(median, decimals)} [{round_like(low, decimals)},"
+        f" {round_like(high, decimals)}] µm"
+    )
 
 
 def _path(axes: Axes, path: Array, colour: Any, **look: Any) -> None:
@@ -534,7 +545,8 @@ def _path(axes: Axes, path: Array, colour: Any, **look: Any) -> None:
 
 @styled
 def compliance_atlas(machine: chain.Machine, circle: chain.Circle | None = None) -> Figure:
-    """The patterns of all joint compliances, proportional sets in one colour, the kept representative in bold."""
+    """The patterns of all joint compliances, proportional sets in one colour, the kept
+    representative in bold."""
     where = circle or chain.Circle(plane=machine.planes[0])
     machine = chain.Machine(machine.topology, where.plane, machine.frames_mm)
     names = [name.label for name in chain.wrench_names(machine)]
@@ -543,7 +555,10 @@ def compliance_atlas(machine: chain.Machine, circle: chain.Circle | None = None)
         name: PALETTE[k % len(PALETTE)] for k, members in enumerate(kept.sets) for name in members
     }
     columns = dict(zip(names, chain.wrench_jacobian(machine, where, _GRID).T, strict=True))
-    title = f"{machine.topology}, plane {machine.plane}: patterns of the {len(names)} joint compliances\n"
+    title = (
+        f"{machine.topology}, plane {machine.plane}: patterns of the {len(names)} joint"
+        " compliances\n"
+    )
     title += "One colour: proportional, only their sum can be identified. Bold: kept"
     return _atlas(columns, colour, {name.label for name in kept.names}, set(kept.null), title)
 
@@ -611,7 +626,8 @@ def save_figures(
     *,
     formats: tuple[str, ...] = ("png", "svg"),
 ) -> list[Path]:
-    """Draw every figure of a posterior into a ``folder``, in these ``formats`` (png, svg, pdf), and return the files written."""
+    """Draw every figure of a posterior into a ``folder``, in these ``formats`` (png, svg, pdf), and
+    return the files written."""
     return [
         path
         for name, draw in FIGURES.items()

@@ -1,4 +1,5 @@
-"""One style for every figure, and the shapes that figures share: colour-blind safe, units on every axis, no pyplot."""
+"""One style for every figure, and the shapes that figures share: colour-blind safe, units on every
+axis, no pyplot."""
 
 from __future__ import annotations
 
@@ -26,8 +27,12 @@ P = ParamSpec("P")
 WIDTH = 6.3  # inch: letters of 8 points stay readable where a screen is 390 pixels wide
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 ACCENT, GREY, FAINT, LIGHT = PALETTE[0], "#8C8C8C", "#B8B8B8", "#D9D9D9"
-# One colour per source of uncertainty in every figure; a user's own terms take the spare ones in turn.
-_TERMS = "BallForm BarLength Mount ForceError SetupShift Discrepancy Hysteresis Drift ReadingNoise Parameters"
+# One colour per source of uncertainty in every figure; a user's own terms take the spare ones in
+# turn.
+_TERMS = (
+    "BallForm BarLength Mount ForceError SetupShift Discrepancy Hysteresis Drift ReadingNoise"
+    " Parameters"
+)
 _COLOURS = (*(PALETTE[k] for k in (1, 3, 0, 4, 5, 2, 6)), "#F0E442", GREY, LIGHT)
 _TERM_COLOURS = dict(zip(_TERMS.split(), _COLOURS, strict=True))
 _SPARE = ("#882255", "#44AA99", "#999933", "#332288")
@@ -58,7 +63,8 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def force_colours(forces_N: Sequence[float]) -> list[Any]:
-    """One colour per force, light to dark in order of force; the lightest still stands out from paper, in grey too."""
+    """One colour per force, light to dark in order of force; the lightest still stands out from
+    paper, in grey too."""
     levels = distinct_forces(forces_N)
     places = np.searchsorted(levels, forces_N, side="right") - 1
     return [
@@ -130,7 +136,8 @@ def save_figure(
     *,
     formats: tuple[str, ...] = ("png", "svg"),
 ) -> list[Path]:
-    """Write one figure into a folder under a name, the same bytes for the same figure; returns the files written."""
+    """Write one figure into a folder under a name, the same bytes for the same figure; returns the
+    files written."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / f"{name}.{kind}" for kind in formats]
