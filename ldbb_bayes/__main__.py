@@ -15,7 +15,7 @@ def run() -> None:
 
         main()
     except KeyboardInterrupt:
-        print("ldbb-bayes: interrupted; nothing was written.", file=sys.stderr)  # noqa: T201
+        print("ldbb-bayes: interrupted; nothing was written.", file=sys.stderr)
         sys.exit(130)
 
 

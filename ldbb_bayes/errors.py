@@ -48,7 +48,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     own = name.lower()
 
     def alike(one: str) -> tuple[float, bool, int]:
-        match, anagram = SequenceMatcher(None, one.lower(), own), sorted(one.lower()) == sorted(own)
+        match = SequenceMatcher(None, one.lower(), own)
+        anagram = sorted(one.lower()) == sorted(own)
         return match.ratio(), anagram, match.get_matching_blocks()[0].size
 
     return max(known, key=alike)

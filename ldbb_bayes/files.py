@@ -36,13 +36,12 @@ __all__ = [
     "xml_of",
 ]
 
-LARGEST_TABLE_BYTES, LARGEST_TOML_BYTES, LONGEST_LINE, _DEEPEST = (
-    64 * 2**20,
-    512 * 2**10,
-    20_000,
-    100,
-)
-_UNKNOWN, _SHOULD = ("extra_forbidden", "unexpected_keyword_argument"), "Input should be "
+LARGEST_TABLE_BYTES = 64 * 2**20
+LARGEST_TOML_BYTES = 512 * 2**10
+LONGEST_LINE = 20_000
+_DEEPEST = 100
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+_SHOULD = "Input should be "
 T = TypeVar("T")
 
 
@@ -109,7 +108,8 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
         f"{target} must not be the folder you stand in, or one above it. Choose another name.",
     )
     with _writing(target):
-        is_file, names = False, None
+        is_file = False
+        names = None
         try:
             names = os.listdir(target)  # one look: another run may be replacing the folder
         except FileNotFoundError:
@@ -248,14 +248,12 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
 
 
 def _invalid(what: str, first: Any) -> str:
-    why, got = (
-        re.sub(
-            r"dictionary or an instance of _\w+",
-            "table",
-            first["msg"].removeprefix("Value error, "),
-        ),
-        first["input"],
+    why = re.sub(
+        r"dictionary or an instance of _\w+",
+        "table",
+        first["msg"].removeprefix("Value error, "),
     )
+    got = first["input"]
     if why.startswith(_SHOULD):
         return f"{what} must be {why.removeprefix(_SHOULD)}, got {got!r}. Correct it."
     return f"{what} must be valid, got {got!r}: {why[0].lower()}{why[1:]}. Correct it."
@@ -315,10 +313,8 @@ def xml_of(raw: bytes, wanted: str) -> ElementTree.Element:
 
     parser = expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler, parser.EndElementHandler = (
-        (lambda *_: move(1)),
-        (lambda *_: move(-1)),
-    )
+    parser.StartElementHandler = lambda *_: move(1)
+    parser.EndElementHandler = lambda *_: move(-1)
     try:
         parser.Parse(raw, True)
         return ElementTree.fromstring(raw)

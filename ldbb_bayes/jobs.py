@@ -45,12 +45,14 @@ __all__ = [
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
-EXECUTORS, _PACKAGES = ("process", "dask"), ("numpy", "scipy", "emcee")
+EXECUTORS = ("process", "dask")
+_PACKAGES = ("numpy", "scipy", "emcee")
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
 ANSWER_S = 10.0
 # A job may have jobs of its own.
 _TURN = threading.RLock()
-_PER_WORKER, _UNCOUNTED = 4, 64
+_PER_WORKER = 4
+_UNCOUNTED = 64
 _UNGUARDED = (
     "worker processes must be able to start, got some that ended at once. A script must do its work"
     ' under `if __name__ == "__main__":`, because every worker imports it.'
@@ -98,7 +100,8 @@ def done(
     that raises is raised, with a note that says which; what is pending is cancelled, as it is when
     the iterator is closed. An executor that gave its jobs up is an `InputError`.
     """
-    fresh, again = enumerate(jobs), deque[tuple[int, T]]()
+    fresh = enumerate(jobs)
+    again = deque[tuple[int, T]]()
     room = (
         1 if executor is None else _PER_WORKER * getattr(executor, "_max_workers", 0) or _UNCOUNTED
     )
@@ -163,7 +166,7 @@ def _submitted(call: Callable[[], R], executor: Executor | None) -> Future[R]:
     future: Future[R] = Future()
     try:
         future.set_result(call())
-    except Exception as error:  # noqa: BLE001  # of whatever kind: it is raised where results are handed out
+    except Exception as error:  # of whatever kind: it is raised where results are handed out
         future.set_exception(error)
     return future
 
@@ -272,14 +275,14 @@ def _serve(pipe: Connection) -> None:
             answer = True, pipe.recv()()
         except EOFError:
             return
-        except Exception as error:  # noqa: BLE001  # whatever it is, it is raised where the result is asked for
+        except Exception as error:  # whatever it is, it is raised where the result is asked for
             error.add_note("".join(traceback.format_exception(error)))
             answer = False, error
         try:
             pipe.send(answer)
         except OSError:
             return
-        except Exception as error:  # noqa: BLE001  # what does not pickle
+        except Exception as error:  # what does not pickle
             pipe.send(
                 (
                     False,
@@ -353,7 +356,7 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
             client = stack.enter_context(
                 distributed.Client(place, timeout=ANSWER_S, set_as_default=False)
             )
-        except Exception as error:  # noqa: BLE001  # of whatever kind: what is there may speak anything
+        except Exception as error:  # of whatever kind: what is there may speak anything
             got = (
                 f"got {scheduler!r} ({error}). Copy it from what dask scheduler says when it starts"
             )

@@ -109,7 +109,12 @@ else:
 
 # Longest repr, longest value and most entries of a collection in one; rows of a table printed
 # whole; narrowest and widest print.
-_LONGEST, _LONGEST_VALUE, _MOST_ENTRIES, _MOST_ROWS, _NARROW, _WIDE = 80, 56, 12, 60, 80, 120
+_LONGEST = 80
+_LONGEST_VALUE = 56
+_MOST_ENTRIES = 12
+_MOST_ROWS = 60
+_NARROW = 80
+_WIDE = 120
 
 
 def entries_of(thing: Any) -> dict[str, Any]:
@@ -216,7 +221,8 @@ class ByClass(Generic[T]):
     it."""
 
     def __init__(self, default: Callable[[Any], T]) -> None:
-        self._default, self._registered = default, dict[str, Callable[[Any], T]]()
+        self._default = default
+        self._registered = dict[str, Callable[[Any], T]]()
         self.__doc__ = default.__doc__
 
     def register(self, function: Callable[[Any], T]) -> Callable[[Any], T]:
@@ -301,8 +307,11 @@ class Table:
         Where it is too wide, heads are broken into lines; then what is the same in every row is
         said once, at the end; then columns go beneath their row, text before numbers, the last
         first."""
-        heads, rows = [*map(typeset, self.heads)], self.shown()
-        kept, same, beneath = list(range(len(heads))), list[int](), list[int]()
+        heads = [*map(typeset, self.heads)]
+        rows = self.shown()
+        kept = list(range(len(heads)))
+        same = list[int]()
+        beneath = list[int]()
         lines = {k: heads[k].replace(" (", "\n(").split("\n") for k in kept}
 
         def size(k: int, head: Sequence[str] = ()) -> int:
@@ -416,7 +425,8 @@ def _frame_class() -> type[pd.DataFrame]:
     class ReadableFrame(pd.DataFrame):
         """A frame that is shown as a `Table`."""
 
-        __module__, __qualname__ = __name__, "ReadableFrame"
+        __module__ = __name__
+        __qualname__ = "ReadableFrame"
 
         @property
         def _constructor(self) -> type[pd.DataFrame]:
@@ -441,7 +451,8 @@ def __getattr__(name: str) -> Any:
 def table_of(frame: pd.DataFrame) -> Table:
     """Return a frame as it is read: numbers with the unit of their row, converted; of a long one
     the first and last rows."""
-    caption, units = frame.attrs.get("caption", ""), frame.attrs.get("units", {})
+    caption = frame.attrs.get("caption", "")
+    units = frame.attrs.get("units", {})
     if naming := [
         name
         for name in _NAMING
@@ -450,11 +461,13 @@ def table_of(frame: pd.DataFrame) -> Table:
         frame = frame.set_index(naming[0])
     heads = [f"{name} ({units[name]})" if units.get(name) else str(name) for name in frame.columns]
     numeric = [kind.kind in "iufb" for kind in frame.dtypes]
-    cut, rows = len(frame) > _MOST_ROWS, list[tuple[Any, ...]]()
+    cut = len(frame) > _MOST_ROWS
+    rows = list[tuple[Any, ...]]()
     for label, *row in (
         frame.take(np.r_[: _MOST_ROWS // 2, -_MOST_ROWS // 2 : 0]) if cut else frame
     ).itertuples(name=None):
-        factor, unit = 1.0, dict(zip(frame, row, strict=True)).get("unit")
+        factor = 1.0
+        unit = dict(zip(frame, row, strict=True)).get("unit")
         with suppress(InputError):
             factor, unit = display_unit(str(unit))
         rows.append((" / ".join(map(str, label)) if isinstance(label, tuple) else label,))

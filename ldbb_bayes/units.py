@@ -70,7 +70,8 @@ _ATOMS: Mapping[str, tuple[float, int, int]] = {
     "arcsec": (math.pi / 648e3, 0, 0),
 }
 _ENDINGS = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
-_HARDLY, _ZERO = 0.2, 1e-12
+_HARDLY = 0.2
+_ZERO = 1e-12
 
 
 def display_unit(unit: str) -> tuple[float, str]:
@@ -93,7 +94,8 @@ def to_inside(text: str, unit: str, what: str = "value") -> float:
         text.strip().replace("−", "-"),
         re.IGNORECASE,
     )
-    written, wanted = _size(parts[2]) if parts else None, _size(unit)
+    written = _size(parts[2]) if parts else None
+    wanted = _size(unit)
     if parts is None or written is None or wanted is None or written[1:] != wanted[1:]:
         label = _UNITS[unit][1] if unit in _UNITS else unit
         raise InputError(
@@ -123,7 +125,9 @@ def _size(unit: str) -> tuple[float, int, int] | None:
         r"\(([^()]*)\)", lambda match: re.sub(r"[ ·*]+", "/", match[1].strip()), unit.strip()
     )
     text = re.sub(r"\s+per\s+", "/", text.replace("μ", "µ").replace("²", "^2"))
-    size, length, force = 1.0, 0, 0
+    size = 1.0
+    length = 0
+    force = 0
     for k, factor in enumerate(re.split(r"\s*/\s*", text)):
         atom, _, power = factor.partition("^")
         atom = re.sub(r"^u(?=[mrN])", "µ", atom)
@@ -131,7 +135,9 @@ def _size(unit: str) -> tuple[float, int, int] | None:
             return None
         sign = (-1 if k else 1) * int(power or 1)
         one, of_length, of_force = _ATOMS[atom]
-        size, length, force = size * one**sign, length + sign * of_length, force + sign * of_force
+        size = size * one**sign
+        length = length + sign * of_length
+        force = force + sign * of_force
     return size, length, force
 
 

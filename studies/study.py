@@ -232,7 +232,8 @@ def _fill(measured: dict[str, Any], stated: dict[str, Any], path: list[str]) -> 
     """What is stated under a path takes the place of what was not measured."""
     *above, name = path
     for key in above:
-        measured, stated = measured[key], stated[key]
+        measured = measured[key]
+        stated = stated[key]
     measured.setdefault(name, stated[name])
 
 
@@ -485,7 +486,8 @@ def _compare(
     )
     rows = np.flatnonzero(off.any(axis=1))
     if len(rows) > astray * len(both):
-        row, name = both.iloc[rows[0]], off.columns[off.iloc[rows[0]]][0]
+        row = both.iloc[rows[0]]
+        name = off.columns[off.iloc[rows[0]]][0]
         sys.exit(
             f"{where}: {row['kind']}, seed {row['seed']}: {name} is {row[name]:.6g}, kept"
             f" {row[f'{name} kept']:.6g}; {len(rows)} of {len(both)} rows differ"

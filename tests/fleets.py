@@ -49,8 +49,12 @@ def fleet(
         Added to the first machine.
     """
     c = parameters
-    mu, s, b = np.broadcast_to(mean, c), np.broadcast_to(spread, c), rng.standard_normal(2)
-    names, information, weighted = [], [], []
+    mu = np.broadcast_to(mean, c)
+    s = np.broadcast_to(spread, c)
+    b = rng.standard_normal(2)
+    names = []
+    information = []
+    weighted = []
     for m in range(machines):
         own = mu + s * rng.standard_normal(c)
         own = own + (outlier if outlier is not None and m == 0 else 0.0)
@@ -114,9 +118,12 @@ def of_campaigns(statistics: FleetStatistics, places: Any) -> FleetStatistics:
 def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """ln p(estimates | s), and mean and covariance of (c_1 … c_n, μ, b) given them: every
     campaign's maximum as a reading."""
-    information, weighted = statistics.likelihood.precision, statistics.likelihood.shift
+    information = statistics.likelihood.precision
+    weighted = statistics.likelihood.shift
     names = list(dict.fromkeys(statistics.machines))
-    c, q, n = len(statistics.parameters), weighted.shape[1], len(names)
+    c = len(statistics.parameters)
+    q = weighted.shape[1]
+    n = len(names)
     common = np.kron(np.ones((n, 1)), np.eye(c, q))
     prior = np.block(
         [
@@ -124,7 +131,9 @@ def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.nd
             [common.T, np.eye(q)],
         ]
     )
-    rows, readings, noise = [], [], []
+    rows = []
+    readings = []
+    noise = []
     for machine, precision, weight in zip(statistics.machines, information, weighted, strict=True):
         row = np.zeros((q, n * c + q))
         row[:c, names.index(machine) * c : (names.index(machine) + 1) * c] = np.eye(c)
@@ -132,7 +141,8 @@ def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.nd
         rows.append(row)
         readings.append(np.linalg.solve(precision, weight))
         noise.append(np.linalg.inv(precision))
-    design, reading = np.concatenate(rows), np.concatenate(readings)
+    design = np.concatenate(rows)
+    reading = np.concatenate(readings)
     covariance = design @ prior @ design.T + block_diag(*noise)
     gain = np.linalg.solve(covariance, design @ prior).T
     log_density = float(multivariate_normal(np.zeros(len(reading)), covariance).logpdf(reading))
@@ -201,7 +211,8 @@ def drawn_rows(
             root @ (root.T @ (truth / found.prior_sd) + rng.standard_normal(len(truth)))
         ) / found.prior_sd
         own = replace(found, mean=found.covariance @ weighted)
-        name, day = f"c{t + 1:02d}", date(2025, 1, 15) + timedelta(days=30 * t)
+        name = f"c{t + 1:02d}"
+        day = date(2025, 1, 15) + timedelta(days=30 * t)
         rows.append(row(own, campaign=f"year/{name}", name=name, date=day.isoformat()))
     return pd.DataFrame(rows)
 
@@ -218,7 +229,8 @@ def with_prior(rows: pd.DataFrame, prior: dict[str, tuple[float, float]]) -> pd.
         before_mean, before_sd = (
             np.array(own[f"gaussian_prior_{kind}"], dtype=float) for kind in ("mean", "sd")
         )
-        mean, sd = before_mean.copy(), before_sd.copy()
+        mean = before_mean.copy()
+        sd = before_sd.copy()
         for name, told in prior.items():
             mean[names.index(name)], sd[names.index(name)] = told
         scale = np.outer(before_sd, before_sd)

@@ -36,7 +36,8 @@ def check_units(figure: Figure) -> None:
 def check_texts(figure: Figure) -> None:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    page, texts = figure.bbox, visible_texts(figure)
+    page = figure.bbox
+    texts = visible_texts(figure)
     assert not any(axes.get_legend() for axes in figure.axes)
     boxes = [text.get_window_extent(canvas.get_renderer()) for text in texts]
     for text, box in zip(texts, boxes, strict=True):
@@ -50,7 +51,8 @@ def check_texts(figure: Figure) -> None:
     ]
     for i, (one, a) in enumerate(straight):
         for other, b in straight[:i]:
-            width, height = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
+            width = min(a.x1, b.x1) - max(a.x0, b.x0)
+            height = min(a.y1, b.y1) - max(a.y0, b.y0)
             assert width <= 1.5 or height <= 1.5, (
                 f"{one.get_text()!r} overlaps {other.get_text()!r}"
             )

@@ -62,12 +62,14 @@ class Stated:
 
 
 def compliance_columns(theta: np.ndarray, R: np.ndarray) -> np.ndarray:
-    c, s = np.cos(theta), np.sin(theta)
+    c = np.cos(theta)
+    s = np.sin(theta)
     return np.stack([c**2, c * s, s**2, R * c**2 * s, R * c * s**2, R**2 * c**2 * s**2], axis=1)
 
 
 def geometric_columns(theta: np.ndarray, R: np.ndarray) -> np.ndarray:
-    c, s = np.cos(theta), np.sin(theta)
+    c = np.cos(theta)
+    s = np.sin(theta)
     return np.stack([R * c**2, R**2 * c**2 * s, R**2 * s**2 * c, R * s**2, R * c * s, c, s], axis=1)
 
 
@@ -229,7 +231,9 @@ class Oracle:
         """Two of X and two of Y, with their sd."""
         found = []
         for place, size in self.axes:
-            F, square, angle = self.force, np.cos(self.theta - place) ** 2, self.theta - place
+            F = self.force
+            square = np.cos(self.theta - place) ** 2
+            angle = self.theta - place
             found.append(
                 (
                     F * (F * projected_power(3.0, angle) - self.reference * square) / self.most,
@@ -308,7 +312,8 @@ class Oracle:
 
     def log_prior(self, phi: Phi) -> float:
         """Of σ, δ, κ, τ, p, ω, η and λ themselves."""
-        value, total = self.by_name(phi), 0.0
+        value = self.by_name(phi)
+        total = 0.0
         for name, scale in zip(self.hypers, self.scales, strict=True):
             if name == "p":
                 total += stats.truncnorm.logpdf(
@@ -350,7 +355,8 @@ class Oracle:
         white = linalg.solve_triangular(
             root, np.column_stack([self.J * self.sd, self.y - self.J @ self.mean]), lower=True
         )
-        white_j, white_y = white[:, :-1], white[:, -1]
+        white_j = white[:, :-1]
+        white_y = white[:, -1]
         precision = white_j.T @ white_j + np.eye(self.sd.size)
         covariance = np.linalg.inv(precision)
         mean = covariance @ (white_j.T @ white_y)
@@ -384,7 +390,9 @@ class Oracle:
         log_phi, log_z, conditional = self._propose(
             centre, 1.1 * spread, stats.t.rvs(5, size=(points, len(centre)), random_state=rng)
         )
-        kept, found, weight = np.isfinite(log_z), [], []
+        kept = np.isfinite(log_z)
+        found = []
+        weight = []
         for point, value, (mean, covariance) in zip(
             log_phi[kept], log_z[kept] - log_z[kept].max(), conditional, strict=True
         ):
@@ -419,7 +427,8 @@ class Oracle:
         rng = np.random.default_rng(seed)
         centre, spread = self._locate(rng)
         rows = self._rows()
-        halves, places = [], stats.qmc.Sobol(len(rows), rng=rng).random(draws)
+        halves = []
+        places = stats.qmc.Sobol(len(rows), rng=rng).random(draws)
         for _ in range(4):
             uniform = np.clip(
                 stats.qmc.Sobol(len(centre), rng=rng).random(points // 4), 1e-12, 1.0 - 1e-12
@@ -456,7 +465,8 @@ class Oracle:
         if not self.truncated:
             return 0.0
         if self.mean.any():
-            rows, per = self._rows(), 2 if self.degree else 1
+            rows = self._rows()
+            per = 2 if self.degree else 1
             pairs = [rows[k : k + per] for k in range(0, len(rows), per)]
             return sum(
                 stats.multivariate_normal(-row @ self.mean, (row * self.sd**2) @ row.T).logcdf(
@@ -480,7 +490,8 @@ class Oracle:
             return 1e10 if not np.isfinite(prior) else -(prior + self.given(self.phi(log_phi))[0])
 
         found = optimize.minimize(negative, np.log(0.3 * self.scales), method="Powell")
-        centre, spread = found.x, 0.5 * np.eye(len(found.x))
+        centre = found.x
+        spread = 0.5 * np.eye(len(found.x))
         for temperature in (30.0, 10.0, 3.0, 1.0, 1.0):
             log_phi, weight, _ = self._propose(
                 centre,

@@ -47,13 +47,15 @@ def one_factor(mean: np.ndarray, loading: np.ndarray) -> Case:
 def chain(mean: np.ndarray, rho: np.ndarray) -> Case:
     """u_i − mean_i = ρ_i (u_{i−1} − mean_{i−1}) + √(1 − ρ_i²) e_i: one transition after another
     over a grid of u."""
-    m, root = len(mean), np.eye(len(mean))
+    m = len(mean)
+    root = np.eye(len(mean))
     for i in range(1, m):
         root[i] = rho[i - 1] * root[i - 1]
         root[i, i] = np.sqrt(1.0 - rho[i - 1] ** 2)
     nodes, weights = np.polynomial.legendre.leggauss(200)
     top = max(float(mean.max()), 0.0) + 10.0
-    u, log_weight = (nodes + 1.0) * top / 2.0, np.log(weights * top / 2.0)
+    u = (nodes + 1.0) * top / 2.0
+    log_weight = np.log(weights * top / 2.0)
     message = np.zeros(len(u))
     for i in range(m - 1, 0, -1):
         centre = mean[i] + rho[i - 1] * (u - mean[i - 1])
@@ -83,7 +85,8 @@ def cone(mean: np.ndarray, rows: np.ndarray) -> Case:
 def random_case(rng: np.random.Generator) -> Case:
     """A case of 2 to 10 rows, correlated by up to 0.99, held or broken by up to 30 sd, some with
     rows that follow from others."""
-    kind, m = rng.integers(4), int(rng.integers(2, 11))
+    kind = rng.integers(4)
+    m = int(rng.integers(2, 11))
     mean = rng.normal(0.0, rng.choice([0.5, 2.0]), m) + rng.choice(
         [1.0, 0.0, -2.0, -6.0, -12.0, -30.0]
     )

@@ -21,7 +21,8 @@ SCRIPT = '<script>alert(1)</script> $\\frac$ | *b* `c` & "q" ]]>'
 
 def awkward(kind: str) -> xr.DataTree:
     """A posterior that a page must cope with."""
-    constant, linear = lb.HybridModel.first(0), lb.HybridModel.first(1)
+    constant = lb.HybridModel.first(0)
+    linear = lb.HybridModel.first(1)
     if kind == "script":
         return fitted(linear, replace(simulated(plan()), name=SCRIPT))
     if kind == "long name":

@@ -43,7 +43,8 @@ def test_stopped_at_any_moment_the_old_result_or_the_new_one_stands(
 ) -> None:
     """Every call refuses once, one after the other, as on a full disk; nothing lies about."""
     lb.write_campaign(campaign(0), tmp_path / "result")
-    own, stands = getattr(os, call), 0
+    own = getattr(os, call)
+    stands = 0
     for moment in range(1, 30):
         calls = iter(range(1, 1000))
 
@@ -117,7 +118,8 @@ def test_a_folder_that_another_run_takes_away_between_two_renames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It was there when this run came, and is not when this run looks again."""
-    rename, moments = os.rename, iter([OSError(39, "Directory not empty")])
+    rename = os.rename
+    moments = iter([OSError(39, "Directory not empty")])
 
     def taken_away(source: str, target: str) -> None:
         for error in moments:

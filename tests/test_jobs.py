@@ -19,7 +19,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import numpy  # noqa: F401  # whose threads are counted
+import numpy  # whose threads are counted
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -43,7 +43,9 @@ class Late(Executor):
     def __init__(self, at: int, workers: int | None = None) -> None:
         if workers is not None:
             self._max_workers = workers
-        self.at, self.waiting, self.made = at, [], []
+        self.at = at
+        self.waiting = []
+        self.made = []
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -234,7 +236,8 @@ KilledWorker = type("KilledWorker", (Exception,), {})
 
 
 def test_a_job_blamed_by_dask_is_tried_once_more_when_all_others_are_done() -> None:
-    executor, tried = Late(at=4, workers=1), []
+    executor = Late(at=4, workers=1)
+    tried = []
 
     def finish(future: Future[Any], call: Callable[[], Any]) -> None:
         executor.at = 1

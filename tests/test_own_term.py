@@ -46,7 +46,8 @@ class KnownLobe(lb.Term):
     sd_um: float = 1e-4
 
     def columns(self, setting: Setting) -> tuple[lb.Columns, ...]:
-        sd, mean = np.array([self.sd_um * 1e-3]), np.array([3e-3])
+        sd = np.array([self.sd_um * 1e-3])
+        mean = np.array([3e-3])
         return (lb.Columns(("known_lobe",), setting.harmonics([5])[:, :, :1], sd, mean=mean),)
 
 
@@ -193,7 +194,8 @@ def test_simulation_based_calibration_passes() -> None:
 def test_a_prior_mean_of_its_columns_counts(campaign: lb.Campaign) -> None:
     """In simulated readings, and in the likelihood: readings with 3 µm more of cos 5θ are as
     probable under it as without."""
-    plain, phi = lb.HybridModel.first(0), np.array([[3e-4, 5e-4, 2e-4, 2e-3]])
+    plain = lb.HybridModel.first(0)
+    phi = np.array([[3e-4, 5e-4, 2e-4, 2e-3]])
     model = plain.with_term(KnownLobe())
     more = tuple(
         t.with_reading_um(np.asarray(t.reading_um) + 3.0 * np.cos(5.0 * t.angles_rad()))

@@ -99,7 +99,9 @@ def test_arguments_and_fields_are_documented(name: str) -> None:
         ]
         text += " ".join(
             "".join(found)
-            for found in re.findall(r"^    (\w+): .*#: |#: .*\n    (\w+): ", "".join(sources), re.M)
+            for found in re.findall(
+                r"^    (\w+): .*#: |#: .*\n    (\w+): ", "\n".join(sources), re.M
+            )
         )
         missing = {
             own.name for own in dataclasses.fields(what) if not re.search(rf"\b{own.name}\b", text)

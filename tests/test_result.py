@@ -34,16 +34,12 @@ def shown() -> tuple[list[Any], list[pd.DataFrame]]:
         for way in ("CW", "CCW")
     ]  # type: ignore[arg-type]
     campaign = lb.Campaign(simulated(lb.Campaign(tuple(tests))).tests, name="<b>bold</b>")
-    posterior, machine, circle = (
-        fitted(MODEL, campaign),
-        campaign.machine(),
-        campaign.tests[0].circle,
-    )
+    posterior = fitted(MODEL, campaign)
+    machine = campaign.machine()
+    circle = campaign.tests[0].circle
     other = fitted(MODEL, lb.Campaign(simulated(campaign.plan(), seed=2).tests))
-    design, squares = (
-        lb.design(lb.HybridModel.paper(0), plan(), tests=3, forces_N=FORCES_N),
-        lb.least_squares(campaign),
-    )
+    design = lb.design(lb.HybridModel.paper(0), plan(), tests=3, forces_N=FORCES_N)
+    squares = lb.least_squares(campaign)
     validation = lb.validate(MODEL, plan((24,) * 3, forces_N=FORCES_N), replicates=10, draws=9)
     rows = drawn_rows(6, np.random.default_rng(1), step_at=4)
     population = lb.population(rows.assign(machine_id=[f"M{k}" for k in range(6)]))
@@ -68,14 +64,13 @@ def shown() -> tuple[list[Any], list[pd.DataFrame]]:
         for name in lb.__all__
         if isclass(own := getattr(lb, name)) and issubclass(own, lb.Term)
     ]
-    judged, budgets = (
-        lb.conformity(posterior, {"G": "30 µm", "C_XXX": "80 nm/N"}),
-        lb.budgets(posterior),
-    )
+    judged = lb.conformity(posterior, {"G": "30 µm", "C_XXX": "80 nm/N"})
+    budgets = lb.budgets(posterior)
     record = lb.BallbarRecord(
         "<b>", *[""] * 8, "XY", 150.0, None, (lb.BallbarFeature("AF_CIRCULARITY", 9.0, "µm"),)
     )
-    angle, verdict = np.arange(8.0), next(iter(lb.verdicts(posterior).values()))
+    angle = np.arange(8.0)
+    verdict = next(iter(lb.verdicts(posterior).values()))
     return [
         campaign,
         campaign.plan(),

@@ -39,7 +39,9 @@ class NullSpace:
     small to be seen."""
 
     def __init__(self, scaled: Array, p: int, limit: float) -> None:
-        self.scaled, self.p, self.limit = scaled, p, limit
+        self.scaled = scaled
+        self.p = p
+        self.limit = limit
         self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
         self.largest = np.abs(scaled).max(axis=0)
 
@@ -279,7 +281,8 @@ def _like_friction(bound: BoundModel) -> tuple[str, ...]:
         bound,
         np.concatenate([bound.interest, bound.interest[:, :, cross] * sign[:, None, None]], axis=2),
     )
-    own, turned = columns[:, : len(bound.names)] * bound.scale, columns[:, len(bound.names) :]
+    own = columns[:, : len(bound.names)] * bound.scale
+    turned = columns[:, len(bound.names) :]
     rest = turned - own @ np.linalg.lstsq(own, turned, rcond=1e-10)[0]
     alike = np.abs(rest).max(axis=0) < _HIDDEN * np.abs(turned).max(axis=0)
     return tuple(bound.names[j] for j, like in zip(cross, alike, strict=True) if like)
@@ -291,7 +294,8 @@ def _coefficients(bound: BoundModel) -> tuple[list[str], list[str], Array, Array
     own = {type(term): term for term in bound.model.nuisances}
     usual = _usual(bound)
     names, owners = list(bound.names), [""] * len(bound.names)
-    values, sd = [bound.interest], [bound.scale]
+    values = [bound.interest]
+    sd = [bound.scale]
     for kind in Term.kinds.values():
         if kind not in own and kind not in usual:
             continue
@@ -334,7 +338,9 @@ _MANY = 36
 def cures(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
     """Return for each degeneracy what would end it: tests tried by adding them to the plan, and the
     nuisance's calibration."""
-    plan, tried, every = bound.campaign.plan(), {}, []
+    plan = bound.campaign.plan()
+    tried = {}
+    every = []
     for cure, tests in _further_tests(plan).items():
         more = replace(plan, tests=(*plan.tests, *(replace(test, name="") for test in tests)))
         tried[cure] = degeneracies(BoundModel(bound.model, more, pilot=bound.pilot))

@@ -54,7 +54,8 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
         """Binomial intervals that leave out less than ``tail`` in all."""
         return (below < 0.5 * tail).sum(axis=0), (above > 0.5 * tail).sum(axis=0)
 
-    low, high = 0.0, 1.0 - prob
+    low = 0.0
+    high = 1.0 - prob
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         low, high = (
@@ -71,13 +72,17 @@ def _coverage(replicates: int, level: Array, lower: Array, upper: Array) -> floa
     numbers not yet passed."""
     from scipy.stats import binom  # figures start without it
 
-    before, origin, probability = 0.0, np.zeros(1, dtype=int), np.ones(1)
+    before = 0.0
+    origin = np.zeros(1, dtype=int)
+    probability = np.ones(1)
     for point, least, most in zip(level, lower, upper, strict=True):
         now = np.arange(least, most + 1)
         passed = binom.pmf(
             now - origin[:, None], replicates - origin[:, None], (point - before) / (1.0 - before)
         )
-        before, origin, probability = point, now, probability @ passed
+        before = point
+        origin = now
+        probability = probability @ passed
     return float(probability.sum())
 
 
@@ -94,12 +99,10 @@ class Validation(Result):
     draws: int  #: of each replicate
     sampler: str  #: joint or independent
     prob: float  #: of the band, simultaneous over ranks and quantities
-    failures: tuple[
-        str, ...
-    ]  #: what went wrong in replicates that gave no draws; these are not among the ranks
-    by_emcee: tuple[
-        int, ...
-    ] = ()  #: rows for which emcee took over, the weights of independent draws not to be trusted
+    #: what went wrong in replicates that gave no draws; these are not among the ranks
+    failures: tuple[str, ...]
+    #: rows for which emcee took over, the weights of independent draws not to be trusted
+    by_emcee: tuple[int, ...] = ()
 
     @property
     def replicates(self) -> int:
@@ -222,10 +225,8 @@ def validate(
             f"at least one replicate must give draws, got none. First reason: {failures[0]}"
         )
     found = np.array([rows[i] for i in range(replicates) if not isinstance(rows[i], str)])
-    names, by_emcee = (
-        (*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD),
-        np.flatnonzero(found[:, -1]).tolist(),
-    )
+    names = (*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD)
+    by_emcee = np.flatnonzero(found[:, -1]).tolist()
     return Validation(names, found[:, :-1], draws, sampler, prob, failures, tuple(by_emcee))
 
 

@@ -210,7 +210,8 @@ def objective_of(
     """The candidates' information on the chosen parameters at every φ (K, h); nuisances that touch
     none of them are left out. The model is bound to the tests already run, ``run`` of them,
     followed by the candidates."""
-    rows, prior = [], []
+    rows = []
+    prior = []
     order = kept = proper = np.zeros(0, dtype=int)
     for k, information in enumerate(informations_of(bound, carried(bound, phi, run))):
         blocks = _compact(information.blocks())
@@ -250,8 +251,11 @@ def _connected(blocks: Array, own: Sequence[int]) -> NDArray[np.int_]:
 # ---- what to expect of tests before they are run
 
 DECISIVE = 5.0
-_REPEATS, _EACH, _LEAST = 4, 256, 1e-12
-_VERY_OFTEN, _RANK = 1e6, 1e-6
+_REPEATS = 4
+_EACH = 256
+_LEAST = 1e-12
+_VERY_OFTEN = 1e6
+_RANK = 1e-6
 _KEPT: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
@@ -292,12 +296,9 @@ class Discrimination(Result):
     decisive_without: float
     misleading_with: float
     misleading_without: float
-    power: dict[
-        str,
-        float,
-        #: probability of decisive evidence if this slope alone is there, of plus or minus ``size``
-        #: prior sd
-    ]
+    #: probability of decisive evidence if this slope alone is there, of plus or minus ``size``
+    #: prior sd
+    power: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -413,11 +414,13 @@ def narrowed(
     For every state the mean that the analysis would find is drawn, and the truncated Gaussian about
     it is taken. The errors are those of a mean over as many states."""
     each = np.einsum("kii->ki", covariance)
-    plain, change = each.mean(axis=0), np.zeros_like(each)
+    plain = each.mean(axis=0)
+    change = np.zeros_like(each)
     if bound.truncation.active:
         possible = bound.truncation.holds(states.beta)
         possible |= not possible.any()
-        each, change = each[possible], _change_inside(bound, states, possible, covariance, seed)
+        each = each[possible]
+        change = _change_inside(bound, states, possible, covariance, seed)
     error = (each + change).std(axis=0) / np.sqrt(max(len(each) - 1, 1))
     return np.maximum(plain + change.mean(axis=0), 0.0), error
 
@@ -428,7 +431,8 @@ def _change_inside(
     """What the truncation adds to the variances in possible states, shape (states, p). The mean m
     that an analysis will find is m | β ~ N(m₁ + W (β − m₁), W C), W = 1 − C P₁, with the precision
     P₁ before the tests and the covariance C after them."""
-    scale, start = bound.scale, states.before.mean[possible]
+    scale = bound.scale
+    start = states.before.mean[possible]
     both = np.outer(scale, scale)
     after = covariance[possible] / both
     weight = np.eye(len(scale)) - after @ (states.before.precision[possible] * both)
@@ -466,11 +470,10 @@ def discrimination_of(
     root = np.linalg.cholesky(covariance)
     left, axes = np.linalg.eigh(np.swapaxes(root, 1, 2) @ start.precision @ root)
     left = np.clip(left, _LEAST, 1.0)
-    learnt, turn = (
-        1.0 - left,
-        np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape)),
-    )
-    log_volume, mean = np.linalg.slogdet(covariance)[1], np.einsum("kij,kj->ki", turn, start.mean)
+    learnt = 1.0 - left
+    turn = np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))
+    log_volume = np.linalg.slogdet(covariance)[1]
+    mean = np.einsum("kij,kj->ki", turn, start.mean)
     points = _points(count, s - 1, seed)
 
     def probability(centre: Array, variance: Array, level: float) -> float:
@@ -487,7 +490,8 @@ def discrimination_of(
             - ((own[..., 1:] + sd[..., 1:] * points) ** 2).sum(axis=2)
         )
         # The component of the largest variance is integrated out.
-        edge, middle = np.sqrt(np.maximum(rest, 0.0)) / sd[..., 0], own[..., 0] / sd[..., 0]
+        edge = np.sqrt(np.maximum(rest, 0.0)) / sd[..., 0]
+        middle = own[..., 0] / sd[..., 0]
         return float(np.where(rest > 0.0, ndtr(-edge - middle) + ndtr(middle - edge), 1.0).mean())
 
     there = mean[:, None], learnt * (1.0 + learnt * (size**2 if before is None else 1.0) / left)
@@ -531,7 +535,9 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     of the prior sd; none where flat priors leave something open."""
     phi = carried(bound, phi, run)
     one = information_of(bound, phi[0])
-    own, flat, size = one.own, one.flat, len(one.names)
+    own = one.own
+    flat = one.flat
+    size = len(one.names)
     # All that the readings say of the coefficients, in as few rows as these are.
     rows = np.array(
         [np.linalg.qr(information.rows(), mode="r") for information in informations_of(bound, phi)]
@@ -553,7 +559,8 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
 
 # ---- the space of designs
 
-_SEARCHED, _REPORTED = 12, 128
+_SEARCHED = 12
+_REPORTED = 128
 _MOST_CANDIDATES = 5000
 
 
@@ -616,10 +623,8 @@ class Space:
     def chosen(self) -> tuple[str, ...]:
         """The parameters of interest: those named, else all that the criterion is about."""
         check_known("criterion", [self.criterion], get_args(CriterionName))
-        every, given = (
-            {"compliance", "slope", "geometric"},
-            [inside_name(name) for name in self.parameters],
-        )
+        every = {"compliance", "slope", "geometric"}
+        given = [inside_name(name) for name in self.parameters]
         check_known("parameter", given, self.bound.names)
         wanted = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}.get(
             self.criterion, every
@@ -627,7 +632,8 @@ class Space:
         found = [
             p for p in self.bound.parameters if (p.name in given if given else p.group in wanted)
         ]
-        groups, only = {p.group for p in found}, self.criterion == "discriminate"
+        groups = {p.group for p in found}
+        only = self.criterion == "discriminate"
         slopes = (
             "criterion discriminate must be about slopes, got others or none. Name some (C_XYX_1),"
             " or use a degree above 0."
@@ -684,7 +690,8 @@ class Space:
         levels = np.array(sorted(self.forces_N))
         steps = np.linspace(levels[0], levels[-1], number)
         nearest = [float(levels[np.argmin(np.round(np.abs(levels - step), 9))]) for step in steps]
-        every, first = len(self.templates), (self.clockings_deg[:1], self.radii_mm[:1])
+        every = len(self.templates)
+        first = (self.clockings_deg[:1], self.radii_mm[:1])
         return tuple(
             test
             for k, like in enumerate(self.templates)
@@ -695,7 +702,8 @@ class Space:
         """The criterion of any tests, candidates or not."""
         bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
         phi = hyper_nodes(self.model, self.pilot, _SEARCHED, self.seed)
-        run, size = len(self.pilot.tests) if self.augment else 0, len(self.chosen)
+        run = len(self.pilot.tests) if self.augment else 0
+        size = len(self.chosen)
         criterion: Criterion = Determinant(size)
         if self.criterion == "discriminate":
             criterion = LogBayesFactor(self.slope_size)
@@ -710,10 +718,8 @@ class Space:
     @cached_property
     def search(self) -> Search:
         """The candidates under the criterion."""
-        forces, levels = (
-            np.array([test.force_N for test in self.tests]),
-            1 if self.augment or not self.model.degree else 2,
-        )
+        forces = np.array([test.force_N for test in self.tests])
+        levels = 1 if self.augment or not self.model.degree else 2
         return Search(self.objective(self.tests), forces, levels, self.seed)
 
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
@@ -737,7 +743,8 @@ class Space:
                 p.name: Expected(p.unit, p.prior_sd, *[np.inf] * 4) for p in bound.parameters
             }
             return Forecast(nothing, np.inf, None)
-        scale, covariance = bound.scale, after.covariance
+        scale = bound.scale
+        covariance = after.covariance
         gaussian = scale * np.sqrt(np.einsum("kii->ki", covariance).mean(axis=0))
         variance, error = narrowed(bound, states, covariance * np.outer(scale, scale), self.seed)
         inside = np.sqrt(variance)

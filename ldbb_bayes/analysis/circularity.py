@@ -191,11 +191,9 @@ def compare_record(record: BallbarRecord, campaign: Campaign) -> pd.DataFrame:
         record.plane in planes,
         f"the record must be of plane {' or '.join(planes)}, got {record.plane or 'none'}. {cure}",
     )
-    rows, index, own_plane = (
-        [],
-        list[str](),
-        [table[table["plane"] == record.plane] for table in (tests, pairs)],
-    )
+    rows = []
+    index = list[str]()
+    own_plane = [table[table["plane"] == record.plane] for table in (tests, pairs)]
     for test, row in [each for table in own_plane for each in table.iterrows()]:
         for own in record.features:
             quantity = _COUNTERPART.get(own.name, "")
@@ -294,7 +292,8 @@ def circularity(
     more often too large than too small.
     """
     check_probability(ci_prob)
-    units, rows = QUANTITIES | BIDIRECTIONAL, []
+    units = QUANTITIES | BIDIRECTIONAL
+    rows = []
     for where, found in path_draws(posterior, forces_N, draws):
         rows += [
             {
@@ -314,7 +313,8 @@ def path_draws(
 ) -> Iterator[tuple[dict[str, Any], dict[str, Array]]]:
     """Plane, radius and force, and the draws of every quantity of `circularity` there, each
     (draws,)."""
-    bound, parts = bound_of(posterior), parts_of(posterior, draws)
+    bound = bound_of(posterior)
+    parts = parts_of(posterior, draws)
     each = [_travel_draws(*part) for part in parts] if bound.setting.both_ways else [{}]
     travel = {
         plane: [np.concatenate(own) for own in zip(*(one[plane] for one in each), strict=True)]
@@ -366,7 +366,8 @@ def _travel_draws(bound: BoundModel, phi: Array, beta: Array) -> dict[str, tuple
     """Draws of the hysteresis in every plane run both ways, constant [mm] and per newton [mm/N],
     each (draws, 25)."""
     names = [name for term in shared_terms(bound.nuisance_columns) for name in term.names]
-    columns, drawn = shared_columns(bound), draw_shared(bound, phi, beta, np.random.default_rng(0))
+    columns = shared_columns(bound)
+    drawn = draw_shared(bound, phi, beta, np.random.default_rng(0))
     found = {}
     for plane in bound.setting.both_ways:
         r = next(
@@ -429,7 +430,9 @@ def _machine_columns(bound: BoundModel, r: int, force_N: float) -> tuple[Array, 
 
 
 DRAWS = 2000
-TOGETHER, COMPLIANCE, GEOMETRY = "compliance and geometry", "compliance", "geometry"
+TOGETHER = "compliance and geometry"
+COMPLIANCE = "compliance"
+GEOMETRY = "geometry"
 
 
 @one_blas_thread

@@ -101,10 +101,13 @@ __all__ = [
 
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 FALSE_ALARMS = 0.02  # of which a test is flagged, over all tests
-_REJECTED, _FAR = 5.0, 10.0
+_REJECTED = 5.0
+_FAR = 10.0
 _QUALITY_DRAWS = 1000
-_SPARE, _POINTS = 1e-4, 256
-_FINEST, _COARSEST = 1e-4, 1.0
+_SPARE = 1e-4
+_POINTS = 256
+_FINEST = 1e-4
+_COARSEST = 1.0
 
 
 class Sign(StrEnum):
@@ -139,9 +142,8 @@ class ComparedModel:
     log_evidence: float
     log_evidence_error: Finite
     posterior_probability: float
-    elpd_lofo: (
-        Number  #: sum of the leave-one-force-out log densities [nat]; not a number for one test
-    )
+    #: sum of the leave-one-force-out log densities [nat]; not a number for one test
+    elpd_lofo: Number
     elpd_lofo_se: Number  #: its standard error over the tests
     rmse_um: float  #: Eq. 34 of the posterior mean prediction, machine and shared nuisances
     #: Eq. 34 of the paper's least squares (Eq. 31); not a number where forces do not determine it
@@ -198,18 +200,14 @@ class Comparison(Result):
     elpd_difference: dict[str, Difference]  #: by the same: leaving one force out
     sensitivity_of: str  #: second model over the first, as both sensitivities are
     prior_sensitivity: tuple[ScaledSlopes, ...]  #: ln B by the scale of the slopes' prior
-    prior_sensitivity_crossings: tuple[
-        float, ...
-    ]  #: slope scales at which the log Bayes factor changes sign
-    discrepancy_sensitivity: tuple[
-        Assumed, ...
-    ]  #: ideas of how circles differ, the models' first, white noise alone last
-    slopes: dict[
-        str, VaryingSlope
-    ]  #: by compliance; empty where no model has slopes, or evidence alone was asked for
-    slope_subsets: tuple[
-        SlopeSubset, ...
-    ]  #: the most probable first; not all of them where there are too many
+    #: slope scales at which the log Bayes factor changes sign
+    prior_sensitivity_crossings: tuple[float, ...]
+    #: ideas of how circles differ, the models' first, white noise alone last
+    discrepancy_sensitivity: tuple[Assumed, ...]
+    #: by compliance; empty where no model has slopes, or evidence alone was asked for
+    slopes: dict[str, VaryingSlope]
+    #: the most probable first; not all of them where there are too many
+    slope_subsets: tuple[SlopeSubset, ...]
     compliance_against_force: dict[str, Curve]  #: averaged over the subsets
     tests: dict[str, ComparedTest]  #: empty for one test
     local_fits: Records  #: as of `local_fits`
@@ -220,9 +218,8 @@ class Comparison(Result):
     #: evidences that emcee and bridge sampling took over, the weights of the nodes not to be
     #: trusted
     by_emcee: int = 0
-    explanations: Explanations | None = (
-        None  #: where the second model is the first with slopes, and has rivals of slopes
-    )
+    #: where the second model is the first with slopes, and has rivals of slopes
+    explanations: Explanations | None = None
 
     @property
     def pair(self) -> tuple[str, str]:
@@ -356,7 +353,8 @@ def compare(
         evidences.progress = map(progress, itertools.count(1), itertools.repeat(total)).__next__
 
     weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
-    least, apart = max(weighed[name].evidence.log_value for name in pair) - _FAR, evidences.apart()
+    least = max(weighed[name].evidence.log_value for name in pair) - _FAR
+    apart = evidences.apart()
     apart.progress = apart.progress if executor else evidences.progress
     elsewhere = ahead(partial(_under, tuple(pair), dict(odd), apart, least), executor)
     left = (
@@ -384,10 +382,8 @@ def compare(
     densities = {
         name: nodes.evidence.log_value - values[name] for name, nodes in weighed.items()
     }  # ln p(y_r | y_−r), (tests,)
-    described, tests = (
-        _models(weighed, densities, seed, ci_prob),
-        _tests(weighed, left, densities, seed, tolerance),
-    )
+    described = _models(weighed, densities, seed, ci_prob)
+    tests = _tests(weighed, left, densities, seed, tolerance)
     (assumed, theirs), evidences.progress = elsewhere(), lambda: None
     every = [
         *evidences.every,
@@ -464,7 +460,8 @@ def _under(
 def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
     """Scales at which the log Bayes factor changes sign, interpolated in the logarithm of the
     scale."""
-    x, y = np.log(scale), log_bayes_factor
+    x = np.log(scale)
+    y = log_bayes_factor
     i = np.flatnonzero(np.sign(y[1:]) * np.sign(y[:-1]) < 0)
     return tuple(np.exp(x[i] + y[i] / (y[i] - y[i + 1]) * (x[i + 1] - x[i])).tolist())
 
@@ -540,7 +537,10 @@ def _tests(
 
 _REPLICATES = 20_000
 _EACH = 400
-_CLOSER, _TOGETHER, _MORE, _FEWER_TOGETHER = 0.05, 5, 2, 2
+_CLOSER = 0.05
+_TOGETHER = 5
+_MORE = 2
+_FEWER_TOGETHER = 2
 
 
 @dataclass(frozen=True)
@@ -686,12 +686,16 @@ def _compared(observed: Array, replicates: Array) -> Outlier:
     """Harmonics of a test, (25,), against those of replicates, (n, 25), other tests not yet allowed
     for."""
     n = len(replicates)
-    centred, own = replicates - replicates.mean(axis=0), observed - replicates.mean(axis=0)
-    nearer, distances, every = [], [], []
+    centred = replicates - replicates.mean(axis=0)
+    own = observed - replicates.mean(axis=0)
+    nearer = []
+    distances = []
+    every = []
     for order in range(MAX_ORDER + 1):
         part = centred[:, order == ORDERS]
         root = np.linalg.cholesky(np.cov(part, rowvar=False).reshape(part.shape[1], -1))
-        theirs, mine = _distance(part, root), _distance(own[None, order == ORDERS], root)[0]
+        theirs = _distance(part, root)
+        mine = _distance(own[None, order == ORDERS], root)[0]
         nearer.append(int(np.sum(theirs < mine)))
         every.append(theirs)
         distances.append(
@@ -716,8 +720,10 @@ def _distance(harmonics: Array, root: Array) -> Array:
 
 # ---- a posterior averaged over models
 
-_CHAINS, _FEWEST = 4, 400
-_NEGLIGIBLE, _ROUGH = 1e-3, 0.1
+_CHAINS = 4
+_FEWEST = 400
+_NEGLIGIBLE = 1e-3
+_ROUGH = 0.1
 
 
 @one_blas_thread
@@ -748,7 +754,8 @@ def average(
     model a draw is of; the record lists them (``averaged``) with rivals, log evidence and
     probability. Priors are averaged too.
     """
-    started, clock = datetime.now(UTC), time.perf_counter()
+    started = datetime.now(UTC)
+    clock = time.perf_counter()
     check_campaign(campaign)
     holds = isinstance(models, Mapping) and all(
         isinstance(own, HybridModel) for own in models.values()
@@ -797,7 +804,8 @@ def average(
 
     error = float(np.array([nodes.evidence.error for nodes in weighed])[share > _NEGLIGIBLE].max())
     missed = [] if error <= _ROUGH else [Concern(ConcernKind.NOT_CONVERGED, each, draws)]
-    near, likeliest = weighed[0].posterior.plain.mode, weighed[int(np.argmax(share))].bound
+    near = weighed[0].posterior.plain.mode
+    likeliest = weighed[int(np.argmax(share))].bound
     truncation = evidence.log_prob_truncation(HyperPosterior(likeliest, truncated=True, near=near))
     level = np.array([part.bound.log_prior(part.beta).mean() for part in believed])[model[order]]
     fit = fit_of_parts(bound, parts, groups, truncation, missed, checking, level)
@@ -894,7 +902,8 @@ def _prior(
         moments[:, at] += np.stack([own.prior_mean, own.prior_mean**2 + own.prior_sd**2]) / len(
             bounds
         )
-    mean, sd = moments[0], np.sqrt(moments[1] - moments[0] ** 2)
+    mean = moments[0]
+    sd = np.sqrt(moments[1] - moments[0] ** 2)
     averaged = dict(zip(bound.names, sd.tolist(), strict=True))
     return {
         "prior_sd": {**prior_sd, **averaged},

@@ -55,8 +55,10 @@ __all__ = [
 _PATHS = {"G": ("upper",), "F_max": ("upper",), "F_min": ("lower",)}
 _POSITIVE = re.compile(r"C_(.)\1.")  # deflection and tilt under their own force and moment
 _NEVER_NEGATIVE = re.compile(_POSITIVE.pattern + r"|stiffness_.|G(_..)?")
-_FEW, _TRACES = 10, 2000
-_LEAST, _MOST = 0.1, 1.5  # of the tested forces, where C(F) may be stated
+_FEW = 10
+_TRACES = 2000
+_LEAST = 0.1
+_MOST = 1.5  # of the tested forces, where C(F) may be stated
 _HARDLY = 0.9
 
 
@@ -270,10 +272,8 @@ def _draws(
     posterior: xr.DataTree, bound: BoundModel, names: Collection[str], force: float
 ) -> Iterable[tuple[str, tuple[Array, float | None]]]:
     """Draws of what is named, and the force at which it is stated."""
-    parameters, values = (
-        dict(zip(bound.names, bound.parameters, strict=True)),
-        draws_at(posterior, force),
-    )
+    parameters = dict(zip(bound.names, bound.parameters, strict=True))
+    values = draws_at(posterior, force)
     along = {f"stiffness_{name[2]}": name for name in bound.names if is_direct(name)}
     paths: dict[str, Array] = {}
     if any(name.startswith(tuple(_PATHS)) for name in names):
@@ -293,12 +293,11 @@ def _draws(
 def _decided(
     unit: str, draws: Array, tolerance: Tolerance, confidence: float, force: float | None
 ) -> Conformity:
-    mean, sd = float(draws.mean()), float(draws.std(ddof=1))
+    mean = float(draws.mean())
+    sd = float(draws.std(ddof=1))
     low, high = tolerance.ends
-    below, above = (
-        _tail(draws < low, (low - mean) / max(sd, 1e-300)),
-        _tail(draws > high, (mean - high) / max(sd, 1e-300)),
-    )
+    below = _tail(draws < low, (low - mean) / max(sd, 1e-300))
+    above = _tail(draws > high, (mean - high) / max(sd, 1e-300))
     return _conformity(
         unit, mean, sd, tolerance, min(max(1.0 - below - above, 0.0), 1.0), confidence, force
     )
@@ -307,10 +306,12 @@ def _decided(
 def _tail(outside: Array, score: float) -> float:
     """Probability beyond a limit: the share of draws; where few are on either side, the normal
     tail, as far as they allow."""
-    n, count = len(outside), int(outside.sum())
+    n = len(outside)
+    count = int(outside.sum())
     if min(count, n - count) >= _FEW:
         return count / n
-    tail, least = float(ndtr(score)), _FEW / n
+    tail = float(ndtr(score))
+    least = _FEW / n
     return min(tail, least) if count < _FEW else max(tail, 1.0 - least)
 
 

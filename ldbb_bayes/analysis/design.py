@@ -39,7 +39,9 @@ from ldbb_bayes.result import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-_HOLDS, _SHOWN_SHARE, _STUCK = 1e-4, 1e-4, 0.8
+_HOLDS = 1e-4
+_SHOWN_SHARE = 1e-4
+_STUCK = 0.8
 _STEPS = "equal steps"
 _RESERVED = ("recommended", _STEPS)
 
@@ -107,9 +109,8 @@ class Design(Forecast):
 
     criterion: str  #: of the design
     parameters: tuple[str, ...]  #: of interest; all others are nuisances
-    table: Annotated[
-        Records, Field(alias="tests")
-    ]  #: one row per different test: force_N, `columns`, count
+    #: one row per different test: force_N, `columns`, count
+    table: Annotated[Records, Field(alias="tests")]
     augment: bool  #: whether the pilot's tests count as run
     degree: int  #: of the model
     reference_force_N: float  #: F0, the pilot's
@@ -125,9 +126,8 @@ class Design(Forecast):
     pilot: Pilot  #: what it starts from
     #: Of every candidate, for the best shares: force_N, `columns`, sensitivity.
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    planned: Annotated[Any, Field(exclude=True)] = (
-        None  #: the tests themselves; none where read from a file
-    )
+    #: the tests themselves; none where read from a file
+    planned: Annotated[Any, Field(exclude=True)] = None
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -266,7 +266,8 @@ def design(
             " it out.",
         )
     if forces_N is None:
-        low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
+        low = float(pilot.forces_N.min())
+        high = float(pilot.forces_N.max())
         forces_N = np.unique([*np.arange(low, high, 1.0), high]).tolist()
     space = Space(
         model,
@@ -295,7 +296,8 @@ def design(
 def _designed(
     space: Space, found: Found, pilot: Pilot, compared: Mapping[str, tuple[CircularTest, ...]]
 ) -> Design:
-    tests, optimum = space.tests_of(found), found.optimum
+    tests = space.tests_of(found)
+    optimum = found.optimum
 
     def judged(name: str, tests: tuple[CircularTest, ...]) -> Judged:
         own = space.forecast(tests)

@@ -29,7 +29,8 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["differences"]
 
-_LEARNT, _DRAWS = 0.05, 20_000
+_LEARNT = 0.05
+_DRAWS = 20_000
 
 
 class _Together(NamedTuple):
@@ -95,7 +96,9 @@ def _of_one_instrument(
     both = Gaussian(-prior, np.zeros(size))
     rows = np.zeros((2, len(read[0]), size))
     for k, (own, mean) in enumerate(zip(information, means, strict=True)):
-        root, precision, shift = own.root()[0] / own.scale, np.zeros((size, size)), np.zeros(size)
+        root = own.root()[0] / own.scale
+        precision = np.zeros((size, size))
+        shift = np.zeros(size)
         precision[np.ix_(place[k], place[k])] = root.T @ root
         shift[place[k]] = root.T @ (root @ mean)
         both = both + Gaussian(precision, shift)
@@ -172,7 +175,8 @@ def differences(
     about it, and the p-value of that (Bonferroni); else None.
     """
     check_probability(ci_prob)
-    one, two = bound_of(posterior), bound_of(other)
+    one = bound_of(posterior)
+    two = bound_of(other)
     _check(one, two, record_of(other)["campaign"]["name"])
     names = [
         name
@@ -190,17 +194,20 @@ def differences(
         means, mean, sd, conflict = _of_one_instrument(
             (one, two), [phi.mean(axis=0) for _, phi in drawn], read
         )
-        interval, increase = mean + ndtri(np.array(levels))[:, None] * sd, ndtr(mean / sd)
+        interval = mean + ndtri(np.array(levels))[:, None] * sd
+        increase = ndtr(mean / sd)
     else:
         first, second = (beta @ rows.T for (beta, _), rows in zip(drawn, read, strict=True))
         means = np.array([first.mean(axis=0), second.mean(axis=0)])
-        mean, sd = means[1] - means[0], np.sqrt(first.var(axis=0) + second.var(axis=0))
+        mean = means[1] - means[0]
+        sd = np.sqrt(first.var(axis=0) + second.var(axis=0))
         rng = np.random.default_rng(0)
         apart = (
             second[rng.integers(len(second), size=_DRAWS)]
             - first[rng.integers(len(first), size=_DRAWS)]
         )
-        interval, increase = np.quantile(apart, levels, axis=0), (apart > 0.0).mean(axis=0)
+        interval = np.quantile(apart, levels, axis=0)
+        increase = (apart > 0.0).mean(axis=0)
     table = pd.DataFrame(
         {
             "unit": [one.parameters[one.names.index(name)].unit for name in names],
@@ -219,7 +226,8 @@ def differences(
 
 
 def _check(one: BoundModel, two: BoundModel, name: str) -> None:
-    first, second = one.campaign, two.campaign
+    first = one.campaign
+    second = two.campaign
     cure = "Name another campaign; to compare models of one campaign use compare."
     got = f"got {name!r} twice (SHA-256 {first.sha256[:12]}…). {cure}"
     require(first.sha256 != second.sha256, f"results must be of different readings, {got}")

@@ -72,7 +72,11 @@ __all__ = [
     "worth_of_certificates",
 ]
 
-_TENTH, _HALF, _CONTRACTED, _NAMED, _QUARTER = 0.1, 0.5, 0.75, 0.05, 0.25
+_TENTH = 0.1
+_HALF = 0.5
+_CONTRACTED = 0.75
+_NAMED = 0.05
+_QUARTER = 0.25
 _ROUNDING = 1e-12
 _UNMEASURED = {StandingKind.FRICTION: "Hysteresis", StandingKind.DRIFT: "Drift"}
 
@@ -133,22 +137,19 @@ class ParameterIdentifiability(Result):
     name: str  #: of the parameter
     verdict: Verdict  #: identified, prior-limited or confounded
     partners: Annotated[tuple[str, ...], Field(alias="with")]
-    partner_shares: dict[
-        str, float
-    ]  #: of its variance that vanish if the partner is known; what the model leaves out has none
+    #: of its variance that vanish if the partner is known; what the model leaves out has none
+    partner_shares: dict[str, float]
     unit: str  #: inside unit
     prior_mean: Number  #: not a number when flat
     prior_sd: Finite  #: infinite when flat
     mean: float  #: of the Gaussian posterior; a plan's is the prior's
     sd: float  #: likewise
     contraction: Number  #: 1 − Var(β | y) / Var(β); not a number when flat, like the next
-    information_gain: (
-        Number  #: ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]
-    )
+    #: ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]
+    information_gain: Number
     confounding: dict[str, float]  #: by term: 1 − Var(β | y, term) / Var(β | y)
-    shares: dict[
-        str, float
-    ]  #: of terms, reading noise and the parameters' own priors, as in `budgets`; they sum to one
+    #: of terms, reading noise and the parameters' own priors, as in `budgets`; they sum to one
+    shares: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +158,8 @@ class Identifiability(Result):
 
     parameters: dict[str, ParameterIdentifiability]  #: by name
     degeneracies: tuple[Degeneracy, ...]  #: combinations that no reading sees
-    cures: tuple[
-        tuple[Cure, ...], ...
-    ]  #: of each degeneracy, found by adding the tests to the plan and looking again
+    #: of each degeneracy, found by adding the tests to the plan and looking again
+    cures: tuple[tuple[Cure, ...], ...]
     standing: tuple[Standing, ...]  #: degeneracies with effects that are not terms of the model
     #: that the readings determine: the sum of the contractions, all of them when the prior is flat
     effective_parameters: float
@@ -203,7 +203,8 @@ def worth_of_certificates(
     """Return standard uncertainties by what is certified and by parameter, inside units: with none
     of `CERTIFICATES`, with each there is none of yet, and with all of them; ``weight`` and ``phi``
     as of `hyper_nodes`."""
-    own, none = bound.campaign.instrument, Instrument()
+    own = bound.campaign.instrument
+    none = Instrument()
     open_ = {
         name: stated
         for name, stated in CERTIFICATES.items()
@@ -284,7 +285,8 @@ def parameters_of(
     """Every parameter of a model at φ and a mean of β (p,), given the information at φ and the null
     space there. ``drawn``: prior and posterior sd that replace the Gaussian's, truncation
     included."""
-    own, proper = information.own, not information.flat
+    own = information.own
+    proper = not information.flat
     unseen = [
         unseen_share(information, least) if proper else np.zeros(len(own))
         for least in (1.0, _TENTH)
@@ -316,9 +318,11 @@ def parameters_of(
         )
         left_out = [term for kind, term in _UNMEASURED.items() if p.name in alike.get(kind, ())]
         if verdict == Verdict.IDENTIFIED and left_out:
-            verdict, partners = Verdict.CONFOUNDED, (*left_out, *partners)
+            verdict = Verdict.CONFOUNDED
+            partners = (*left_out, *partners)
         if p.name in turning:
-            verdict, partners = Verdict.CONFOUNDED, tuple(dict.fromkeys(["Position", *partners]))
+            verdict = Verdict.CONFOUNDED
+            partners = tuple(dict.fromkeys(["Position", *partners]))
         entries[p.name] = ParameterIdentifiability(
             name=p.name,
             verdict=verdict,
@@ -373,7 +377,8 @@ def _verdict(
 
 
 def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
-    own, names = information.own, np.array(information.names)
+    own = information.own
+    names = np.array(information.names)
     others = np.setdiff1d(np.arange(len(names)), own)
     rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)])
     every = np.concatenate(information.design) * information.scale
@@ -387,7 +392,8 @@ def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
 
 
 def _correlation(information: Information) -> pd.DataFrame:
-    covariance, names = information.covariance(), list(information.names)
+    covariance = information.covariance()
+    names = list(information.names)
     sd = np.sqrt(np.diag(covariance))
     return pd.DataFrame(covariance / np.outer(sd, sd), names, names)
 
@@ -399,16 +405,12 @@ class Seen:
     name: str
     unit: str
     meaning: str
-    pattern: Mapping[
-        str,
-        str,
-        #: by plane, of the reading per unit (and N of a compliance); c = cos θ, s = sin θ, lengths in
-        #: mm
-    ]
+    #: by plane, of the reading per unit (and N of a compliance); c = cos θ, s = sin θ, lengths
+    #: in mm
+    pattern: Mapping[str, str]
     not_negative: bool  #: whatever the joints are; the prior's truncation is about these
-    members: Mapping[
-        str, float
-    ]  #: what it is the sum of, with their weights; empty where it stands for itself
+    #: what it is the sum of, with their weights; empty where it stands for itself
+    members: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -424,9 +426,8 @@ class DescribedMachine(Result):
     null: tuple[str, ...]  #: compliances that no reading shows
     dependent: tuple[str, ...]  #: those whose pattern is a combination of several kept ones
     rank: int
-    condition_number: (
-        float  #: of the kept compliances' columns, unscaled (mm, N), uniform full circles
-    )
+    #: of the kept compliances' columns, unscaled (mm, N), uniform full circles
+    condition_number: float
 
 
 def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachine:
@@ -470,7 +471,8 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
         members = dict(zip(kept.sets[k], kept.weights[k], strict=True)) | {
             n.label: w for n, w in kept.absorbed[k].items()
         }
-        pattern, stands_for = _patterns(elastic, k, 2), members if len(members) > 1 else {}
+        pattern = _patterns(elastic, k, 2)
+        stands_for = members if len(members) > 1 else {}
         compliances.append(
             Seen(
                 name.label,
@@ -518,7 +520,8 @@ def _patterns(values: Mapping[str, Array], k: int, base: int) -> dict[str, str]:
 def _formula(values: Array, base: int) -> str:
     """The formula of a column (radii, angles); ``base``: degree in (c, s) of the part without R."""
     by_power = np.linalg.solve(np.vander(_RADII, increasing=True), values)
-    least, text = _NEGLIGIBLE * max(np.abs(values).max(), 1.0), ""
+    least = _NEGLIGIBLE * max(np.abs(values).max(), 1.0)
+    text = ""
     for power in range(len(_RADII) - 1, -1, -1):
         degree = base + power
         monomials = np.stack(
@@ -555,9 +558,8 @@ class Contribution:
     source: str
     term: str
     kind: Kind  #: evaluated from the readings' scatter (A), or by other means (B): GUM 2.3.2, 2.3.3
-    u: (
-        float | None
-    )  #: its own standard uncertainty [``unit``]; None for several coefficients together
+    #: its own standard uncertainty [``unit``]; None for several coefficients together
+    u: float | None
     unit: str
     sensitivity: (
         float | None
@@ -577,9 +579,8 @@ class Budget(Result):
     unit: str
     u: float  #: posterior standard deviation
     contributions: tuple[Contribution, ...]
-    heaviest: (
-        str  #: the term with the largest share, of those of type B where these hold more than half
-    )
+    #: the term with the largest share, of those of type B where these hold more than half
+    heaviest: str
     #: Standard uncertainty left if the heaviest term were known exactly; None for noise of the readings and for the parameters'
     #: own priors, which nothing makes known.
     u_if_known: float | None
@@ -596,7 +597,8 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)
     information = information_of(bound, phi.mean(axis=0))
-    own, joint = information.own, information.covariance()
+    own = information.own
+    joint = information.covariance()
     scale = information.scale[own]
     covariance = np.atleast_2d(np.cov(beta.T)) / np.outer(scale, scale)
     shares = information.shares(covariance)
@@ -605,7 +607,8 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
     found = ByName[Budget]()
     for i, parameter in enumerate(bound.parameters):
         u = float(np.sqrt(covariance[i, i]) * scale[i])
-        lines, rest = [], dict[str, float]()
+        lines = []
+        rest = dict[str, float]()
         for (source, term), values in shares.items():
             share = float(values[i])
             if source == term:
@@ -616,7 +619,8 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
                 j = information.names.index(source)
                 # More of the nuisance than its prior mean moves the estimate the other way than
                 # their covariance.
-                sign, size = -float(np.sign(joint[own[i], j])), float(information.scale[j])
+                sign = -float(np.sign(joint[own[i], j]))
+                size = float(information.scale[j])
                 lines.append(
                     _line(
                         source,

@@ -37,7 +37,8 @@ __all__ = [
     "Variance",
 ]
 
-_NEGLIGIBLE, _NOTHING = 1e-14, 1e-6
+_NEGLIGIBLE = 1e-14
+_NOTHING = 1e-6
 _CHUNK = 1 << 22
 
 
@@ -140,9 +141,8 @@ class Objective(Shown):
     #: P (K, p, p): the precision matrix before these tests, of prior and tests already run; zeros
     #: where flat
     prior: Array
-    interest: (
-        int  #: s: the last s of the p parameters are of interest, all others are projected out
-    )
+    #: s: the last s of the p parameters are of interest, all others are projected out
+    interest: int
     criterion: Criterion  #: `Determinant`, `Variance` or `LogBayesFactor`
 
     @property
@@ -175,8 +175,10 @@ class Objective(Shown):
 
     def sensitivity(self, counts: Array) -> tuple[float, Array]:
         """Φ and ∂Φ/∂n_i = mean over K of ‖G_ki D_k‖², shape (candidates,), with ∂Φ/∂M = D Dᵀ."""
-        s, precision = self.interest, self._precision(counts)
-        nuisance, cross = precision[..., :-s, :-s], precision[..., :-s, -s:]
+        s = self.interest
+        precision = self._precision(counts)
+        nuisance = precision[..., :-s, :-s]
+        cross = precision[..., :-s, -s:]
         back = -np.linalg.solve(nuisance, cross)
         root = np.linalg.cholesky(precision[..., -s:, -s:] + np.swapaxes(cross, -1, -2) @ back)
         own = self.criterion.directions(root)
@@ -224,11 +226,17 @@ class Objective(Shown):
 # Values that differ by less, relative to the largest, count as equal: the first of them in the
 # candidates' order is taken.
 _EQUAL = 1e-9
-_ROUNDS, _ITERATIONS, _SWEEPS = 400, 40, 50
-_ADDED, _FIRST = 3, 32
-_GONE, _FRESH = 1e-10, 0.02
+_ROUNDS = 400
+_ITERATIONS = 40
+_SWEEPS = 50
+_ADDED = 3
+_FIRST = 32
+_GONE = 1e-10
+_FRESH = 0.02
 _UNDETERMINED = 1e6
-_LOOSE, _TIGHT, _SLACK = 1e-5, 1e-15, 1e-3
+_LOOSE = 1e-5
+_TIGHT = 1e-15
+_SLACK = 1e-3
 _NO_GAIN = 1e-13
 
 
@@ -282,7 +290,8 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     found = certificate(objective, share, tests)
     spread = np.unique(np.linspace(0, n - 1, min(n, _FIRST)).astype(int))
     active = np.union1d(spread, _largest(found.sensitivity, _ADDED))
-    slack, before = _LOOSE, -np.inf
+    slack = _LOOSE
+    before = -np.inf
     for _ in range(_ROUNDS):
         highest = _largest(found.sensitivity, _ADDED)
         above = highest[found.sensitivity[highest] > found.bound]
@@ -294,7 +303,8 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
         inner = _solve(objective.among(active), tests, share[active], slack)
         share = np.zeros(n)
         share[active] = inner
-        before, found = found.value, certificate(objective, share, tests)
+        before = found.value
+        found = certificate(objective, share, tests)
         if found.excess <= tolerance:
             break
         active = active[inner > _GONE]
@@ -338,7 +348,10 @@ def _solve(objective: Objective, tests: float, start: Array, slack: float) -> Ar
 
 # ---- whole tests
 
-_ALL, _LEADING, _THOROUGH, _SOME = 64, 12, 128, 4
+_ALL = 64
+_LEADING = 12
+_THOROUGH = 128
+_SOME = 4
 
 
 def efficient_rounding(share: Array, tests: int) -> Array:
@@ -373,7 +386,8 @@ def exchange(
     all candidates were tried in every place at the end (of many, those of the largest sensitivity),
     else a few."""
     n = objective.candidates
-    counts, value = start.copy(), objective.value(start.astype(float))
+    counts = start.copy()
+    value = objective.value(start.astype(float))
     size = _LEADING if n > _ALL else n
     for _ in range(_SWEEPS):
         before = value
@@ -386,7 +400,8 @@ def exchange(
             values = objective.after_adding(base.astype(float), into)
             for best in _largest(values):
                 if _better(values[best], value):
-                    counts, value = _with(base, into[best]), float(values[best])
+                    counts = _with(base, into[best])
+                    value = float(values[best])
         if value > before:
             continue
         if size >= min(_THOROUGH, n) or not thorough:
@@ -415,9 +430,13 @@ def _likely(objective: Objective, base: Array, size: int, rng: np.random.Generat
         return drawn
 
 
-_STARTS, _TOLERANCE = 6, 1e-5
-_MOST_SHAKES, _WORK, _FEW_DESIGNS = 100, 4_000_000, 1000
-_CLOSE, _NO_LOSS = 0.05, 1e-4
+_STARTS = 6
+_TOLERANCE = 1e-5
+_MOST_SHAKES = 100
+_WORK = 4_000_000
+_FEW_DESIGNS = 1000
+_CLOSE = 0.05
+_NO_LOSS = 1e-4
 MOST_TESTS = 300
 
 
@@ -457,9 +476,12 @@ class Search:
                 f"tests must be at {self.levels} different forces at least for this degree, got"
                 f" {there}. {cure}"
             )
-        optimum, rng = self.shares(float(tests)), np.random.default_rng(self.seed)
-        n, share = self.objective.candidates, optimum.share
-        best, value = np.zeros(n, dtype=int), -np.inf
+        optimum = self.shares(float(tests))
+        rng = np.random.default_rng(self.seed)
+        n = self.objective.candidates
+        share = optimum.share
+        best = np.zeros(n, dtype=int)
+        value = -np.inf
         # The rounded optimum, and draws from it and from all candidates in turn.
         drawn = [
             np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n)
@@ -472,7 +494,8 @@ class Search:
                 self.objective, start, rng, feasible=self._feasible, thorough=False
             )
             if _better(own, value):
-                best, value = counts, own
+                best = counts
+                value = own
         best, value = exchange(self.objective, best, rng, feasible=self._feasible)
         if not np.isfinite(value):
             cure = "Ask for more tests, offer more force levels, or use proper priors."
@@ -505,7 +528,8 @@ class Search:
                 if self.objective.efficiency(values[k], least) >= 1.0 - _NO_LOSS and self._feasible(
                     moved[k]
                 ):
-                    counts, value = moved[k], values[k]
+                    counts = moved[k]
+                    value = values[k]
         return counts, value
 
     def _repaired(self, start: Array, rng: np.random.Generator) -> Array:
@@ -525,7 +549,8 @@ class Search:
 
 def _shaken(counts: Array, rng: np.random.Generator) -> Array:
     """The design with a third of its tests drawn anew from all candidates."""
-    n, some = len(counts), max(1, int(counts.sum()) // 3)
+    n = len(counts)
+    some = max(1, int(counts.sum()) // 3)
     out = rng.choice(np.repeat(np.arange(n), counts), some, replace=False)
     return np.asarray(
         counts

@@ -76,7 +76,8 @@ _DISCREPANCIES: tuple[tuple[str, type[Term], Term | None], ...] = (
 )
 _DRAWS = 4000
 _POINTS = 41
-_EVERY, _SEARCHED = 729, 100
+_EVERY = 729
+_SEARCHED = 100
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,8 @@ def under(
     return tuple(assumed)
 
 
-_SLOPES, _ASKED = "slopes", 1.0
+_SLOPES = "slopes"
+_ASKED = 1.0
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,8 @@ def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Expla
         slopes, none = log_evidence.tolist()
         return Assumed(label, slopes - none, error, dict(zip(pair, (none, slopes), strict=True)))
 
-    by_slopes, errors = value.reshape(2, -1), error.reshape(2, -1)
+    by_slopes = value.reshape(2, -1)
+    errors = error.reshape(2, -1)
     averaged = np.logaddexp.reduce(by_slopes, axis=1) - np.log(by_slopes.shape[1])
     return Explanations(
         {name: float(share[[name in by for by in combined]].sum()) for name in names},
@@ -333,7 +336,10 @@ def averaged_curves(
 
 
 # As exact as a figure needs: sd within 2 %.
-_TOLERANCE, _SPARE, _POINTS_INSIDE, _COMPONENTS = 5e-2, 1e-3, 128, 2048
+_TOLERANCE = 5e-2
+_SPARE = 1e-3
+_POINTS_INSIDE = 128
+_COMPONENTS = 2048
 
 
 @one_blas_thread
@@ -368,7 +374,8 @@ def local_fits(
     for names in _pairs(campaign):
         bound = whole.keeping(names)
         posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=near)
-        near, nodes = posterior.plain.mode, posterior.nodes(_TOLERANCE)
+        near = posterior.plain.mode
+        nodes = posterior.nodes(_TOLERANCE)
         mean, sd = nodes.moments(spare=_SPARE, points=_POINTS_INSIDE)
         low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)
         window = replace(campaign.select(names), foreseen=campaign.scope)

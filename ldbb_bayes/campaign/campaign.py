@@ -40,7 +40,10 @@ __all__ = [
 ]
 
 Direction = Literal["CW", "CCW"]
-MINIMUM_READINGS, MINIMUM_ARC_DEG, LARGEST_READING_MM, LARGEST_SETUP = 9, 180.0, 100.0, 1000
+MINIMUM_READINGS = 9
+MINIMUM_ARC_DEG = 180.0
+LARGEST_READING_MM = 100.0
+LARGEST_SETUP = 1000
 # A regulator repeats a force no better than to this share of the largest.
 SAME_FORCE = 1e-3
 # Deviation from sphericity that each grade of ISO 3290 allows [µm].
@@ -176,14 +179,12 @@ class Instrument(Shown):
     bar_U_um: Certified | None = None  #: of the bar's length
     mount_U_percent: Percent | None = None  #: of its deflection
     force_U_percent: Percent | None = None  #: of the force's gain
-    force_linearity_percent: Percent | None = (
-        None  #: largest deviation from the line, of the largest force
-    )
+    #: largest deviation from the line, of the largest force
+    force_linearity_percent: Percent | None = None
     force_random_N: Certified | None = None  #: random error of every force, one sd
     angle_U_deg: CertifiedAngle | None = None  #: of reference and lag
-    bar_certificate: Label | None = (
-        None  #: which certificate says so: names, no number depends on them
-    )
+    #: which certificate says so: names, no number depends on them
+    bar_certificate: Label | None = None
     force_certificate: Label | None = None  #: likewise
 
     def __post_init__(self) -> None:
@@ -252,23 +253,18 @@ class CircularTest(TestFields):
     """
 
     force_N: Force | None = None  #: radial, above zero
-    angle_deg: Any = (
-        None  #: θ of the bar's sensitive direction from the plane's first axis, shape (n,)
-    )
+    #: θ of the bar's sensitive direction from the plane's first axis, shape (n,)
+    angle_deg: Any = None
     reading_um: Any = None  #: ρ: actual ball distance − R, shape (n,)
-    name: Annotated[str, AfterValidator(_file_name)] = field(
-        default="", kw_only=True
-    )  #: f036 for 36 N, repeats numbered
-    work_ball_deg: Number = field(
-        default=0.0, kw_only=True
-    )  #: how far the ball is turned in its socket
-    tool_ball_deg: Number = field(
-        default=0.0, kw_only=True
-    )  #: how far the ball is turned in its socket
+    #: f036 for 36 N, repeats numbered
+    name: Annotated[str, AfterValidator(_file_name)] = field(default="", kw_only=True)
+    #: how far the ball is turned in its socket
+    work_ball_deg: Number = field(default=0.0, kw_only=True)
+    #: how far the ball is turned in its socket
+    tool_ball_deg: Number = field(default=0.0, kw_only=True)
     angle_rad: Any = field(default=None, kw_only=True)  #: instead of ``angle_deg``; None afterwards
-    reading_mm: Any = field(
-        default=None, kw_only=True
-    )  #: instead of ``reading_um``; None afterwards
+    #: instead of ``reading_um``; None afterwards
+    reading_mm: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         angle = self._column("angle_deg", "angle_rad", np.rad2deg)
@@ -361,7 +357,8 @@ class CircularTest(TestFields):
     def planned(self) -> CircularTest:
         """The same test without readings; angles in unequal steps become as many in equal ones over
         the same arc."""
-        wrapped, arc = np.unique(np.mod(self.angle_deg, 360.0)), self.arc_deg
+        wrapped = np.unique(np.mod(self.angle_deg, 360.0))
+        arc = self.arc_deg
         start = (
             0.0
             if arc == 360.0
@@ -413,9 +410,8 @@ class CampaignFields(Shown):
     plane: str = "XY"  #: of tests that state none
     radius_mm: Length = 150.0  #: of tests that state none
     name: Label | None = None  #: of the campaign
-    machine_id: Label | None = (
-        None  #: what tells the machines of a fleet apart; default: the serial number
-    )
+    #: what tells the machines of a fleet apart; default: the serial number
+    machine_id: Label | None = None
     date: Date | None = None  #: ISO 8601 (2026-11-20, 2026-11-20T14:30)
     # For the certificate; no number depends on them.
     machine_type: Label | None = None  #: maker and type
@@ -430,9 +426,8 @@ class CampaignFields(Shown):
     feed_mm_per_min: Number | None = None  #: along the circle
     resolution_um: Positive = 0.24  #: of the readout; sets the floor σ ≥ resolution/√12
     mount: MountCompensation = field(default_factory=MountCompensation)  #: of the work ball
-    force_law: ForceLaw = field(
-        default_factory=ForceLaw
-    )  #: used where a test has only one of force and pressure
+    #: used where a test has only one of force and pressure
+    force_law: ForceLaw = field(default_factory=ForceLaw)
     #: Where the joints' frames stand, by axis letter; see `Machine`.
     frames_mm: SkipValidation[Mapping[str, tuple[float, float, float]]] = field(
         default_factory=dict
@@ -450,12 +445,10 @@ class Campaign(CampaignFields):
 
     tests: tuple[CircularTest, ...]  #: all with readings, or none
     name: Label = field(default="campaign", kw_only=True)  #: of the campaign
-    centre_mm: tuple[Coordinate, ...] = field(
-        default=(0.0, 0.0, 0.0), kw_only=True
-    )  #: of tests that state none
-    instrument: Instrument = field(
-        default_factory=Instrument, kw_only=True
-    )  #: what certificates say of it
+    #: of tests that state none
+    centre_mm: tuple[Coordinate, ...] = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    #: what certificates say of it
+    instrument: Instrument = field(default_factory=Instrument, kw_only=True)
     #: Tests that may follow: what only they can show is modelled already; their readings, if any, are dropped.
     foreseen: tuple[CircularTest, ...] = field(default=(), kw_only=True)
 
@@ -486,7 +479,8 @@ class Campaign(CampaignFields):
             key: value if (own := getattr(test, key)) is None else own
             for key, value in usual.items()
         }
-        force, pressure = test.force_N, test.pressure_bar
+        force = test.force_N
+        pressure = test.pressure_bar
         if force is None:
             force = self.force_law.force_N(float(pressure or 0.0))
             got = f"{force:.4g} N from {pressure} bar"
@@ -620,7 +614,8 @@ def _named(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
         repeated is None,
         f"test names must differ, got {repeated!r} twice. Give each test its own name.",
     )
-    named, used = [], set(given)
+    named = []
+    used = set(given)
     for test in tests:
         stem = test.name or f"f{test.force_N:03.0f}"
         free = (name for k in count(1) if (name := stem if k == 1 else f"{stem}_{k}") not in used)

@@ -43,8 +43,12 @@ __all__ = [
     "read_dcc",
 ]
 
-_DCC, _SI = "{https://ptb.de/dcc}", "{https://ptb.de/si}"
-SUFFIX, _LARGEST_BYTES, _LARGEST_RECORD, _LISTED = ".b5r", 32 * 2**20, 64 * 2**20, 12
+_DCC = "{https://ptb.de/dcc}"
+_SI = "{https://ptb.de/si}"
+SUFFIX = ".b5r"
+_LARGEST_BYTES = 32 * 2**20
+_LARGEST_RECORD = 64 * 2**20
+_LISTED = 12
 _ASIDE = (
     "usedMethods",
     "usedSoftware",
@@ -61,7 +65,9 @@ _STANDARD = {
 }
 # Prefixes; units with factor and dimension; what a quantity is, by words of its name or refType,
 # the first that fits.
-_PREFIXES, _UNITS, _ROLES = WORDS["dcc"]["prefixes"], WORDS["dcc"]["units"], WORDS["dcc"]["roles"]
+_PREFIXES = WORDS["dcc"]["prefixes"]
+_UNITS = WORDS["dcc"]["units"]
+_ROLES = WORDS["dcc"]["roles"]
 # Units of a ball-bar file, each with its size and name here; others stay as the file names them.
 _B5R_UNITS = WORDS["b5r"]["units"]
 
@@ -100,7 +106,8 @@ class CertifiedQuantity:
     def numbers(self, factor: float = 1.0) -> tuple[float, float]:
         """Return value and U (k = 2; 0 where it states none) in a unit that is ``factor`` of the
         SI's; `InputError` for a unit that is not known and for a U without coverage factor."""
-        scale, units = _scale(self.unit), r"\micro\metre, \milli\metre, \newton, \percent"
+        scale = _scale(self.unit)
+        units = r"\micro\metre, \milli\metre, \newton, \percent"
         if scale is None:
             raise InputError(
                 f"the unit of {self.title!r} must be of D-SI (like {units}), got {self.unit!r}."
@@ -134,7 +141,8 @@ class CalibrationCertificate(Shown):
         """Return length_error_um and U_um: an error of indication as it is; a deviation from the
         nominal length, or a length beside its nominal one, with the other sign, as a longer bar
         reads too small."""
-        of, nominal = self._having("m"), 0.0
+        of = self._having("m")
+        nominal = 0.0
         role = next((role for role in ("indication", "deviation", "length") if role in of), "")
         if not role or (role == "length" and "nominal" not in of):
             raise self._nothing("the error of a bar's length", "length_error_um and U_um")
@@ -149,11 +157,9 @@ class CalibrationCertificate(Shown):
     def force(self) -> dict[str, Any]:
         """Return those of U_percent, of the gain or else of the largest force, and
         linearity_percent that it states."""
-        gains, forces, stated = (
-            self._having("N/bar").get("gain", []),
-            self._having("N").get("force", []),
-            dict[str, Any](),
-        )
+        gains = self._having("N/bar").get("gain", [])
+        forces = self._having("N").get("force", [])
+        stated = dict[str, Any]()
         largest = [self._only(gains)] if gains else sorted(forces, key=_size)[-1:]
         used = [one for one in largest if one.U and one.value]
         for value, U in (one.numbers() for one in used):
@@ -304,7 +310,10 @@ def _numbers(element: ElementTree.Element, name: str) -> Iterator[tuple[Any, ...
 def _scale(unit: str | None) -> tuple[float, str] | None:
     r"""Factor to the SI and dimension (m, N, N/bar, nothing) of a D-SI unit such as
     \newton\bar\tothe{-1}; None: not known."""
-    factor, prefix, sign, powers = 1.0, 1.0, 1, Counter[str]()
+    factor = 1.0
+    prefix = 1.0
+    sign = 1
+    powers = Counter[str]()
     if re.fullmatch(r"(\\[a-zA-Z]+(\{[-+]?\d\})?)+", unit or "") is None:
         return None
     for name, power in re.findall(r"\\([a-zA-Z]+)(?:\\tothe\{([-+]?\d)\})?", unit or ""):
@@ -312,7 +321,8 @@ def _scale(unit: str | None) -> tuple[float, str] | None:
             exponent = sign * int(power or 1)
             factor *= (prefix * _UNITS[name][0]) ** exponent
             powers[_UNITS[name][1]] += exponent
-            prefix, sign = 1.0, 1
+            prefix = 1.0
+            sign = 1
         elif name in _PREFIXES:
             prefix = _PREFIXES[name]
         elif name == "per":

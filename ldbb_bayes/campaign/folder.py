@@ -53,9 +53,13 @@ __all__ = [
 ]
 
 SCHEMA = 1
-TOML_NAME, TRUTH_NAME, IMPORT_NAME = "campaign.toml", "truth.json", "import.toml"
-PLANNED_READINGS, LARGEST_PLAN = 720, 2_000_000
-_LARGEST_COLUMNS, _LONGEST_LABEL = 1000, 200
+TOML_NAME = "campaign.toml"
+TRUTH_NAME = "truth.json"
+IMPORT_NAME = "import.toml"
+PLANNED_READINGS = 720
+LARGEST_PLAN = 2_000_000
+_LARGEST_COLUMNS = 1000
+_LONGEST_LABEL = 200
 _READINGS = ("angle_deg", "angle_rad", "reading_um", "reading_mm")
 _OF_TEST = ("force_N", "pressure_bar", "direction", *PER_TEST)
 _TEXTS = ("test", "direction", "plane")
@@ -217,7 +221,8 @@ def _with_certificates(path: Path, content: dict[str, Any]) -> dict[str, Any]:
 def _instrument_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> dict[str, Any]:
     """Mount, force law and certificates; a stiffness is a deflection per bar by the slope of the
     force law."""
-    law, mount = file.force_law, file.mount
+    law = file.force_law
+    mount = file.mount
     one = not {"stiffness_N_per_um", "deflection_um_per_bar"} <= content.get("mount", {}).keys()
     require(
         one,
@@ -245,11 +250,9 @@ def _test(toml: Path, k: int, entry: _TestFile) -> CircularTest:
     planned = {key: own.pop(key) for key in ("readings", "start_deg", "arc_deg") if key in own}
     file = own.pop("file", None)
     if file is None:
-        path, n, arc = (
-            Path(f"{toml}, test {k}"),
-            planned.get("readings", PLANNED_READINGS),
-            planned.get("arc_deg", 360.0),
-        )
+        path = Path(f"{toml}, test {k}")
+        n = planned.get("readings", PLANNED_READINGS)
+        arc = planned.get("arc_deg", 360.0)
         own["angle_deg"] = planned.get("start_deg", 0.0) + arc * (
             np.arange(n) / (n if abs(arc) == 360.0 else n - 1)
         )
@@ -265,7 +268,8 @@ def _test(toml: Path, k: int, entry: _TestFile) -> CircularTest:
 
 def _inside(toml: Path, what: str, file: str) -> Path:
     """The referenced file, which must lie inside the campaign's folder, links followed."""
-    root, place = toml.parent.resolve(), f"{toml}, {what} must"
+    root = toml.parent.resolve()
+    place = f"{toml}, {what} must"
     try:
         path = (root / file).resolve()
         there = path.is_file()
@@ -366,7 +370,8 @@ def _checked(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
             )
         found[present[0]] = columns[present[0]]
     (angle, values), _ = found.items()
-    span, cure = float(np.ptp(values)), "If the angles are {}, name the column {}"
+    span = float(np.ptp(values))
+    cure = "If the angles are {}, name the column {}"
     got = (
         f"{path}: angle_deg must span more than 7°, got {span:.3g}°."
         f" {cure.format('radians', 'angle_rad')}."
@@ -429,7 +434,8 @@ def _entry(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     entry |= {key: own for key in PER_TEST if (own := getattr(test, key)) != usual.get(key, 0.0)}
     if test.reading_um is not None:
         return _given(entry)
-    n, step = len(test.angle_deg), test.step_deg
+    n = len(test.angle_deg)
+    step = test.step_deg
     got = f"others in test {test.name!r}"
     require(
         step,

@@ -125,13 +125,11 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
     separator: Annotated[str, AfterValidator(_sign)] | None = None
     decimal: Literal[".", ","] | None = None
-    header_line: int | None = Field(
-        default=None, ge=0
-    )  #: 0: there is none, columns then go by number from 1
+    #: 0: there is none, columns then go by number from 1
+    header_line: int | None = Field(default=None, ge=0)
     sheets: list[str] = Field(default_factory=list)
-    columns: dict[str, _Column] = Field(
-        default_factory=dict
-    )  #: by role: header or number; several of the reading, each a test
+    #: by role: header or number; several of the reading, each a test
+    columns: dict[str, _Column] = Field(default_factory=dict)
     #: Of the tests, in the order they stand in files, sheets and rows; before what a [[test]] says.
     forces_N: list[Number] = Field(default_factory=list)
     pressures_bar: list[Number] = Field(default_factory=list)
@@ -140,9 +138,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     time_unit: str | None = None
     force_unit: str | None = None
     pressure_unit: str | None = None
-    zero: Literal["deviation", "distance"] | None = (
-        None  #: readings are deviations from the radius, or distances of the balls
-    )
+    #: readings are deviations from the radius, or distances of the balls
+    zero: Literal["deviation", "distance"] | None = None
     sign: Literal[1, -1] = 1  #: −1 where the instrument counts a longer bar as negative
     angle_sign: Literal[1, -1] = 1  #: −1 where the file counts clockwise
     #: of the plane's first axis, as the file counts: θ = angle_sign · (angle − angle_offset_deg)
@@ -269,7 +266,10 @@ class Notes:
 
 # Signs of a line that are looked at, and of a name; lines above a table; rows of numbers that make
 # one.
-_LONGEST, _LONGEST_NAME, _LARGEST_ABOVE, _BLOCK = 300, 200, 1000, 9
+_LONGEST = 300
+_LONGEST_NAME = 200
+_LARGEST_ABOVE = 1000
+_BLOCK = 9
 _NUMBER = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
 # A number, not the beginning of a clock, a date or a longer number.
 _WHOLE = r"(?![\d:/]|[.,]\d|[\-−]\d|\s\d{3}(?!\d))"
@@ -528,7 +528,8 @@ _INSIDE = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
 _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
 # What scales the unit behind it, as in 10-3 mm, x 10 µm, 0.1 µm; one or two digits alone number the
 # column, but for ten.
-_FACTOR, _COLUMN_NUMBER = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*"), re.compile(r"(?!10)\d{1,2}")
+_FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
+_COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 _AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 _RULE = re.compile(r"[-=+_|: ]*")
@@ -541,13 +542,12 @@ def unit_of(header: str) -> tuple[str, str]:
     header = header.strip().lstrip("#").strip()
     if len(header) > _LONGEST_NAME:
         return header, ""
-    name, inside = (
-        _BRACKET.split(header)[0].strip(" _"),
-        [_RANGE.sub("", text) for text in _INSIDE.findall(header)],
-    )
+    name = _BRACKET.split(header)[0].strip(" _")
+    inside = [_RANGE.sub("", text) for text in _INSIDE.findall(header)]
     after = _AFTER_IN.fullmatch(header)
     if not (inside and name) and after:
-        name, inside = after[1].strip(" _"), [after[2].strip()]
+        name = after[1].strip(" _")
+        inside = [after[2].strip()]
     if inside and name:
         if [plain(text) for text in inside] == ["grad"] and plain(name).startswith("winkel"):
             return name, "deg"
@@ -569,7 +569,8 @@ def unit_of(header: str) -> tuple[str, str]:
 
 def _called(name: str, role: str) -> bool:
     """Whether a header names the role."""
-    parts, words = re.findall(r"[^\W\d_]+", plain(name[:_LONGEST_NAME])), ROLES[role]
+    parts = re.findall(r"[^\W\d_]+", plain(name[:_LONGEST_NAME]))
+    words = ROLES[role]
     if role in ("force", "pressure") and _ANOTHER.search(" ".join(parts)):
         return False
     if role == "test" and not set(parts) <= {*words, *_NUMBERING}:
@@ -594,7 +595,8 @@ def _columns_of(
         for role, columns in asked.items()
         if columns
     }
-    found, readings = {role: columns[0] for role, columns in each.items()}, each.get("reading", [])
+    found = {role: columns[0] for role, columns in each.items()}
+    readings = each.get("reading", [])
     if not any(headers):
         if "reading" not in found or not {"angle", "time"} & set(found):
             got = (
@@ -617,7 +619,8 @@ def _columns_of(
         ):  # columns that are called by the load of a test: 36 N [mm], reading 238 N
             loaded = [k for k in free if load_in_name([headers[k]]) is not None]
             if len(loaded) > 1 and set(own) <= set(loaded):
-                readings, own = loaded, loaded[:1]
+                readings = loaded
+                own = loaded[:1]
         if len(own) > 1:
             both = (
                 ", or all, each a test of its own, by naming it once for each"
@@ -721,22 +724,26 @@ class Heading:
 def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
     """Find the table in a sheet, from below its header on, whatever its rows hold: the reader of
     rows refuses bad ones."""
-    rows, block = sheet.rows, _block(sheet, layout)
-    k, width = _header_row(sheet, layout, block), len(rows[block][1])
+    rows = sheet.rows
+    block = _block(sheet, layout)
+    k = _header_row(sheet, layout, block)
+    width = len(rows[block][1])
     if k is None:
         first = last = _upwards(sheet, block)
-        line, headers, units = 0, [""] * width, [""] * width
+        line = 0
+        headers = [""] * width
+        units = [""] * width
     else:
-        line, last, first = rows[k][0], k, k + 1
+        line = rows[k][0]
+        last = k
+        first = k + 1
         headers = _headers(sheet, k, block)
         units = [unit_of(header)[1] for header in headers]
         below = _units_alone(rows[first][1]) if first < block else []
         if below:
             named = zip(headers, [*below, *[""] * width], strict=False)
-            units, first = (
-                [unit and unit_of(f"{name} [{unit}]")[1] for name, unit in named],
-                first + 1,
-            )
+            units = [unit and unit_of(f"{name} [{unit}]")[1] for name, unit in named]
+            first = first + 1
         while first < block and all(_RULE.fullmatch(cell) for cell in rows[first][1]):
             first += 1
     above: list[tuple[int | str, str]] = [
@@ -764,7 +771,8 @@ def _texts(sheet: Sheet, rows: Rows) -> Iterator[tuple[int, str]]:
 def _block(sheet: Sheet, layout: Layout) -> int:
     """The first of nine rows of numbers, cell for cell alike; of the first below the header line
     that was given."""
-    rows, header = sheet.rows, layout.header_line
+    rows = sheet.rows
+    header = layout.header_line
     if header and header not in [line for line, _ in rows]:
         raise InputError(
             f"{sheet.place}: header line must hold names, got nothing in line {header}. Correct"
@@ -795,7 +803,8 @@ def _numbers(cells: Sequence[str]) -> int:
 def _upwards(sheet: Sheet, block: int) -> int:
     """Of a table without a header: up from good rows while there are as many cells, some of them
     numbers."""
-    rows, k = sheet.rows, block
+    rows = sheet.rows
+    k = block
     while k and len(rows[k - 1][1]) == len(rows[block][1]) and _numbers(rows[k - 1][1]):
         k -= 1
     if k and (_numbers(rows[k - 1][1]) or any(_numbers(cells) >= 2 for _, cells in rows[:k])):
@@ -812,7 +821,8 @@ def _upwards(sheet: Sheet, block: int) -> int:
 
 def _header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
     """Index of the row of names: as given, or the last row of words above the numbers."""
-    rows, given = sheet.rows, layout.header_line
+    rows = sheet.rows
+    given = layout.header_line
     if given == 0:
         return None
     if given:
@@ -923,10 +933,8 @@ def find_headings(
         else:
             left.append((sheet, heading))
     if not found:
-        found, refused = (
-            [(own, why) for own, why in left if isinstance(why, Heading)],
-            [why for _, why in left],
-        )
+        found = [(own, why) for own, why in left if isinstance(why, Heading)]
+        refused = [why for _, why in left]
         if not found:
             raise next(why for why in reversed(refused) if isinstance(why, InputError))
         left = []
@@ -961,11 +969,14 @@ def said_elsewhere(
     """Lines of sheets without a table: those outside lists of tests, which speak of all tests; and
     of each row with one of these names, which speaks of that test, its cells as ``header:
     cell``."""
-    of_all, of_one, wanted = [], [], {plain(name) for name in names}
+    of_all = []
+    of_one = []
+    wanted = {plain(name) for name in names}
     for sheet in sheets:
         header: list[str] = []
         for line, cells in sheet.rows[:_LARGEST_ABOVE]:
-            where, filled = f"{line} of {sheet.place}", [cell for cell in cells if cell]
+            where = f"{line} of {sheet.place}"
+            filled = [cell for cell in cells if cell]
             if (mine := wanted & set(map(plain, filled))) and (
                 plain(filled[0]) in mine or not _labels(filled[0])
             ):

@@ -37,21 +37,30 @@ from ldbb_bayes.result import Array, Result
 __all__ = ["Imported", "import_campaign", "mask_angles", "mask_reversals", "matching"]
 
 _TURN = 360.0
-LARGEST_TESTS, _LONGEST_LIST, _LONGEST_NAME = 1000, 200, 100
+LARGEST_TESTS = 1000
+_LONGEST_LIST = 200
+_LONGEST_NAME = 100
 # A wider span of angles is in degrees.
 _LARGEST_SPAN_RAD = 7.0
 # Readings whose median is the radius within this are distances of the balls: a bar measures no
 # more; within this share, in mm.
-_LARGEST_DEVIATION_MM, _NEAR_RADIUS, _SMALLEST_RADIUS_MM, _LARGEST_IN_MM = 1.5, 0.05, 20.0, 0.5
+_LARGEST_DEVIATION_MM = 1.5
+_NEAR_RADIUS = 0.05
+_SMALLEST_RADIUS_MM = 20.0
+_LARGEST_IN_MM = 0.5
 # A recording of more turns holds laps, or run-in and run-out.
 _MORE_THAN_A_TURN = 1.02
 # Arcs of which two make a circle; what may differ between them.
-_HALF_DEG, _OF_A_FILE = (150.0, 240.0), ("name", "time_s", "temperature_C")
+_HALF_DEG = (150.0, 240.0)
+_OF_A_FILE = ("name", "time_s", "temperature_C")
 # Steps of readings that a readout may have [µm], at most this share of their span.
-_STEPS_UM, _LARGEST_STEP = (0.001, 5.0), 0.1
+_STEPS_UM = (0.001, 5.0)
+_LARGEST_STEP = 0.1
 # Shares by which a value may be rounded: in a line, in a name; and a force be off what the force
 # law makes of its pressure.
-_IN_LINE, _IN_NAME, _OFF_LAW = 1e-3, 0.02, 0.05
+_IN_LINE = 1e-3
+_IN_NAME = 0.02
+_OFF_LAW = 0.05
 _UNIT = {"force_N": "N", "pressure_bar": "bar", "radius_mm": "mm", "feed_mm_per_min": "mm/min"}
 _UNIT |= {"resolution_um": "µm"}
 _LOADS = {"force_N": ("force", "forces_N"), "pressure_bar": ("pressure", "pressures_bar")}
@@ -66,7 +75,8 @@ _OF_CAMPAIGN |= {"feed_mm_per_min": "--feed-mm-per-min"} | {
 }
 _OF_ALL = {*_OF_CAMPAIGN, "radius_mm", "temperature_C"}
 # Of these each test may say its own; of people, places and instruments all are named.
-_OF_EACH, _OF_SEVERAL = ("plane", "date"), ("operator", "place", "ball_bar", "force_device")
+_OF_EACH = ("plane", "date")
+_OF_SEVERAL = ("operator", "place", "ball_bar", "force_device")
 _MAY_DIFFER = (*_OF_SEVERAL, "ball_bar_calibrated", "feed_mm_per_min")
 _SENSES = {word: way for way in ("CW", "CCW") for word in WORDS["directions"][way]}
 
@@ -146,7 +156,8 @@ class _Table:
         self.fields["direction"] = self._direction()
         self.fields |= self._load()
         self.fields["radius_mm"] = self.quantity("radius_mm", self.fields.get("radius_mm"))
-        angle, reading = self._angle(), self._reading()
+        angle = self._angle()
+        reading = self._reading()
         with placed(self.place):
             angle, reading = self._laps(angle, reading)
         return _Circle(
@@ -166,7 +177,8 @@ class _Table:
     def quantity(self, key: str, column: float | None = None) -> float | None:
         """A quantity of the test: by its column, as given, by the lines above the table, the name;
         None where none says it."""
-        unit, option = _UNIT.get(key, "°"), _option(key)
+        unit = _UNIT.get(key, "°")
+        option = _option(key)
         named = headers.load_in_name(self.names(), key) if key in _LOADS else None
         radius = headers.radius_in_name(self.names()) if key == "radius_mm" else None
         first = [(column, "its column", _IN_LINE), (self.given(key), "as given", _IN_LINE)]
@@ -255,7 +267,8 @@ class _Table:
 
     def _one_value(self, key: str) -> float | None:
         """The one value of a column of loads."""
-        role, unit = _LOADS[key][0], _UNIT[key]
+        role = _LOADS[key][0]
+        unit = _UNIT[key]
         if role not in self.numbers:
             return None
         values = self.numbers[role] * self._unit(role, unit)
@@ -279,7 +292,8 @@ class _Table:
         default, told."""
         header: str = self.heading.units[self.heading.roles[role]]
         given: str | None = getattr(self.layout, f"{role}_unit")
-        named, option = given or header, "--unit" if role == "reading" else f"--{role}-unit"
+        named = given or header
+        option = "--unit" if role == "reading" else f"--{role}-unit"
         if (named or default) not in UNITS[role]:
             got = (
                 f"the {role} must be in {', '.join(UNITS[role])}, got {named[:40]!r} in line"
@@ -369,10 +383,8 @@ class _Table:
         require(
             np.ptp(raw) > 0.0, f"{self.place}: {got}. Say which column it is: --reading-column."
         )
-        largest, by_radius = (
-            float(np.abs(raw).max()),
-            abs(np.median(raw) / self.radius_mm - 1.0) < _NEAR_RADIUS,
-        )
+        largest = float(np.abs(raw).max())
+        by_radius = abs(np.median(raw) / self.radius_mm - 1.0) < _NEAR_RADIUS
         usual = "mm" if by_radius or largest < _LARGEST_IN_MM else "um"
         reading = raw * self._unit("reading", usual, f"the largest is {largest:.4g}")
         # Distances on another radius are no deviations of this one.
@@ -405,7 +417,8 @@ class _Table:
     def _laps(self, angle: Array, reading: Array) -> tuple[Array, Array]:
         if len(angle) < 2:
             return angle, reading
-        travel, stated = direction_run(angle), self.fields.get("direction")
+        travel = direction_run(angle)
+        stated = self.fields.get("direction")
         if stated and travel not in (None, stated):
             self.note(
                 "direction",
@@ -473,10 +486,8 @@ class _Circle:
             because,
             "setup of a [[test]] in --layout",
         )
-        angle, reading = (
-            np.concatenate([self.angle_deg, on]),
-            np.concatenate([self.reading_um, other.reading_um]),
-        )
+        angle = np.concatenate([self.angle_deg, on])
+        reading = np.concatenate([self.reading_um, other.reading_um])
         return replace(
             self, fields=self.fields | {"name": name}, angle_deg=angle, reading_um=reading
         )
@@ -484,7 +495,8 @@ class _Circle:
 
 def _stitched(circles: Sequence[_Circle]) -> list[_Circle]:
     """Circles, two halves of one joined where the first stands."""
-    left, made = list(circles), []
+    left = list(circles)
+    made = []
     while left:
         first = left.pop(0)
         half = next((k for k, own in enumerate(left) if first.completed_by(own)), None)
@@ -546,7 +558,8 @@ def _tests_in(
                 sheet.place, heading.column("reading", c), lines, columns[c], decimal
             )
         for label, mine in groups.items():
-            at, name = [lines[k] for k in mine], label or own.label
+            at = [lines[k] for k in mine]
+            name = label or own.label
             words = (
                 {columns[own.roles["direction"]][k]: lines[k] for k in reversed(mine)}
                 if "direction" in own.roles
@@ -659,10 +672,8 @@ def _decimal(
     """The decimal mark, as given or found out; told where it may be another."""
     cells = [(line, column[k]) for k, line in enumerate(lines) for column in columns]
     decimal = layout.decimal or spreadsheet.decimal_mark(sheet.place, cells)
-    marked, other = (
-        [cell for _, cell in cells if decimal and decimal in cell],
-        "," if decimal == "." else ".",
-    )
+    marked = [cell for _, cell in cells if decimal and decimal in cell]
+    other = "," if decimal == "." else "."
     if layout.decimal is not None:
         if not marked and any(other in cell for _, cell in cells):
             why = f"cells have {other!r} alone: thousands"
@@ -700,9 +711,8 @@ class Imported(Result):
     #: with what was found out filled in: reading the same files with it guesses nothing of them
     layout: _Given
     assumptions: tuple[Assumption, ...]  #: with the option that changes each
-    unsaid: tuple[
-        str, ...
-    ]  #: fields of the campaign for which the usual value was taken, as nothing says another
+    #: fields of the campaign for which the usual value was taken, as nothing says another
+    unsaid: tuple[str, ...]
     records: tuple[BallbarRecord, ...] = ()  #: of Renishaw's files among them
 
 
@@ -719,9 +729,11 @@ def import_campaign(
     layout does not say is found out and told; other arguments are fields of `Campaign`. An
     `InputError` names the file, the line and the cure.
     """
-    layout, notes = layout or Layout(), Notes()
+    layout = layout or Layout()
+    notes = Notes()
     given = [files] if isinstance(files, str | os.PathLike) else files
-    paths, named = matching(given), {Path(file) for file in given}
+    paths = matching(given)
+    named = {Path(file) for file in given}
     records = tuple(read_b5r(path) for path in paths if path.suffix.lower() == SUFFIX)
     paths = [path for path in paths if path.suffix.lower() != SUFFIX]
     got = (
@@ -817,7 +829,8 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
     found: list[Path] = []
     for given in files:
         text = os.fspath(given).strip('"')
-        windows, path = PureWindowsPath(text), Path(text)
+        windows = PureWindowsPath(text)
+        path = Path(text)
         path = (
             Path(*windows.parts) if "\\" in text and not (windows.anchor or path.exists()) else path
         )
@@ -825,7 +838,8 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
         if wild is None or path.exists():
             found.append(path)
             continue
-        above, pattern = Path(*path.parts[:wild]), "/".join(path.parts[wild:]).replace("[", "[[]")
+        above = Path(*path.parts[:wild])
+        pattern = "/".join(path.parts[wild:]).replace("[", "[[]")
         matches = [own for own in above.glob(pattern) if not own.name.startswith((".", "~$"))]
         matches = sorted([own for own in matches if own.is_file()] or matches, key=_naturally)
         there = sorted(
@@ -958,7 +972,9 @@ def _note_machine(
 ) -> tuple[str, ...]:
     """What the model needs to know of the machine and no table says, or not clearly: its fields are
     told."""
-    unsaid, law, unclear = [], ForceLaw(), dict(unclear)
+    unsaid = []
+    law = ForceLaw()
+    unclear = dict(unclear)
     for key, value, option in (
         ("topology", "wCAFYXZSt", "--topology"),
         ("plane", "XY", "--plane"),
@@ -1065,7 +1081,8 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     """The mean of the whole laps at the angles of the first, later ones interpolated; readings
     beyond the last are left out."""
     once = np.concatenate([[True], np.diff(angle_deg) != 0.0])
-    angle_deg, reading_um = angle_deg[once], reading_um[once]
+    angle_deg = angle_deg[once]
+    reading_um = reading_um[once]
     steps = np.diff(angle_deg)
     got = "angles must run in one direction for laps to be averaged, got changes of direction"
     require(np.all(steps > 0.0) or np.all(steps < 0.0), f"{got}. Keep the laps (--laps keep).")

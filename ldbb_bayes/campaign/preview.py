@@ -18,12 +18,17 @@ from ldbb_bayes.units import ranked
 __all__ = ["CampaignPreview", "Remark", "RemarkKind", "TestPreview", "preview", "resolution_of"]
 
 _ORDER = 12
-_FULL_DEG, _FORCES_N, _RADII_MM = 359.0, (5.0, 10_000.0), (10.0, 2000.0)
+_FULL_DEG = 359.0
+_FORCES_N = (5.0, 10_000.0)
+_RADII_MM = (10.0, 2000.0)
 # Numbers of readings that a path is fitted to; scatters off it that make a spike; rounds of
 # reweighting.
-_FITTED, _SPIKE, _ROUNDS = range(2 * _ORDER + 11, 200_001), 8.0, 20
+_FITTED = range(2 * _ORDER + 11, 200_001)
+_SPIKE = 8.0
+_ROUNDS = 20
 # Steps that few readings repeat: not below this size, nor in fewer values.
-_FINEST_UM, _ENOUGH = 0.005, 50
+_FINEST_UM = 0.005
+_ENOUGH = 50
 
 
 class RemarkKind(StrEnum):
@@ -88,15 +93,12 @@ class TestPreview:
     centre_mm: tuple[float, float, float]
     work_ball_deg: float
     tool_ball_deg: float
-    resolution_um: (
-        float | None
-    )  #: step by which all readings differ, where enough of them repeat to see one
-    spikes: (
-        int  #: readings more than eight times the scatter off a resistant Fourier fit to order 12
-    )
-    noise_um: (
-        float | None
-    )  #: scatter left by a Fourier fit to order 12 without the spikes, of 35 to 200 000 readings
+    #: step by which all readings differ, where enough of them repeat to see one
+    resolution_um: float | None
+    #: readings more than eight times the scatter off a resistant Fourier fit to order 12
+    spikes: int
+    #: scatter left by a Fourier fit to order 12 without the spikes, of 35 to 200 000 readings
+    noise_um: float | None
     start_end_um: float | None  #: last reading minus first, where the circle closes
     peak_to_peak_um: float | None
     remarks: tuple[Remark, ...]
@@ -144,15 +146,16 @@ _SHOWN = (
 
 
 def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
-    angle, stated, remarks, kinds = (
-        np.asarray(test.angle_deg),
-        campaign.resolution_um,
-        _Remarks(),
-        RemarkKind,
-    )
-    around, steps = np.sort(np.mod(angle, 360.0)), np.diff(angle)
-    between, step = np.diff(np.append(around, around[0] + 360.0)), float(np.median(np.abs(steps)))
-    gap, usual = float(between.max()), max(float(np.median(between)), step)
+    angle = np.asarray(test.angle_deg)
+    stated = campaign.resolution_um
+    remarks = _Remarks()
+    kinds = RemarkKind
+    around = np.sort(np.mod(angle, 360.0))
+    steps = np.diff(angle)
+    between = np.diff(np.append(around, around[0] + 360.0))
+    step = float(np.median(np.abs(steps)))
+    gap = float(between.max())
+    usual = max(float(np.median(between)), step)
     travel = "CCW" if np.all(steps > 0) else "CW" if np.all(steps < 0) else None
     # Angles that rise in all tests, although some are stated to run the other way, are those of a
     # sorted table.
@@ -167,7 +170,8 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
     remarks.add(kinds.TRAVEL, against, stated=test.direction, travel=travel)
     remarks.add(kinds.ARC, test.arc_deg < _FULL_DEG, arc_deg=test.arc_deg)
     remarks.add(kinds.GAP, test.arc_deg >= _FULL_DEG and gap > 10.0 * usual, gap_deg=gap)
-    force, pressure = float(test.force_N or 0.0), float(test.pressure_bar or 0.0)
+    force = float(test.force_N or 0.0)
+    pressure = float(test.pressure_bar or 0.0)
     law = campaign.force_law.force_N(pressure)
     off = abs(law - force) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max()))
     remarks.add(kinds.FORCE_LAW, off, force_N=force, law_N=law, pressure_bar=pressure)
@@ -179,11 +183,9 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
         "peak_to_peak_um": None,
     }
     if test.reading_um is not None:
-        reading, span, digit = (
-            test.reading_um,
-            float(np.ptp(test.reading_um)),
-            resolution_of(test.reading_um),
-        )
+        reading = test.reading_um
+        span = float(np.ptp(test.reading_um))
+        digit = resolution_of(test.reading_um)
         closes = travel is not None and abs(abs(angle[-1] - angle[0]) - 360.0) <= 2.0 * step
         seen |= {"resolution_um": digit, "peak_to_peak_um": span}
         seen |= {"start_end_um": float(reading[-1] - reading[0]) if closes else None}
@@ -220,11 +222,10 @@ def _path(
     """Scatter off a Fourier fit to order 12 [µm], and the number of spikes; what looks odd is
     remarked. Where the circle closes, a drift linear in the angle is fitted too: last and first
     reading are a step of the path apart."""
-    turns, reading = (
-        np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1))),
-        np.asarray(test.reading_um),
-    )
-    path, turn = np.hstack([turns.real, turns.imag[:, 1:]]), test.angle_deg / 360.0
+    turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
+    reading = np.asarray(test.reading_um)
+    path = np.hstack([turns.real, turns.imag[:, 1:]])
+    turn = test.angle_deg / 360.0
     columns = np.column_stack([path, turn]) if closes else path
     kept = _without_spikes(columns, reading)
     coefficients, off, scatter = _fit(columns, reading, kept)
@@ -267,7 +268,8 @@ def _without_spikes(columns: Array, reading: Array) -> NDArray[np.bool_]:
     for _ in range(_ROUNDS):
         # A path of least absolute deviations goes through p readings.
         scatter = 1.4826 * float(np.median(np.sort(np.abs(off))[p:]))
-        before, kept = kept, np.abs(off) <= _SPIKE * max(scatter, 1e-9)
+        before = kept
+        kept = np.abs(off) <= _SPIKE * max(scatter, 1e-9)
         if np.array_equal(before, kept) or np.count_nonzero(kept) <= p:
             break
         off = _fit(columns, reading, kept)[1]
@@ -290,17 +292,13 @@ def resolution_of(reading_um: Array) -> float | None:
 
 
 def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
-    tests, machine, law, forces, kinds = (
-        campaign.tests,
-        campaign.machine(),
-        campaign.force_law,
-        campaign.forces_N,
-        RemarkKind,
-    )
-    setups, both = (
-        sorted({test.setup or 1 for test in tests}),
-        [plane for plane in machine.planes if _both_ways(campaign, plane)],
-    )
+    tests = campaign.tests
+    machine = campaign.machine()
+    law = campaign.force_law
+    forces = campaign.forces_N
+    kinds = RemarkKind
+    setups = sorted({test.setup or 1 for test in tests})
+    both = [plane for plane in machine.planes if _both_ways(campaign, plane)]
     remarks = _Remarks()
     radii = sorted({test.circle.radius_mm for test in tests})
     remarks.add(kinds.MACHINE, topology=campaign.topology, plane=machine.plane, radii_mm=radii)
@@ -329,12 +327,10 @@ def _both_ways(campaign: Campaign, plane: str) -> bool:
 
 
 def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
-    remarks, tests, planes, kinds = (
-        _Remarks(),
-        campaign.tests,
-        campaign.machine().planes,
-        RemarkKind,
-    )
+    remarks = _Remarks()
+    tests = campaign.tests
+    planes = campaign.machine().planes
+    kinds = RemarkKind
     force = float(campaign.forces_N.max())
     remarks.add(kinds.ONE_LEVEL, campaign.force_levels == 1)
     remarks.add(kinds.TWO_LEVELS, campaign.force_levels == 2)

@@ -36,7 +36,9 @@ __all__ = [
 
 Rows = list[tuple[int, list[str]]]
 # Cells of a table; signs of a line, of a cell shown.
-_LARGEST_TABLE, _LARGEST_LINE, _SHOWN = 4_000_000, 100_000, 60
+_LARGEST_TABLE = 4_000_000
+_LARGEST_LINE = 100_000
+_SHOWN = 60
 _GAP = r"[ '\u00a0\u202f\u2009]"
 _EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"
 _NUMBER = re.compile(
@@ -170,7 +172,8 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
     alone: dict[str, tuple[int, str]] = {}
     wrong: tuple[int, str] | None = None
     for line, cell in cells:
-        comma, point = cell.rfind(","), cell.rfind(".")
+        comma = cell.rfind(",")
+        point = cell.rfind(".")
         mark = "," if comma > point else "."
         if comma >= 0 and point >= 0:
             if sure not in (None, mark):
@@ -201,7 +204,8 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
 def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
     """Times of day as seconds that go on over midnight (minutes and seconds: over the hour); a date
     is left out."""
-    times, round_s = np.zeros(len(cells)), 3600.0
+    times = np.zeros(len(cells))
+    round_s = 3600.0
     for k, cell in enumerate(cells):
         match = _CLOCK.fullmatch(cell)
         if match is None:
@@ -238,11 +242,9 @@ def constant(
 
 _MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
 # How a zip (XLSX, ODS) and a compound file (XLS, or a workbook with a password) begin.
-_ARCHIVE, _BINARY, _WORKBOOKS = (
-    b"PK\x03\x04",
-    b"\xd0\xcf\x11\xe0",
-    (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"),
-)
+_ARCHIVE = b"PK\x03\x04"
+_BINARY = b"\xd0\xcf\x11\xe0"
+_WORKBOOKS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 # How PDF and pictures begin, which hold no table whatever they show.
 _PICTURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 
@@ -298,10 +300,8 @@ def _decoded(path: Path, raw: bytes, encoding: str | None) -> tuple[str, str]:
     )
     require(not raw.startswith((_ARCHIVE, _BINARY)), workbook)
     mark, marked = next(((sign, name) for sign, name in _MARKS if raw.startswith(sign)), (b"", ""))
-    encoding, cure = (
-        encoding or marked or _encoding_of(raw),
-        "Save it as 'CSV UTF-8', or import it with --encoding",
-    )
+    encoding = encoding or marked or _encoding_of(raw)
+    cure = "Save it as 'CSV UTF-8', or import it with --encoding"
     try:
         text = raw[len(mark) :].rstrip(b"\x1a").decode(encoding)
     except UnicodeDecodeError as error:
@@ -378,7 +378,8 @@ def _separator_of(lines: Sequence[str]) -> str:
     that is no decimal mark."""
     sample = [line for line in lines if line.strip()]
     sample = sample[len(sample) // 3 :][:200]
-    best, most = ",", 0.0
+    best = ","
+    most = 0.0
     for sign in (";", "\t", "|", ",", " ") if sample else ():
         split = [
             line.split() if sign == " " else [cell.strip(' "') for cell in line.split(sign)]
@@ -390,13 +391,16 @@ def _separator_of(lines: Sequence[str]) -> str:
         cells = [cell for row in split for cell in row if cell]
         score = alike * (1.0 + sum(map(looks_like_number, cells)) / max(len(cells), 1))
         if score > most + 0.02:
-            best, most = sign, score
+            best = sign
+            most = score
     return best
 
 
 # Of a workbook: what its parts may unpack to, how much more than it takes on disk, and cells too
 # far out to make a table up to.
-_LARGEST_UNPACKED, _LARGEST_RATIO, _SMALL = 256 * 2**20, 200.0, 2**20
+_LARGEST_UNPACKED = 256 * 2**20
+_LARGEST_RATIO = 200.0
+_SMALL = 2**20
 _FAR = re.compile(rb'\br="([A-Z]{3,}\d+|[A-Z]+\d{6,})"')
 
 
@@ -486,7 +490,7 @@ def _check_archive(path: Path, raw: bytes) -> None:
                     )
     except InputError:
         raise
-    except Exception as error:  # noqa: BLE001  # whatever a damaged archive makes of the library
+    except Exception as error:  # whatever a damaged archive makes of the library
         got = f"a damaged one ({type(error).__name__})"
         raise InputError(
             f"{path} must hold a workbook that can be read, got {got}. Open and save it again."

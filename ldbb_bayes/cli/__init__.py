@@ -53,7 +53,7 @@ class _Commands(TyperGroup):
                 if isinstance(error, InputError)
                 else f"{error.format_message().rstrip('.?')}. See --help."
             )
-            print(f"ldbb-bayes: {said}", file=sys.stderr)  # noqa: T201
+            print(f"ldbb-bayes: {said}", file=sys.stderr)
         sys.exit(code)
 
 

@@ -312,16 +312,12 @@ def fit(
     population: dict[str, Any] = {}
     if prior_from is not None:
         prior = lb.prior_from(prior_from)
-        doubts, said = (
-            prior.doubts(campaign),
-            {key: getattr(prior, key) for key in ("machines", "campaigns", "sha256")},
-        )
+        doubts = prior.doubts(campaign)
+        said = {key: getattr(prior, key) for key in ("machines", "campaigns", "sha256")}
         for doubt in doubts:
             typer.echo(f"--prior-from: {doubt}", err=True)
-        model, population = (
-            prior.model(model),
-            {"prior_from": {"path": str(prior_from), **said, "doubts": list(doubts)}},
-        )
+        model = prior.model(model)
+        population = {"prior_from": {"path": str(prior_from), **said, "doubts": list(doubts)}}
     campaign = with_tolerances(campaign, model, tolerances)
     output.check(*RESULT_FILES)
     rule = lb.StoppingRule(ess=asked["ess"], max_steps=asked["max_steps"])
@@ -415,7 +411,8 @@ def demo(
     check_target(out, force=force, ours=DEMO_FILES)
     source = lb.embedded_campaign()
     campaign = lb.read_campaign(source)
-    models, fits = {"constant": lb.HybridModel.default(0), "linear": lb.HybridModel.default(1)}, {}
+    models = {"constant": lb.HybridModel.default(0), "linear": lb.HybridModel.default(1)}
+    fits = {}
     for name, model in models.items():
         with options.sampling_progress(quiet, name) as progress:
             fits[name] = lb.sample(model, campaign, seed=seed, progress=progress)

@@ -124,7 +124,8 @@ def check(campaign: options.GivenCampaign, as_json: Annotated[bool, options.JSON
     Fits nothing."""
     from ldbb_bayes.report.text import parts_of
 
-    seen, known = lb.preview(campaign), lb.uncertainties(campaign)
+    seen = lb.preview(campaign)
+    known = lb.uncertainties(campaign)
     record = lb.with_words(seen) | {
         "uncertainties": known.as_dict()["assumed"],
         "certificates": dict(known.certificates),

@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from ldbb_bayes.inference.mcmc import Progress
     from ldbb_bayes.model.hybrid import HybridModel
 
-EXIT_MISSED, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
+EXIT_MISSED = 1
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
 REQUIRED = inspect.Parameter.empty
 # Short, so that names of options stay whole in the help on narrow terminals.
 _METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
@@ -71,7 +73,8 @@ class Option:
     def parameter(self, name: str) -> inspect.Parameter:
         """What typer reads."""
         more = {key: value for key, value in self.more.items() if key != "name"}
-        typed, default = self.kind, self.default
+        typed = self.kind
+        default = self.default
         if isinstance(typed, Kind):
             more.setdefault("metavar", typed.metavar)
             typed = typed.typed
@@ -172,7 +175,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             function(**{name: group.made(typed) for name, group in groups.items()}, **typed)
             sys.stdout.flush()
         except BrokenPipeError:
-            sys.stdout = open(os.devnull, "w")  # noqa: SIM115
+            sys.stdout = open(os.devnull, "w")
         except (OSError, ArithmeticError, ValueError) as error:
             said = plain_reason(error)
             if said is None:
@@ -186,7 +189,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 def fail(message: str, code: int) -> NoReturn:
     """Say one thing on stderr and leave."""
-    print(f"ldbb-bayes: {message}", file=sys.stderr)  # noqa: T201
+    print(f"ldbb-bayes: {message}", file=sys.stderr)
     sys.exit(code)
 
 
@@ -240,10 +243,8 @@ def points_in(entries: Iterable[str], option: str) -> list[tuple[float, ...]]:
 
 def ball_in(text: str, option: str) -> Ball:
     """A grade, or a deviation from sphericity with its unit."""
-    size, like = (
-        re.fullmatch(r"(\d*\.?\d+) ?[uµμ]m", text.replace(",", ".")),
-        "a grade like G20, or a deviation from sphericity like 0.5um",
-    )
+    size = re.fullmatch(r"(\d*\.?\d+) ?[uµμ]m", text.replace(",", "."))
+    like = "a grade like G20, or a deviation from sphericity like 0.5um"
     require(
         size or text[:1] not in {*"+-.0123456789"},
         f"{option} must be {like}, got {text!r}. Correct it.",
@@ -336,7 +337,8 @@ def model_from(
     return chosen if drift is None else chosen.with_term(lb.Drift(drift))  # type: ignore[arg-type]
 
 
-_TABLE, _CERTIFICATES = options_of("table", "labels"), options_of("certificates")
+_TABLE = options_of("table", "labels")
+_CERTIFICATES = options_of("certificates")
 _CERTIFIED = [
     *(own.to or name for name, own in _CERTIFICATES.items()),
     "bar_certificate",
@@ -361,7 +363,8 @@ PoolOptions = Annotated[dict[str, Any], group(**options_of("pool"))]
 
 # ---- where a result goes
 
-_WIDTH, _NARROWEST = 120, 40
+_WIDTH = 120
+_NARROWEST = 40
 
 
 def show(*parts: Any) -> None:
@@ -516,10 +519,8 @@ def steps_of(
     """Return what begins a step and returns what tells how far it is: ``update`` gets the share of
     all steps done, each as long as its weight, the step, and what of it is done of how much (0: not
     known)."""
-    before, total = (
-        dict(zip(weights, accumulate(weights.values(), initial=0.0), strict=False)),
-        sum(weights.values()),
-    )
+    before = dict(zip(weights, accumulate(weights.values(), initial=0.0), strict=False))
+    total = sum(weights.values())
 
     def begin(step: str) -> Callable[..., None] | None:
         if update is None:

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 __all__ = ["MACHINES", "REPORT_OPTIONS", "STEPS", "Given", "figure_names", "report", "report_files"]
 
 _FORMATS = ("svg", "png", "pdf")
-TOML_NAME, AVERAGED_NAME = "campaign.toml", "averaged.nc"
+TOML_NAME = "campaign.toml"
+AVERAGED_NAME = "averaged.nc"
 BESIDE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
 
 
@@ -167,7 +168,8 @@ class Given:
         """The campaign, and where it was imported what was assumed."""
         from ldbb_bayes.campaign.campaign import LABELS
 
-        imported, first = None, self.paths[0]
+        imported = None
+        first = self.paths[0]
         if self.is_campaign:
             got = f"got {len(self.paths)}. Report each by itself; several fits go side by side"
             require(len(self.paths) == 1, f"report must have one campaign, {got}.")
@@ -294,16 +296,15 @@ def _worked(
     from ldbb_bayes.inference.evidence import Evidences
     from ldbb_bayes.jobs import ahead
 
-    seed, models = asked["seed"], {"constant": model.with_degree(0), "linear": model}
+    seed = asked["seed"]
+    models = {"constant": model.with_degree(0), "linear": model}
     ahead(
         partial(callable, lb.compare), executor
     )  # The other process starts and imports meanwhile.
     begin("fit")
     fit = lb.sample(model, campaign, sampler="independent", seed=seed)
-    both, told = (
-        {"evidences": Evidences(campaign, tolerance=_TOLERANCE), "seed": seed},
-        begin("compare"),
-    )
+    both = {"evidences": Evidences(campaign, tolerance=_TOLERANCE), "seed": seed}
+    told = begin("compare")
     of_pair = partial(
         lb.compare,
         models,
@@ -376,7 +377,9 @@ def _said(
     from ldbb_bayes.inference.posterior import campaign_of, model_of
     from ldbb_bayes.report import text, wording
 
-    campaign, comparison, design = campaign_of(fit), worked["comparison"], worked["recommended"]
+    campaign = campaign_of(fit)
+    comparison = worked["comparison"]
+    design = worked["recommended"]
     constant = model_of(fit).with_degree(0).bind(campaign).names
     shown = {name: own for name, own in result["parameters"].items() if name in constant}
     table = text.results_table(result | {"parameters": shown}, lb.verdicts(fit))
@@ -429,7 +432,8 @@ def _of_fits(source: Given, output: Output, asked: dict[str, Any]) -> Reported:
     from ldbb_bayes.report.page import REPORT_FILES, check_folder
 
     source.check_alone()
-    paths, out = source.paths, output.out
+    paths = source.paths
+    out = output.out
     folder = output.out = out or (paths[0] if paths[0].is_dir() else paths[0].parent)
     there = next((name for name in REPORT_FILES if (folder / name).exists()), None)
     if there is not None and not output.force:
@@ -440,10 +444,8 @@ def _of_fits(source: Given, output: Output, asked: dict[str, Any]) -> Reported:
     check_folder(folder)
     own = paths[0] if paths[0].is_dir() else paths[0].parent
     kept = [own if (own / f"{name}.json").exists() else None for name in ("comparison", "design")]
-    comparison, design = (
-        asked.get("comparison", kept[0]),
-        asked.get("design", None if "tests" in asked else kept[1]),
-    )
+    comparison = asked.get("comparison", kept[0])
+    design = asked.get("design", None if "tests" in asked else kept[1])
     if design is not None and "tests" in asked:
         raise InputError("--tests must not go with --design, got both. The design says how many.")
     if asked["same_instrument"] and len(paths) == 1:
@@ -534,7 +536,8 @@ def report(
     from ldbb_bayes.inference.posterior import check_probability
 
     check_probability(asked["ci_prob"])
-    source, ours = Given(files, matching(files), layout, table, certificates), figure_names()
+    source = Given(files, matching(files), layout, table, certificates)
+    ours = figure_names()
     got = f"got {model.degree}. Leave --degree out; or fit it, and report the fit"
     require(
         model.degree == 1, f"report must weigh constant and linear compliance, --degree 1, {got}."

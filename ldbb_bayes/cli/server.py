@@ -48,11 +48,19 @@ from ldbb_bayes.jobs import ONE_THREAD, WorkerDied, process_executor
 __all__ = ["Pages", "application", "serve", "words_of_page"]
 
 LOOPBACK = "127.0.0.1"
-MOST_SESSIONS, MOST_WAITING, MOST_FILES = 32, 100, 400
-LARGEST_FILE, LARGEST_SESSION, LARGEST_WORDS = LARGEST_TABLE_BYTES, 4 * 2**26, 2**17
+MOST_SESSIONS = 32
+MOST_WAITING = 100
+MOST_FILES = 400
+LARGEST_FILE = LARGEST_TABLE_BYTES
+LARGEST_SESSION = 4 * 2**26
+LARGEST_WORDS = 2**17
 # Seconds until a session ends: closed (a reload is back at once), never opened, silent (tabs in the
 # background sleep).
-CLOSED_S, UNOPENED_S, SILENT_S, ANSWER_S, LOOK_S = 8.0, 60.0, 3600.0, 120.0, 1.0
+CLOSED_S = 8.0
+UNOPENED_S = 60.0
+SILENT_S = 3600.0
+ANSWER_S = 120.0
+LOOK_S = 1.0
 # Until the fit of a page that asks for nothing any more gives way to one that waits.
 ABANDONED_S = 150.0
 _PAGES = files("ldbb_bayes.cli") / "pages"
@@ -160,12 +168,10 @@ class Session:
     seen: float = field(default_factory=time.monotonic)
     tabs: set[str] | None = None  #: that show it; none has asked yet
     closed: set[str] = field(default_factory=set)  #: tabs, whose last questions may come late
-    names: dict[str, str] = field(
-        default_factory=dict
-    )  #: by which files were sent, by those by which they are kept
-    adding: asyncio.Lock = field(
-        default_factory=asyncio.Lock
-    )  #: files come one after another, so that they fit together
+    #: by which files were sent, by those by which they are kept
+    names: dict[str, str] = field(default_factory=dict)
+    #: files come one after another, so that they fit together
+    adding: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     @property
     def is_over(self) -> bool:
@@ -192,7 +198,8 @@ class Session:
     def changed(self) -> None:
         """Forget what no longer applies to the files: what a campaign says itself, and certificates
         that are gone."""
-        held, fields = self.held, worker.FIELDS
+        held = self.held
+        fields = worker.FIELDS
         gone = {
             name
             for name, own in self.choices.items()
@@ -271,7 +278,8 @@ class Desk:
     begins."""
 
     def __init__(self) -> None:
-        self._waiting, self._turn = 0, asyncio.Semaphore(1)
+        self._waiting = 0
+        self._turn = asyncio.Semaphore(1)
         self._begin()
 
     def _begin(self) -> None:
@@ -292,7 +300,7 @@ class Desk:
                 return await self._answer(
                     partial(worker.answer, work, str(session.folder), *more), session
                 )
-        except Exception as error:  # noqa: BLE001  # whatever it is, the page says so and goes on
+        except Exception as error:  # whatever it is, the page says so and goes on
             return {
                 "refused": session.word(
                     "unexpected", error=f"{type(error).__name__}: {error}"[:300]
@@ -329,9 +337,8 @@ class House:
     desk: Desk
     pages: Pages = field(default_factory=Pages)
     sessions: dict[str, Session] = field(default_factory=dict)
-    turn: asyncio.Semaphore = field(
-        default_factory=lambda: asyncio.Semaphore(1)
-    )  #: one fit at a time has all cores
+    #: one fit at a time has all cores
+    turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
 
     def begin(self, language: str) -> Session | None:
         """Return a new session; None where there are too many."""
@@ -372,7 +379,8 @@ class House:
 
     async def fit(self, session: Session) -> None:
         """Run the report in a process of its own, on a copy of what is there when it begins."""
-        job, nowhere = session.folder / "job", asyncio.subprocess.DEVNULL
+        job = session.folder / "job"
+        nowhere = asyncio.subprocess.DEVNULL
         try:
             async with self.turn:
                 edition = session.edition
@@ -403,7 +411,8 @@ class House:
             ):  # only a whole report takes the place of the one before
                 shutil.rmtree(session.folder / worker.RESULT, ignore_errors=True)
                 (job / worker.RESULT).rename(session.folder / worker.RESULT)
-                session.fitted, session.asked = edition, {}
+                session.fitted = edition
+                session.asked = {}
         except OSError as error:
             session.outcome = {
                 "refused": session.word(
@@ -433,7 +442,8 @@ async def _page(house: House, session: Session, request: Request) -> Response:
 
 async def _part(house: House, session: Session, request: Request) -> Response:
     """One step of the page, as it stands."""
-    name, values = request.path_params["name"], dict[str, Any]()
+    name = request.path_params["name"]
+    values = dict[str, Any]()
     if name == "understood":
         values = {"found": await house.desk.ask(worker.understand, session, session.said())}
         session.wrong = values["found"].get("wrong", [])
@@ -484,7 +494,8 @@ def file_name(sent: str) -> str:
 
 async def _add(house: House, session: Session, request: Request) -> Response:
     """Keep a file: whole, or not at all."""
-    name, sent = file_name(request.path_params["name"]), request.path_params["name"]
+    name = file_name(request.path_params["name"])
+    sent = request.path_params["name"]
     if not name or not session.folder.exists():
         return _refused(session.word("name"), 422)
     async with session.adding:
@@ -499,7 +510,8 @@ async def _add(house: House, session: Session, request: Request) -> Response:
             return _refused(session.word("too_many", most=MOST_FILES), 413)
         if int(request.headers.get("content-length", 0)) > room:
             return too_large
-        part, size = session.folder / f"{secrets.token_hex(8)}.part", 0
+        part = session.folder / f"{secrets.token_hex(8)}.part"
+        size = 0
         try:
             with part.open("wb") as file:
                 async for chunk in request.stream():
@@ -591,7 +603,8 @@ async def _plan(house: House, session: Session, request: Request) -> Response:
 
 async def _result(house: House, session: Session, request: Request) -> Response:
     """One of the files that a fit, or a plan, has left."""
-    name, folder = request.path_params["name"], session.folder / worker.RESULT
+    name = request.path_params["name"]
+    folder = session.folder / worker.RESULT
     if name in ("plan.html", "plan.zip"):
         found = await house.desk.ask(worker.plan, session, session.asked)
         if "refused" in found:
@@ -652,7 +665,8 @@ class _Guard:
     it, with the token."""
 
     def __init__(self, app: ASGIApp, token: str, port: int) -> None:
-        self._app, self._token = app, token
+        self._app = app
+        self._token = token
         self._hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -660,10 +674,8 @@ class _Guard:
             return await self._app(scope, receive, send)
         if scope["type"] != "http":
             return None
-        request, own = (
-            Request(scope),
-            {name.encode(): value.encode() for name, value in _ALWAYS.items()},
-        )
+        request = Request(scope)
+        own = {name.encode(): value.encode() for name, value in _ALWAYS.items()}
         own[b"content-security-policy"] = _OF_PAGE.encode()
 
         async def sent(message: Message) -> None:
@@ -684,7 +696,8 @@ class _Guard:
 
     def _wrong(self, request: Request) -> tuple[int, str] | None:
         """Status and reason of a refusal."""
-        host, origin = request.headers.get("host", ""), request.headers.get("origin")
+        host = request.headers.get("host", "")
+        origin = request.headers.get("origin")
         if host not in self._hosts:
             return (
                 421,
@@ -740,7 +753,8 @@ def application(token: str, port: int) -> ASGIApp:
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         _clear_up()
-        folder, desk = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-")), Desk()
+        folder = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
+        desk = Desk()
         app.state.house = house = House(folder, desk)
         watch = asyncio.create_task(house.look_after())
         try:
@@ -823,7 +837,8 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
     """Serve the page until interrupted; its address is said first, and opened in a browser where
     ``show`` is true."""
     with _listening(port) as listener:
-        token, port = secrets.token_urlsafe(18), listener.getsockname()[1]
+        token = secrets.token_urlsafe(18)
+        port = listener.getsockname()[1]
         address = f"http://{LOOPBACK}:{port}/{token}/"
         settings = uvicorn.Config(
             application(token, port),

@@ -49,12 +49,21 @@ __all__ = [
     "worth",
 ]
 
-FILES, RESULT, PLAN = "campaign", "result", "plan"
-TOML, _DCC = "campaign.toml", ".xml"
+FILES = "campaign"
+RESULT = "result"
+PLAN = "plan"
+TOML = "campaign.toml"
+_DCC = ".xml"
 _WAYS: Mapping[str, tuple[Direction, ...]] = {"both": ("CW", "CCW"), "CW": ("CW",), "CCW": ("CCW",)}
-_ALL_DRAWN, _MOST_CIRCLES, _CANDIDATES, _SEARCHED, _FEW_KINDS, _FEW = 360, 60, 720, 12, 4, 32
+_ALL_DRAWN = 360
+_MOST_CIRCLES = 60
+_CANDIDATES = 720
+_SEARCHED = 12
+_FEW_KINDS = 4
+_FEW = 32
 # Of the largest reductions of a certificate those shown, and the least that is one.
-_MOST_EFFECTS, _LEAST_EFFECT = 4, 0.05
+_MOST_EFFECTS = 4
+_LEAST_EFFECT = 0.05
 
 
 # ---- what the page offers to be said: the options of the report
@@ -123,7 +132,8 @@ FIELDS: Mapping[str, Field] = {
 
 def _value(own: Option, name: str, text: str, folder: Path) -> Any:
     """What was typed, as the command line would have it."""
-    typed, flag = _typed(own), own.flag(name)
+    typed = _typed(own)
+    flag = own.flag(name)
     if typed is bool:
         return text == "yes"
     if typed is Path:
@@ -155,7 +165,8 @@ def _value(own: Option, name: str, text: str, folder: Path) -> Any:
         raise InputError(
             f"{flag} must be a {'whole ' * (typed is int)}number, got {text!r}. Correct it."
         ) from None
-    low, high = own.more.get("min", -math.inf), own.more.get("max", math.inf)
+    low = own.more.get("min", -math.inf)
+    high = own.more.get("max", math.inf)
     bounds = [f"at least {low:g}"] * (low > -math.inf) + [f"at most {high:g}"] * (high < math.inf)
     fits = math.isfinite(number) and low <= number <= high
     require(fits, f"{flag} must be {' and '.join(bounds) or 'finite'}, got {number:g}. Correct it.")
@@ -185,10 +196,8 @@ def _given(folder: Path, choices: Mapping[str, str]) -> Given:
     )
     # One file is named; of several, as where * is typed, some may hold no readings. A folder is a
     # campaign.
-    ends, bare = (
-        sorted({own.suffix for own in held} - {""}),
-        [own for own in held if not own.suffix],
-    )
+    ends = sorted({own.suffix for own in held} - {""})
+    bare = [own for own in held if not own.suffix]
     named = held if len(held) == 1 else [*(folder / FILES / f"*{end}" for end in ends), *bare]
     if any(own.name == TOML for own in held):
         named = [folder / FILES]
@@ -352,7 +361,8 @@ def _traces(campaign: lb.Campaign) -> Iterator[dict[str, Any]]:
     for plane in campaign.machine().planes:
         here = [k for k, test in enumerate(campaign.tests) if test.plane == plane]
         readings = [np.asarray(campaign.tests[k].reading_um) for k in here]
-        low, high = min(own.min() for own in readings), max(own.max() for own in readings)
+        low = min(own.min() for own in readings)
+        high = max(own.max() for own in readings)
         scale = 78.0 / max(high - low, 1e-3)
         power = 10.0 ** np.floor(np.log10(max(high - low, 1e-3) / 4.0))
         step = power * min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(m * power - (high - low) / 4.0))
@@ -360,12 +370,11 @@ def _traces(campaign: lb.Campaign) -> Iterator[dict[str, Any]]:
         paths = []
         for k, reading in zip(here, readings, strict=True):
             every = slice(None, None, max(1, len(reading) // _ALL_DRAWN))
-            angle, radius = (
-                campaign.tests[k].angles_rad()[every],
-                22.0 + scale * (reading[every] - low),
-            )
+            angle = campaign.tests[k].angles_rad()[every]
+            radius = 22.0 + scale * (reading[every] - low)
             if campaign.tests[k].arc_deg == 360.0:
-                angle, radius = np.append(angle, angle[0]), np.append(radius, radius[0])
+                angle = np.append(angle, angle[0])
+                radius = np.append(radius, radius[0])
             points = " ".join(
                 f"{x:.1f},{y:.1f}"
                 for x, y in zip(radius * np.cos(angle), -radius * np.sin(angle), strict=True)
@@ -397,10 +406,8 @@ def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
     bound = options.model_from().bind(_read(folder, choices)[0])
     found = worth_of_certificates(bound, *hyper_nodes(bound))
-    today, units = (
-        found.pop("none of these"),
-        {own.name: own.unit for own in bound.parameters if own.group != "slope"},
-    )
+    today = found.pop("none of these")
+    units = {own.name: own.unit for own in bound.parameters if own.group != "slope"}
     parts = {
         "work": "balls",
         "bar_U_um": "bar",
@@ -438,7 +445,8 @@ def _change(name: str, before: float, after: float, unit: str) -> dict[str, Any]
 def main() -> None:
     """Report what a session's job holds: its folder and the process that asks are the arguments.
     How far it is stands there in progress.json and outcome.json."""
-    job, parent = Path(sys.argv[1]), int(sys.argv[2])
+    job = Path(sys.argv[1])
+    parent = int(sys.argv[2])
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -451,7 +459,7 @@ def main() -> None:
     choices = json.loads((job / "said.json").read_text(encoding="utf-8"))
     try:
         outcome = answer(_report, str(job), choices)
-    except Exception as error:  # noqa: BLE001  # whatever it is, the page says so
+    except Exception as error:  # whatever it is, the page says so
         outcome = {"refused": f"unexpected {type(error).__name__}: {error}"[:300]}
     write_whole(job / "outcome.json", json.dumps(outcome).encode())
 
@@ -531,8 +539,10 @@ def _numbers(
 
 
 def _sliders(asked: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
-    low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
-    count, least = min(len(pilot.tests), _MOST_CIRCLES), min(1.0, low)
+    low = float(pilot.forces_N.min())
+    high = float(pilot.forces_N.max())
+    count = min(len(pilot.tests), _MOST_CIRCLES)
+    least = min(1.0, low)
     found = _numbers(
         asked,
         {
@@ -582,7 +592,9 @@ def _planned(folder: Path, stamp: int, text: str) -> _Planned:
     clockings = _in_turn(work, tool, len(work) * len(tool))
     radii = tuple(sorted({test.circle.radius_mm for test in pilot.tests} | {own["radius"]} - {0.0}))
     space = _space(folder, stamp, tuple(clockings), radii, ways, bool(asked.get("augment")))
-    count, low, high = int(own["circles"]), own["low"], own["high"]
+    count = int(own["circles"])
+    low = own["low"]
+    high = own["high"]
     places = grid_of_tests(space.templates, [low], [(0.0, 0.0)], radii)
     every = _in_turn(places, space.clockings_deg, len(places) * len(space.clockings_deg))
     kinds = [
@@ -635,8 +647,10 @@ def forecast(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return what to expect of the tests that the sliders describe: U of every parameter beside
     today's, the chances that the evidence settles constant or linear, time and cost; and the tests
     in their order."""
-    costs, key = _numbers(asked, _COSTS), _asked(folder, asked)
-    planned, found = _planned(*key), _forecast(*key, fine=bool(asked.get("fine", True)))
+    costs = _numbers(asked, _COSTS)
+    key = _asked(folder, asked)
+    planned = _planned(*key)
+    found = _forecast(*key, fine=bool(asked.get("fine", True)))
     pairs = [*pairwise(planned.tests)]
     turns = sum(
         (a.work_ball_deg != b.work_ball_deg) + (a.tool_ball_deg != b.tool_ball_deg)
@@ -648,10 +662,8 @@ def forecast(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
         + costs["turn_minutes"] * turns
         + costs["radius_minutes"] * changes
     )
-    ways, pilot = (
-        {"directions": str(asked.get("directions") or ""), "augment": planned.space.augment},
-        planned.space.pilot,
-    )
+    ways = {"directions": str(asked.get("directions") or ""), "augment": planned.space.augment}
+    pilot = planned.space.pilot
     return found | {
         "asked": planned.sliders | costs | ways,
         "best": bool(asked.get("best")),
@@ -716,7 +728,8 @@ def _about(pilot: lb.Campaign) -> dict[str, Any]:
         "force_device",
         "topology",
     )
-    low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
+    low = float(pilot.forces_N.min())
+    high = float(pilot.forces_N.max())
     feed = "" if pilot.feed_mm_per_min is None else f"{pilot.feed_mm_per_min:g}"
     return {key: getattr(pilot, key) or "" for key in shown} | {
         "feed": feed,
@@ -742,4 +755,4 @@ def warm() -> None:
     """Load what answers need, before they are asked for."""
     import ldbb_bayes.analysis.candidates
     import ldbb_bayes.analysis.identifiability
-    import ldbb_bayes.report.wording  # noqa: F401
+    import ldbb_bayes.report.wording

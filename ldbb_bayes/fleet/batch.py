@@ -146,9 +146,8 @@ class Settings:
     compare: bool = True
     table: Mapping[str, Any] = field(default_factory=dict)
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    tolerances: Mapping[str, str] = field(
-        default_factory=dict
-    )  #: of quantities, before what campaigns say
+    #: of quantities, before what campaigns say
+    tolerances: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def model(self) -> HybridModel:
@@ -183,7 +182,7 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
             campaign = replace(campaign, tolerances={**campaign.tolerances, **settings.tolerances})
             row |= _origin(campaign)
             return row | _fitted(settings, campaign)
-    except Exception as error:  # noqa: BLE001  # one campaign must not end the others
+    except Exception as error:  # one campaign must not end the others
         reason = plain_reason(error)
         if reason is None:
             last = traceback.extract_tb(error.__traceback__)[-1]
@@ -228,8 +227,10 @@ def _fitted(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     inside = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
     rule = StoppingRule(ess=settings.ess)
     posterior = sample_from(inside, settings.sampler, seed=settings.seed, rule=rule, prior_draws=0)
-    record, words = record_of(posterior), fit_in_words(posterior)
-    model, breakdowns = settings.model, []
+    record = record_of(posterior)
+    words = fit_in_words(posterior)
+    model = settings.model
+    breakdowns = []
     beside: dict[str, Any] = {}
     parts: dict[str, Callable[[], dict[str, Any]]] = {}
     if settings.compare and model.degree and campaign.force_levels > 1:
@@ -482,12 +483,10 @@ class Batch(Result):
     done: int  #: fitted, now or before
     failed: Annotated[int, Field(alias="failures")]  #: that could not be fitted
     not_converged: int  #: of those done: that missed the sampling target
-    doubtful: (
-        int  #: of those done: whose readings the model does not expect, or that speak against it
-    )
-    failures: Annotated[
-        tuple[dict[str, str], ...], Field(alias="failed")
-    ]  #: campaign and reason, of the first 10 000
+    #: of those done: whose readings the model does not expect, or that speak against it
+    doubtful: int
+    #: campaign and reason, of the first 10 000
+    failures: Annotated[tuple[dict[str, str], ...], Field(alias="failed")]
     doubts: tuple[dict[str, str], ...]  #: campaign and verdict, likewise
     fitted: int  #: campaigns fitted by this run, the others were there
     seconds: float  #: that took
@@ -563,7 +562,8 @@ def batch(
     require(
         0.0 < ess < np.inf, f"ess must be a finite number above zero, got {ess}. For example 1000."
     )
-    folder, paths = Path(out), gather(campaigns)
+    folder = Path(out)
+    paths = gather(campaigns)
     # The same text whatever order its terms were given in.
     written = model_to_toml(model_from_toml(model_to_toml(model or HybridModel.default())))
     given = dict(table or {}), dict(certificates or {}), dict(tolerances or {})

@@ -41,14 +41,16 @@ __all__ = [
     "write_dataset",
 ]
 
-JOURNAL, DATASET = "batch.sqlite", "campaigns.parquet"
+JOURNAL = "batch.sqlite"
+DATASET = "campaigns.parquet"
 PART = f".{DATASET}.part"
 _SCHEMA = 4
 _META = b"ldbb_bayes"
 _NUMBERS = ("mean", "sd", "median", "ci_low", "ci_high")
 _ROWS_AT_ONCE = 1024
 _DECIDED = {"probability": "double", "decision": "string"}  # of conformity with each tolerance
-_TEXTS, _NUMBERS_LIST = "list<string>", "list<double>"
+_TEXTS = "list<string>"
+_NUMBERS_LIST = "list<double>"
 # Every column and its kind: of the campaign and its fit, then, behind those of the parameters, its
 # statistics.
 _TABLE: Mapping[str, Any] = tomllib.loads(
@@ -60,7 +62,7 @@ _COLUMNS, _GAUSSIAN = (dict[str, str](_TABLE[part]) for part in ("columns", "gau
 def check_pyarrow() -> None:
     """Refuse, before any work is done, where Parquet cannot be written or read."""
     try:
-        import pyarrow.parquet  # noqa: F401
+        import pyarrow.parquet
     except ImportError:
         raise InputError(
             "pyarrow must be installed for batches, got none. Run pip install 'ldbb-bayes[fleet]'."
@@ -80,7 +82,8 @@ def write_dataset(
         name: lists.get(kind) or pa.type_for_alias(kind)
         for name, kind in (_COLUMNS | _GAUSSIAN).items()
     }
-    units, limited = dict[str, str](), dict[str, None]()
+    units = dict[str, str]()
+    limited = dict[str, None]()
     for row in rows():
         limited |= dict.fromkeys(row.get("conformity", {}))
         for name, entry in row.get("parameters", {}).items():
@@ -210,7 +213,8 @@ def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schem
 
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            schema, table = file.schema_arrow, file.read(columns)
+            schema = file.schema_arrow
+            table = file.read(columns)
             table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError) as error:
         ours = (path.parent / JOURNAL).is_file()
@@ -303,10 +307,8 @@ def choose(
     hide a change of their machine.
     """
     check_rows(rows)
-    found, digests = (
-        rows["kinds"].map(lambda own: set(own) if own is not None else set()),
-        rows["sha256"],
-    )
+    found = rows["kinds"].map(lambda own: set(own) if own is not None else set())
+    digests = rows["sha256"]
     unexpected = found.map(
         lambda own: not own.isdisjoint((CheckKind.ORDER, ConcernKind.TRUNCATION))
     ).astype(bool)
@@ -323,7 +325,8 @@ def choose(
         ),
         CaveatKind.UNEXPECTED: lambda own: unexpected[own.index] & (not include_misfits),
     }
-    relied, caveats = rows, []
+    relied = rows
+    caveats = []
     for kind, rule in left_out.items():
         if (which := rule(relied)).any():
             caveats.append(

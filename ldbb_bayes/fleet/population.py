@@ -79,7 +79,8 @@ __all__ = [
     "prior_from",
 ]
 
-FEWEST, FALSE_ALARMS = 6, 0.05
+FEWEST = 6
+FALSE_ALARMS = 0.05
 
 # ---- machines of a population, everything but their spreads integrated out
 
@@ -109,7 +110,8 @@ def common_of(likelihood: Gaussian, spread: Array) -> Gaussian:
     """x = (μ, b) for k spreads (k, c), shape (k, q); ``log_integral`` is ln p(y | s), up to a
     constant."""
     (k, c), q = spread.shape, likelihood.shift.shape[1]
-    square, constant = np.empty((k, q + 1, q + 1)), np.empty(k)
+    square = np.empty((k, q + 1, q + 1))
+    constant = np.empty(k)
     for rows in chunks(spread, likelihood):
         whole = whitened(likelihood, spread[rows])
         flat = whole[:, c:].transpose(2, 1, 0, 3).reshape(whole.shape[2], q + 1, -1)
@@ -123,11 +125,14 @@ def common_of(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 def estimates_of(likelihood: Gaussian, spread: Array, common: Gaussian) -> Array:
     """Mean and sd of c_m, mean and variance of z_m = (c_m − μ) / s, shape (4, k, n, c)."""
-    c, q, root = spread.shape[1], likelihood.shift.shape[1], np.swapaxes(common.spread(), 1, 2)
+    c = spread.shape[1]
+    q = likelihood.shift.shape[1]
+    root = np.swapaxes(common.spread(), 1, 2)
     found = np.empty((4, len(spread), len(likelihood.shift), c))
     for rows in chunks(spread, likelihood):
         whole = whitened(likelihood, spread[rows], inverse=True)
-        inverse, s = whole[:, c + q + 1 :], spread[rows].T[..., None]
+        inverse = whole[:, c + q + 1 :]
+        s = spread[rows].T[..., None]
         gain = np.einsum("ijkn,irkn->jrkn", inverse, whole[:, c : c + q + 1])
         z = gain[:, q] - np.einsum("jrkn,kr->jkn", gain[:, :q], common.mean[rows])
         own = np.eye(c, q)[..., None, None] - s[:, None] * gain[:, :q]
@@ -146,9 +151,13 @@ def estimates_of(likelihood: Gaussian, spread: Array, common: Gaussian) -> Array
     return found
 
 
-_FREEDOM, _STEP = 5.0, 1e-4
-_DOWN, _UP = 80.0, 25.0
-_GOOD_SHARE, _LEAST_VARIANCE, _FLATTEST = 0.2, 0.05, 1e-3
+_FREEDOM = 5.0
+_STEP = 1e-4
+_DOWN = 80.0
+_UP = 25.0
+_GOOD_SHARE = 0.2
+_LEAST_VARIANCE = 0.05
+_FLATTEST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +269,8 @@ def _weighed(
 
 # ---- which machines do not belong
 
-_ANEW, _MOST_ANEW = 512, 200
+_ANEW = 512
+_MOST_ANEW = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,11 +334,10 @@ def _left_out(
     likelihood: Gaussian, by_itself: Sequence[Array], spread: Array, common: Gaussian
 ) -> tuple[Array, Array]:
     """ln p(y_m | y_−m, s) of every machine, up to a constant, (k, n), and z, (c, k, n)."""
-    c, q = spread.shape[1], likelihood.shift.shape[1]
-    log_density, z = (
-        np.empty((len(spread), len(likelihood.shift))),
-        np.empty((c, len(spread), len(likelihood.shift))),
-    )
+    c = spread.shape[1]
+    q = likelihood.shift.shape[1]
+    log_density = np.empty((len(spread), len(likelihood.shift)))
+    z = np.empty((c, len(spread), len(likelihood.shift)))
     for rows in chunks(spread, likelihood):
         whole = whitened(likelihood, spread[rows])
         square = np.einsum("iakn,ibkn->abkn", whole[:, c:], whole[:, c:])
@@ -353,7 +362,8 @@ def _against(
     rows = np.broadcast_to(seen.T[:, :, None], (q, c, *shift.shape[1:]))
     whole = np.concatenate([precision, shift[:, None], rows], axis=1)
     eliminate(whole.reshape(1, *whole.shape[:2], -1))
-    x, gain = whole[:, q], whole[:, q + 1 :]
+    x = whole[:, q]
+    gain = whole[:, q + 1 :]
     noise = (seen[..., :c] * own).sum(axis=-1).T[:, None]
     variance = (
         (gain**2).sum(axis=0) + np.einsum("ka,nja->jkn", spread**2, seen[..., :c] ** 2) + noise
@@ -396,16 +406,13 @@ class PooledMachine(Result):
     name: Annotated[str, Field(exclude=True)]
     campaigns: int
     estimate: dict[str, Summary]  #: with what the population tells of it
-    alone: dict[
-        str,
-        Summary,
-        #: from its campaigns and the prior of a fit, the instrument's errors as all campaigns know them
-    ]
+    #: from its campaigns and the prior of a fit, the instrument's errors as all campaigns know
+    #: them
+    alone: dict[str, Summary]
     p_value: float | None = None
     flag: bool = False  #: the p-value is below 5 %
-    z: dict[str, float] = field(
-        default_factory=dict
-    )  #: of each parameter, against what the other machines predict
+    #: of each parameter, against what the other machines predict
+    z: dict[str, float] = field(default_factory=dict)
 
 
 _CONSTANT = re.compile(r"C_...")
@@ -431,9 +438,8 @@ class Population(Result):
     caveats: tuple[Caveat, ...]  #: what to mind
     ci_prob: Annotated[float, Field(exclude=True)]  #: of the intervals
     judged: Annotated[bool, Field(exclude=True)]
-    readings: Annotated[
-        tuple[str, ...], Field(alias="readings_sha256")
-    ] = ()  #: so that no campaign takes its prior from itself
+    #: so that no campaign takes its prior from itself
+    readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
@@ -537,8 +543,11 @@ def _pooled_parameters(
 ) -> dict[str, PooledParameter]:
     """μ and the next machine from conditional Gaussians, s from its draws; ``few`` are the first,
     ``common`` is theirs."""
-    c, weight = len(statistics.parameters), few.weight
-    scale, mean, sd = statistics.prior_sd[:c], common.mean[:, :c], common.sd[:, :c]
+    c = len(statistics.parameters)
+    weight = few.weight
+    scale = statistics.prior_sd[:c]
+    mean = common.mean[:, :c]
+    sd = common.sd[:, :c]
     mu, following = (_mixture(weight, mean, own, tails) for own in (sd, np.hypot(sd, few.spread)))
     moments = mixture_moments(spreads.weight, spreads.spread, np.zeros_like(spreads.spread))
     known = np.diagonal(np.linalg.inv(common.precision[:, :c, :c]), axis1=1, axis2=2)
@@ -572,7 +581,9 @@ def _pooled_machines(
     tails: tuple[float, float],
 ) -> dict[str, PooledMachine]:
     """Every machine with the population, alone, and against the others."""
-    names, c, weight = statistics.parameters, len(statistics.parameters), spreads.weight
+    names = statistics.parameters
+    c = len(statistics.parameters)
+    weight = spreads.weight
     mean, sd, _, _ = estimates_of(likelihood, spreads.spread, common)
     b, covariance = stats.mixture_covariance(
         weight, common.mean[:, c:], common.covariance[:, c:, c:]
@@ -583,11 +594,10 @@ def _pooled_machines(
     width = np.sqrt(
         np.diagonal(inverse + gain @ covariance @ np.swapaxes(gain, 1, 2), axis1=1, axis2=2)
     )
-    pooled, by_itself = (
-        _mixture(weight, mean, sd, tails),
-        (middle, width, middle + ndtri(tails)[:, None, None] * width),
-    )
-    campaigns, found = Counter(statistics.machines), {}
+    pooled = _mixture(weight, mean, sd, tails)
+    by_itself = (middle, width, middle + ndtri(tails)[:, None, None] * width)
+    campaigns = Counter(statistics.machines)
+    found = {}
     for m, name in enumerate(machines):
         together, apart = (
             dict(
@@ -601,10 +611,8 @@ def _pooled_machines(
         )
         judged: dict[str, Any] = {}
         if belonging is not None:
-            value, z = (
-                float(belonging.p_value[m]),
-                dict(zip(names, belonging.z[m].tolist(), strict=True)),
-            )
+            value = float(belonging.p_value[m])
+            z = dict(zip(names, belonging.z[m].tolist(), strict=True))
             judged = {"p_value": value, "flag": value < FALSE_ALARMS, "z": z}
         found[name] = PooledMachine(name, campaigns[name], together, apart, **judged)
     return found
@@ -699,7 +707,8 @@ def population(
 
 # Draws of s, a power of two, as many as so many pairs of draw and machine allow: of the spreads
 # themselves, of every machine.
-_SPREADS, _MACHINES = (4_000_000, 2048, 8192), (1_000_000, 256, 2048)
+_SPREADS = (4_000_000, 2048, 8192)
+_MACHINES = (1_000_000, 256, 2048)
 
 
 @one_blas_thread
@@ -717,10 +726,8 @@ def pool(
         2 ** int(np.log2(min(max(pairs / len(machines), fewest), most)))
         for pairs, fewest, most in (_SPREADS, _MACHINES)
     ]
-    density, tails = (
-        SpreadDensity(likelihood, spread_scale),
-        (0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob),
-    )
+    density = SpreadDensity(likelihood, spread_scale)
+    tails = (0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob)
     spreads = draw_spreads(density, len(statistics.parameters), seed=seed, size=sizes[0])
     few = spreads.first(sizes[1])
     common = common_of(likelihood, few.spread)
@@ -769,9 +776,8 @@ class PopulationPrior(Shown):
     sds: Mapping[str, float]  #: by compliance
     sha256: str  #: of the population
     topology: str  #: of the machines
-    compliances: Mapping[str, Meaning] = field(
-        default_factory=dict
-    )  #: one that is missing is the campaign's
+    #: one that is missing is the campaign's
+    compliances: Mapping[str, Meaning] = field(default_factory=dict)
     machine_ids: frozenset[str] = frozenset()  #: of the machines
     readings: frozenset[str] = frozenset()  #: SHA-256 of the campaigns
     own_doubts: tuple[str, ...] = ()  #: what the population says is to be minded
@@ -815,7 +821,8 @@ class PopulationPrior(Shown):
         doubts = []
         if campaign.machine_id in self.machine_ids:
             doubts.append(PAGE["own_machine"].format(machine=campaign.machine_id))
-        low, high = float(campaign.forces_N.min()), float(campaign.forces_N.max())
+        low = float(campaign.forces_N.min())
+        high = float(campaign.forces_N.max())
         if not low <= self.reference_force_N <= high:
             doubts.append(
                 PAGE["other_forces"].format(force=self.reference_force_N, low=low, high=high)

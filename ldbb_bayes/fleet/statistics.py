@@ -86,7 +86,8 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     bound = posterior.bound
     pick, names, units, prior_mean, prior_sd = _columns(bound)
     free, weight = posterior.coarse.heaviest(_SPARE)
-    means, covariances = [], []
+    means = []
+    covariances = []
     for start in range(0, len(weight), _CHUNK):
         phi = bound.hyper_prior.phi(free[start : start + _CHUNK])
         _, shared = bound.collapsed.conditional(phi)
@@ -148,7 +149,8 @@ def reference_sd(
     prior about another mean says how well a parameter is known, not how large it is, and does not
     count. ``prior_mean`` and ``prior_sd`` (n, c) are those of the fits.
     """
-    default, kinds = Prior.first(), {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
+    default = Prior.first()
+    kinds = {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
     found = np.empty(len(names))
     for j, (name, unit) in enumerate(zip(names, units, strict=True)):
         if name.startswith("C_"):
@@ -216,17 +218,15 @@ class FleetStatistics:
     dates: tuple[datetime | None, ...]
     parameters: tuple[str, ...]  #: c of them
     units: tuple[str, ...]
-    instrument: tuple[
-        str, ...
-    ]  #: errors shared by all campaigns, s of them; none where each has an instrument of its own
+    #: errors shared by all campaigns, s of them; none where each has an instrument of its own
+    instrument: tuple[str, ...]
     prior_sd: Array  #: (c + s,): of the parameters, then of the instrument's errors
     likelihood: Gaussian  #: (n, c + s): Λ and η of (c, b), in units of prior_sd
     reference_force_N: float  #: at which compliances are meant
     forces_N: tuple[float, float]  #: lowest and highest that was tested in all campaigns
     topology: str
-    compliances: Mapping[str, Meaning] = field(
-        default_factory=dict
-    )  #: what the chosen ones stand for, where rows say it
+    #: what the chosen ones stand for, where rows say it
+    compliances: Mapping[str, Meaning] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.campaigns)
@@ -291,7 +291,8 @@ def fleet_statistics(
     information, weighted, prior_mean, prior_sd = (
         np.array(part) for part in zip(*parts, strict=True)
     )
-    units, c = dict(zip(names[0], rows.iloc[0]["gaussian_units"], strict=True)), len(chosen)
+    units = dict(zip(names[0], rows.iloc[0]["gaussian_units"], strict=True))
+    c = len(chosen)
     own_units = tuple(units[name] for name in chosen)
     scale = np.concatenate(
         [
@@ -322,7 +323,8 @@ def _likelihood(
     """Λ and η of what is wanted, the prior divided out, and the prior: of what the row does not
     have zeros. Compliances are carried along their slopes to the common force; what the readings
     cannot add counts as nothing."""
-    names, q = list(row["gaussian_names"]), len(row["gaussian_names"])
+    names = list(row["gaussian_names"])
+    q = len(row["gaussian_names"])
     mean, prior_mean, prior_sd = (
         np.array(row[f"gaussian_{what}"], dtype=float)
         for what in ("mean", "prior_mean", "prior_sd")
@@ -383,8 +385,10 @@ def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> A
     """(Lᵀ | L⁻¹ s (Λ_c, η_c)), shape (c, c + q + 1, k, n), with L Lᵀ = K = I + s Λ_cc s, for k
     values of s (k, c); L⁻¹ behind with ``inverse``. K is the precision of z = w / s, w ~ N(0, diag
     s²) being what one campaign or machine differs by: g(c + w, b). Λ may be singular."""
-    c, q = spread.shape[1], likelihood.shift.shape[1]
-    s, rows = spread.T[:, :, None], likelihood.precision[:, :c].transpose(1, 2, 0)[:, :, None]
+    c = spread.shape[1]
+    q = likelihood.shift.shape[1]
+    s = spread.T[:, :, None]
+    rows = likelihood.precision[:, :c].transpose(1, 2, 0)[:, :, None]
     whole = np.zeros((c, c + q + 1 + c * inverse, len(spread), len(likelihood.shift)))
     np.multiply(s[:, None], rows, out=whole[:, c : c + q])
     np.multiply(s, likelihood.shift.T[:c, None], out=whole[:, c + q])
@@ -398,7 +402,8 @@ def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> A
 
 def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
     """∫ g(c + w, b) N(w; 0, diag s²) dw, shape (k, n, q); arguments as for `whitened`."""
-    c, q = spread.shape[1], likelihood.shift.shape[-1]
+    c = spread.shape[1]
+    q = likelihood.shift.shape[-1]
     whole = whitened(likelihood, spread)
     square = np.einsum("iakn,ibkn->knab", whole[:, c:], whole[:, c:])
     constant = 0.5 * square[..., q, q] - np.log(whole[range(c), range(c)]).sum(axis=0)

@@ -71,7 +71,9 @@ from ldbb_bayes.units import (
 __all__ = ["LIMITS", "ParameterChange", "Trend", "Visit", "control_chart", "trend"]
 
 LIMITS = 0.997
-_LEAST, _MOST, _STEP = 0.03, 8.0, 0.12
+_LEAST = 0.03
+_MOST = 8.0
+_STEP = 0.12
 _NEGLIGIBLE = 1e-7
 
 # ---- the model
@@ -99,7 +101,8 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
     )
     (r, n, q), p = shift.shape, parameters
     late = np.swapaxes(precision[:, 1:, :, :p], -1, -2)
-    whole, pull = np.zeros((r, n, p, q + 1, q + 1)), np.zeros((r, n, p, q + 1))
+    whole = np.zeros((r, n, p, q + 1, q + 1))
+    pull = np.zeros((r, n, p, q + 1))
     whole[..., :q, :q] = np.eye(q) + precision[:, None, :1]
     whole[..., q, q] = change_scale**-2.0
     whole[:, :-1, :, q, q] += np.einsum("rkjj->rkj", late[..., :p])
@@ -121,7 +124,8 @@ def weigh(log_evidence: Array, scatter_weight: Array, probability: float) -> Arr
 def instrument_moments(found: Gaussian, weights: Array) -> tuple[Array, Array]:
     """Posterior mean and covariance of the instrument's errors, averaged over hypotheses; shapes
     (s,), (s, s)."""
-    p, q = weights.shape[2], found.mean.shape[-1] - 1
+    p = weights.shape[2]
+    q = found.mean.shape[-1] - 1
     spread = found.spread(np.eye(q + 1)[p:q])
     covariance = (spread @ np.swapaxes(spread, -1, -2)).reshape(weights.size, q - p, q - p)
     return mixture_covariance(
@@ -196,7 +200,8 @@ def levels_of(
     mean = np.einsum("kjab,rkjb->rkja", level, found.mean).reshape(-1, p)
     sd = np.sqrt((found.spread(level) ** 2).sum(axis=-1)).reshape(-1, p)
     counts = weights.ravel() > _NEGLIGIBLE * weights.max()
-    weight, tail = weights.ravel()[counts] / weights.ravel()[counts].sum(), 0.5 - 0.5 * ci_prob
+    weight = weights.ravel()[counts] / weights.ravel()[counts].sum()
+    tail = 0.5 - 0.5 * ci_prob
     ends = mixture_quantiles(weight, mean[counts], sd[counts], (tail, 1.0 - tail))
     return (*mixture_moments(weight, mean[counts], sd[counts]), ends)
 
@@ -216,9 +221,8 @@ class ParameterChange(Result):
     level_before: float
     #: at the last campaign, averaged over hypotheses; the errors of the instrument are in it
     level_now: Summary
-    common_sd: (
-        float  #: what these add to the level of all campaigns together; in no point and no limit
-    )
+    #: what these add to the level of all campaigns together; in no point and no limit
+    common_sd: float
 
 
 @dataclass(frozen=True)
@@ -243,14 +247,10 @@ class Trend(Result):
 
     machine: str | None  #: machine_id
     reference_force_N: float  #: at which compliances are meant
-    assumptions: Mapping[
-        str,
-        Any,
-        #: change_scale, repeatability (in the prior's sd), probability, threshold, ci, one_instrument
-    ]
-    probability: Annotated[
-        float, Field(alias="probability_of_change")
-    ]  #: that one parameter has changed once
+    #: change_scale, repeatability (in the prior's sd), probability, threshold, ci, one_instrument
+    assumptions: Mapping[str, Any]
+    #: that one parameter has changed once
+    probability: Annotated[float, Field(alias="probability_of_change")]
     changed: bool  #: whether that is above the threshold
     false_alarm: float  #: at most the probability of calling a change where there was none
     campaigns: tuple[Visit, ...]  #: in order of time
@@ -258,9 +258,8 @@ class Trend(Result):
     most_probable: str  #: the parameter that most probably changed
     caveats: tuple[Caveat, ...]  #: what to mind
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
-    conformity: Mapping[
-        str, Mapping[str, Conformity]
-    ]  #: by quantity with a tolerance and campaign, each alone, normal
+    #: by quantity with a tolerance and campaign, each alone, normal
+    conformity: Mapping[str, Mapping[str, Conformity]]
     limits_probability: float = LIMITS  #: of the control limits
 
     def as_dict(self) -> dict[str, Any]:
@@ -278,7 +277,9 @@ def _parts(trend: Trend) -> tuple[Table | str, ...]:
     rows = []
     for name, own in trend.parameters.items():
         factor, label = display_unit(own.unit)
-        likely, now, step = own.probability >= _UNLIKELY, own.level_now, own.change
+        likely = own.probability >= _UNLIKELY
+        now = own.level_now
+        step = own.change
         rows.append(
             (
                 display_name(name),
@@ -337,14 +338,16 @@ def _parameter(
 ) -> ParameterChange:
     """Of parameter j: `hypotheses` under probabilities (r, n − 1) of r and when; ``numbers`` are
     its level now (mean, sd, ends) and what the instrument adds, in units of the prior's sd."""
-    total, scale = float(share.sum()), float(statistics.prior_sd[j])
+    total = float(share.sum())
+    scale = float(statistics.prior_sd[j])
     weight = (share / total if total > 0.0 else np.full_like(share, 1.0 / share.size)).ravel()
     (size, size_sd), (base, base_sd) = (
         [part[:, :-1, j, place].ravel() for part in (found.mean, found.sd)] for place in (-1, j)
     )
     mean, sd = (scale * float(one) for one in mixture_moments(weight, size, size_sd))
     before, doubt = (scale * float(one) for one in mixture_moments(weight, base, base_sd))
-    seen, tail = weight > 0.0, 0.5 - 0.5 * ci_prob
+    seen = weight > 0.0
+    tail = 0.5 - 0.5 * ci_prob
     low, high = (
         scale * mixture_quantiles(weight[seen], size[seen], size_sd[seen], (tail, 1.0 - tail))
     ).tolist()
@@ -410,10 +413,8 @@ def _conformities(
 ) -> dict[str, dict[str, Conformity]]:
     """Conformity in every campaign alone, what the instrument adds to all of them included, with
     the tolerances given, or those that the newest has ``stated`` (JSON) of what is followed."""
-    known, found = (
-        quantities(dict(zip(statistics.parameters, statistics.units, strict=True))),
-        dict[str, dict[str, Conformity]](),
-    )
+    known = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
+    found = dict[str, dict[str, Conformity]]()
     own = given or {
         name: text for name, text in json.loads(stated or "{}").items() if name in known
     }
@@ -551,7 +552,8 @@ def trend(
         len(statistics) > 1,
         f"a trend must have at least 2 campaigns of one machine to rely on, {got}",
     )
-    order, p = _in_time(statistics), len(statistics.parameters)
+    order = _in_time(statistics)
+    p = len(statistics.parameters)
     series = Gaussian(statistics.likelihood.precision[order], statistics.likelihood.shift[order])
     scatter, prior = scatter_rule(repeatability)
     carried = deviating(series, np.outer(scatter, np.ones(p)))
@@ -590,7 +592,8 @@ def trend(
 
 # ---- its chart
 
-_VISIBLE, _MOST_NAMED = 0.05, 6
+_VISIBLE = 0.05
+_MOST_NAMED = 6
 
 
 @styled
@@ -624,11 +627,9 @@ def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame) -> None:
         for column in own.columns
         if own[column].dtype == float
     }
-    limits, low, high = (
-        (value["limit_low"], value["limit_high"]),
-        float(value["ci_low"].min()),
-        float(value["ci_high"].max()),
-    )
+    limits = (value["limit_low"], value["limit_high"])
+    low = float(value["ci_low"].min())
+    high = float(value["ci_high"].max())
     places = np.arange(1.0, len(own) + 1.0)
     # Each campaign's limits as wide as its place; the first has none.
     edges = np.append(places - 0.5, places[-1] + 0.5)
@@ -655,8 +656,10 @@ def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame) -> None:
                 label=meant,
             )
     # Limits as far as they are of the points' size.
-    room, margin = 0.5 * (high - low), 0.05 * (high - low)
-    least, most = float(np.nanmin(limits[0])), float(np.nanmax(limits[1]))
+    room = 0.5 * (high - low)
+    margin = 0.05 * (high - low)
+    least = float(np.nanmin(limits[0]))
+    most = float(np.nanmax(limits[1]))
     axes.set_ylim(
         max(min(least, low), low - room) - margin, min(max(most, high), high + room) + margin
     )

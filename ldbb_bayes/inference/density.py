@@ -22,7 +22,9 @@ from ldbb_bayes.result import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
-_START_TEMPERATURE, _TRIES, _EDGE = 1.5, 2, 1e-15
+_START_TEMPERATURE = 1.5
+_TRIES = 2
+_EDGE = 1e-15
 
 
 def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
@@ -135,7 +137,8 @@ class LogDensity(Shown):
     def split(self, x: Array) -> dict[str, dict[str, Any]]:
         """Return ``{"parameters": {name: value}, "hyper": {name: value}}``; of a stack, values of
         shape (n,)."""
-        values, p = np.moveaxis(self._checked(x), -1, 0), len(self.bound.names)
+        values = np.moveaxis(self._checked(x), -1, 0)
+        p = len(self.bound.names)
         by_name = dict(
             zip(self.names, values.tolist() if values.ndim == 1 else values, strict=True)
         )
@@ -147,7 +150,8 @@ class LogDensity(Shown):
     def initial(self, n: int, seed: int = 1) -> Array:
         """Return starting points, shape (n, d): spread a little wider than the posterior, all of
         them inside."""
-        joint, random = JointDensity(self.bound), np.random.RandomState(seed)
+        joint = JointDensity(self.bound)
+        random = np.random.RandomState(seed)
         beta, free = joint.split(starting_points(LinearRedraw(joint, self._start), n, random))
         return np.concatenate([beta, self.bound.hyper_prior.phi(free)], axis=1)
 
@@ -156,7 +160,8 @@ class LogDensity(Shown):
         return HyperPosterior(self.bound, truncated=self.bound.truncation.active)
 
     def _checked(self, x: Array, what: str = "x") -> Array:
-        values, d = np.asarray(x, dtype=float), len(self.names)
+        values = np.asarray(x, dtype=float)
+        d = len(self.names)
         fits = values.ndim in (1, 2) and values.shape[-1] == d
         require(
             fits,
@@ -167,7 +172,8 @@ class LogDensity(Shown):
     def _at(self, x: Array, density: Callable[[Array, Array], Array]) -> Any:
         """A density of β and φ at the points that are within the bounds of φ, −inf at the
         others."""
-        values, p = self._checked(x), len(self.bound.names)
+        values = self._checked(x)
+        p = len(self.bound.names)
         points = values.reshape(-1, len(self.names))
         low, high = self.bound.hyper_prior.bounds.T
         inside = np.isfinite(points).all(axis=1) & (
@@ -232,7 +238,8 @@ class LinearRedraw:
         bound = self.density.bound
         free = self.start.proposal.draw(size, random, temperature=temperature)
         log_evidence, given = self.start.given(free)
-        white, log_tilt = random.standard_normal(given.mean.shape), np.zeros(size)
+        white = random.standard_normal(given.mean.shape)
+        log_tilt = np.zeros(size)
         if bound.truncation.active:
             uniform = random.random_sample((size, len(bound.truncation.rows)))
             white, log_tilt = given.orthant.propose_spread(uniform, white)

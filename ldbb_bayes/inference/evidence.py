@@ -38,8 +38,10 @@ __all__ = [
     "probabilities",
 ]
 
-_NEARLY_ONE, _ROUGH = 0.1, 0.1
-_DRAWS, _SAME = 16_384, 1e-12
+_NEARLY_ONE = 0.1
+_ROUGH = 0.1
+_DRAWS = 16_384
+_SAME = 1e-12
 
 
 @one_blas_thread
@@ -100,7 +102,8 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
     """ln P(T | y) of the untruncated posterior, and its error [nat]: from the same nodes with and
     without truncation, or where that moves them too far from nodes of each."""
-    plain, inside = truncated.plain.nodes(tolerance), truncated.nodes(tolerance)
+    plain = truncated.plain.nodes(tolerance)
+    inside = truncated.nodes(tolerance)
     error = inside.error + plain.error
     log_value = inside.integral.log_integral - plain.integral.log_integral
     require(
@@ -190,12 +193,10 @@ class Evidences(Shown):
         progress: Callable[[], object] = _silent,
         keep: Sequence[str] | None = None,
     ) -> None:
-        self.campaign, self.tolerance, self.progress, self._keep = (
-            campaign,
-            tolerance,
-            progress,
-            keep,
-        )
+        self.campaign = campaign
+        self.tolerance = tolerance
+        self.progress = progress
+        self._keep = keep
         self._weighed: dict[str, Nodes] = {}
         self._relatives: dict[str, _Relatives] = {}
         self._modes: dict[tuple[Hyper, ...], Array] = {}
@@ -277,7 +278,9 @@ class _Relatives:
     """
 
     def __init__(self, plain: Nodes, tolerance: float) -> None:
-        self._integral, self._bound, self._tolerance = plain.integral, plain.bound, tolerance
+        self._integral = plain.integral
+        self._bound = plain.bound
+        self._tolerance = tolerance
 
     def nodes(self, posterior: HyperPosterior) -> Nodes:
         """Of the other model; nodes of its own where it has other parameters, or these do not suit
@@ -290,7 +293,8 @@ class _Relatives:
         return found if found.suit(self._tolerance) else posterior.nodes(self._tolerance)
 
     def _inside(self, posterior: HyperPosterior, plain: Integral) -> Nodes:
-        names, rows = [*self._bound.coefficients], posterior.bound.physical.rows
+        names = [*self._bound.coefficients]
+        rows = posterior.bound.physical.rows
         touched = np.flatnonzero((rows != 0.0).any(axis=0))
         own = [names.index(posterior.bound.names[j]) for j in touched]
 
@@ -306,8 +310,11 @@ class _Relatives:
     @cached_property
     def _given(self) -> tuple[Array, Array]:
         """Mean (p, n) and covariance (p, p, n) of the coefficients at the nodes."""
-        bound, free, p = self._bound, self._integral.free, len(self._bound.coefficients)
-        mean, covariance = np.empty((p, len(free))), np.empty((p, p, len(free)))
+        bound = self._bound
+        free = self._integral.free
+        p = len(self._bound.coefficients)
+        mean = np.empty((p, len(free)))
+        covariance = np.empty((p, p, len(free)))
         for start in range(0, len(free), CHUNK):
             part = slice(start, start + CHUNK)
             _, given = bound.collapsed.conditional(bound.hyper_prior.phi(free[part]), last=p)
@@ -322,7 +329,8 @@ class _Relatives:
     ) -> tuple[Array, Array, Array]:
         """ln of the ratio of p(y | φ) (n,), and ``own`` coefficients' mean and covariance under the
         other prior, at nodes."""
-        log_ratio, other = np.zeros(len(nodes)), bound.coefficients
+        log_ratio = np.zeros(len(nodes))
+        other = bound.coefficients
         priors = [
             (*before, other.get(name, (0.0, 0.0))[1])
             for name, before in self._bound.coefficients.items()
@@ -333,14 +341,18 @@ class _Relatives:
             part[np.ix_(*[places] * (part.ndim - 1), nodes)] for part in self._given
         )
         for j, (middle, sd_before, sd) in changed.items():
-            k, variance = int(np.argmax(places == j)), sd_before**2
+            k = int(np.argmax(places == j))
+            variance = sd_before**2
             at, noise = (middle, 1.0 / (1.0 / sd**2 - 1.0 / variance)) if sd else (0.0, 0.0)
-            here, before, apart = covariance[k, k] + noise, variance + noise, mean[k] - at
+            here = covariance[k, k] + noise
+            before = variance + noise
+            apart = mean[k] - at
             log_ratio = log_ratio + 0.5 * (
                 np.log(before / here) + (middle - at) ** 2 / before - apart**2 / here
             )
             gain = covariance[k] / here
-            mean, covariance = mean - gain * apart, covariance - gain[:, None] * covariance[k]
+            mean = mean - gain * apart
+            covariance = covariance - gain[:, None] * covariance[k]
         return log_ratio, mean[: len(own)], covariance[: len(own), : len(own)]
 
 

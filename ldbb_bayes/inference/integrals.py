@@ -46,8 +46,11 @@ __all__ = [
 LogDensity = Callable[[Array], Array]
 Random = np.random.Generator | np.random.RandomState
 CHUNK = 256
-_LATTICE, LARGEST_PARETO_K = 5, 0.6
-_STUDENT, _LUCK, _HEAVY = 2.0, 0.5, (0.4, 0.1)
+_LATTICE = 5
+LARGEST_PARETO_K = 0.6
+_STUDENT = 2.0
+_LUCK = 0.5
+_HEAVY = (0.4, 0.1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,13 +169,12 @@ class Integral:
         """∫ f g: ln g at the nodes of an index, (k,), is evaluated where they count. The others, a
         share ``spare`` of ∫ f, are left out; their share of ∫ f g, were g as large there as
         anywhere, goes into the error."""
-        heavy, values = self._heavy(spare), np.full(len(self.free), -np.inf)
+        heavy = self._heavy(spare)
+        values = np.full(len(self.free), -np.inf)
         factor = log_factor(heavy)
         values[heavy] = self.log_density[heavy] + factor
-        found, share = (
-            replace(self, log_density=values),
-            max(1.0 - float(self.weight[heavy].sum()), 0.0),
-        )
+        found = replace(self, log_density=values)
+        share = max(1.0 - float(self.weight[heavy].sum()), 0.0)
         return replace(
             found,
             left_out=share * float(np.exp(factor.max() + self.log_integral - found.log_integral)),
@@ -204,7 +206,11 @@ def in_chunks(log_density: LogDensity, points: Array, most: int = CHUNK) -> Arra
     )
 
 
-_BEYOND, _MEAN_OF_TWO, _CANCELS, _DECLINE, _LOOSE = 3.0, 0.25, 0.02, 0.35, 1e-2
+_BEYOND = 3.0
+_MEAN_OF_TWO = 0.25
+_CANCELS = 0.02
+_DECLINE = 0.35
+_LOOSE = 1e-2
 
 
 def grow_lattice(
@@ -221,7 +227,9 @@ def grow_lattice(
     left out."""
     (centre, root), h = modes[0], len(modes[0][0])
     loose = tolerance >= _LOOSE
-    depth, finer, coarser = 9.0 if loose else 5.5 - np.log(tolerance), 0.85, 0.0
+    depth = 9.0 if loose else 5.5 - np.log(tolerance)
+    finer = 0.85
+    coarser = 0.0
     # The two grids of a Gaussian differ by 4 h exp(−2 π²/step²); a little less is allowed for.
     step = step or (2.0 if loose else 0.93 * np.pi * np.sqrt(2.0 / np.log(3.0 * h / tolerance)))
     while True:
@@ -247,7 +255,8 @@ def grow_lattice(
         if _BEYOND * found.weight[edge].sum() > tolerance / 2.0:
             depth += 3.0
         else:
-            step, coarser = step * finer, found.apart
+            step = step * finer
+            coarser = found.apart
 
 
 def _places(centre: Array, cell: Array, place: Array) -> Array:
@@ -269,15 +278,16 @@ def _grow(
     corners = np.array(list(itertools.product((0.0, -1.0) if offset else (0.0,), repeat=h)))
     front = np.unique(np.concatenate([np.rint(start) + corners for start in starts]), axis=0)
     keys = np.zeros(0, dtype=np.int64)
-    index, values, top = np.zeros((0, h)), np.zeros(0), -np.inf
+    index = np.zeros((0, h))
+    values = np.zeros(0)
+    top = -np.inf
     while len(front) and len(index) <= most:
         value = in_chunks(log_density, points(front + offset))
-        index, values, keys = (
-            np.concatenate([index, front]),
-            np.concatenate([values, value]),
-            np.union1d(keys, _key(front)),
-        )
-        top, last = max(top, float(value.max())), len(front)
+        index = np.concatenate([index, front])
+        values = np.concatenate([values, value])
+        keys = np.union1d(keys, _key(front))
+        top = max(top, float(value.max()))
+        last = len(front)
         candidates = (front[value > top - depth][:, None] + neighbours).reshape(-1, h)
         key, fresh = np.unique(_key(candidates), return_index=True)
         front = candidates[fresh[~np.isin(key, keys)]]
@@ -299,11 +309,17 @@ def _key(index: Array) -> NDArray[np.int64]:
 
 # Light tails are fitted in many dimensions only: in few they gain little and leave corners of the
 # density in the tail.
-_FREEDOMS, _HEAVY_TAILS = np.array([3.0, 5.0, 9.0, 20.0]), 2
+_FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
+_HEAVY_TAILS = 2
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
 _ALONG = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
-_SCRAMBLES, _LEAST, _ROUNDS, _EFFICIENT = 8, 32.0, 5, 0.4
-_WIDER, _FITTED, _LIGHTEST = 1.05, 4096, 0.02
+_SCRAMBLES = 8
+_LEAST = 32.0
+_ROUNDS = 5
+_EFFICIENT = 0.4
+_WIDER = 1.05
+_FITTED = 4096
+_LIGHTEST = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,17 +414,20 @@ def importance_sample(
     fitted to all rounds before it, the first to the density along the axes of every mode. Where the
     weights are even enough it draws on, twice as many, instead of fitting again. Where none can be
     trusted another seed is tried: a round may miss a tail by luck."""
-    rng, h = np.random.default_rng(seed), len(modes[0][0])
+    rng = np.random.default_rng(seed)
+    h = len(modes[0][0])
     proposal = Mixture(
         tuple(_along_axes(log_density, *mode) for mode in modes),
         np.full(len(modes), 1.0 / len(modes)),
     )
-    each, rounds = 1 << int(np.ceil(np.log2(max(_LEAST, 1.5 * h)))), list[Integral]()
+    each = 1 << int(np.ceil(np.log2(max(_LEAST, 1.5 * h))))
+    rounds = list[Integral]()
     while len(rounds) < _ROUNDS:
         count = np.maximum(np.rint(each * proposal.share), 1.0).astype(int)
         proposal = replace(proposal, share=count / count.sum())
         engines = [[Sobol(h, rng) for _ in range(_SCRAMBLES)] for _ in count]
-        found, times = None, 1
+        found = None
+        times = 1
         while True:
             found = _drawn(log_density, proposal, engines, times * count, found)
             efficient = found.trusted and found.ess > _EFFICIENT * len(found.free)
@@ -418,7 +437,8 @@ def importance_sample(
                 break
             times = len(found.free) // (_SCRAMBLES * count.sum())
         rounds.append(found)
-        proposal, each = _fitted(rounds), min(4 * each, most // _SCRAMBLES)
+        proposal = _fitted(rounds)
+        each = min(4 * each, most // _SCRAMBLES)
     best = min(rounds[1:], key=lambda own: (not own.trusted, own.error))
     if best.trusted or tries < 2:
         return best
@@ -441,13 +461,12 @@ def _drawn(
         for own, scrambles, n in zip(proposal.components, engines, count, strict=True)
         for engine in scrambles
     ]
-    free, part = (
-        np.concatenate(points),
-        np.concatenate([np.repeat(np.arange(_SCRAMBLES), n) for n in count]),
-    )
+    free = np.concatenate(points)
+    part = np.concatenate([np.repeat(np.arange(_SCRAMBLES), n) for n in count])
     values = in_chunks(log_density, free)
     if before is not None:
-        free, part = np.concatenate([before.free, free]), np.concatenate([before.part, part])
+        free = np.concatenate([before.free, free])
+        part = np.concatenate([before.part, part])
         values = np.concatenate([before.log_density, values])
     log_volume = -proposal.log_density(free) - np.log(len(free))
     return Integral(free, values, log_volume, part, np.zeros(len(free), dtype=bool), proposal)
@@ -459,7 +478,8 @@ def _along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
     root = (
         vectors * np.sqrt(variance) @ vectors.T
     )  # the root that turns the coordinates least: what is independent stays so
-    z, h = np.concatenate([-_ALONG[::-1], [0.0], _ALONG]), len(mode)
+    z = np.concatenate([-_ALONG[::-1], [0.0], _ALONG])
+    h = len(mode)
     points = (mode + z[:, None, None] * root.T).reshape(-1, h)
     values = in_chunks(log_density, points).reshape(-1, h)
     weight = np.exp(values - values.max(axis=0)) * np.gradient(z)[:, None]
@@ -480,13 +500,16 @@ def _fitted(rounds: Sequence[Integral]) -> Mixture:
         np.log(len(own.free)) + q.log_density(points)
         for own, q in zip(rounds, proposals, strict=True)
     ]
-    log_weight, h = values - np.logaddexp.reduce(of_rounds, axis=0), points.shape[1]
-    power, weight = 1.0, np.zeros(0)
+    log_weight = values - np.logaddexp.reduce(of_rounds, axis=0)
+    h = points.shape[1]
+    power = 1.0
+    weight = np.zeros(0)
     while not weight.size or (
         1.0 / (weight**2).sum() < min(len(weight) / 3.0, 40.0 * (h + 1.0)) and power > 0.02
     ):
         weight = np.exp(power * (log_weight - log_weight.max()))
-        weight, power = weight / weight.sum(), 0.8 * power
+        weight = weight / weight.sum()
+        power = 0.8 * power
     return _moved(proposals[-1], points, weight)
 
 
@@ -508,7 +531,8 @@ def _refitted(component: SplitT, points: Array, weight: Array) -> SplitT:
     correlations are drawn towards none where few points carry them."""
     order = np.linspace(0.0, 1.0, _FITTED, endpoint=False) + 0.5 / _FITTED
     z = np.linalg.solve(component.root, (points - component.centre).T).T
-    ess, h = 1.0 / (weight**2).sum(), z.shape[1]
+    ess = 1.0 / (weight**2).sum()
+    h = z.shape[1]
     centred = z - weight @ z
     covariance = (centred.T * weight) @ centred
     sd = np.sqrt(np.diag(covariance))
@@ -520,7 +544,8 @@ def _refitted(component: SplitT, points: Array, weight: Array) -> SplitT:
     centre = component.centre + component.root @ (weight @ z)
     if len(points) > _FITTED:
         picked = np.minimum(np.searchsorted(np.cumsum(weight), order), len(weight) - 1)
-        turned, weight = turned[picked], np.full(_FITTED, 1.0 / _FITTED)
+        turned = turned[picked]
+        weight = np.full(_FITTED, 1.0 / _FITTED)
     return _fit_axes(centre, root, turned / spread, np.broadcast_to(weight[:, None], turned.shape))
 
 
@@ -532,13 +557,16 @@ def _fit_axes(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
     best: tuple[Array, ...] = (np.zeros(h), np.ones((2, h)), np.ones((2, h)))
     likely = np.full(h, -np.inf)
     for offset in _OFFSETS:
-        apart, above = (z - offset) ** 2, z > offset
+        apart = (z - offset) ** 2
+        above = z > offset
         sides = np.stack([np.where(above, 0.0, weight), np.where(above, weight, 0.0)])
-        scale, freedom = np.ones((2, h)), np.full((2, h), 9.0)
+        scale = np.ones((2, h))
+        freedom = np.full((2, h), 9.0)
         for _ in range(2):
             for _ in range(3):
                 pull = (freedom[:, None] + 1.0) / (freedom[:, None] + apart / scale[:, None] ** 2)
-                moment, masses = (sides * pull * apart).sum(axis=1), _masses(scale, freedom)
+                moment = (sides * pull * apart).sum(axis=1)
+                masses = _masses(scale, freedom)
                 scale = np.clip(np.cbrt(masses.sum(axis=0) * scale / masses * moment), 0.05, 20.0)
             for side in (0, 1):
                 tails = np.array(
@@ -564,8 +592,16 @@ def _tail(square: Array, scale: Array, freedom: Array | float) -> Array:
     return np.asarray(0.5 * (freedom + 1.0) * np.log1p(square / (freedom * scale**2)))
 
 
-_ENSEMBLES, _WALKERS, _DRAWS, _LONGER, _RUNS, _NODES = 4, 64, 1000.0, 3, 4, 4096
-_WIDE, _WANDERED, _APART, _SETTLED = 1.5, 20.0, 1.2, 1e-6
+_ENSEMBLES = 4
+_WALKERS = 64
+_DRAWS = 1000.0
+_LONGER = 3
+_RUNS = 4
+_NODES = 4096
+_WIDE = 1.5
+_WANDERED = 20.0
+_APART = 1.2
+_SETTLED = 1e-6
 
 
 def bridge_sample(log_density: LogDensity, sample: Integral, *, seed: int = 0) -> Integral:
@@ -586,7 +622,8 @@ def bridge_sample(log_density: LogDensity, sample: Integral, *, seed: int = 0) -
         for halves in ((chain[:2], chain[2:]), (chain[2:], chain[:2]))
     )
     picked = chain.reshape(_ENSEMBLES, -1, chain.shape[3])[:, :: -(-chain[..., 0].size // _NODES)]
-    free, part = np.concatenate(picked), np.repeat(np.arange(_ENSEMBLES), picked.shape[1])
+    free = np.concatenate(picked)
+    part = np.repeat(np.arange(_ENSEMBLES), picked.shape[1])
     values = in_chunks(log_density, free)
     log_volume = 0.5 * (one + other) - np.log(len(free)) - values
     error = 0.5 * _STUDENT * max(float(np.hypot(its_error, other_error)), abs(one - other))
@@ -615,10 +652,8 @@ def _chain(
         [sample.free[heavy], sample.draw(half, random, temperature=_WIDE)]
     ).reshape(_ENSEMBLES, walkers, h)
     for k in range(_RUNS):
-        rule, sequence = (
-            StoppingRule(ess=_DRAWS * _LONGER**k),
-            np.random.SeedSequence(random.randint(1 << 31)),
-        )
+        rule = StoppingRule(ess=_DRAWS * _LONGER**k)
+        sequence = np.random.SeedSequence(random.randint(1 << 31))
         run = run_ensembles(log_density, starts, rule=rule, seed=sequence)
         chain = run.chain.reshape(_ENSEMBLES, walkers, -1, h)
         height = in_chunks(log_density, chain.reshape(-1, h)).reshape(chain.shape[:3]).mean(axis=1)
@@ -646,15 +681,14 @@ def _bridge(
     share = 1.0 / (
         1.0 + len(points) / diagnose(chain.reshape(len(chain), -1, chain.shape[3]))[0].min()
     )
-    value, before = float(np.median(here)), np.inf
+    value = float(np.median(here))
+    before = np.inf
     while abs(value - before) > _SETTLED:
         of_chain, of_drawn = (
             -np.logaddexp(np.log(share) + own, np.log1p(-share) + value) for own in (here, there)
         )
-        before, value = (
-            value,
-            float(np.logaddexp.reduce(there + of_drawn) - np.logaddexp.reduce(of_chain)),
-        )
+        before = value
+        value = float(np.logaddexp.reduce(there + of_drawn) - np.logaddexp.reduce(of_chain))
     over_time = np.exp(of_chain + value).reshape(chain.shape[:3]).mean(axis=1)
     inside = np.exp(there + of_drawn)
     variance = over_time.var() / over_time.mean() ** 2 / diagnose(over_time[..., None])[0, 0]

@@ -28,9 +28,15 @@ __all__ = [
     "run_ensembles",
 ]
 
-_BLOCKS_A_LEVEL, _MOST_DOUBLINGS, _DOUBLINGS_STORED = 4, 5, 2
-_JUMP, _REDRAWN, _MOST_DRAWS, _STOCK = 0.1, 0.9, 25_000, 512
-_TAILS, _ROUNDING = (0.05, 0.95), 1e-15
+_BLOCKS_A_LEVEL = 4
+_MOST_DOUBLINGS = 5
+_DOUBLINGS_STORED = 2
+_JUMP = 0.1
+_REDRAWN = 0.9
+_MOST_DRAWS = 25_000
+_STOCK = 512
+_TAILS = (0.05, 0.95)
+_ROUNDING = 1e-15
 
 
 @dataclass(frozen=True)
@@ -111,10 +117,12 @@ def diagnose(chain: Array) -> Array:
     """Bulk ESS, tail ESS and rank-normalised split R-hat (Vehtari et al. 2021), shape (3, d), of a
     chain (chains, draws, d)."""
     draws = np.ascontiguousarray(np.moveaxis(chain, 2, 0), dtype=float)
-    flat, half = draws.reshape(len(draws), -1), draws.shape[2] // 2
+    flat = draws.reshape(len(draws), -1)
+    half = draws.shape[2] // 2
     split = np.concatenate([draws[..., :half], draws[..., -half:]], axis=1)
     folded = np.abs(split - np.median(split, axis=(1, 2), keepdims=True))
-    white, white_folded = _rank_normalised(split), _rank_normalised(folded)
+    white = _rank_normalised(split)
+    white_folded = _rank_normalised(folded)
     below = [draws <= np.quantile(flat, level, axis=1)[:, None, None] for level in _TAILS]
     tails = [
         _ess(np.concatenate([own[..., :half], own[..., -half:]], axis=1).astype(float))
@@ -129,8 +137,10 @@ def _rank_normalised(draws: Array) -> Array:
     """Normal scores of the ranks of (d, chains, draws) among all chains and draws of a quantity;
     equal values share a rank."""
     flat = draws.reshape(len(draws), -1)
-    n, order = flat.shape[1], np.argsort(flat, axis=1)
-    ordered, place = np.take_along_axis(flat, order, axis=1), np.arange(flat.shape[1])
+    n = flat.shape[1]
+    order = np.argsort(flat, axis=1)
+    ordered = np.take_along_axis(flat, order, axis=1)
+    place = np.arange(flat.shape[1])
     new = np.diff(ordered, axis=1) > 0.0
     ends = np.ones((len(flat), 1), dtype=bool)
     first = np.maximum.accumulate(np.where(np.hstack([ends, new]), place, 0), axis=1)
@@ -148,7 +158,8 @@ def _rank_normalised(draws: Array) -> Array:
 
 def _rhat(draws: Array) -> Array:
     n = draws.shape[2]
-    between, within = draws.mean(axis=2).var(axis=1, ddof=1), draws.var(axis=2, ddof=1).mean(axis=1)
+    between = draws.mean(axis=2).var(axis=1, ddof=1)
+    within = draws.var(axis=2, ddof=1).mean(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.sqrt(between / within + (n - 1) / n))
 
@@ -229,7 +240,9 @@ def run_ensembles(
     ]
     samplers = [_sampler(log_density, starts.shape[1:], redraw) for _ in starts]
     walkers = starts.shape[1]
-    count, clock, steps = len(starts) * walkers, time.perf_counter(), 0
+    count = len(starts) * walkers
+    clock = time.perf_counter()
+    steps = 0
     parts: list[tuple[int, Array]] = []
     accepted: list[float] = []
     worst: int | None = None
@@ -315,13 +328,16 @@ class RedrawMove:
     proposal, there and here."""
 
     def __init__(self, redraw: Redraw) -> None:
-        self._redraw, self._stock = redraw, list[Array]()
-        self._before, self._weight = np.zeros(0), np.zeros(0)
+        self._redraw = redraw
+        self._stock = list[Array]()
+        self._before = np.zeros(0)
+        self._weight = np.zeros(0)
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         """The next state of the ensemble, and whose proposals were accepted; weights are kept of
         walkers that stayed."""
-        size, moved = len(state.coords), np.ones(len(state.coords), dtype=bool)
+        size = len(state.coords)
+        moved = np.ones(len(state.coords), dtype=bool)
         if self._before.size:
             moved = (state.coords != self._before).any(axis=1)
         here = np.resize(self._weight, size)
@@ -336,5 +352,6 @@ class RedrawMove:
         self._stock = [own[size:] for own in self._stock]
         accepted = np.log(model.random.random_sample(size)) < log_weight - here
         state.coords[accepted], state.log_prob[accepted] = points[accepted], log_target[accepted]
-        self._before, self._weight = state.coords.copy(), np.where(accepted, log_weight, here)
+        self._before = state.coords.copy()
+        self._weight = np.where(accepted, log_weight, here)
         return state, accepted

@@ -44,18 +44,20 @@ __all__ = [
 ]
 
 Index = NDArray[np.intp]
-_STEP, _FLATTEST = 0.05, 0.3
-_STARTS, _BASINS, _APART = 256, 3, 1.5
-_MOST_WITH_CORNERS, _BELOW_MODE = 5, 3.0
-_COARSE, _COARSE_STEP, _LOW, _OF_TOLERANCE, _SPARED, _FINEST, _SHARE = (
-    0.2,
-    1.25,
-    12.0,
-    20.0,
-    5e-4,
-    1e-3,
-    0.7,
-)
+_STEP = 0.05
+_FLATTEST = 0.3
+_STARTS = 256
+_BASINS = 3
+_APART = 1.5
+_MOST_WITH_CORNERS = 5
+_BELOW_MODE = 3.0
+_COARSE = 0.2
+_COARSE_STEP = 1.25
+_LOW = 12.0
+_OF_TOLERANCE = 20.0
+_SPARED = 5e-4
+_FINEST = 1e-3
+_SHARE = 0.7
 
 
 class HyperPosterior:
@@ -74,7 +76,10 @@ class HyperPosterior:
     def __init__(
         self, bound: BoundModel, *, truncated: bool, seed: int = 0, near: Array | None = None
     ) -> None:
-        self.bound, self.truncated, self._seed, self._near = bound, truncated, seed, near
+        self.bound = bound
+        self.truncated = truncated
+        self._seed = seed
+        self._near = near
         self._kept: dict[float, Integral] = {}
 
     @cached_property
@@ -254,16 +259,16 @@ class Evidence:
     error: float  #: [nat]
     nodes: int  #: of the quadrature
     sha256: str  #: digest of the readings it is of
-    by_emcee: bool = (
-        False  #: emcee and bridge sampling took over, the weights of the nodes not to be trusted
-    )
+    #: emcee and bridge sampling took over, the weights of the nodes not to be trusted
+    by_emcee: bool = False
 
     def __repr__(self) -> str:
         value = " ± ".join(value_and_uncertainty(self.log_value, self.error))
         return f"<Evidence: ln Z = {value} nat, {self.nodes} nodes; readings {self.sha256[:8]}>"
 
 
-_SPARE, _COMPONENTS = 1e-7, 8192
+_SPARE = 1e-7
+_COMPONENTS = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,8 +305,10 @@ class Nodes:
     @cached_property
     def evidence(self) -> Evidence:
         """ln Z = ln ∫ p(y | φ) p(φ) dφ; truncated: ln Z + ln P(T | y) − ln P(T | prior)."""
-        campaign, names = self.bound.campaign, self.bound.test_names
-        sha256, left_out = campaign.sha256, len(names) < len(campaign.tests)
+        campaign = self.bound.campaign
+        names = self.bound.test_names
+        sha256 = campaign.sha256
+        left_out = len(names) < len(campaign.tests)
         sha256 = (
             hashlib.sha256("\n".join([sha256, *names]).encode()).hexdigest() if left_out else sha256
         )
@@ -351,7 +358,8 @@ class Nodes:
         for start in range(0, len(free), CHUNK):
             _, given = self.posterior.given(free[start : start + CHUNK])
             spread = given.spread()
-            mean, variance = given.mean, (spread**2).sum(axis=2)
+            mean = given.mean
+            variance = (spread**2).sum(axis=2)
             if self.posterior.truncated:
                 shift, covariance = inside(given.orthant)
                 along = spread @ np.swapaxes(given.orthant.axes, 1, 2)
@@ -363,8 +371,12 @@ class Nodes:
         return (np.concatenate(own) for own in zip(*parts, strict=True))
 
 
-_ROUNDS_INSIDE, _MOST_ROUNDS, _MOST_TRIES = 20, 50, 64
-_FEW_INSIDE, _INSIDE, _ENVELOPE = 0.02, 4.0, 2.0
+_ROUNDS_INSIDE = 20
+_MOST_ROUNDS = 50
+_MOST_TRIES = 64
+_FEW_INSIDE = 0.02
+_INSIDE = 4.0
+_ENVELOPE = 2.0
 
 
 def conditional_draws(
@@ -373,7 +385,8 @@ def conditional_draws(
     """One draw of β (w, p) for each free coordinates from its exact conditional Gaussian inside the
     truncation; and whether it is exact: not where the rejection sampler gave up, or rounding left β
     outside."""
-    beta, exact = np.zeros((len(free), len(bound.names))), np.ones(len(free), dtype=bool)
+    beta = np.zeros((len(free), len(bound.names)))
+    exact = np.ones(len(free), dtype=bool)
     nodes, node = np.unique(free, axis=0, return_inverse=True)
     once = bound.given(bound.hyper_prior.phi(nodes))[1] if 2 * len(nodes) <= len(free) else None
     for start in range(0, len(free), CHUNK):
@@ -399,7 +412,8 @@ def draw_parameters_given(start: HyperPosterior, free: Array, rng: np.random.Gen
         When rounds of exact rejection leave some undrawn: the readings leave no room inside the
         truncation.
     """
-    beta, missing = np.zeros((len(free), len(start.bound.names))), np.arange(len(free))
+    beta = np.zeros((len(free), len(start.bound.names)))
+    missing = np.arange(len(free))
     for _ in range(1 + _ROUNDS_INSIDE):
         beta[missing], exact = conditional_draws(start.bound, free[missing], rng)
         missing = missing[~exact]
@@ -435,13 +449,15 @@ def draw_jointly(
     """
     share = _share_inside(start, rng) if start.truncated else 1.0
     tilted = share < _FEW_INSIDE
-    proposal, prior = (start if tilted else start.plain).proposal, start.bound.hyper_prior
+    proposal = (start if tilted else start.plain).proposal
+    prior = start.bound.hyper_prior
     if not proposal.trusted:
         raise TooRoughError(f"Pareto k {proposal.pareto_k:.2f}")
     tries = int(np.ceil(_INSIDE / share)) if start.truncated and not tilted else 1
     log_scale = proposal.log_integral + np.log(_ENVELOPE * (1.0 if tilted else share))
     kept: list[tuple[Array, Array]] = []
-    used, tried = 0, 0
+    used = 0
+    tried = 0
     for _ in range(_MOST_ROUNDS * max(1, -(-size // CHUNK))):
         free = proposal.draw(CHUNK, rng)
         log_weight = -proposal.log_proposal(free) - log_scale
@@ -458,17 +474,14 @@ def draw_jointly(
             white = white[index, np.minimum(again, count[index] - 1)]
             if not start.truncated:
                 white = rng.standard_normal(white.shape)
-            picked, beta = (
-                free[index],
-                given.mean[index] + solve_upper(given.root[index], white) * given.scale[index],
-            )
+            picked = free[index]
+            beta = given.mean[index] + solve_upper(given.root[index], white) * given.scale[index]
         kept.append((picked, beta))
-        used, tried = used + len(picked), tried + CHUNK
+        used = used + len(picked)
+        tried = tried + CHUNK
         if used >= size:
-            order, every = (
-                rng.permutation(size),
-                [np.concatenate(part) for part in zip(*kept, strict=True)],
-            )
+            order = rng.permutation(size)
+            every = [np.concatenate(part) for part in zip(*kept, strict=True)]
             return every[0][order], every[1][order], used / tried
     raise TooRoughError(f"{used} of {size} draws from {tried} proposals")
 

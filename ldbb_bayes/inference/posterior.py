@@ -65,10 +65,13 @@ __all__ = [
     "to_units",
 ]
 
-_POWERS, _SENSITIVE = (0.99, 1.01), 0.05
+_POWERS = (0.99, 1.01)
+_SENSITIVE = 0.05
 _COUNT = 10.0
-_MOVED, _WIDER = 0.5, 0.1
-_MOST_PER_BYTE, _REASON = 20, 120
+_MOVED = 0.5
+_WIDER = 0.1
+_MOST_PER_BYTE = 20
+_REASON = 120
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 _OF_TESTS = ("force_N", "pressure_bar", "work_ball_deg", "tool_ball_deg", "radius_mm")
 _OF_READINGS = ("angle_rad", "angle_as_read_deg", "reading_as_read_um", "test_index", "reading_mm")
@@ -88,10 +91,14 @@ _ARRAYS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
 # What the record keeps so that the campaign and the model can be made again.
 _REBUILDS = ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
-_DRAWS, _PREDICTED = 1000, 4000
+_DRAWS = 1000
+_PREDICTED = 4000
 # ln λ of a circle, to sum over: its density and the likelihood are wide beside the steps.
 _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
-_TOLERANCE, _LARGE_K, _TAMED_K, _MOST_K = 1e-2, 0.4, 0.2, 2.0
+_TOLERANCE = 1e-2
+_LARGE_K = 0.4
+_TAMED_K = 0.2
+_MOST_K = 2.0
 
 
 class State(StrEnum):
@@ -136,18 +143,16 @@ class Fit(Result):
     """How well a model fits, and what to mind."""
 
     rmse_um: float  #: Eq. 34 over all readings
-    fitness_percent: dict[
-        str, float
-    ]  #: Eq. 35, by test; not a number where its readings are all the same
+    #: Eq. 35, by test; not a number where its readings are all the same
+    fitness_percent: dict[str, float]
     log_prob_truncation: float  #: ln P(T | y) of the untruncated posterior
     log_prob_truncation_error: Finite  #: [nat]
     log_prob_truncation_prior: float  #: ln P(T) of the prior
     linearisation_error_um: float  #: largest difference of the linear model from the exact geometry
     concerns: tuple[Concern, ...]
     predictive_checks: dict[str, predictive.TestChecks]
-    sensitivity: dict[
-        str, dict[str, float]
-    ]  #: by power-scaling of prior, hyper_prior and likelihood, of each parameter
+    #: by power-scaling of prior, hyper_prior and likelihood, of each parameter
+    sensitivity: dict[str, dict[str, float]]
     #: Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is left
     #: out; not of flat priors.
     shift: dict[str, float]
@@ -244,7 +249,8 @@ def power_sensitivity(
 def _apart(one: Array, other: Array, widths: Array) -> Array:
     """Cumulative Jensen-Shannon distance of distribution functions (d, n) on steps of these
     widths."""
-    middle, shift = 0.5 * (one + other), 0.5 / np.log(2.0) * (widths * (other - one)).sum(axis=1)
+    middle = 0.5 * (one + other)
+    shift = 0.5 / np.log(2.0) * (widths * (other - one)).sum(axis=1)
     divergence = [(widths * own * np.log2(own / middle)).sum(axis=1) for own in (one, other)]
     total = np.maximum(divergence[0] + shift, 0.0) + np.maximum(divergence[1] - shift, 0.0)
     return np.asarray(np.sqrt(total / (2.0 * (widths * middle).sum(axis=1))))
@@ -258,13 +264,15 @@ def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
     good_k = min(0.7, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < np.sqrt(np.finfo(float).eps):
         return np.full(len(log_ratio), 1.0 / len(log_ratio)), -np.inf, good_k
-    log_weight, k = log_ratio, np.inf
+    log_weight = log_ratio
+    k = np.inf
     with suppress(ValueError), np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
         from arviz_stats.base import array_stats
 
         smoothed, shape = array_stats.psislw(-log_ratio)
         if not np.isnan(smoothed).any():
-            log_weight, k = smoothed, float(shape)
+            log_weight = smoothed
+            k = float(shape)
     weight = np.exp(log_weight - np.max(log_weight))
     weight /= weight.sum()
     counted = 1.0 / np.sum(weight**2) > _COUNT
@@ -319,7 +327,8 @@ def build_tree(
 def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     """Write the tree to one netCDF file (h5netcdf), whole or not at all; made in memory: HDF5 does
     not survive a full disk."""
-    target, tree = Path(path), tree.copy()
+    target = Path(path)
+    tree = tree.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
     dask = sys.modules.get("dask")
     # Within a job of Dask xarray would ask the cluster for a lock on what is in this process's
@@ -366,11 +375,12 @@ def _opened(source: Path) -> xr.DataTree:
             warnings.catch_warnings(action="ignore"),
             xr.open_datatree(source, engine="h5netcdf") as opened,
         ):
-            size, promised = source.stat().st_size, sum(node.nbytes for node in opened.subtree)
+            size = source.stat().st_size
+            promised = sum(node.nbytes for node in opened.subtree)
             if promised > _MOST_PER_BYTE * size + 2**20:
                 raise ValueError(f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB")
             return opened.load()
-    except Exception as error:  # noqa: BLE001  # whatever a damaged file makes of the libraries
+    except Exception as error:  # whatever a damaged file makes of the libraries
         gc.collect()
         why = " ".join(str(error).split())[:_REASON]
         raise InputError(
@@ -445,7 +455,8 @@ def fit_of(posterior: xr.DataTree) -> Fit:
 
 def campaign_of(posterior: xr.DataTree) -> Campaign:
     """The campaign, readings included."""
-    record, kept = record_of(posterior)["campaign"], posterior["constant_data"].dataset
+    record = record_of(posterior)["campaign"]
+    kept = posterior["constant_data"].dataset
     owner, angle, reading = (
         kept[name].values for name in ("test_index", "angle_as_read_deg", "reading_as_read_um")
     )
@@ -582,10 +593,13 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
     shown |= {"parameters": {}, "hyper": {}}
     for key, variable in posterior["posterior"].data_vars.items():
         name = name_shown = str(key)
-        unit, factor = variable.attrs.get("unit", ""), 1.0
+        unit = variable.attrs.get("unit", "")
+        factor = 1.0
         is_hyper = name not in record["model"]["groups"]
         if is_hyper and unit == "mm":
-            name_shown, unit, factor = f"{name}_um", "um", 1e3
+            name_shown = f"{name}_um"
+            unit = "um"
+            factor = 1e3
         numbers = numbers_of(variable.values * factor, ci_prob)
         interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
         sd = prior_sd[name]
@@ -641,7 +655,8 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     One row per coefficient: term, unit (mm; per bar, N, h or K), mean, sd, prior_sd (at the
     posterior mean of φ). The mount's is its deviation from the nominal deflection.
     """
-    bound, parts = bound_of(posterior), parts_of(posterior, _DRAWS)
+    bound = bound_of(posterior)
+    parts = parts_of(posterior, _DRAWS)
     value = dict(
         zip(
             bound.hyper_prior.names,
@@ -705,7 +720,8 @@ def predict(
     """
     check_probability(ci_prob)
     check_campaign(plan)
-    rng, levels = np.random.default_rng(seed), [0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob]
+    rng = np.random.default_rng(seed)
+    levels = [0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob]
     parts = [predictive.new_circles(part, plan, rng) for part in parts_of(posterior, _PREDICTED)]
     tables = []
     for test, *drawn in zip(plan.tests, *parts, strict=True):
@@ -772,7 +788,8 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
         "a campaign must have at least two tests to leave one out, got one. Add tests.",
     )
     beta, phi = draws_of(made, bound)
-    rng, shape = np.random.default_rng(seed), (chains, len(pick), -1)
+    rng = np.random.default_rng(seed)
+    shape = (chains, len(pick), -1)
     circles = np.moveaxis(predictive.new_circle_coefficients(bound, phi, beta, rng), 1, 0)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
     pairs = zip(circles, bound.campaign.tests, strict=True)
@@ -801,15 +818,11 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
 
 def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
     """ln p(y_r | y_−r, φ), without the λ_r in φ (w, h), shape (w, tests); see `with_predictive`."""
-    together, found = (
-        in_chunks(partial(_log_evidence, bound), phi),
-        np.empty((len(phi), len(bound.test_names))),
-    )
+    together = in_chunks(partial(_log_evidence, bound), phi)
+    found = np.empty((len(phi), len(bound.test_names)))
     for r, name in enumerate(bound.test_names):
-        rest, circle = (
-            bound.keeping([other for other in bound.test_names if other != name]),
-            str(bound.setting.circle[r]),
-        )
+        rest = bound.keeping([other for other in bound.test_names if other != name])
+        circle = str(bound.setting.circle[r])
         top = together
         if circle:
             each = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))

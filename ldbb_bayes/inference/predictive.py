@@ -66,7 +66,10 @@ _DRAWS = 500
 _RANK = 1e-6
 _STRETCH = 100_000
 SHIFTED = 0.01
-_FAILS, _SMALLEST, _FEWEST_SHIFTED, _IN_ORDER = 0.01, 1e-300, 4, 0.05
+_FAILS = 0.01
+_SMALLEST = 1e-300
+_FEWEST_SHIFTED = 4
+_IN_ORDER = 0.05
 
 
 class Part(NamedTuple):
@@ -126,7 +129,8 @@ def compliance_curves(
     term = next((term for term in bound.model.nuisances if isinstance(term, JointLoad)), None)
     if term is not None:
         names = [name for part in shared_terms(bound.nuisance_columns) for name in part.names]
-        drawn, secants = draw_shared(bound, phi, beta, rng), term.secants(bound.setting, force_N)
+        drawn = draw_shared(bound, phi, beta, rng)
+        secants = term.secants(bound.setting, force_N)
         for j, own in enumerate(bound.compliances):
             along = [
                 k
@@ -192,7 +196,8 @@ def _own(bound: BoundModel, phi: Array, r: int) -> Iterator[tuple[Array, Array]]
 
 def new_circles(part: Part, plan: Campaign, rng: np.random.Generator) -> Iterator[Array]:
     """Readings (draws, n) [mm] of each planned test in turn, one circle for every draw."""
-    bound, beta = part.bound, part.beta
+    bound = part.bound
+    beta = part.beta
     measured, planned = _beside(bound, plan)
     names = planned.hyper_prior.names
     phi = planned.hyper_prior.draw(len(beta), rng)
@@ -200,7 +205,8 @@ def new_circles(part: Part, plan: Campaign, rng: np.random.Generator) -> Iterato
         phi[:, names.index(name)] = part.phi[:, j]
     value = dict(zip(names, phi.T, strict=True))
     learnt = [name for term in shared_terms(measured.nuisance_columns) for name in term.names]
-    drawn, total = draw_shared(measured, phi, beta, rng), machine_coefficients(planned, beta)
+    drawn = draw_shared(measured, phi, beta, rng)
+    total = machine_coefficients(planned, beta)
     for term in shared_terms(planned.nuisance_columns):
         own = term.sd_at(value) * rng.standard_normal((len(beta), len(term.names))) + (
             0.0 if term.mean is None else term.mean
@@ -225,7 +231,8 @@ def readings_drawn(
 def _beside(bound: BoundModel, plan: Campaign) -> tuple[BoundModel, BoundModel]:
     """The tests measured and those planned as one campaign's: with both balls' forms, all radii and
     directions of either."""
-    campaign, model = bound.campaign, bound.model
+    campaign = bound.campaign
+    model = bound.model
     machines = [(one.topology, dict(one.frames_mm)) for one in (campaign, plan)]
     got = f"got {machines[1][0]}. Make the plan with the campaign's topology and frames."
     require(
@@ -243,7 +250,8 @@ def _beside(bound: BoundModel, plan: Campaign) -> tuple[BoundModel, BoundModel]:
         f"the plan must show only what the fit has, got planes or set-ups with {', '.join(other)}"
         f" too. {cure}",
     )
-    names, run = [test.name for test in union.tests], len(campaign.tests)
+    names = [test.name for test in union.tests]
+    run = len(campaign.tests)
     measured = whole.keeping(names[:run])
     measured.reduced = bound.reduced
     return measured, whole.keeping(names[run:])
@@ -264,7 +272,8 @@ def replicate_left_out(
     beta, phi = others.draw(-(-size // each), rng)
     machine = beta @ bound.interest[r].T + bound.known_offset[r]
     machine = machine + draw_shared(others.bound, phi, beta, rng) @ shared_columns(bound)[r].T
-    machine, phi = np.repeat(machine, each, axis=0)[:size], np.repeat(phi, each, axis=0)[:size]
+    machine = np.repeat(machine, each, axis=0)[:size]
+    phi = np.repeat(phi, each, axis=0)[:size]
     factor = bound.reduced[r].factor
     noise = phi[:, [bound.hyper_prior.names.index("sigma")]] * rng.standard_normal(
         (size, len(factor))
@@ -413,11 +422,13 @@ def effects(
     interval grows with the noise next to the basis elsewhere."""
     found = failing(every_check(checks))
     names = dict.fromkeys(check.test for check in found if check.kind == CheckKind.ORDER)
-    given, shift = bound.given(phi[None])[1], dict[str, float]()
+    given = bound.given(phi[None])[1]
+    shift = dict[str, float]()
     for name in names if len(bound.test_names) > 1 and not bound.model.prior.flat else ():
         rest = bound.keeping([other for other in bound.test_names if other != name])
         shift[name] = float((np.abs(rest.given(phi[None])[1].mean - given.mean) / given.sd).max())
-    sigma, noisy = bound.hyper_prior.names.index("sigma"), phi.copy()
+    sigma = bound.hyper_prior.names.index("sigma")
+    noisy = phi.copy()
     fails = np.isin(
         bound.test_names, [check.test for check in found if check.kind != CheckKind.ORDER]
     )
@@ -435,19 +446,20 @@ def _power_beyond(bound: BoundModel) -> Array:
     """Variance [mm²] of white noise as strong as what the readings of each test have at the orders
     13 to 16, next to those of the basis, but for what tests of one plane, radius and direction
     share there: a pattern of the machine is no noise."""
-    setting, orders, waves = bound.setting, np.arange(MAX_ORDER + 1, MAX_ORDER + 5), []
+    setting = bound.setting
+    orders = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
+    waves = []
     for test in _tests(bound):
         angle = test.angles_rad()
         turned = np.exp(1j * np.outer(angle, orders))
         columns = np.column_stack([basis(angle), turned.real, turned.imag])
         waves.append(np.linalg.lstsq(columns, test.readings_mm(), rcond=_RANK)[0][SIZE:])
-    power, kinds = (
-        np.zeros(len(waves)),
-        list(zip(setting.plane, setting.radius_mm, setting.travel, strict=True)),
-    )
+    power = np.zeros(len(waves))
+    kinds = list(zip(setting.plane, setting.radius_mm, setting.travel, strict=True))
     for kind in set(kinds):
         alike = [r for r, other in enumerate(kinds) if other == kind]
-        each, many = np.array(waves)[alike], len(alike) > 1
+        each = np.array(waves)[alike]
+        many = len(alike) > 1
         power[alike] = np.mean((each - many * each.mean(axis=0)) ** 2, axis=1) * (
             len(alike) / (len(alike) - many)
         )
@@ -495,7 +507,8 @@ def in_order_of_force(bound: BoundModel) -> bool:
 
 def _p_value_of_no_slope(force: Array, values: Array) -> float:
     """The p-value of no slope of values over force."""
-    lever, freedom = force - force.mean(), max(len(force) - 2, 1)
+    lever = force - force.mean()
+    freedom = max(len(force) - 2, 1)
     slope = lever @ values / (lever @ lever)
     left = values - values.mean() - slope * lever
     spread = np.sqrt(left @ left / freedom / (lever @ lever))
@@ -559,7 +572,8 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
     basis, S the shift to the next reading. Of very many readings, a stretch is looked at.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_STRETCH]
-    angle, reading = test.angles_rad()[order], test.readings_mm()[order]
+    angle = test.angles_rad()[order]
+    reading = test.readings_mm()[order]
     columns = np.linalg.qr(basis(angle))[0]
     rest = reading - columns @ (columns.T @ reading)
     square = float(rest @ rest)
@@ -649,7 +663,8 @@ def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
     """Square roots of the diagonal of s² (JᵀJ)⁻¹, shape (p,); not a number where J is singular or
     as many as the readings."""
     readings = sum(test.readings for test in bound.reduced)
-    square, freedom = readings * (quality.rmse_um * 1e-3) ** 2, readings - len(bound.names)
+    square = readings * (quality.rmse_um * 1e-3) ** 2
+    freedom = readings - len(bound.names)
     rows = (
         np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)])
         * bound.scale

@@ -51,12 +51,15 @@ __all__ = [
     "sampler_named",
 ]
 
-_CHAINS, _SPACING = 4, 4.0
+_CHAINS = 4
+_SPACING = 4.0
 _WALKERS = 128
-_QUALITY_DRAWS, _CHECKED_DRAWS = 1000, 500
+_QUALITY_DRAWS = 1000
+_CHECKED_DRAWS = 500
 _IMPROBABLE = float(np.log(1e-3))
 _EXTREME = 0.999
-_FAR, _CLOSE = 3.0, 0.05
+_FAR = 3.0
+_CLOSE = 0.05
 
 
 def _joint(
@@ -87,7 +90,8 @@ def _joint(
         " walkers.",
     )
     starting, sampling = seed.spawn(2)
-    redraw, random = LinearRedraw(density, start), np.random.RandomState(starting.generate_state(8))
+    redraw = LinearRedraw(density, start)
+    random = np.random.RandomState(starting.generate_state(8))
     starts = starting_points(redraw, ensembles * count, random).reshape(ensembles, count, d)
     run = run_ensembles(density, starts, rule=rule, seed=sampling, progress=progress, redraw=redraw)
     beta, free = density.split(run.chain)
@@ -123,7 +127,8 @@ def run_sampler(
     rng = np.random.default_rng(seed)
     # A third more than the target, so that the smallest of many estimates of ESS reaches it; twice
     # as many where it does not.
-    each, found = int(np.ceil(1.3 * rule.ess / _CHAINS + 50)), list[tuple[Array, ...]]()
+    each = int(np.ceil(1.3 * rule.ess / _CHAINS + 50))
+    found = list[tuple[Array, ...]]()
     while True:
         try:
             free, beta, acceptance = draw_jointly(start, _CHAINS * each, rng)
@@ -131,7 +136,8 @@ def run_sampler(
             return emcee()
         found.append((free.reshape(_CHAINS, each, -1), beta.reshape(_CHAINS, each, -1)))
         chain, beta = (np.concatenate(own, axis=1) for own in zip(*found, strict=True))
-        assessment, steps = assess(np.concatenate([beta, chain], axis=2)), chain.shape[1]
+        assessment = assess(np.concatenate([beta, chain], axis=2))
+        steps = chain.shape[1]
         converged = assessment.meets(rule, walkers=0)
         if progress is not None:
             progress(Progress(steps, steps, rule.ess, assessment))
@@ -164,7 +170,8 @@ def draw(
 
 def _picked(beta: Array, phi: Array, most: int | None = None) -> tuple[Array, Array]:
     """Draws of all chains in one row, all or evenly picked."""
-    flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
+    flat_beta = beta.reshape(-1, beta.shape[2])
+    flat_phi = phi.reshape(-1, phi.shape[2])
     pick = np.linspace(0, len(flat_beta) - 1, min(most or len(flat_beta), len(flat_beta))).astype(
         int
     )
@@ -234,7 +241,9 @@ def sample_from(
 ) -> xr.DataTree:
     """The same by the density of the hyper-parameters inside the truncation, and where the model
     has none without it."""
-    started, clock, bound = datetime.now(UTC), time.perf_counter(), inside.bound
+    started = datetime.now(UTC)
+    clock = time.perf_counter()
+    bound = inside.bound
     sampling, *checking = np.random.SeedSequence(seed).spawn(3)
     start = inside if bound.truncation.active else inside.plain
     run, beta, phi = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
@@ -316,7 +325,8 @@ def fit_of_parts(
         for names in (bound.names, bound.hyper_prior.names)
     )
     flat_beta, flat_phi = _picked(beta, phi)
-    prior, hyper_prior = groups["log_prior"]["parameters"], groups["log_prior"]["hyper"]
+    prior = groups["log_prior"]["parameters"]
+    hyper_prior = groups["log_prior"]["hyper"]
     jacobian = bound.hyper_prior.log_density_of_free(bound.hyper_prior.free(phi)) - hyper_prior
     likelihood = groups["sample_stats"]["lp"] - prior - hyper_prior - jacobian
     checks = predictive.averaged_checks(
@@ -341,7 +351,8 @@ def _concerns(
 ) -> Iterator[Concern]:
     if log_prob_truncation < _IMPROBABLE:
         yield Concern(ConcernKind.TRUNCATION, log_prob_truncation, _IMPROBABLE)
-    levels, needed = bound.campaign.force_levels, bound.model.degree + 2
+    levels = bound.campaign.force_levels
+    needed = bound.model.degree + 2
     if levels < needed:
         yield Concern(ConcernKind.FORCES, levels, needed)
     limit = bound.hyper_prior.quantile(np.full(phi.shape[1], _EXTREME))
@@ -351,7 +362,8 @@ def _concerns(
     for name, median, top, is_length in sizes:
         if is_length and median > top:
             yield Concern(ConcernKind.HYPER, float(median), float(top), str(name))
-    moved, variance = np.abs(beta.mean(axis=0) - bound.prior_mean), bound.prior_sd**2
+    moved = np.abs(beta.mean(axis=0) - bound.prior_mean)
+    variance = bound.prior_sd**2
     stated = {
         *bound.model.prior.overrides,
         *bound.model.prior.means,

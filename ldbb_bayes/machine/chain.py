@@ -59,7 +59,8 @@ __all__ = [
 ]
 
 Branch = Literal["tool", "workpiece"]
-LINEAR, ROTARY = "XYZ", "ABC"
+LINEAR = "XYZ"
+ROTARY = "ABC"
 _COMPONENTS = LINEAR + ROTARY
 _AXIS_LETTERS = "XYZABCUVWS"
 LARGEST_MM = 1e5
@@ -87,11 +88,12 @@ class Circle(Shown):
     ball."""
 
     radius_mm: float = 150.0
+    #: of the work ball; across the plane it changes lever arms only
     centre_mm: tuple[float, float, float] = (
         0.0,
         0.0,
         0.0,
-    )  #: of the work ball; across the plane it changes lever arms only
+    )
     plane: str = "XY"  #: angles count from its first axis
 
     def direction(self, angle_rad: Array) -> Array:
@@ -393,7 +395,8 @@ def compliance_jacobian(
 ) -> Array:
     """Reading per unit force and unit compliance, Eq. 20-23, at angles (n,) [rad], of any of
     `joint_names`, shape (n, compliances) [1, mm or mm²]."""
-    direction, joints = circle.direction(angle_rad), {name.joint for name in names}
+    direction = circle.direction(angle_rad)
+    joints = {name.joint for name in names}
     wrench = {
         axis: _wrench(machine.lever_mm(machine.joint(axis), circle, angle_rad), direction)
         for axis in joints
@@ -435,7 +438,8 @@ def _bearer(machine: Machine, name: GeometricName) -> tuple[Joint, bool]:
     the secondary axis itself."""
     if name.kind != "squareness":
         return machine.joint(name.axis), False
-    primary, secondary = machine.joint(name.reference), machine.joint(name.axis)
+    primary = machine.joint(name.reference)
+    secondary = machine.joint(name.axis)
     return (primary, False) if primary.branch == secondary.branch else (secondary, True)
 
 
@@ -510,7 +514,8 @@ def _joint_transform(
     frame."""
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate
-    before, after = np.eye(4), np.eye(4)
+    before = np.eye(4)
+    after = np.eye(4)
     for name in geometric_names(machine):
         if name.kind == "offset" or _bearer(machine, name)[0] != joint or name.label not in errors:
             continue
@@ -535,7 +540,8 @@ def _translation(vector: Array) -> Array:
 
 def _rotation(axis: int, angle: Any) -> Array:
     """About X, Y or Z, shape (4, 4)."""
-    first, second = (axis + 1) % 3, (axis + 2) % 3
+    first = (axis + 1) % 3
+    second = (axis + 2) % 3
     transform = np.eye(4, dtype=np.result_type(float, angle))
     transform[first, first] = transform[second, second] = np.cos(angle)
     transform[first, second], transform[second, first] = -np.sin(angle), np.sin(angle)
@@ -544,7 +550,11 @@ def _rotation(axis: int, angle: Any) -> Array:
 
 # ---- what can be known of the compliances
 
-_ANGLES, _PARALLEL, _TINY, _TINY_WEIGHT, _NEW = 64, 1e-10, 1e-10, 1e-7, 1e-8
+_ANGLES = 64
+_PARALLEL = 1e-10
+_TINY = 1e-10
+_TINY_WEIGHT = 1e-7
+_NEW = 1e-8
 
 
 @dataclass(frozen=True)
@@ -552,19 +562,15 @@ class Kept:
     """What remains of the wrench Jacobian. The weights of a set are the pattern of each member in
     units of the representative's [mm or mm² per rotation more]."""
 
-    names: tuple[
-        ComplianceName, ...
-    ]  #: one representative per proportional set, in the order of Table 1
-    sets: tuple[
-        tuple[str, ...], ...
-    ]  #: proportional sets (Table 2), whose weighted sums the kept ones are, representative first
+    #: one representative per proportional set, in the order of Table 1
+    names: tuple[ComplianceName, ...]
+    #: proportional sets (Table 2), whose weighted sums the kept ones are, representative first
+    sets: tuple[tuple[str, ...], ...]
     weights: tuple[tuple[float, ...], ...]
-    absorbed: tuple[
-        Mapping[ComplianceName, float], ...
-    ]  #: what each stands for beside its set: dropped sets, with weights
-    not_negative: tuple[
-        bool, ...
-    ]  #: a deflection under the load itself, whatever the joints' (semi-definite) matrices are
+    #: what each stands for beside its set: dropped sets, with weights
+    absorbed: tuple[Mapping[ComplianceName, float], ...]
+    #: a deflection under the load itself, whatever the joints' (semi-definite) matrices are
+    not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: never change a reading
     dependent: tuple[str, ...]  #: heads of sets that are combinations of several others
     rank: int  #: of the full Jacobian: unit force, full uniform circle, unscaled (mm, N)
@@ -594,7 +600,8 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
 @lru_cache(maxsize=64)
 def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
-    planar, names = set(wrench_names(machine)), joint_names(machine)
+    planar = set(wrench_names(machine))
+    names = joint_names(machine)
     jacobian = np.concatenate(
         [compliance_jacobian(machine, circle, angle, names) for circle in circles]
     )
@@ -603,7 +610,9 @@ def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     used = [i for i in range(len(names)) if norms[i] > _TINY * norms.max() or names[i] in planar]
     used.sort(key=lambda i: (names[i] not in planar, i))
     names = tuple(names[i] for i in used)
-    jacobian, unit, norms = jacobian[:, used], unit[:, used], norms[used]
+    jacobian = jacobian[:, used]
+    unit = unit[:, used]
+    norms = norms[used]
     live = [i for i in range(len(names)) if norms[i] > _TINY * norms.max()]
     unit = unit / np.where(norms > 0, norms, 1.0)
     by_head = {group[0]: group for group in _proportional_sets(unit, live, names)}
@@ -647,7 +656,8 @@ def _not_negative(
     """A kept compliance is Σ_k ⟨A_k, C_k⟩ over the joints' matrices, all columns written in those
     kept: it cannot be negative for positive semi-definite C_k if and only if every A_k is positive
     semi-definite."""
-    six, unit = LINEAR + ROTARY, dict.fromkeys(LINEAR + ROTARY, 1.0)
+    six = LINEAR + ROTARY
+    unit = dict.fromkeys(LINEAR + ROTARY, 1.0)
     for i, name in enumerate(names):
         if name.twist == name.wrench:
             unit[name.twist] = max(unit[name.twist], float(np.sqrt(np.abs(jacobian[:, i]).max())))
@@ -656,7 +666,8 @@ def _not_negative(
         joints: dict[str, Array] = {}
         for name, value in zip(names, row, strict=True):
             matrix = joints.setdefault(name.joint, np.zeros((6, 6)))
-            i, j = six.index(name.twist), six.index(name.wrench)
+            i = six.index(name.twist)
+            j = six.index(name.wrench)
             weight = 0.5 * value / (unit[name.twist] * unit[name.wrench])
             matrix[i, j] += weight
             matrix[j, i] += weight

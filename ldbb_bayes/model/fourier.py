@@ -53,7 +53,9 @@ TRAVEL = {"CW": 1.0, "CCW": -1.0}
 WAYS = {1.0: "CW", -1.0: "CCW"}
 _HOUR_S = 3600.0
 _CHUNK = 8192
-_EVEN, _UNEVEN, _ZERO = 1e-6, 4, 1e-12
+_EVEN = 1e-6
+_UNEVEN = 4
+_ZERO = 1e-12
 
 
 def basis(angle_rad: Array) -> Array:
@@ -227,13 +229,15 @@ class Setting:
         """|u|^a, u = A cos(θ − ϑ) the bar's direction along an axis, times the sign of u where
         ``signed``, to order 12, shape (tests, 25): A^a Σ s_n cos n(θ − ϑ), s_n = 2^(1−a) Γ(a+1) /
         (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), n even or, signed, odd; s_0/2."""
-        first, share = int(signed), np.zeros(MAX_ORDER + 1)
+        first = int(signed)
+        share = np.zeros(MAX_ORDER + 1)
         share[first] = 2.0 ** (1.0 - power) * gamma(power + 1.0)
         share[first] /= gamma(1.0 + (power + first) / 2.0) * gamma(1.0 + (power - first) / 2.0)
         for n in range(first, MAX_ORDER - 1, 2):
             share[n + 2] = share[n] * (power - n) / (power + n + 2)
         share[0] /= 2.0
-        cosine, sine = self.direction[:, 1, axis], self.direction[:, 2, axis]
+        cosine = self.direction[:, 1, axis]
+        sine = self.direction[:, 2, axis]
         found = (
             np.hypot(cosine, sine)[:, None] ** power
             * share[ORDERS]
@@ -297,7 +301,8 @@ def setting_of(
 ) -> Setting:
     """The setting of a campaign or plan; of a plan F0, force range and the zero of time and
     temperature are the pilot's."""
-    machine, tests = campaign.machine(), campaign.tests
+    machine = campaign.machine()
+    tests = campaign.tests
     columns = {
         circle: (
             coefficients(circle.direction),

@@ -236,7 +236,8 @@ class Gaussian(Shown):
     def marginal(self, keep: Sequence[int]) -> Gaussian:
         """∫ g over the other coefficients, in the order of ``keep``."""
         mean, root, scale = self._factored
-        q, k = mean.shape[-1], len(keep)
+        q = mean.shape[-1]
+        k = len(keep)
         order = [*np.setdiff1d(np.arange(q), keep), *keep]
         if order != list(range(q)):
             root = _positive(
@@ -363,7 +364,8 @@ def _powers_of_two(rows: Array) -> Array:
     return np.ldexp(1.0, -np.round(np.log2(np.where(norms > 0.0, norms, 1.0))).astype(int))
 
 
-_ITERATIONS, _CLOSE = 100, 1e-12
+_ITERATIONS = 100
+_CLOSE = 1e-12
 _TOGETHER = 200_000
 
 
@@ -395,7 +397,8 @@ def mixture_quantiles(
 
 def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Array:
     each = mean + ndtri(level) * sd
-    low, high = each.min(axis=0), each.max(axis=0)
+    low = each.min(axis=0)
+    high = each.max(axis=0)
     middle = (weight * mean).sum(axis=0)
     spread = np.sqrt((weight * (sd**2 + (mean - middle) ** 2)).sum(axis=0))
     x = np.clip(middle + ndtri(level) * spread, low, high)
@@ -404,7 +407,8 @@ def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Ar
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             z = (x - mean) / sd
             excess = (weight * ndtr(z)).sum(axis=0) - level
-            low, high = np.where(excess <= 0.0, x, low), np.where(excess >= 0.0, x, high)
+            low = np.where(excess <= 0.0, x, low)
+            high = np.where(excess >= 0.0, x, high)
             new = x - excess / (
                 (weight * (np.exp(-0.5 * z**2) / sd)).sum(axis=0) / np.sqrt(2.0 * np.pi)
             )
@@ -415,7 +419,8 @@ def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Ar
             (new > low) & (new < high) & (size <= 0.5 * np.abs(step))
         )
         new = np.where(good, new, 0.5 * (low + high))
-        step, x = new - x, new
+        step = new - x
+        x = new
         if np.all(np.abs(step) <= _CLOSE * spread):
             break
     return x
@@ -433,7 +438,9 @@ def weighted_quantiles(weight: Array, draws: Array, levels: Sequence[float] | Ar
     return found.reshape(len(levels), *draws.shape[1:])
 
 
-_FRACTIONS, _LONGEST, _STEPS = (1.0, 0.5, 0.25, 0.1, 0.03), 1.5, 60
+_FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.03)
+_LONGEST = 1.5
+_STEPS = 60
 
 
 def newton(
@@ -451,7 +458,8 @@ def newton(
     no step is longer than 1.5; of several fractions of a step, tried in one call, the best is
     taken. Steps end when the density rises by no more than ``gain`` [nat].
     """
-    point, fractions = np.array(start, dtype=float), np.array(_FRACTIONS)
+    point = np.array(start, dtype=float)
+    fractions = np.array(_FRACTIONS)
     value = float(log_density(point[None])[0])
     for _ in range(_STEPS):
         gradient, hessian = derivatives(point)
@@ -462,7 +470,8 @@ def newton(
         best = int(np.argmax(trials))
         if not trials[best] > value + gain:
             break
-        point, value = point + fractions[best] * step, float(trials[best])
+        point = point + fractions[best] * step
+        value = float(trials[best])
     return point
 
 
@@ -475,7 +484,8 @@ def central_differences(
     i, j = np.tril_indices(h, -1)
     corners = [a * unit[i] + b * unit[j] for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
     values = function(point + np.concatenate([np.zeros((1, h)), unit, -unit, *corners]))
-    plus, minus = values[1 : h + 1], values[h + 1 : 2 * h + 1]
+    plus = values[1 : h + 1]
+    minus = values[h + 1 : 2 * h + 1]
     hessian = np.diag((plus + minus - 2 * values[0]) / step**2)
     a, b, c, d = values[2 * h + 1 :].reshape(4, -1)
     hessian[i, j] = hessian[j, i] = (a - b - c + d) / (4 * step**2)
@@ -485,7 +495,8 @@ def central_differences(
 def components(linked: Array) -> NDArray[np.intp]:
     """Number of the group that each belongs to, shape (n,), what is linked (n, n) directly or
     through others being one group."""
-    label, joined = np.arange(len(linked)), linked | np.eye(len(linked), dtype=bool)
+    label = np.arange(len(linked))
+    joined = linked | np.eye(len(linked), dtype=bool)
     while np.any(
         label != (nearest := np.where(joined, label, len(linked)).min(axis=1, initial=len(linked)))
     ):
@@ -535,7 +546,8 @@ def _sobol_directions(dimensions: int) -> NDArray[np.int64]:
     """Direction numbers (dimensions, bits) by the recurrence of Bratley and Fox (1988), from the
     table that SciPy brings."""
     with np.load(Path(scipy.__file__).parent / "stats" / "_sobol_direction_numbers.npz") as table:
-        polynomials, starts = table["poly"].tolist(), table["vinit"]
+        polynomials = table["poly"].tolist()
+        starts = table["vinit"]
     numbers = np.ones((dimensions, _BITS.size), dtype=np.int64)
     for own, polynomial, start in zip(numbers[1:], polynomials[1:], starts[1:], strict=False):
         degree = polynomial.bit_length() - 1

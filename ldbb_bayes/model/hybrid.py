@@ -100,15 +100,12 @@ class HybridModel(Result):
         default_factory=lambda: tuple(own() for own in Term.kinds.values() if not own.on_demand)
     )
     prior: Prior = field(default_factory=Prior.default)  #: of parameters and hyper-parameters
-    reference_force_N: float | None = (
-        None  #: F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally
-    )
+    #: F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally
+    reference_force_N: float | None = None
     preset: Preset = "default"  #: where the model started from
-    fixed: tuple[
-        str,
-        ...,
-        #: parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a campaign
-    ] = ()
+    #: parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a
+    #: campaign
+    fixed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", tuple(sorted(set(map(inside_name, self.fixed)))))
@@ -340,7 +337,8 @@ class HybridModel(Result):
             parameters = {inside_name(name): value for name, value in parameters.items()}
             check_known("parameter", parameters, bound.names)
             beta = np.array([parameters.get(name, 0.0) for name in bound.names], dtype=float)
-        given, names = hyper_um or {}, bound.hyper_prior.names
+        given = hyper_um or {}
+        names = bound.hyper_prior.names
         check_known("hyper-parameter", given, names)
         for name, value in given.items():
             usable = np.isfinite(value) and value >= 0
@@ -348,7 +346,8 @@ class HybridModel(Result):
                 usable,
                 f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.",
             )
-        drawn, unit = bound.hyper_prior.draw(1, rng)[0], 1.0 / bound.hyper_prior.shown
+        drawn = bound.hyper_prior.draw(1, rng)[0]
+        unit = 1.0 / bound.hyper_prior.shown
         phi = {
             name: given.get(name, float(own / k)) * k
             for name, own, k in zip(names, drawn, unit.tolist(), strict=True)
@@ -386,7 +385,8 @@ class Simulation(Result):
 
 
 Group = Literal["compliance", "slope", "geometric"]
-_PLANNED_COMPLIANCE, _LEAST_SHARE = 5e-5, 20.0
+_PLANNED_COMPLIANCE = 5e-5
+_LEAST_SHARE = 20.0
 _KEPT: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 
@@ -448,7 +448,9 @@ class BoundModel(Shown):
         pilot: Campaign | None = None,
     ) -> None:
         _check_levels(model, campaign if pilot is None else pilot)
-        self.model, self.campaign, self.pilot = model, campaign, pilot
+        self.model = model
+        self.campaign = campaign
+        self.pilot = pilot
         self._kept = kept_compliances(
             campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope)
         )
@@ -459,7 +461,8 @@ class BoundModel(Shown):
             campaign, self.compliances, model.reference_force_N, pilot=pilot
         )
         fitted = self._estimate(reduced) if pilot is None else self._estimate_of(pilot)
-        self.setting, self.geometric_estimate = self._linearised(*fitted), fitted[1]
+        self.setting = self._linearised(*fitted)
+        self.geometric_estimate = fitted[1]
         most = max(len(each.tests) for each in (campaign, pilot or campaign))
         if (
             any(isinstance(term, CircleScale) for term in model.nuisances)
@@ -625,7 +628,8 @@ class BoundModel(Shown):
         parameter are independent."""
         if not self.truncation.active:
             return 0.0, 0.0
-        mean, spread = self.truncation.rows @ self.prior_mean, self.truncation.rows * self.prior_sd
+        mean = self.truncation.rows @ self.prior_mean
+        spread = self.truncation.rows * self.prior_sd
         label = components(np.abs(spread @ spread.T) > 0.0)
         blocks = [
             (mean[None, label == k], spread[None, label == k]) for k in range(label.max() + 1)
@@ -685,7 +689,8 @@ class BoundModel(Shown):
 
     def linearisation_error_mm(self, test: CircularTest, beta: Array) -> Array:
         """Exact (Eq. 1-14) minus linear geometric reading of one test, shape (n,) [mm]. β (p,)."""
-        values, angle = dict(zip(self.names, beta.tolist(), strict=True)), test.angles_rad()
+        values = dict(zip(self.names, beta.tolist(), strict=True))
+        angle = test.angles_rad()
         errors = {name: values.get(name.label, 0.0) for name in self.geometric_errors}
         linear = basis(angle) @ (
             self.setting.geometric[self.test_names.index(test.name)] @ np.array([*errors.values()])
@@ -729,7 +734,8 @@ class BoundModel(Shown):
         """Prior sd of all parameters, fixed ones included; slopes measured against this setting's
         Ĉ."""
         setting = setting or self.setting
-        compliance, size = self._compliance_sd(prior), self._size(prior.compliance_size, prior)
+        compliance = self._compliance_sd(prior)
+        size = self._size(prior.compliance_size, prior)
         if prior.slopes_of_estimate:
             size = np.maximum(np.abs(setting.compliance_estimate), size / _LEAST_SHARE)
         degrees = range(1, self.model.degree + 1)
@@ -768,7 +774,8 @@ class BoundModel(Shown):
 
     def _linearised(self, compliance: Array, geometric: Array) -> Setting:
         """The setting with Ĉ and the circle fitted with it."""
-        setting, axial = self.setting, np.zeros(3)
+        setting = self.setting
+        axial = np.zeros(3)
         for name, value in zip(self.compliances, compliance, strict=True):
             if name.kind == "direct":
                 axial[LINEAR.index(name.twist)] += value
@@ -801,7 +808,8 @@ class BoundModel(Shown):
     def _estimate(self, reduced: Sequence[Reduced]) -> tuple[Array, Array]:
         """Ĉ and Ê: least squares at degree 0 on the whole campaign, nearest to the prior mean in
         units of the prior sd."""
-        setting, prior = self.setting, Prior.first() if self.model.prior.flat else self.model.prior
+        setting = self.setting
+        prior = Prior.first() if self.model.prior.flat else self.model.prior
         columns = np.concatenate(
             [setting.force_N[:, None, None] * setting.wrench, setting.geometric], axis=2
         )
@@ -835,7 +843,8 @@ class BoundModel(Shown):
         """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested
         force that can bind. A compliance fixed at zero at F0 whose free slope would make it
         negative on one side of F0 is refused."""
-        forces, degree = distinct_forces(self.campaign.forces_N), self.model.degree
+        forces = distinct_forces(self.campaign.forces_N)
+        degree = self.model.degree
         forces = forces if degree == 2 else forces[[0, -1][: degree + 1]]
         bounded = np.flatnonzero(self._kept.not_negative)
         at = [self.compliance_at(force) for force in forces]
@@ -870,7 +879,8 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     """That of `information_of` at several φ in turn, shape (w, h) [mm]; what φ only scales is
     worked out once."""
     names, owners = list(bound.names), [OWN] * len(bound.names)
-    columns, scale = [bound.interest], list[Columns]()
+    columns = [bound.interest]
+    scale = list[Columns]()
     private = [
         part.values for part in bound.nuisance_columns if isinstance(part, Columns) and part.private
     ]
@@ -920,7 +930,8 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
 
 
 def _check_levels(model: HybridModel, campaign: Campaign) -> None:
-    levels, degree = campaign.force_levels, model.degree
+    levels = campaign.force_levels
+    degree = model.degree
     got = (
         f"got one ({campaign.forces_N[0]:g} N). Use degree 0 (--degree 0), or add tests at another"
         " force."

@@ -45,13 +45,17 @@ _LOG_2PI = float(np.log(2 * np.pi))
 _MALLOC_BYTES = 31 << 20
 # The most and the fewest φ of one pass; numbers that the cache holds; what BLAS rounds alike the
 # multiples of: results do not depend on the stack.
-_MOST, _FEWEST, _CACHED, _MULTIPLE = 512, 128, 1 << 19, 8
+_MOST = 512
+_FEWEST = 128
+_CACHED = 1 << 19
+_MULTIPLE = 8
 _CROWDED = "crowded"
 # mm²: a hyper-parameter of zero, whose coefficients are then zero to all digits.
 _LEAST_VARIANCE = 1e-60
 # Multiplications in the time that a column takes besides; columns whose Gram entries are computed
 # together.
-_OVERHEAD, _TOGETHER = 60.0, 4
+_OVERHEAD = 60.0
+_TOGETHER = 4
 
 
 class ParameterConditional(Gaussian):
@@ -111,7 +115,8 @@ class _Front(NamedTuple):
         """L of its entries in place, and ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group, shape (g,
         w)."""
         eliminate(factor, links, sign=self.sign, linked=linked)
-        white, span = factor[:, :, -1], np.arange(factor.shape[1])
+        white = factor[:, :, -1]
+        span = np.arange(factor.shape[1])
         left = white if self.sign is None else self.sign[:, :, None] * white
         found = 0.5 * np.einsum("gsw,gsw->gw", left, white) - np.log(factor[:, span, span]).sum(
             axis=1
@@ -165,7 +170,8 @@ class _Elimination(NamedTuple):
         L_jj, shape (w,)."""
         factors = [front.entries(weight, shift) for front in self.alone]
         # Leaves lie in one array, aligned at their border.
-        most, begun = max((front.gram.shape[1] for front in self.leaves), default=0), 0
+        most = max((front.gram.shape[1] for front in self.leaves), default=0)
+        begun = 0
         links = np.empty(
             (
                 sum(front.columns.size for front in self.leaves),
@@ -207,7 +213,8 @@ class _Plan(NamedTuple):
     def cost(self) -> float:
         """Multiplications for each φ."""
         alone, leaves = self.fronts
-        total, m = 0.0, len(self.root)
+        total = 0.0
+        m = len(self.root)
         for groups, border in [
             *((part, 0) for part in alone),
             *((part, m) for part in leaves),
@@ -270,7 +277,8 @@ class StructuredGaussian:
         self._rows.variance[len(self._rows.variance) - len(of_sign) :] *= self._sign[
             self._q :, None
         ]
-        self._uneven, self._orders = bool(departing), dict[int | None, _Elimination]()
+        self._uneven = bool(departing)
+        self._orders = dict[int | None, _Elimination]()
         self._constant = np.array([*(-0.5 * _LOG_2PI * test.readings for test in reduced), volume])
         self._constant[:-1] -= (
             [0.5 * np.log1p(own.departure).sum() for own in even] if diagonal else 0.0
@@ -278,7 +286,8 @@ class StructuredGaussian:
         _, first, kind = np.unique(
             _to_ten_digits(self._rows.variance), axis=0, return_index=True, return_inverse=True
         )
-        self._kinds, self._kind = self._rows.variance[first], kind.ravel()
+        self._kinds = self._rows.variance[first]
+        self._kind = kind.ravel()
         moved = (self._rows.interest != 0.0).any(axis=1)
         self._moved, self._fixed = np.flatnonzero(moved), np.where(moved, 0.0, self._rows.values)
         self._number, self._squares = (np.zeros((len(reduced) + 1, len(first))) for _ in range(2))
@@ -297,16 +306,20 @@ class StructuredGaussian:
     ) -> tuple[Array, Gaussian]:
         """ln p(z | β, φ), shape (w,), and the shared coefficients, or the ``last`` of them, given
         z, β and φ: w Gaussians."""
-        w, first = len(phi), 0 if last is None else self._q - last
-        n, order = (
-            self._q - first,
-            self._order(last if self._uneven else None),
+        w = len(phi)
+        first = 0 if last is None else self._q - last
+        n = self._q - first
+        order = self._order(
+            last if self._uneven else None
         )  # Quasi-random points follow last digits.
-        total, lower, white = np.empty(w), np.zeros((n, n, w)), np.empty((n, w))
+        total = np.empty(w)
+        lower = np.zeros((n, n, w))
+        white = np.empty((n, w))
         for index, weight, shift, density in self._passes(phi, beta, order.most):
             factors, gained = order.factor(weight, shift)
             total[index] = density + gained
-            part, used = slice(index[0], index[-1] + 1), index[-1] + 1 - index[0]
+            part = slice(index[0], index[-1] + 1)
+            used = index[-1] + 1 - index[0]
             for front, factor in zip(
                 (*order.alone, *order.leaves, order.root), factors, strict=True
             ):
@@ -316,19 +329,18 @@ class StructuredGaussian:
                     for k, row in zip(kept, place, strict=True):
                         lower[row, place[place >= row], part] = own[k, kept[kept >= k], :used]
                     white[place, part] = own[kept, -1, :used]
-        root, unit = lower.transpose(2, 1, 0), self._unit[first : self._q]
+        root = lower.transpose(2, 1, 0)
+        unit = self._unit[first : self._q]
         mean = solve_upper(root, white.T) * unit
         return total, Gaussian.factored(mean, root, np.broadcast_to(unit, mean.shape), total)
 
     def private_mean(self, phi: Array, beta: Array, shared: Array) -> Array:
         """Conditional mean of the private coefficients given β, φ and the shared ones, shape (w,
         tests, v): in the order given, then basis noise that could not be made diagonal."""
-        q, v, columns, front = (
-            self._q,
-            len(self._private[0]),
-            self._rows.columns,
-            self._front(self._private),
-        )
+        q = self._q
+        v = len(self._private[0])
+        columns = self._rows.columns
+        front = self._front(self._private)
         white = np.divide(
             shared, self._unit[:q], out=np.zeros(shared.shape), where=self._unit[:q] > 0.0
         )
@@ -348,14 +360,16 @@ class StructuredGaussian:
         """Some φ at a time, a multiple of eight, the last one repeated: which; 1/D (kinds, w); Aᵀ
         D⁻¹ r of the rows that β moves, (columns, w); −½ Σ ln D − ½ rᵀ D⁻¹ r (w,)."""
         columns, interest, values, *_ = (part[self._moved] for part in self._rows)
-        kind, sums = self._kind[self._moved], np.ones((1, len(self._constant)))
+        kind = self._kind[self._moved]
+        sums = np.ones((1, len(self._constant)))
         number, squares, constant = (
             sums @ part for part in (self._number, self._squares, self._constant[:, None])
         )
         for start in range(0, len(phi), most):
             size = -(-min(len(phi) - start, most) // _MULTIPLE) * _MULTIPLE
             index = np.minimum(np.arange(start, start + size), len(phi) - 1)
-            variance, shift = self._variances(phi[index]), None
+            variance = self._variances(phi[index])
+            shift = None
             weight = 1.0 / variance
             square = np.einsum("tk,kw->tw", number, np.log(np.abs(variance))) + np.einsum(
                 "tk,kw->tw", squares, weight
@@ -383,7 +397,8 @@ class StructuredGaussian:
     def _front(self, groups: Sequence[Index], border: Index | None = None) -> _Front:
         """Groups of as many columns each, to be eliminated together, and the columns that border
         them."""
-        sums, kinds = [], []
+        sums = []
+        kinds = []
         for columns in groups:
             met = (self._rows.columns[:, columns] != 0.0).any(axis=1)
             index = np.flatnonzero(met)[np.argsort(self._kind[met], kind="stable")]
@@ -432,11 +447,9 @@ class StructuredGaussian:
         given. The root is the private columns, these, and those that have more rows than others, or
         all that private columns meet."""
         if last not in self._orders:
-            met, plans, first = (
-                self._rows.columns != 0.0,
-                [self._private_first],
-                self._q - (last or 0),
-            )
+            met = self._rows.columns != 0.0
+            plans = [self._private_first]
+            first = self._q - (last or 0)
             number = met[:, : self._q].sum(axis=0)
             number[first:] = len(met) + 1
             for most in np.unique(number[:first]) if last is not None else ():
@@ -474,19 +487,15 @@ def _reading_rows(
         )
         for terms in (shared, private)
     )
-    q, v, white = (
-        together.shape[2],
-        apart.shape[2],
-        np.eye(len(sources))[sources.index(Source("sigma"))],
-    )
+    q = together.shape[2]
+    v = apart.shape[2]
+    white = np.eye(len(sources))[sources.index(Source("sigma"))]
     found = []
     for r, test in enumerate(reduced):
         turn, factor, spread = _turned(test, absorbed, diagonal=diagonal)
         m = len(factor)
-        columns, given = (
-            np.zeros((m + 1, q + len(reduced) * v)),
-            np.zeros((m + 1, interest.shape[2])),
-        )
+        columns = np.zeros((m + 1, q + len(reduced) * v))
+        given = np.zeros((m + 1, interest.shape[2]))
         columns[:m, :q], columns[:m, q + r * v : q + (r + 1) * v] = (
             factor @ together[r],
             factor @ apart[r],
@@ -495,7 +504,8 @@ def _reading_rows(
         values = (
             np.zeros(m) if test.projection is None else turn @ test.projection - factor @ offset[r]
         )
-        variance, number = np.tile(white, (m + 1, 1)), np.ones(m + 1)
+        variance = np.tile(white, (m + 1, 1))
+        number = np.ones(m + 1)
         values, number[m] = (
             np.append(values, np.sqrt(test.residual_ss)),
             max(test.readings - SIZE, 0),
@@ -527,7 +537,8 @@ def _with_prior(
 ) -> tuple[_Rows, Array, float]:
     """The rows in units of the columns' prior sd, flat ones' in units of their own size, with the
     prior's rows below; the units (columns,); and what flat priors add to the log density."""
-    tests, q = int(rows.test[-1]) + 1, sum(len(term.names) for term in shared)
+    tests = int(rows.test[-1]) + 1
+    q = sum(len(term.names) for term in shared)
     terms = [*shared, *[*private] * tests]
     sd, stated, mean = (
         np.concatenate(
@@ -549,7 +560,8 @@ def _with_prior(
         for term in private
         for source in term.sources_of(r)
     ]
-    size, flat = np.linalg.norm(rows.columns, axis=0), np.isinf(sd)
+    size = np.linalg.norm(rows.columns, axis=0)
+    flat = np.isinf(sd)
     unit = np.where(flat, 1.0 / np.where(size > 0.0, size, 1.0), np.where(sd > 0.0, sd, stated))
     proper = np.flatnonzero(~flat)
     variance = np.zeros((len(sd), len(sources)))
@@ -726,7 +738,8 @@ class Information:
         with Γ_s = Cov_s C⁻¹, Σ Γ_s = 1. The share in the variance of parameter i is [Γ_s V]_ii /
         V_ii: shares sum to one. V is C, or the ``covariance`` (p, p) given.
         """
-        joint, own = self.covariance(), self.own
+        joint = self.covariance()
+        own = self.own
         total = joint[np.ix_(own, own)]
         weight = np.eye(len(own)) if covariance is None else np.linalg.solve(total, covariance)
         variance = np.diag(total if covariance is None else covariance)

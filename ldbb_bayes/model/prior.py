@@ -76,7 +76,8 @@ def parameter_to_inside(parameter: str, value: float | str, what: str) -> float:
             " Correct it.",
         )
         return float(value)
-    usual, like = _usual_of(parameter), nearest(parameter, EXAMPLES)
+    usual = _usual_of(parameter)
+    like = nearest(parameter, EXAMPLES)
     cure = f"Did you mean {like!r}? Else correct the name."
     require(
         usual is not None,
@@ -88,10 +89,8 @@ def parameter_to_inside(parameter: str, value: float | str, what: str) -> float:
 def _usual_of(parameter: str) -> tuple[str, str] | None:
     """By a parameter's name its unit, and the field of `Prior` with the sd of its kind; None of
     what is no such name."""
-    degree, match = (
-        degree_of(parameter),
-        re.fullmatch(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)", parameter),
-    )
+    degree = degree_of(parameter)
+    match = re.fullmatch(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)", parameter)
     if match is None or degree > 2:
         return None
     twist, wrench, joint, axis, order = match.groups()
@@ -145,9 +144,8 @@ class Prior(Shown):
     #: itself
     truncated: bool = True
     flat: bool = False  #: no prior on the parameters of interest (the paper's least squares)
-    overrides: Mapping[str, float] = field(
-        default_factory=dict
-    )  #: sd by parameter, in inside units (mm, N, rad)
+    #: sd by parameter, in inside units (mm, N, rad)
+    overrides: Mapping[str, float] = field(default_factory=dict)
     means: Mapping[str, float] = field(default_factory=dict)  #: prior means, in inside units
 
     def __post_init__(self) -> None:
@@ -200,7 +198,8 @@ class Prior(Shown):
             )
             require(not degree_of(name), f"{what} left out, got {mean:g}: {why}")
             unit, usual = _usual_of(name) or ("", "")
-            most, shown = _ABSURD * getattr(Prior, usual, np.inf), display_unit(unit)[1]
+            most = _ABSURD * getattr(Prior, usual, np.inf)
+            shown = display_unit(unit)[1]
             got = f"got {mean:g}. Numbers are in mm, N and rad; write the unit: '{mean:g} {shown}'."
             require(abs(mean) <= most, f"{what} within ±{most:g}, {got}")
 
@@ -285,9 +284,11 @@ class Prior(Shown):
         )
 
 
-_LEAST_DECAY, _MOST_DECAY = 0.5, 3.5
+_LEAST_DECAY = 0.5
+_MOST_DECAY = 3.5
 # λ² ~ InvGamma(a, b).
-_SHAPE, _RATE = 1.5, 1.5
+_SHAPE = 1.5
+_RATE = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,7 +342,8 @@ class HyperPrior:
 
     def log_density(self, phi: Array) -> Array:
         """ln p(φ), shape (..., h) → (...); −inf outside the restrictions."""
-        scale, length = self.scale[self.in_mm], phi[..., self.in_mm]
+        scale = self.scale[self.in_mm]
+        length = phi[..., self.in_mm]
         with np.errstate(over="ignore"):
             quadratic = -0.5 * (length / scale) ** 2
         constant = 0.5 * np.log(2.0 / np.pi) - np.log(scale) - np.log(self._mass)
@@ -384,7 +386,8 @@ class HyperPrior:
 
     def log_density_of_free(self, free: Array) -> Array:
         """Density in the free coordinates, the Jacobian included, shape (..., h) → (...)."""
-        jacobian, logit = free[..., ~self._decay].sum(axis=-1), free[..., self._decay]
+        jacobian = free[..., ~self._decay].sum(axis=-1)
+        logit = free[..., self._decay]
         if logit.shape[-1]:
             slope = np.log(_MOST_DECAY - _LEAST_DECAY) + log_expit(logit) + log_expit(-logit)
             jacobian = jacobian + slope.sum(axis=-1)
@@ -424,12 +427,11 @@ class HyperPrior:
     @property
     def sd(self) -> Array:
         """Their standard deviations, shape (h,)."""
-        centre, spread = (
-            np.where(self._decay, self.scale, 0.0),
-            np.where(self._decay, self.decay_sd, self.scale),
-        )
+        centre = np.where(self._decay, self.scale, 0.0)
+        spread = np.where(self._decay, self.decay_sd, self.scale)
         edges = (self.bounds - centre[:, None]) / spread[:, None]
-        mass, density = -np.diff(ndtr(-edges)), np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi)
+        mass = -np.diff(ndtr(-edges))
+        density = np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi)
         moments = np.diff([density, np.where(density > 0.0, edges, 0.0) * density]) / mass
         variance = 1.0 - moments[1, :, 0] - moments[0, :, 0] ** 2
         mean = np.sqrt(_RATE) * np.exp(gammaln(_SHAPE - 0.5) - gammaln(_SHAPE))

@@ -110,7 +110,8 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
             " and read the file there."
         )
         check_known("term", spec.terms, Term.kinds, own)
-        terms, usual = [], {type(term): term for term in model.nuisances}
+        terms = []
+        usual = {type(term): term for term in model.nuisances}
         for name, kind in Term.kinds.items():
             if name in spec.terms:
                 kinds = {

@@ -60,7 +60,8 @@ __all__ = [
 Hyper = str
 # Whose a coefficient is that is no term's: of the parameters of interest, of the white noise of
 # readings.
-OWN, NOISE = "Parameters", "ReadingNoise"
+OWN = "Parameters"
+NOISE = "ReadingNoise"
 # The order at which τ and ω are the sd of form.
 FORM_ORDER = 6.0
 
@@ -126,9 +127,8 @@ class Columns(Shown):
     decay: Hyper | None = None  #: the hyper-parameter p by which ``sd`` falls as (order/6)^(−p)
     orders: Array | None = None  #: of each coefficient (p,), with ``decay``
     stated: Array | None = None  #: sd (p,) that no hyper-parameter scales, added in quadrature
-    circle: (
-        Sequence[Hyper] | Array
-    ) = ()  #: names of the scales λ of private coefficients, one a test, as of `BasisNoise`
+    #: names of the scales λ of private coefficients, one a test, as of `BasisNoise`
+    circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
         p = len(self.names)
@@ -266,14 +266,12 @@ class Term(Shown):
     """
 
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    stem: ClassVar[
-        str | tuple[str, ...]
-    ]  #: what names of its coefficients begin with; default: ball_form for BallForm
+    #: what names of its coefficients begin with; default: ball_form for BallForm
+    stem: ClassVar[str | tuple[str, ...]]
     words: ClassVar[str]  #: what it is called; default: ball form for BallForm
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  #: of its coefficients
-    calibration: ClassVar[str] = (
-        "a measurement of it"  #: what supplies it, as a noun: cures name it
-    )
+    #: what supplies it, as a noun: cures name it
+    calibration: ClassVar[str] = "a measurement of it"
     remedy: ClassVar[str] = (
         #: advice for budgets in which it is the largest, a sentence
         "Measure it, or narrow its prior."
@@ -282,9 +280,8 @@ class Term(Shown):
         #: it belongs to bar, balls, mount or force device, and is the same wherever these are
         False
     )
-    common: ClassVar[bool] = (
-        False  #: fleets take its coefficient as one, the same in all campaigns of one instrument
-    )
+    #: fleets take its coefficient as one, the same in all campaigns of one instrument
+    common: ClassVar[bool] = False
     on_demand: ClassVar[bool]  #: models have it only when asked to; so they have terms of your own
 
     def __init_subclass__(cls) -> None:
@@ -405,7 +402,8 @@ def _in_plane(coefficient: str) -> str:
 Moves = Literal["together", "apart", "zero", "centre"]
 Covariate = Literal["time", "temperature"]
 _TRAVEL_ORDERS = 4
-_FORM_ORDERS, _PATTERN_ORDERS = range(2, MAX_ORDER + 1), range(4, MAX_ORDER + 1)
+_FORM_ORDERS = range(2, MAX_ORDER + 1)
+_PATTERN_ORDERS = range(4, MAX_ORDER + 1)
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
 # (S/24^½)² is the variance of a lobe whose peak to valley, 2 amplitudes, is S with each phase as
 # likely as another.
@@ -446,7 +444,8 @@ class BallForm(Term):
         )
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        work, tool = setting.instrument.work, setting.instrument.tool
+        work = setting.instrument.work
+        tool = setting.instrument.tool
         far = setting.tool_ball_rad - np.pi
         balls = [
             (
@@ -479,22 +478,24 @@ class BallForm(Term):
                 "sd": np.sqrt(len(balls) / 2.0) / np.repeat(np.array(_FORM_ORDERS, dtype=float), 2)
             }
         orders = np.repeat(_FORM_ORDERS, 2)
-        share, stated, mean = np.zeros(len(orders)), np.zeros(len(orders)), np.zeros(len(orders))
+        share = np.zeros(len(orders))
+        stated = np.zeros(len(orders))
+        mean = np.zeros(len(orders))
         for ball, turned in balls:
             sphericity = (
                 self.sphericity_um
                 if ball.stated_sphericity_um is None
                 else ball.stated_sphericity_um
             )
-            variance, half = (
-                np.where(orders <= 3, _OF_SPHERICITY * sphericity**2, 0.0),
-                np.full(len(orders), 0.5),
-            )
+            variance = np.where(orders <= 3, _OF_SPHERICITY * sphericity**2, 0.0)
+            half = np.full(len(orders), 0.5)
             for order, amplitude, phase_deg in ball.harmonics_um:
-                at, angle = orders == order, order * (np.deg2rad(phase_deg) + turned)
+                at = orders == order
+                angle = order * (np.deg2rad(phase_deg) + turned)
                 half[at], variance[at] = 0.0, (0.5 * (ball.U_um or 0.0)) ** 2
                 mean[at] += amplitude * np.array([np.cos(angle), np.sin(angle)])
-            share, stated = share + half, stated + variance
+            share = share + half
+            stated = stated + variance
         scaled = {"sd": np.sqrt(share), "decay": "decay", "orders": orders.astype(float)}
         return scaled | {"stated": np.sqrt(stated) * 1e-3, "mean": mean * 1e-3}
 
@@ -503,10 +504,8 @@ class BallForm(Term):
         states, their amplitudes."""
         for name in ("work", "tool"):
             ball: Ball = getattr(campaign.instrument, name)
-            stated, sphericity = (
-                {n: own for n, own, _ in ball.harmonics_um},
-                ball.stated_sphericity_um,
-            )
+            stated = {n: own for n, own, _ in ball.harmonics_um}
+            sphericity = ball.stated_sphericity_um
             usual = np.sqrt(_OF_SPHERICITY) * (
                 self.sphericity_um if sphericity is None else sphericity
             )
@@ -534,7 +533,8 @@ class BallForm(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        ball, order = cls._ball(coefficient), _order(coefficient)
+        ball = cls._ball(coefficient)
+        order = _order(coefficient)
         lobes = order.split()[1].removesuffix("θ")
         return (
             f"{ball + chr(39) + 's ' if ball else ''}{lobes}-lobe form"
@@ -560,7 +560,8 @@ class MachinePattern(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         if not setting.clocked:
             return ()
-        found, orders = [], np.repeat(np.array(_PATTERN_ORDERS, dtype=float), 2)
+        found = []
+        orders = np.repeat(np.array(_PATTERN_ORDERS, dtype=float), 2)
         for (_, plane, in_plane), (_, radius, at_radius) in itertools.product(
             setting.each("plane"), setting.each("radius")
         ):
@@ -594,11 +595,10 @@ class BarLength(Term):
             *((f"bar_length{radius}", own) for _, radius, own in setting.each("radius")),
             strict=True,
         )
-        values, stated = setting.constant(np.column_stack(own).astype(float)), setting.instrument
-        sd, mean = (
-            _expanded(stated.bar_U_um, self.sd_um),
-            np.full(len(names), stated.bar_length_error_um * 1e-3),
-        )
+        values = setting.constant(np.column_stack(own).astype(float))
+        stated = setting.instrument
+        sd = _expanded(stated.bar_U_um, self.sd_um)
+        mean = np.full(len(names), stated.bar_length_error_um * 1e-3)
         return (
             Columns(
                 names, values, np.full(len(names), sd * 1e-3), mean=mean if mean.any() else None
@@ -687,10 +687,8 @@ class ForceError(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        deflection, sd = (
-            (setting.wrench @ setting.compliance_estimate)[:, :, None],
-            self._sds(setting.instrument),
-        )
+        deflection = (setting.wrench @ setting.compliance_estimate)[:, :, None]
+        sd = self._sds(setting.instrument)
         forces = {
             "force_gain": setting.force_N,
             "force_curvature": setting.largest_force_N * setting.bow,
@@ -708,7 +706,8 @@ class ForceError(Term):
     def _sds(self, stated: Instrument) -> dict[str, float]:
         """As it is, or as a certificate states; a linearity is a bound, each value within it as
         likely as another."""
-        linearity, random = stated.force_linearity_percent, stated.force_random_N
+        linearity = stated.force_linearity_percent
+        random = stated.force_random_N
         curvature = self.curvature_sd if linearity is None else 0.01 * linearity / np.sqrt(3.0)
         found = {
             "force_gain": _expanded(stated.force_U_percent, self.gain_sd, 0.01),
@@ -801,7 +800,8 @@ class Position(Term):
     remedy = "Run circles at several centres."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        force, found = setting.force_N[:, None], []
+        force = setting.force_N[:, None]
+        found = []
         for axis, estimate in setting.driven_axes():
             linear = setting.along(axis, 3.0, signed=True)
             quadratic = setting.along(axis, 4.0) - 0.5 * setting.along(axis, 2.0)
@@ -870,11 +870,9 @@ class SetupShift(Term):
         )
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        zero, centre, circle = (
-            np.where(ORDERS == 0, 1.0, 0.0),
-            np.where(ORDERS == 1, 1.0, 0.0),
-            setting.circle,
-        )
+        zero = np.where(ORDERS == 0, 1.0, 0.0)
+        centre = np.where(ORDERS == 1, 1.0, 0.0)
+        circle = setting.circle
         if self.moves == "apart":
             return BasisNoise("delta_0", zero, circle), BasisNoise("delta_1", centre, circle)
         return (
@@ -1009,10 +1007,8 @@ class Drift(Term):
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         change = setting.time_h if self.over == "time" else setting.temperature_K
-        field, lacking = (
-            "time_s" if self.over == "time" else "temperature_C",
-            int(np.sum(~np.isfinite(change))),
-        )
+        field = "time_s" if self.over == "time" else "temperature_C"
+        lacking = int(np.sum(~np.isfinite(change)))
         cure = f"got {lacking} without. Record it, or leave the term Drift out."
         require(not lacking, f"drift over {self.over} must have {field} in every test, {cure}")
         axes = [k for k in range(3) if np.any(setting.direction[:, :, k])]

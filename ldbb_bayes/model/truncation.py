@@ -31,16 +31,28 @@ from ldbb_bayes.result import Array
 __all__ = ["Orthant", "Truncation"]
 
 _DEPENDENT = 1e-7
-_CERTAIN, _PUSHED, _NEAR = 12.0, -3.0, 6.0
-_ITERATIONS, _HALVINGS, _ROUNDING, _NOWHERE = 60, 20, 1e-10, 1e7
-_MOST_TRIES, _RULE = 64, 24
+_CERTAIN = 12.0
+_PUSHED = -3.0
+_NEAR = 6.0
+_ITERATIONS = 60
+_HALVINGS = 20
+_ROUNDING = 1e-10
+_NOWHERE = 1e7
+_MOST_TRIES = 64
+_RULE = 24
 # Quasi-random points of each of so many scrambles; Student's factor for their scatter; how much of
 # plain random numbers' error is left at least, as few scrambles may agree by luck; numbers computed
 # together.
-_SIZES, _SCRAMBLES, _STUDENT, _LUCK, _TOGETHER = (32, 128, 512, 2048, 8192), 8, 1.5, 0.1, 1 << 20
+_SIZES = (32, 128, 512, 2048, 8192)
+_SCRAMBLES = 8
+_STUDENT = 1.5
+_LUCK = 0.1
+_TOGETHER = 1 << 20
 _DIGITS = 1e5
 # Owen's T is exact to 1e-15: of smaller probabilities, or rows more alike, too few digits are left.
-_OWEN, _LEAST_PAIR, _ALIKE = 1e-15, 1e-9, 1e-6
+_OWEN = 1e-15
+_LEAST_PAIR = 1e-9
+_ALIKE = 1e-6
 # A lattice for up to 2²⁰ points, extensible (F. Y. Kuo, lattice-32001-1024-1048576), then any odd
 # numbers.
 _LATTICE = (1, 182667, 469891, 498753, 110745, 446979, 250185, 118627, 245333, 283199)
@@ -86,7 +98,8 @@ class Truncation:
         met = (rows != 0.0).astype(float)
         label = components(met.T @ met > 0.0)
         for k in np.unique(label[met.any(axis=0)]):
-            block, among = np.flatnonzero(label == k), met[:, label == k].any(axis=1)
+            block = np.flatnonzero(label == k)
+            among = met[:, label == k].any(axis=1)
             white[:, block] = _quantile_inside(
                 level[:, block], rows[np.ix_(among, block)], edge[among]
             )
@@ -98,7 +111,8 @@ class Orthant:
     q). InputError where the saddle point is out of reach of double precision."""
 
     def __init__(self, mean: Array, spread: Array) -> None:
-        self._mean, self._spread = mean, spread
+        self._mean = mean
+        self._spread = spread
 
     def log_probability(self, tolerance: float = 1e-3, *, seed: int = 0) -> tuple[Array, Array]:
         """ln P and its error [nat], each of shape (w,), of every member alone, whatever else is in
@@ -117,7 +131,8 @@ class Orthant:
         for near in (_NEAR, np.inf):
             # Rows that are far from failing are left out at first; where these are too many, all
             # are taken.
-            kept, again = distance[open_] < near, np.zeros(len(open_), dtype=bool)
+            kept = distance[open_] < near
+            again = np.zeros(len(open_), dtype=bool)
             for pattern in np.unique(kept, axis=0):
                 alike = np.flatnonzero((kept == pattern).all(axis=1))
                 index = open_[alike]
@@ -153,7 +168,8 @@ class Orthant:
             moved = (
                 _lattice(d, size, seed)[:, :, None] + self._tilted.bound[:, None] * _DIGITS
             ) % 1.0
-            points, log_rule = 1.0 - np.abs(2.0 * moved - 1.0), np.zeros(1)
+            points = 1.0 - np.abs(2.0 * moved - 1.0)
+            log_rule = np.zeros(1)
         log_weight, x = self._tilted.propose(points)
         weight = np.exp(log_rule[:, None] + log_weight - log_weight.max(axis=0))
         weight /= weight.sum(axis=0)
@@ -174,8 +190,10 @@ class Orthant:
         rejection, and where one was accepted in about ``most`` proposals; elsewhere x is the last
         one."""
         d, w = self._tilted.bound.shape
-        x, open_ = np.zeros((d, w)), np.arange(w)
-        tries, tried = 2, 0
+        x = np.zeros((d, w))
+        open_ = np.arange(w)
+        tries = 2
+        tried = 0
         while tried < most and open_.size:
             part = self._tilted.take(open_)
             log_weight, proposal = part.propose(
@@ -216,7 +234,8 @@ class Orthant:
         """ln P and its error by quasi-random points, four times as many until the error is within
         the tolerance."""
         tilted = self._tilted
-        value, error = tilted.log_bound.copy(), np.zeros(len(self._mean))
+        value = tilted.log_bound.copy()
+        error = np.zeros(len(self._mean))
         if len(tilted.bound) + len(tilted.rest) > 1:
             error[:] = np.inf
         for size in _SIZES:
@@ -251,16 +270,16 @@ class Orthant:
         """The tilted problem, and the axes. Rows that hold with certainty in the whole batch are
         left out."""
         open_ = _uncertain(self._mean, self._spread)
-        mean, spread = self._mean[:, open_], self._spread[:, open_]
+        mean = self._mean[:, open_]
+        spread = self._spread[:, open_]
         core = _core_rows(mean, spread)
-        core_mean, core_spread = (
-            np.take_along_axis(mean, core, axis=1),
-            np.take_along_axis(spread, core[:, :, None], axis=1),
-        )
+        core_mean = np.take_along_axis(mean, core, axis=1)
+        core_spread = np.take_along_axis(spread, core[:, :, None], axis=1)
         lower = np.swapaxes(np.linalg.qr(np.swapaxes(core_spread, 1, 2), mode="r"), 1, 2)
         diagonal = np.diagonal(lower, axis1=1, axis2=2)
         lower = lower * np.where(diagonal < 0, -1.0, 1.0)[:, None, :]
-        unit, bound = lower / np.abs(diagonal)[:, :, None], -core_mean / np.abs(diagonal)
+        unit = lower / np.abs(diagonal)[:, :, None]
+        bound = -core_mean / np.abs(diagonal)
         x, tilt = _saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
         beyond = np.ones(mean.shape, dtype=bool)
@@ -268,7 +287,8 @@ class Orthant:
         others = np.nonzero(beyond)[1].reshape(len(core), -1)
         rest = np.take_along_axis(spread, others[:, :, None], axis=1) @ np.swapaxes(axes, 1, 2)
         size = np.linalg.norm(rest, axis=2)
-        rest, rest_mean = rest / size[:, :, None], np.take_along_axis(mean, others, axis=1) / size
+        rest = rest / size[:, :, None]
+        rest_mean = np.take_along_axis(mean, others, axis=1) / size
         last = np.where(np.abs(rest) > _DEPENDENT, np.arange(core.shape[1]), -1).max(
             axis=2, initial=-1
         )
@@ -311,7 +331,8 @@ class _Tilted(NamedTuple):
         """Log weights (s, w) and tilted draws x (d, s, w) from uniform numbers (d, s, w or 1), the
         last of which may be left out: weights do not depend on it."""
         d, w = self.bound.shape
-        x, log_weight = np.zeros((d, uniform.shape[1], w)), np.zeros((uniform.shape[1], w))
+        x = np.zeros((d, uniform.shape[1], w))
+        log_weight = np.zeros((uniform.shape[1], w))
         for j in range(d):
             edge, far = self._interval(j, x)
             log_mass, log_tail, ratio, turn = _mass(edge, far)
@@ -386,12 +407,16 @@ def _closed_form(distance: Array, spread: Array) -> tuple[Array, Array]:
     tail = ndtr(-d)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         # One row rules.
-        value, lost = log_ndtr(d[0]), tail[1:].sum(axis=0)
+        value = log_ndtr(d[0])
+        lost = tail[1:].sum(axis=0)
         error = np.where(lost == 0.0, 0.0, lost * np.exp(-value))
         two = np.flatnonzero(error > 1e-9)
-        d, tail, unit = d[:, two], tail[:, two], unit[two]
+        d = d[:, two]
+        tail = tail[:, two]
+        unit = unit[two]
         alike = np.einsum("wmq,wnq->mnw", unit, unit[:, :2])
-        pair, usable = _pair(d[0], d[1], alike[1, 0]), np.abs(alike[1, 0]) < 1.0 - _ALIKE
+        pair = _pair(d[0], d[1], alike[1, 0])
+        usable = np.abs(alike[1, 0]) < 1.0 - _ALIKE
         loss = np.zeros(len(two))
         for j in range(2, m):
             each = [
@@ -441,7 +466,8 @@ def _rule(dimensions: int) -> tuple[Array, Array]:
     """Points of the unit cube (dimensions, n) and their log weights (n,): Gauss-Legendre in s, u =
     s³ (10 − 15 s + 6 s²), as the integrand changes towards both ends."""
     nodes, weight = np.polynomial.legendre.leggauss(_RULE)
-    s, weight = (nodes + 1.0) / 2.0, weight / 2.0
+    s = (nodes + 1.0) / 2.0
+    weight = weight / 2.0
     s, weight = s**3 * (10.0 - 15.0 * s + 6.0 * s**2), 30.0 * weight * s**2 * (1.0 - s) ** 2
     points = np.array(np.meshgrid(*[s] * dimensions, indexing="ij")).reshape(
         dimensions, _RULE**dimensions
@@ -529,7 +555,8 @@ def _saddle_point(unit: Array, bound: Array) -> tuple[Array, Array]:
             " and the forces, or fit --without truncation."
         )
     free = _mills(edge)
-    x, tilt = np.einsum("wij,wi->wj", unit, free), np.einsum("wij,wi->wj", np.tril(unit, -1), free)
+    x = np.einsum("wij,wi->wj", unit, free)
+    tilt = np.einsum("wij,wi->wj", np.tril(unit, -1), free)
     x[:, -1] = tilt[:, -1] = 0.0
     return x, tilt
 
@@ -551,7 +578,8 @@ def _newton(coupling: Array, bound: Array, start: Array) -> tuple[Array, NDArray
             new = _merit(coupling, bound, trial)
             good = open_ & ((new[0] < value) | (new[3] < error))
             edge = np.where(good[:, None], trial, edge)
-            value, error = np.where(good, new[0], value), np.where(good, new[3], error)
+            value = np.where(good, new[0], value)
+            error = np.where(good, new[3], error)
             residual, slope = (
                 np.where(good[:, None], one, old)
                 for one, old in zip(new[1:3], (residual, slope), strict=True)
@@ -595,12 +623,16 @@ def _mills(edge: Array) -> Array:
         return np.asarray(np.sqrt(2.0 / np.pi) / erfcx(edge / np.sqrt(2.0)))
 
 
-_GRID, _COARSE_GRID, _REACH, _LEAST_WIDTH = 1025, 257, 9.0, 2.0
+_GRID = 1025
+_COARSE_GRID = 257
+_REACH = 9.0
+_LEAST_WIDTH = 2.0
 
 
 def _quantile_inside(level: Array, rows: Array, edge: Array) -> Array:
     """Standard normal w (n, k) inside rows · w ≥ edge, rows (m, k), from uniform levels (n, k)."""
-    found, left = np.empty(level.shape), edge[None]
+    found = np.empty(level.shape)
+    left = edge[None]
     for j, own in enumerate(level.T):
         if j + 1 == len(rows.T):
             found[:, j] = _between(own, *_support(rows[:, j:], left))
@@ -626,7 +658,8 @@ def _between(level: Array, low: Array, high: Array) -> Array:
     """Quantiles of a standard normal from low to high, each (n,); of the upper tail from the lower
     one, to keep digits."""
     flip = low > 0.0
-    one, other = np.where(flip, -high, low), np.where(flip, -low, high)
+    one = np.where(flip, -high, low)
+    other = np.where(flip, -low, high)
     level = np.where(flip, 1.0 - level, level)
     found = ndtri(ndtr(one) * (1.0 - level) + ndtr(other) * level)
     return np.clip(np.where(flip, -found, found), low, high)
@@ -658,11 +691,10 @@ def _support(rows: Array, edge: Array) -> tuple[Array, Array]:
     first (Fourier, Motzkin)."""
     while rows.shape[1] > 1:
         last = rows[:, -1]
-        up, down = np.flatnonzero(last > 0.0), np.flatnonzero(last < 0.0)
-        free, pairs = (
-            np.flatnonzero(last == 0.0),
-            (np.repeat(up, len(down)), np.tile(down, len(up))),
-        )
+        up = np.flatnonzero(last > 0.0)
+        down = np.flatnonzero(last < 0.0)
+        free = np.flatnonzero(last == 0.0)
+        pairs = (np.repeat(up, len(down)), np.tile(down, len(up)))
         both = np.concatenate(
             [
                 rows[:, :-1],

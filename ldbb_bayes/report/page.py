@@ -118,7 +118,8 @@ def compose(
         report(k + 1, len(SECTIONS) + 1)
         sections.append(Section(key, title, tuple(write(found))))
     report(len(SECTIONS) + 1, len(SECTIONS) + 1)
-    result, seen = found.result, found.seen
+    result = found.result
+    seen = found.seen
     name = title = str(result["campaign"]["name"])
     if others:
         parts = tuple(
@@ -127,10 +128,8 @@ def compose(
         sections.insert(0, Section("beside", "Campaigns side by side", parts))
         title = f"{name}, beside {wording.joined([other.name for other in others])}"
     forces = [test.force_N for test in seen.tests]
-    started, version = (
-        result["provenance"]["started"][:10],
-        result["provenance"]["versions"]["ldbb-bayes"],
-    )
+    started = result["provenance"]["started"][:10]
+    version = result["provenance"]["versions"]["ldbb-bayes"]
     lines = (
         (
             f"Machine {seen.topology}, plane {seen.plane}. {len(seen.tests)} circular tests at"
@@ -141,10 +140,8 @@ def compose(
     )
     alerts = list(wording.alert_sentences(fit_of(found.posterior), result))
     for other in others:
-        converged, conflict = (
-            other.result["sampler"]["converged"],
-            other.differences.attrs.get("conflict"),
-        )
+        converged = other.result["sampler"]["converged"]
+        conflict = other.differences.attrs.get("conflict")
         alerts += wording.difference_doubts(name, other.name, converged, conflict)
     return Document(
         f"Loaded double ball bar: {title}",
@@ -420,7 +417,8 @@ def write_dcc(
     --json``: mean, U (k = 2), interval of probability ``ci_prob``, covariance. The file says that
     it is unsigned and no calibration certificate.
     """
-    result, campaign = result_json(posterior, ci_prob=ci_prob), campaign_of(posterior)
+    result = result_json(posterior, ci_prob=ci_prob)
+    campaign = campaign_of(posterior)
     draws = np.stack(
         [np.ravel(posterior["posterior"].dataset[name]) for name in result["parameters"]]
     )
@@ -452,7 +450,8 @@ def _coverage_factor(draws: Array, covariance: Array, probability: float) -> flo
     """Of the ellipsoid that holds this share of the draws; a parameter that is the same in all of
     them has no part in it."""
     sd = np.sqrt(np.diag(covariance))
-    scaled, scale = draws - draws.mean(axis=1, keepdims=True), np.where(sd > 0.0, sd, 1.0)
+    scaled = draws - draws.mean(axis=1, keepdims=True)
+    scale = np.where(sd > 0.0, sd, 1.0)
     inverse = np.linalg.pinv(covariance / np.outer(scale, scale), hermitian=True)
     scaled /= scale[:, None]
     return float(np.sqrt(np.quantile(np.sum(scaled * (inverse @ scaled), axis=0), probability)))

@@ -418,7 +418,8 @@ def assumptions(found: Findings) -> Iterator[Part]:
 
 def diagnostics(found: Findings) -> Iterator[Part]:
     """Effective sample sizes and R-hat."""
-    sampler, sensitivity = found.result["sampler"], record_of(found.posterior)["fit"]["sensitivity"]
+    sampler = found.result["sampler"]
+    sensitivity = record_of(found.posterior)["fit"]["sensitivity"]
     yield wording.sampler_words(sampler)
     rows = []
     for name, row in found.summary.iterrows():

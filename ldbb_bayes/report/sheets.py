@@ -52,7 +52,11 @@ __all__ = [
 
 _TEMPLATES = files("ldbb_bayes.report") / "templates"
 # A partner of this share of the variance is named alone.
-_INSEPARABLE, _MOST_REASONS, _MOST_NAMES, _LONGEST, _HARDLY = 0.5, 2, 2, 70, 0.2
+_INSEPARABLE = 0.5
+_MOST_REASONS = 2
+_MOST_NAMES = 2
+_LONGEST = 70
+_HARDLY = 0.2
 _DEGREES = ("constant", "linear", "quadratic")
 
 
@@ -233,13 +237,17 @@ class Numbers:
     def parameters(self) -> dict[str, Stated]:
         """Compliances at the force, their slopes where they are likelier than not, geometric errors
         but for tool offsets."""
-        bound, verdicts, stated = bound_of(self.found.numbers), self.found.verdicts, {}
+        bound = bound_of(self.found.numbers)
+        verdicts = self.found.verdicts
+        stated = {}
         named = _names(bound)
         for own in bound.parameters:
             kind = named[own.compliance]
             if kind.kind != "offset" and (own.degree == 0 or self.found.varying > 0.5):
-                row, words = self._of[own.name], self._quantity(kind, own.degree)
-                interval, entry = (row["ci_low"], row["ci_high"]), verdicts.get(own.name)
+                row = self._of[own.name]
+                words = self._quantity(kind, own.degree)
+                interval = (row["ci_low"], row["ci_high"])
+                entry = verdicts.get(own.name)
                 stated[own.name] = Stated(
                     words, display_name(own.name), row["mean"], row["sd"], interval, own.unit, entry
                 )
@@ -273,9 +281,11 @@ class Numbers:
         every = {}
         for own in bound_of(self.found.numbers).compliances:
             if own.kind == "direct":
-                row, draws = self._of[own.label], self._draws[own.label]
+                row = self._of[own.label]
+                draws = self._draws[own.label]
                 middle, low, high = (row[key] for key in ("median", "ci_low", "ci_high"))
-                ends, limit = (1.0 / high, 1.0 / low), ""
+                ends = (1.0 / high, 1.0 / low)
+                limit = ""
                 if not low > _HARDLY * middle > 0.0:
                     limit = (
                         self.words("quantities.at_least", value=f"{1e-3 / high:.3g}")
@@ -287,10 +297,8 @@ class Numbers:
                     if not limit
                     else np.nan
                 )
-                words, entry = (
-                    self.words("quantities.stiffness", axis=own.joint),
-                    self.found.verdicts.get(own.label),
-                )
+                words = self.words("quantities.stiffness", axis=own.joint)
+                entry = self.found.verdicts.get(own.label)
                 every[own.label] = Stated(
                     words, f"1 / {own.label}", 1.0 / middle, sd, ends, "N/mm", entry, limit
                 )
@@ -315,7 +323,8 @@ class Numbers:
     def path(self) -> dict[str, Stated]:
         """G, F_max and F_min of every plane; they hang on what the geometric errors hang on."""
         table = circularity(self.found.numbers, [self.force_N], ci_prob=self.found.ci_prob)
-        several, every = table["plane"].nunique() > 1, {}
+        several = table["plane"].nunique() > 1
+        every = {}
         geometric = [
             own
             for name, own in self.parameters.items()
@@ -326,10 +335,8 @@ class Numbers:
         hangs_on = tuple(name for name in partners if name != BarLength.__name__)
         for row in table[table["quantity"].isin(["G", "F_max", "F_min"])].to_dict(orient="records"):
             where = self.words("quantities.plane", plane=row["plane"]) if several else ""
-            interval, of = (
-                (row["ci_low"], row["ci_high"]),
-                self.words(f"quantities.{row['quantity']}", plane=where),
-            )
+            interval = (row["ci_low"], row["ci_high"])
+            of = self.words(f"quantities.{row['quantity']}", plane=where)
             symbol = f"{row['quantity']}{'_' + row['plane'] if several else ''}"
             every[symbol] = Stated(
                 of, row["quantity"], row["median"], row["sd"], interval, "um", hangs_on=hangs_on
@@ -377,7 +384,8 @@ def sheets(
 
 
 def _first(own: Numbers) -> Iterator[Block]:
-    words, found = own.words, own.found
+    words = own.words
+    found = own.found
     yield _banner(own)
     yield Fields(tuple(_entries(found, words)))
     stated = [*own.stiffnesses.values(), *own.further.values(), *own.path.values()]
@@ -412,7 +420,8 @@ def _first(own: Numbers) -> Iterator[Block]:
 
 
 def _second(own: Numbers) -> Iterator[Block]:
-    words, found = own.words, own.found
+    words = own.words
+    found = own.found
     yield _table(own, "", [*own.parameters.values(), *own.path.values()], "u")
     percent = words.number(f"{100 * found.ci_prob:g}")
     yield words("notes.u", percent=percent, force=words.number(f"{own.force_N:.4g}"))
@@ -441,7 +450,8 @@ def _second(own: Numbers) -> Iterator[Block]:
 
 
 def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) -> Table:
-    words, rows = own.words, []
+    words = own.words
+    rows = []
     for one in stated:
         numbers = one.with_U
         if spread == "u":
@@ -458,7 +468,9 @@ def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) ->
 
 def _banner(own: Numbers) -> Banner:
     """Whether the numbers can be used, with the gravest reasons."""
-    words, found, stated = own.words, own.found, own.stiffnesses | own.further
+    words = own.words
+    found = own.found
+    stated = own.stiffnesses | own.further
     compared = None if isinstance(found.comparison, str) else found.comparison
     judged = state_of(fit_of(found.posterior), found.verdicts, stated, comparison=compared)
     by_kind: dict[str, list[str]] = {}
@@ -488,7 +500,8 @@ def _banner(own: Numbers) -> Banner:
 
 def _conformity(own: Numbers) -> Iterator[Table | str]:
     """Tolerances, where there are any, and what is decided."""
-    words, rows = own.words, []
+    words = own.words
+    rows = []
     known = (
         own.parameters
         | {f"stiffness_{name[2]}": one for name, one in own.stiffnesses.items()}
@@ -577,7 +590,8 @@ def _entries(found: Findings, words: Words) -> Iterator[tuple[str, str]]:
         words("fields.temperature"),
         words("entries.temperature", range=" … ".join(dict.fromkeys(ends))) if ends else "",
     )
-    forces, radii = campaign.forces_N, sorted({test.circle.radius_mm for test in campaign.tests})
+    forces = campaign.forces_N
+    radii = sorted({test.circle.radius_mm for test in campaign.tests})
     low, high = (words.number(f"{force:.4g}") for force in (min(forces), max(forces)))
     radius = words.number(", ".join(f"{own:g}" for own in radii))
     yield (
@@ -591,7 +605,8 @@ def _entries(found: Findings, words: Words) -> Iterator[tuple[str, str]]:
         else ""
     )
     yield words("fields.path"), ", ".join(filter(None, (feed, ways)))
-    stated, assumed = list[str](), list[str]()
+    stated = list[str]()
+    assumed = list[str]()
     for key, size, given in _instrument(found):
         names = campaign.instrument.certificates.items()
         named = next(
@@ -645,9 +660,18 @@ def _short(text: str) -> str:
 
 # A browser, which takes the sheets' scale, sets the same lines a little higher: FULL leaves it
 # room.
-_WIDTH, _LEFT, _TOP, _FULL, _INK, _SOFT = 182.0, 14.0, 14.0, 272.0, 0, 85
+_WIDTH = 182.0
+_LEFT = 14.0
+_TOP = 14.0
+_FULL = 272.0
+_INK = 0
+_SOFT = 85
 _SHADES = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
-_PAIRED, _LARGEST, _WIDE, _DPI, _SIGNED = 104.0, 88.0, 1.6, 300.0, 256.0
+_PAIRED = 104.0
+_LARGEST = 88.0
+_WIDE = 1.6
+_DPI = 300.0
+_SIGNED = 256.0
 
 
 def pdf_of(made: Sequence[ReportSheet], title: str, language: str, created: datetime) -> bytes:
@@ -743,10 +767,13 @@ def _write(
 
 def _draw_fields(pdf: FPDF, block: Fields, scale: float) -> None:
     """Two columns: name, and entry above a line."""
-    gap, label, size = 6.0, 36.0, 7.8 * scale
+    gap = 6.0
+    label = 36.0
+    size = 7.8 * scale
     entry = 0.5 * (_WIDTH - gap) - label
     for pair in zip(block.entries[::2], (*block.entries[1::2], None), strict=False):
-        start, ends = pdf.y + (9.0 if block.tall else 0.7) * scale, []
+        start = pdf.y + (9.0 if block.tall else 0.7) * scale
+        ends = []
         for k, own in enumerate(filter(None, pair)):
             for x, width, text, grey in (
                 (0.0, label, own[0], _SOFT),
@@ -768,7 +795,8 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
     if table.caption:
         _write(pdf, table.caption, 9.0 * scale, bold=True)
         pdf.set_y(pdf.y + 0.8 * scale)
-    size, rows = 7.8 * scale, [table.heads, *table.shown()]
+    size = 7.8 * scale
+    rows = [table.heads, *table.shown()]
     pdf.set_font("DejaVu", "", size)
     pdf.set_text_color(_INK)
     natural = [
@@ -799,7 +827,8 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
 
 
 def _draw_pair(pdf: FPDF, block: Pair, scale: float, pictures: bool) -> None:
-    top, indent = pdf.y, 0.0 if block.wide else _PAIRED + 4.0
+    top = pdf.y
+    indent = 0.0 if block.wide else _PAIRED + 4.0
     _draw_picture(pdf, block.picture, _WIDTH if block.wide else _PAIRED, _LARGEST * scale, pictures)
     foot = pdf.y
     pdf.set_xy(_LEFT + indent, foot + scale if block.wide else top)

@@ -393,8 +393,10 @@ def fit_in_words(posterior: xr.DataTree) -> FitWords:
     from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
     from ldbb_bayes.inference.posterior import bound_of, fit_of, record_of
 
-    fit, bound = fit_of(posterior), bound_of(posterior)
-    alike, seen = degeneracies(bound), preview(bound.campaign)
+    fit = fit_of(posterior)
+    bound = bound_of(posterior)
+    alike = degeneracies(bound)
+    seen = preview(bound.campaign)
     concerns = wording.concern_sentences(fit.concerns, record_of(posterior)["sampler"])
     standing = map(wording.standing_words, standing_degeneracies(bound, alike))
     return FitWords(
@@ -433,7 +435,8 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
         *nuisances,
         *([conformity_table(own)] if (own := result.get("conformity")) else []),
     ]
-    campaign, quality = result["campaign"], result["fit"]
+    campaign = result["campaign"]
+    quality = result["fit"]
     head = f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings."
     went = (wording.quality_words(quality), wording.sampler_words(result["sampler"]))
     notes = (f"Note: {warning}" for warning in quality["warnings"])
@@ -667,7 +670,8 @@ def _(validation: Validation) -> tuple[Passage, ...]:
     )
 
 
-_SMALL, _RUNNERS = 0.005, 0.05
+_SMALL = 0.005
+_RUNNERS = 0.05
 
 
 @parts_of.register
@@ -781,8 +785,10 @@ def _models_table(comparison: Comparison, rmse: bool) -> Table:
     rows = []
     for name, model in comparison.models.items():
         ratio = f"{name}/{first}"
-        gain, squares = comparison.elpd_difference.get(ratio), model.least_squares_rmse_um
-        factor, elpd = ("0", "0"), ("0", "0")
+        gain = comparison.elpd_difference.get(ratio)
+        squares = model.least_squares_rmse_um
+        factor = ("0", "0")
+        elpd = ("0", "0")
         if name != first:
             error = max(comparison.log_bayes_factor_error[ratio], 1e-3)
             factor = (f"{comparison.log_bayes_factor[ratio]:+.3f}", f"{error:.1g}")

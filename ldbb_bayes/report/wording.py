@@ -123,33 +123,26 @@ def _words(macro: str) -> Callable[..., str]:
 # note on what it does not expect though it hardly moves an interval; of parts of its JSON what was
 # fitted, how well, and whether the sampler reached its target; of a validation whether its ranks
 # are as they should be.
-fit_verdict, expectation, check_notes = (
-    _words("fit_verdict"),
-    _words("expectation"),
-    _every("check_notes"),
-)
-model_words, quality_words, sampler_words = (
-    _words("model_words"),
-    _words("quality_words"),
-    _words("sampler_words"),
-)
+fit_verdict = _words("fit_verdict")
+expectation = _words("expectation")
+check_notes = _every("check_notes")
+model_words = _words("model_words")
+quality_words = _words("quality_words")
+sampler_words = _words("sampler_words")
 validation_verdict = _words("validation_verdict")
 # What a campaign is, and remarks on its tests (what a fit will assume is apart); of a machine
 # joints, rank, and what does not show; of a comparison the evidence, whether its sign is robust,
 # and what else speaks; what is to be minded of a population, and what it does not model; what
 # forbids the use of a difference of campaigns (first, other, converged, conflict).
-preview_sentences, machine_sentences = _every("preview_sentences"), _every("machine_sentences")
-comparison_sentences, population_doubts = (
-    _every("comparison_sentences"),
-    _every("population_doubts"),
-)
+preview_sentences = _every("preview_sentences")
+machine_sentences = _every("machine_sentences")
+comparison_sentences = _every("comparison_sentences")
+population_doubts = _every("population_doubts")
 # Which model the numbers after the sheets are of (degree, averaged); what differences between
 # campaigns rest on (force, same).
-annex_words, instrument_words, difference_doubts = (
-    _words("annex_words"),
-    _words("instrument_words"),
-    _every("difference_doubts"),
-)
+annex_words = _words("annex_words")
+instrument_words = _words("instrument_words")
+difference_doubts = _every("difference_doubts")
 
 
 def _as_dict(result: Any) -> dict[str, Any]:
@@ -218,7 +211,8 @@ def _amount(value: float, factor: float, label: str, name: str, plus: str = "+")
     """+6.67 µm/m of E_XX1."""
     size = abs(value) * factor
     if size < 0.01 and label.startswith("µ"):
-        size, label = size * 1e3, "n" + label[1:]
+        size = size * 1e3
+        label = "n" + label[1:]
     return (
         f"{plus if value > 0 else '−'}{round_uncertainty(size, 3)[0]}{'' if label == '°' else ' '}{label}"
         f" of {name}"
@@ -394,10 +388,8 @@ def sum_in_words(seen: Seen) -> str:
 
 # ---- identifiability
 
-ALIKE, NONE_ALIKE = (
-    "The readings of this campaign cannot separate:",
-    "The readings determine every combination.",
-)
+ALIKE = "The readings of this campaign cannot separate:"
+NONE_ALIKE = "The readings determine every combination."
 
 
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
@@ -447,7 +439,8 @@ def _(result: Identifiability) -> dict[str, Any]:
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
     """Return what the numbers rest on, and how much the readings narrow; what certificates would be
     worth: how much narrower the parameters that they narrow by a tenth."""
-    certificates, worth = dict(result.certificates), {}
+    certificates = dict(result.certificates)
+    worth = {}
     without = certificates.pop("none of these", {})
     for name, left in certificates.items():
         share = {own: sd / without[own] for own, sd in left.items()}
@@ -529,7 +522,8 @@ def _(result: Design) -> dict[str, Any]:
 
 def _tests_to_run(design: Design) -> str:
     """6 circles: 2 × 36 N and 4 × 742 N."""
-    table, columns = design.table, list(design.columns)
+    table = design.table
+    columns = list(design.columns)
     clocked = bool((table[columns[:2]] != 0.0).any(axis=None))
     named = [
         name for name in columns if (clocked if name in columns[:2] else table[name].nunique() > 1)
@@ -564,7 +558,8 @@ def _(result: Budget) -> dict[str, Any]:
 
 # ---- population and trend
 
-_LISTED, _JOINED = 5, 3
+_LISTED = 5
+_JOINED = 3
 # Three decimals show no less, and never quite 0 or 1.
 _UNLIKELY = 5e-4
 
@@ -596,7 +591,8 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 
 def trend_sentences(trend: Any) -> tuple[str, ...]:
     """Return what a trend says, the most important first; its caveats are apart."""
-    own, rows = trend.parameters[trend.most_probable], trend.estimates
+    own = trend.parameters[trend.most_probable]
+    rows = trend.estimates
     when = (
         rows.loc[rows["parameter"] == trend.most_probable, "change_here"].iloc[own.place]
         if trend.changed

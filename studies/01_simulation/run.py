@@ -28,11 +28,12 @@ from figures import (
     linearisation,
     scale_and_compliance,
     simulated_and_predicted,
-)  # noqa: E402
-from study import DATA, Study, run  # noqa: E402
+)
+from study import DATA, Study, run
 
 TABLES = DATA / "published_tables"
-MACHINE, CIRCLE = lb.Machine("wCAFYXZSt", "XY"), lb.Circle()
+MACHINE = lb.Machine("wCAFYXZSt", "XY")
+CIRCLE = lb.Circle()
 ANGLE = np.deg2rad(np.arange(0.0, 360.0, 0.5))
 PAPERS_STEP_DEG = 30.0
 PAPERS_ANGLE = np.deg2rad(np.arange(0.0, 360.0 + PAPERS_STEP_DEG, PAPERS_STEP_DEG))
@@ -152,12 +153,14 @@ def table_4_truth() -> dict[str, float]:
 def table_4() -> dict[str, Any]:
     """Every estimate of Table 4 beside ours, digit by digit, with both signs of E_C(0Y)X."""
     truth = table_4_truth()
-    found, other = estimated(truth), estimated(truth | {"E_C0YX": -truth["E_C0YX"]})
+    found = estimated(truth)
+    other = estimated(truth | {"E_C0YX": -truth["E_C0YX"]})
     uniform = estimated(truth, ANGLE)
     found["E_C0YX"] = -found["E_C0YX"]
     rows = []
     for _, row in printed(4, "simulation").iterrows():
-        name, simulated = in_code(row["error"]), float(row["simulated"])
+        name = in_code(row["error"])
+        simulated = float(row["simulated"])
         digits = f"{found[name]:.4E}"
         rows.append(
             {

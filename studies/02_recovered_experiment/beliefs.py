@@ -13,7 +13,8 @@ from study import DATA
 
 import ldbb_bayes as lb
 
-FIRST, TOGETHER = lb.HybridModel.first(1), lb.HybridModel.default(1)
+FIRST = lb.HybridModel.first(1)
+TOGETHER = lb.HybridModel.default(1)
 TERMS = {type(term).__name__: term for term in TOGETHER.nuisances}
 GRADE = "G20"
 STATED = f"balls of grade {GRADE}"
@@ -85,7 +86,8 @@ def measure(beliefs: Sequence[str]) -> dict[str, Any]:
     first = lb.log_evidence(FIRST, plain, tolerance=TOLERANCE).log_value
     found: dict[str, Any] = {}
     for belief in beliefs:
-        campaign, model = stated if STATED in belief else plain, BELIEFS[belief](FIRST)
+        campaign = stated if STATED in belief else plain
+        model = BELIEFS[belief](FIRST)
         table = lb.marginals(model, campaign, tolerance=TOLERANCE)
         own = table.loc[list(names)]
         factor = own["unit"].map(lambda unit: SHOWN[unit][0])

@@ -26,7 +26,9 @@ PRESSURES_BAR = np.array([0.4, 2.0, 3.0, 4.0, 5.0, 6.0])
 READINGS = 720
 SEED = 20_24
 WEAK_UM = 0.5
-OUT_OF_BAND_RMS_UM, WHITE_UM, DISCREPANCY_UM = 0.60, 0.12, 0.27
+OUT_OF_BAND_RMS_UM = 0.60
+WHITE_UM = 0.12
+DISCREPANCY_UM = 0.27
 
 
 @dataclass(frozen=True)
@@ -179,7 +181,8 @@ def synthetic_um(angle_rad: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         own.append(project_off(white + waves(DISCREPANCY_UM, range(5, 13)) + lobe))
     form = project_off(waves(1.0, range(5, 13)))
     rest = np.array(own)
-    a, b = np.mean(form**2), np.mean(rest * form)
+    a = np.mean(form**2)
+    b = np.mean(rest * form)
     c = np.mean(rest**2) - OUT_OF_BAND_RMS_UM**2
     size = (-b + np.sqrt(b**2 - a * c)) / a
     return rest + size * form

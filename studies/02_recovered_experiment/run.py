@@ -23,8 +23,8 @@ import ldbb_bayes as lb
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
-import beliefs  # noqa: E402
-from figures import (  # noqa: E402
+import beliefs
+from figures import (
     BAND_U,
     Pair,
     contributions,
@@ -44,8 +44,8 @@ from make_campaign import (
     campaign_of,
     half_unit,
     recover,
-)  # noqa: E402
-from study import DATA, Effort, Study, run  # noqa: E402
+)
+from study import DATA, Effort, Study, run
 
 HARMONICS = ("1", "cos θ", "sin θ", "cos 2θ", "sin 2θ", "cos 3θ", "sin 3θ", "cos 4θ")
 COLUMNS = ("constant", "linear", "local")
@@ -267,10 +267,8 @@ def figure_values() -> list[dict[str, Any]]:
     readings."""
     top = max(campaign().tests, key=lambda test: test.force_N or 0.0)
     force = float(top.force_N or 0.0)
-    whole, last = (
-        lb.least_squares(campaign()).estimate,
-        pairs()[upper_pair(pairs(), top.name)].estimate,
-    )
+    whole = lb.least_squares(campaign()).estimate
+    last = pairs()[upper_pair(pairs(), top.name)].estimate
     geometry = np.array([part_um(own.estimate, force, start="E_") for own in pairs().values()])
     known = {
         "8b compliance largest": part_um(whole, force, start="C_").max(),
@@ -293,8 +291,10 @@ def figure_values() -> list[dict[str, Any]]:
     stated = pd.read_csv(TABLES / "figure_values.csv", dtype=str)
     rows = []
     for _, row in stated.iterrows():
-        value, text = float(known[f"{row['figure']} {row['quantity']}"]), row["printed_mm"]
-        printed, unit = float(text) * 1e3, 2.0 * half_unit(text) * 1e3
+        value = float(known[f"{row['figure']} {row['quantity']}"])
+        text = row["printed_mm"]
+        printed = float(text) * 1e3
+        unit = 2.0 * half_unit(text) * 1e3
         rows.append(
             {
                 "figure": row["figure"],
@@ -310,8 +310,10 @@ def figure_values() -> list[dict[str, Any]]:
 def measure(effort: Effort) -> dict[str, Any]:
     """Everything the pages state."""
     found = recover()
-    mean, sd = found.mean.reshape(6, 8), found.sd.reshape(6, 8)
-    tables, beside = tables_5_to_8(), figure_values()
+    mean = found.mean.reshape(6, 8)
+    sd = found.sd.reshape(6, 8)
+    tables = tables_5_to_8()
+    beside = figure_values()
     shipped = campaign_of(found.mean)
     return {
         "forces_N": FORCES_N.tolist(),
@@ -353,7 +355,8 @@ def measure(effort: Effort) -> dict[str, Any]:
 
 def draw(results: dict[str, Any]) -> dict[str, Figure]:
     """Figs. 7 to 16, and the harmonics."""
-    found, whole = recover(), campaign()
+    found = recover()
+    whole = campaign()
     fits = {"constant": lb.least_squares(whole), "linear": lb.least_squares(whole, 1)}
     top = whole.tests[-1]
     force = float(top.force_N or 0.0)

@@ -22,8 +22,8 @@ import ldbb_bayes as lb
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
-from figures import confounding  # noqa: E402
-from study import DATA, Study, run  # noqa: E402
+from figures import confounding
+from study import DATA, Study, run
 
 NAMES = ("E_XX1", "E_YY1", "E_YX2", "E_XY2", "E_C0YX", "C_CCY")
 SHOWN = {
@@ -155,7 +155,8 @@ def completions(campaign: lb.Campaign) -> dict[str, Any]:
     """C_CCY under other values of cos 4θ at the lowest force, which nobody printed: truncation off,
     and on (study 02)."""
     known = json.loads(RECOVERED.read_text(encoding="utf-8"))
-    u_um, bounded = known["open"]["cos4_at_lowest_um"]["sd"], known["completions"]
+    u_um = known["open"]["cos4_at_lowest_um"]["sd"]
+    bounded = known["completions"]
     cos_4 = harmonics_um(campaign)[:, 7]
     along = (-1.0) ** np.arange(cos_4.size) * campaign.forces_N[0] / campaign.forces_N
     steps = {
@@ -202,7 +203,9 @@ def synthetic_form(campaign: lb.Campaign) -> dict[str, Any]:
 
 def peak_to_peak_per_tau() -> float:
     """Median peak to peak of form whose coefficients of order n = 2 to 12 have sd 1/n."""
-    rng, orders, angle = np.random.default_rng(1), np.arange(2, 13), np.deg2rad(np.arange(360.0))
+    rng = np.random.default_rng(1)
+    orders = np.arange(2, 13)
+    angle = np.deg2rad(np.arange(360.0))
     drawn = rng.standard_normal((2, 4000, orders.size)) / orders
     form = drawn[0] @ np.cos(np.outer(orders, angle)) + drawn[1] @ np.sin(np.outer(orders, angle))
     return float(np.median(np.ptp(form, axis=1)))

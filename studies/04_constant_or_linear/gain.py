@@ -60,7 +60,8 @@ class Fits:
 def fits_of(campaign: lb.Campaign) -> Fits:
     """Columns of a campaign of one circle."""
     middle = 0.5 * (campaign.forces_N.min() + campaign.forces_N.max())
-    machine, circle = campaign.machine(), lb.Circle(campaign.radius_mm)
+    machine = campaign.machine()
+    circle = lb.Circle(campaign.radius_mm)
     columns = pd.concat(
         [
             lb.hybrid_jacobian(
@@ -82,7 +83,8 @@ def least_squares(campaign: lb.Campaign) -> dict[str, Any]:
     columns enter."""
     fits = fits_of(campaign)
     others = tuple(name for name in SLOPES if name not in EQUAL)
-    constant, linear = fits.squares(), fits.squares(*SLOPES)
+    constant = fits.squares()
+    linear = fits.squares(*SLOPES)
     gain = constant - linear
 
     def first(*slopes: str) -> float:
@@ -187,7 +189,8 @@ def evidence(campaign: lb.Campaign) -> dict[str, Any]:
             replace(t, time_s=3600.0 * h) for t, h in zip(campaign.tests, hours, strict=True)
         ),
     )
-    constant, linear = lb.HybridModel.first(0), lb.HybridModel.first(1)
+    constant = lb.HybridModel.first(0)
+    linear = lb.HybridModel.first(1)
     slope_sd = float(lb.identify(linear, campaign).parameters["C_XXX_1"].prior_sd)
     length_um = 1e3 * slope_sd * float(np.abs(curve).max())
     common = lb.Drift("time", length_um=length_um, centre_um=CENTRE_UM)

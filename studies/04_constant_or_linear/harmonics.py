@@ -35,8 +35,12 @@ PRIOR_SD |= {
     "E_Xt0": 0.02,
     "E_Yt0": 0.02,
 }
-SLOPE_SCALE, LEAST_SHARE = 0.3, 20.0
-LENGTH_MM, MOUNT_MM_PER_BAR, GAIN, RANDOM_N = 9.4e-3, 0.1 * 2.33e-3, 0.01, 4.0
+SLOPE_SCALE = 0.3
+LEAST_SHARE = 20.0
+LENGTH_MM = 9.4e-3
+MOUNT_MM_PER_BAR = 0.1 * 2.33e-3
+GAIN = 0.01
+RANDOM_N = 4.0
 # Half-normal scales, and grids of the hyper-parameters, even in their logarithms [mm].
 SCALE_MM = {"delta": 1e-3, "kappa": 1e-3, "tau": 5e-3}
 GRID = {
@@ -51,8 +55,11 @@ GRID_OF_READINGS = {
 }
 # What explains a change with force beside slopes: the second edition's terms and their sizes.
 RIVALS = ("joint load", "curved mount", "curved force law")
-CURVE_MM, CURVE_OF_FORCE, OWN_LOAD = 0.5e-3, 0.01, 0.2
-MIDDLE_N, RANGE_N = 0.5 * (FORCES_N.min() + FORCES_N.max()), float(np.ptp(FORCES_N))
+CURVE_MM = 0.5e-3
+CURVE_OF_FORCE = 0.01
+OWN_LOAD = 0.2
+MIDDLE_N = 0.5 * (FORCES_N.min() + FORCES_N.max())
+RANGE_N = float(np.ptp(FORCES_N))
 # Points of the grid below the best by more [nat] do not count.
 _UNLIKELY = 12.0
 
@@ -249,7 +256,8 @@ class Model:
     def _own_load(self) -> list[Array]:
         """One sd of what yields to the load of its own axis: stiffening and contact of X and of Y,
         each (6, k) [mm]."""
-        force, found = FORCES_N[:, None], []
+        force = FORCES_N[:, None]
+        found = []
         for name, u in (("C_XXX", np.cos(angles())), ("C_YYY", np.sin(angles()))):
             stiffening = force * u**2 * (force * np.abs(u) - MIDDLE_N) / FORCES_N.max()
             contact = np.cbrt(force**2 * MIDDLE_N) * np.abs(u) ** (5.0 / 3.0) - force * u**2
@@ -261,7 +269,8 @@ class Model:
     @cached_property
     def moving(self) -> dict[str, Array]:
         """Covariance per δ² (orders 0 and 1), κ² and τ² (orders from 2), each (m, m)."""
-        order, circles = self.data.order, len(FORCES_N)
+        order = self.data.order
+        circles = len(FORCES_N)
         setup = np.where(order == 1.0, 1.0, np.where(order == 0.0, float(self.zero_moves), 0.0))
         discrepancy, form = (
             np.where(order >= 2.0, np.maximum(order, 1.0) ** -power, 0.0)
@@ -314,10 +323,8 @@ class Model:
         size = len(PRIOR_SD)
         kept = [*range(size), *(size + COMPLIANCES.index(name) for name in slopes)]
         information, projected, rest = self.weighed
-        precision, projected = (
-            np.eye(len(kept)) + information[:, kept][:, :, kept],
-            projected[:, kept],
-        )
+        precision = np.eye(len(kept)) + information[:, kept][:, :, kept]
+        projected = projected[:, kept]
         root = np.linalg.cholesky(precision)
         white = np.linalg.solve(root, projected[:, :, None])[:, :, 0]
         log_det = 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
@@ -337,7 +344,8 @@ class Model:
                     )
                 rows.append(row)
         ends = np.array(rows)
-        at, spread = mean @ ends.T, ends @ covariance @ ends.T
+        at = mean @ ends.T
+        spread = ends @ covariance @ ends.T
         far = at / np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
         open_ = far < 5.0
         found = np.where(open_, norm.cdf(far), 1.0).prod(axis=1)

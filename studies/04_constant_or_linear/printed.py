@@ -28,8 +28,10 @@ from undetermined import HARMONICS, MODELS, recovered
 
 import ldbb_bayes as lb
 
-ZERO_AND_CENTRE, CENTRE = "zero and centre move", "the centre alone moves"
-FIRST, SECOND = "slopes of the first edition", "slopes of the second"
+ZERO_AND_CENTRE = "zero and centre move"
+CENTRE = "the centre alone moves"
+FIRST = "slopes of the first edition"
+SECOND = "slopes of the second"
 SCALES = (0.0, 0.25, 0.5, 1.0, 2.0)
 SLOPE_SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
 SUBSETS = tuple(
@@ -106,7 +108,8 @@ def measure(quick: bool) -> dict[str, Any]:
     """
     data = printed_numbers()
     moves = Model(data)
-    found, stays = answer(moves), Model(data, zero_moves=False)
+    found = answer(moves)
+    stays = Model(data, zero_moves=False)
     held = {own: stays.evidence(own)["log_evidence"] for own in ((), COMPLIANCES)}
     changed = {
         "constant": held[()] - found.log_evidence[()],

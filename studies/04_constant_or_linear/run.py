@@ -23,15 +23,18 @@ import ldbb_bayes as lb
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 sys.path.append(str(HERE.parent / "02_recovered_experiment"))
-import gain  # noqa: E402
-import printed  # noqa: E402
-import simulated  # noqa: E402
-import undetermined  # noqa: E402
-from study import Effort, Study, replicated, run  # noqa: E402
+import gain
+import printed
+import simulated
+import undetermined
+from study import Effort, Study, replicated, run
 
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 6}
 MOVES = (printed.ZERO_AND_CENTRE, printed.CENTRE)
-BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#8C8C8C"
+BLUE = "#0072B2"
+ORANGE = "#D55E00"
+GREEN = "#009E73"
+GREY = "#8C8C8C"
 SHOWN = {"common mode": BLUE, "the other four": ORANGE, "all six": GREY}
 
 
@@ -156,7 +159,8 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
 def answer_figure(results: dict[str, Any]) -> Figure:
     """Left: ln B of the readings against how much circles differ, and of the printed numbers;
     right: which slopes."""
-    found, compared = results["printed"], results["compared"]
+    found = results["printed"]
+    compared = results["compared"]
     figure = Figure(figsize=(9.6, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
     for label, colour in ((printed.ZERO_AND_CENTRE, BLUE), (printed.CENTRE, ORANGE)):
@@ -168,7 +172,8 @@ def answer_figure(results: dict[str, Any]) -> Figure:
             color=colour,
             label=f"readings; {label}",
         )
-        kappa, value = found["kappa_um"], found["log_bayes_factor"][label]
+        kappa = found["kappa_um"]
+        value = found["log_bayes_factor"][label]
         left.plot(
             [kappa["linear"], kappa["constant"]],
             [value, value],

@@ -33,7 +33,8 @@ TRUTH = {
 HYPER_UM = {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 2.0}
 SIZE_SD = 3.0
 OUTLIER_KAPPAS = 8.0
-LINEAR, CONSTANT = lb.HybridModel.first(1), lb.HybridModel.first(0)
+LINEAR = lb.HybridModel.first(1)
+CONSTANT = lb.HybridModel.first(0)
 SLOPES = ("C_XXX_1", "C_XYX_1", "C_YYY_1", "C_CXY_1", "C_CYY_1", "C_CCY_1")
 EVIDENCE_KINDS = {"no slope": 200, "six slopes": 200, "one slope": 200}
 PRIOR_KINDS = {"from the priors": 400}
@@ -93,10 +94,8 @@ def belonging_row(kind: str, seed: int) -> dict[str, float]:
     """Whether the outlying circle was flagged, and how many others were."""
     number = 1000 + seed
     if kind == "clean, from the priors":
-        campaign, odd = (
-            (LINEAR if number % 2 else CONSTANT).simulate(plan(), seed=number).campaign,
-            -1,
-        )
+        campaign = (LINEAR if number % 2 else CONSTANT).simulate(plan(), seed=number).campaign
+        odd = -1
     else:
         campaign = CONSTANT.simulate(
             plan(), seed=number, parameters=TRUTH, hyper_um=HYPER_UM
@@ -116,7 +115,8 @@ def belonging_row(kind: str, seed: int) -> dict[str, float]:
 
 def with_outlier(campaign: lb.Campaign, rng: np.random.Generator) -> tuple[lb.Campaign, int]:
     """One circle moved by eight κ, of either sign, in every harmonic of orders 0 to 3."""
-    odd, tests = int(rng.integers(len(FORCES_N))), list(campaign.tests)
+    odd = int(rng.integers(len(FORCES_N)))
+    tests = list(campaign.tests)
     angle = tests[odd].angles_rad()
     harmonics = [np.ones_like(angle), *(f(n * angle) for n in (1, 2, 3) for f in (np.cos, np.sin))]
     offset = (
@@ -130,7 +130,8 @@ def summary(
     evidence: pd.DataFrame, priors: pd.DataFrame, belonging: pd.DataFrame
 ) -> dict[str, Any]:
     """What the page says of them."""
-    own, flags = dict(list(evidence.groupby("kind"))), dict(list(belonging.groupby("kind")))
+    own = dict(list(evidence.groupby("kind")))
+    flags = dict(list(belonging.groupby("kind")))
     return {
         "forces_N": list(FORCES_N),
         "readings": READINGS,
@@ -164,7 +165,8 @@ def signs(values: pd.Series, *, positive: bool) -> dict[str, float]:
 
 def share(hits: pd.Series) -> dict[str, float]:
     """Share of hits, its standard error (no less than for half a hit) and of how many."""
-    p, count = float(np.mean(hits)), len(hits)
+    p = float(np.mean(hits))
+    count = len(hits)
     return {
         "share": p,
         "se": float(np.sqrt(max(p * (1.0 - p), 0.25 / count) / count)),
@@ -180,7 +182,8 @@ def reliability(
 
     Spiegelhalter's z is standard normal when the probabilities are calibrated.
     """
-    p, y = np.array(probability, dtype=float), np.array(outcome, dtype=float)
+    p = np.array(probability, dtype=float)
+    y = np.array(outcome, dtype=float)
     order = np.array_split(np.argsort(p, kind="stable"), BINS)
     z = np.sum((y - p) * (1.0 - 2.0 * p)) / np.sqrt(np.sum((1.0 - 2.0 * p) ** 2 * p * (1.0 - p)))
     return {

@@ -27,7 +27,9 @@ HARMONICS = ("1", "cos θ", "sin θ", "cos 2θ", "sin 2θ", "cos 3θ", "sin 3θ"
 COS_4 = "cos 4θ of the lightest circle"
 DIRECTIONS = {"exchange of cos θ and cos 3θ": 1, "exchange of sin θ and sin 3θ": 2, COS_4: 7}
 # The weak prior of the recovery [µm]: harmonic = a + b (F − 389 N) / 353 N + scatter.
-LEVEL_UM, TREND_UM, SCATTER_UM = 20.0, 30.0, 0.5
+LEVEL_UM = 20.0
+TREND_UM = 30.0
+SCATTER_UM = 0.5
 MODELS = {"constant": lb.HybridModel.first(0), "linear": lb.HybridModel.first(1)}
 STEPS_SD = (-2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0)
 KINDS = {"drawn": 200, "near": 400}
@@ -190,7 +192,8 @@ def measure(drawn: pd.DataFrame) -> dict[str, Any]:
             ),
             "steps": {f"{step:+g}": stated(along(step * unit)) for step in steps},
         }
-    own, cos_4 = stated(recovered())["log_bayes_factor"], coefficients(recovered())[:, 7]
+    own = stated(recovered())["log_bayes_factor"]
+    cos_4 = coefficients(recovered())[:, 7]
     smallest = along(-found.coordinates_um)
     rest = replace(
         recovered().without(recovered().tests[lightest].name),

@@ -94,7 +94,8 @@ def plan_of(kind: str, edition: designs.Edition = "first") -> lb.Plan:
 def width_row(kind: str, seed: int, edition: designs.Edition = "first") -> dict[str, float]:
     """Error of the mean and sd [inside units], and whether the 95 % interval held the truth, of
     every parameter."""
-    true, model = truth(1, seed, edition), designs.EDITIONS[edition]
+    true = truth(1, seed, edition)
+    model = designs.EDITIONS[edition]
     made = model.simulate(
         plan_of(kind, edition), seed=1000 + seed, parameters=true.parameters, hyper_um=true.hyper_um
     )
@@ -119,7 +120,8 @@ def decision_row(kind: str, seed: int, edition: designs.Edition = "first") -> di
     """ln B [nat]: linear over constant, or linear over linear without the slope sought."""
     design, _, slopes = kind.partition(": ")
     single = slopes in ("absent", "there")
-    true, model = truth(1 if single else 0, seed, edition), designs.EDITIONS[edition]
+    true = truth(1 if single else 0, seed, edition)
+    model = designs.EDITIONS[edition]
     rng = np.random.default_rng(7000 + seed)
     linear = zero_kept(model) if slopes.endswith("zero kept") else model
     parameters = {
@@ -221,5 +223,6 @@ def decisions(rows: pd.DataFrame) -> dict[str, Any]:
 
 def share(hits: np.ndarray) -> dict[str, float]:
     """Share of hits and its standard error (no less than for half a hit)."""
-    p, count = float(np.mean(hits)), len(hits)
+    p = float(np.mean(hits))
+    count = len(hits)
     return {"share": p, "se": float(np.sqrt(max(p * (1.0 - p), 0.25 / count) / count))}

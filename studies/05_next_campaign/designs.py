@@ -26,7 +26,8 @@ PAPER_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 BOTH_BALLS = tuple(product((0.0, 45.0, 90.0), repeat=2))
 RADII_MM = (150.0, 100.0)
 POWER = 0.9
-MOST_TO_SETTLE, MOST_TO_FIND = 10, 40
+MOST_TO_SETTLE = 10
+MOST_TO_FIND = 40
 # Slopes one at a time, and their size in prior sd.
 SOUGHT = {"C_XXX_1": 1.0, "C_XXX_1, half": 0.5, "C_XYX_1": 1.0, "C_CXY_1": 1.0, "C_CCY_1": 1.0}
 NINE: Mapping[str, Mapping[str, Any]] = {

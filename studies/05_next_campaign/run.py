@@ -21,9 +21,9 @@ import ldbb_bayes as lb
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
-import campaigns  # noqa: E402
-import designs  # noqa: E402
-from study import Effort, Study, replicated, run  # noqa: E402
+import campaigns
+import designs
+from study import Effort, Study, replicated, run
 
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 6}
 SECOND_AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
@@ -169,7 +169,8 @@ def decided(found: lb.Design) -> dict[str, Any]:
 
 def finding(slope: str) -> dict[str, Any]:
     """The fewest circles that find one slope, and what is expected if it is not there."""
-    found, name = designs.finding(slope), slope.partition(",")[0]
+    found = designs.finding(slope)
+    name = slope.partition(",")[0]
     prior_sd = found.expected[name].prior_sd * SLOPE_FACTOR[name]
     own = decided(found)
     return {

@@ -26,15 +26,26 @@ from ldbb_bayes.model.hybrid import BoundModel
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
-from study import Effort, Study, executor, kept, replicated, run  # noqa: E402
+from study import Effort, Study, executor, kept, replicated, run
 
 FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
-ARC_DEG, STEP_DEG, MORE = 220.0, 2.0, 4
-DRAWS, SEED, PROBABILITY = 99, 6, 0.99
-SHARE, LOW, AGAIN, SECOND_AGAIN = 0.95, 0.9, 10, 10
-SMALL, END, EMCEE = 0.7, 3, "by emcee"
-LINEAR, SECOND = lb.HybridModel.first(1), lb.HybridModel.default(1)
-KEPT, KEPT_SECOND = HERE / "ranks.csv", HERE / "second_edition.csv"
+ARC_DEG = 220.0
+STEP_DEG = 2.0
+MORE = 4
+DRAWS = 99
+SEED = 6
+PROBABILITY = 0.99
+SHARE = 0.95
+LOW = 0.9
+AGAIN = 10
+SECOND_AGAIN = 10
+SMALL = 0.7
+END = 3
+EMCEE = "by emcee"
+LINEAR = lb.HybridModel.first(1)
+SECOND = lb.HybridModel.default(1)
+KEPT = HERE / "ranks.csv"
+KEPT_SECOND = HERE / "second_edition.csv"
 # A draw equal to the truth within rounding falls on either side of it, by version of the libraries.
 ONE_RANK = 1.5 / DRAWS
 # And where the choice of a draw hangs on rounding, all that follow are others.
@@ -52,7 +63,11 @@ NUISANCES = (
 
 # Seven circles of a machine like those of study 12; some with an odd one.
 SEVEN_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
-ODD_UM, CAMPAIGNS, LEVELS, TOLERANCE, COMPONENTS = 3.0, 40, np.array([0.025, 0.975]), 0.05, 2048
+ODD_UM = 3.0
+CAMPAIGNS = 40
+LEVELS = np.array([0.025, 0.975])
+TOLERANCE = 0.05
+COMPONENTS = 2048
 ODD_AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
 
 
@@ -162,7 +177,8 @@ def everything() -> lb.Plan:
 def of_second() -> dict[str, Case]:
     """The second edition: all of it but that Ĉ is known; with Ĉ from the readings; and that with
     slopes of an absolute scale."""
-    known, all_terms = LinearisedModel(degree=1), everything()
+    known = LinearisedModel(degree=1)
+    all_terms = everything()
     absolute = replace(SECOND, prior=replace(SECOND.prior, slopes_of_estimate=False))
     return {
         "every term": Case(
@@ -253,8 +269,11 @@ def stated(case: Case, found: lb.Validation) -> dict[str, Any]:
 def cost_of_estimate(ranks: pd.DataFrame) -> dict[str, Any]:
     """How far Ĉ is off, and how often a slope's rank is among the outermost where Ĉ is much smaller
     than the compliance and elsewhere; the same replicates simulated again."""
-    case, own = of_second()["estimated"], ranks[ranks["kind"] == "estimated"]
-    small, end, off = [], [], []
+    case = of_second()["estimated"]
+    own = ranks[ranks["kind"] == "estimated"]
+    small = []
+    end = []
+    off = []
     for row, seed in zip(
         own.to_dict("records"),
         np.random.SeedSequence(case.seed).spawn(case.replicates),
@@ -264,15 +283,14 @@ def cost_of_estimate(ranks: pd.DataFrame) -> dict[str, Any]:
             case.plan, seed=int(seed.spawn(2)[0].generate_state(1)[0])
         )
         bound = case.model.bind(simulation.campaign)
-        names, estimate = (
-            [name.label for name in bound.compliances],
-            bound.setting.compliance_estimate,
-        )
+        names = [name.label for name in bound.compliances]
+        estimate = bound.setting.compliance_estimate
         true = np.array([simulation.parameters[name] for name in names])
         off.append((estimate - true) / bound.prior_sd[: len(names)])
         small.append(np.abs(estimate) < SMALL * np.abs(true))
         end.append([not END <= row[f"{name}_1"] <= DRAWS - END for name in names])
-    below, out = np.array(small), np.array(end)
+    below = np.array(small)
+    out = np.array(end)
     return {
         "share": float(below.mean()),
         "out_small": float(out[below].mean()),
@@ -315,7 +333,8 @@ def seven_circles(kind: str, seed: int) -> dict[str, float]:
     alike = SECOND.without("circle-scale")
     campaign = alike.simulate(planned, seed=seed, parameters=truth).campaign
     if kind == "odd":
-        order, odd = np.repeat(np.arange(7), 2)[1:], int(rng.integers(len(SEVEN_N)))
+        order = np.repeat(np.arange(7), 2)[1:]
+        odd = int(rng.integers(len(SEVEN_N)))
         change = basis(np.deg2rad(angle))[:, :13] @ (
             ODD_UM * rng.standard_normal(13) / np.maximum(order, 1)
         )
@@ -446,7 +465,8 @@ def _group(name: str) -> str:
 
 def draw(results: dict[str, Any]) -> dict[str, Figure]:
     """Coverage, and the ranks of right and of wrong models."""
-    ranks, second = pd.read_csv(KEPT), pd.read_csv(KEPT_SECOND)
+    ranks = pd.read_csv(KEPT)
+    second = pd.read_csv(KEPT_SECOND)
     return {
         "coverage": coverage_figure(results),
         "ranks_second": lb.figures.rank_ecdf(validation(second, "every term")),

@@ -45,7 +45,8 @@ GEOMETRY_SD = {
     "E_Xt0": 0.02,
     "E_Yt0": 0.02,
 }  # mm, rad
-SLOPE_SCALE, LEAST_SHARE = 0.3, 20.0
+SLOPE_SCALE = 0.3
+LEAST_SHARE = 20.0
 NARROWER = 0.5
 DIRECT_SPREAD = 0.3
 CIRCLE_S = 600.0
@@ -193,8 +194,10 @@ def warmth(test: lb.CircularTest) -> float:
 def added_um(kind: Kind, test: lb.CircularTest, heading: float, mean_warmth: float) -> Array:
     """What the readings have on top of truth and nuisances, noise aside, shape (n,) [µm]; drift is
     about its mean."""
-    angle, force = test.angle_deg, float(test.force_N or 0.0)
-    x, y = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+    angle = test.angle_deg
+    force = float(test.force_N or 0.0)
+    x = np.cos(np.deg2rad(angle))
+    y = np.sin(np.deg2rad(angle))
     travel = 1.0 if test.direction == "CCW" else -1.0
     gaps = np.array(kind.backlash_um) + np.array(kind.backlash_um_per_kN) * force * 1e-3
     lag_x = np.where(np.mod(angle, 360.0) < 180.0, travel, -travel)

@@ -21,14 +21,15 @@ import ldbb_bayes as lb
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
-import disturbances as made  # noqa: E402
-from study import Effort, Study, replicated, run  # noqa: E402
+import disturbances as made
+from study import Effort, Study, replicated, run
 
 CAMPAIGNS: dict[made.Edition, int] = {"first": 60, "second": 10}
 # By the second edition; fourteen circles, both ways, take it minutes.
 ONE_WAY = tuple(label for label, kind in made.KINDS.items() if not kind.both_ways)
 BASELINES = 40
-BELONGING_EVERY, DRIFT_EVERY = 10, 3  # the slower judgements are of some campaigns
+BELONGING_EVERY = 10
+DRIFT_EVERY = 3  # the slower judgements are of some campaigns
 CIRCLES = 5000
 CREDIBLE = 0.95
 STRONG = 3.0
@@ -295,7 +296,8 @@ def mean_and_se(values: pd.Series) -> dict[str, float]:
 def share(hits: pd.Series) -> dict[str, float]:
     """Share of hits and its standard error, with half a hit added to either side, so that none or
     all is not certain."""
-    p, n = float(hits.mean()), len(hits)
+    p = float(hits.mean())
+    n = len(hits)
     q = (p * n + 0.5) / (n + 1.0)
     return {"share": p, "se": float(np.sqrt(q * (1.0 - q) / n))}
 

@@ -29,11 +29,14 @@ from plans import (
     one_radius,
     three_planes,
     two_radii,
-)  # noqa: E402
-from simulated import CLOCKWISE, LEVEL, PLANS, analysed, summary  # noqa: E402
-from study import Effort, Study, executor, kept, replicated, run  # noqa: E402
+)
+from simulated import CLOCKWISE, LEVEL, PLANS, analysed, summary
+from study import Effort, Study, executor, kept, replicated, run
 
-CAMPAIGNS, CALIBRATED, DRAWS, BAND = 200, 200, 99, 0.99
+CAMPAIGNS = 200
+CALIBRATED = 200
+DRAWS = 99
+BAND = 0.99
 AGAIN: dict[Effort, int] = {"quick": 2, "usual": 12}
 # A draw equal to the truth within rounding falls on either side of it, by version of the libraries.
 ONE_RANK = 1.5 / DRAWS
@@ -128,7 +131,8 @@ def chance_of_lowest(coverage: Mapping[str, float]) -> float:
 @lb.figures.styled
 def two_radii_figure(found: dict[str, Any]) -> Figure:
     """Expected sd of every parameter with a second radius, relative to one radius."""
-    one, two = found["one radius"], found["two radii"]
+    one = found["one radius"]
+    two = found["two radii"]
     names = list(one)
     ratio = [two[name]["sd"] / one[name]["sd"] for name in names]
     figure = lb.figures.new_figure(7.2, 3.4)

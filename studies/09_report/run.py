@@ -23,7 +23,7 @@ import ldbb_bayes as lb
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
-from study import DATA, Effort, Study, run  # noqa: E402
+from study import DATA, Effort, Study, run
 
 CAMPAIGN = DATA / "recovered_experiment"
 RUNS: dict[Effort, int] = {"quick": 1, "usual": 3, "write": 5}

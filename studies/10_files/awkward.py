@@ -96,10 +96,8 @@ class Writing:
 
     def table(self, test: lb.CircularTest) -> bytes:
         """The file of one test."""
-        angle, reading = (
-            self.angle(np.asarray(test.angle_deg)),
-            self.reading(np.asarray(test.reading_um)),
-        )
+        angle = self.angle(np.asarray(test.angle_deg))
+        reading = self.reading(np.asarray(test.reading_um))
         rows = []
         for a, r in zip(angle, reading, strict=True):
             cells = [f"{a:.{self.digits[0]}f}", f"{r:.{self.digits[1]}f}"]
@@ -146,7 +144,8 @@ def tidy(
 
 def workbook(fill: Callable[[Workbook], None]) -> bytes:
     """A workbook as bytes."""
-    book, stream = Workbook(), io.BytesIO()
+    book = Workbook()
+    stream = io.BytesIO()
     fill(book)
     book.save(stream)
     return stream.getvalue()
@@ -269,7 +268,8 @@ def by_the_clock(files: Mapping[str, bytes], *, twelve: bool = False) -> dict[st
         if not seconds[:1].isdigit():
             return line.replace("t (s)", "time")
         since = (86_390.0 + float(seconds)) % 86_400.0
-        hour, rest = int(since // 3600), f"{int(since // 60) % 60:02d}:{since % 60.0:09.6f}"
+        hour = int(since // 3600)
+        rest = f"{int(since // 60) % 60:02d}:{since % 60.0:09.6f}"
         return (
             f"{(hour + 11) % 12 + 1}:{rest} {'PM' if hour > 11 else 'AM'};{reading}"
             if twelve

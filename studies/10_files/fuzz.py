@@ -36,11 +36,12 @@ from ldbb_bayes.model.specification import model_to_toml, read_model, read_truth
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
-import awkward  # noqa: E402
-import malformed  # noqa: E402
+import awkward
+import malformed
 
 INPUTS = 100_000
-LIMIT_S, LIMIT_MB = 2.0, 500.0
+LIMIT_S = 2.0
+LIMIT_MB = 500.0
 # Pieces that mean something to some reader.
 WORDS = (
     b"",
@@ -135,7 +136,8 @@ class Findings:
 
 def written() -> dict[str, bytes]:
     """Files of a campaign, a fit, a comparison and a design."""
-    model, campaign = lb.HybridModel.first(degree=0), awkward.campaign()
+    model = lb.HybridModel.first(degree=0)
+    campaign = awkward.campaign()
     rule = StoppingRule(ess=1e6, block=2, max_steps=4)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
@@ -278,7 +280,8 @@ def mutated_workbook(raw: bytes, rng: np.random.Generator) -> bytes:
 
 def fuzz(name: str, inputs: int, seed: int, own: Mapping[str, bytes]) -> Findings:
     """Mutated files of one reader, one after the other."""
-    reader, rng = readers(own)[name], np.random.default_rng([seed, sum(name.encode())])
+    reader = readers(own)[name]
+    rng = np.random.default_rng([seed, sum(name.encode())])
     read = refused = 0
     slowest = 0.0
     change = mutated_workbook if reader.file.endswith("xlsx") else mutated
@@ -303,7 +306,7 @@ def fuzz(name: str, inputs: int, seed: int, own: Mapping[str, bytes]) -> Finding
                     wrong.append(
                         f"input {k}: a message of {len(str(error))} signs: {str(error)[:200]!r}"
                     )
-            except Exception as error:  # noqa: BLE001
+            except Exception as error:
                 wrong.append(f"input {k}: {type(error).__name__}: {str(error)[:200]}")
                 keep(name, k, content)
             finally:
@@ -364,7 +367,8 @@ def main() -> None:
     parser.add_argument("--reader", action="append", choices=list(readers({})))
     parser.add_argument("--write", action="store_true", help="write fuzz.json")
     options = parser.parse_args()
-    wrong, rows = 0, []
+    wrong = 0
+    rows = []
     for found in fuzz_all(options.inputs, options.seed, options.reader or list(readers({}))):
         print(
             f"{found.reader}: {found.inputs} inputs, {found.read} read, {found.refused} refused, "

@@ -19,7 +19,9 @@ HERE = Path(__file__).resolve().parent
 READERS = ("import, text", "import, workbook", "layout", "tidy table", "campaign.toml", "truths")
 # Of memory, with what libFuzzer itself gathers (1 kB an input with pandas, which without it stays
 # flat): `fuzz.py` measures.
-LIMIT_S, LIMIT_MB, LONGEST = 2, 1000, 20_000
+LIMIT_S = 2
+LIMIT_MB = 1000
+LONGEST = 20_000
 # What libFuzzer says at the end.
 _SAID = {
     "inputs": r"stat::number_of_executed_units:\s+(\d+)",

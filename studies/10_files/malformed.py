@@ -112,7 +112,9 @@ def bomb(raw: bytes) -> bytes:
 
 def compound(name: str, content: bytes) -> bytes:
     """A compound file of one stream, as old workbooks and those with a password are."""
-    size, no, end = len(content) // 512, 0xFFFFFFFF, 0xFFFFFFFE
+    size = len(content) // 512
+    no = 0xFFFFFFFF
+    end = 0xFFFFFFFE
     chain = struct.pack(f"<{size + 2}I", 0xFFFFFFFD, end, *range(3, size + 2), end).ljust(
         512, b"\xff"
     )

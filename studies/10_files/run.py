@@ -24,9 +24,9 @@ from ldbb_bayes.cli import app
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
-import awkward  # noqa: E402
-import malformed  # noqa: E402
-from study import Study, run  # noqa: E402
+import awkward
+import malformed
+from study import Study, run
 
 
 def imported(folder: Path, case: awkward.Case) -> dict[str, Any]:
@@ -82,7 +82,8 @@ def refused(folder: Path, case: malformed.Malformed) -> dict[str, Any]:
 
 def measure() -> dict[str, Any]:
     """Every case; what was found by hand is read."""
-    good, bad = {}, {}
+    good = {}
+    bad = {}
     for name, case in awkward.CASES.items():
         with tempfile.TemporaryDirectory() as folder:
             good[name] = imported(Path(folder), case)

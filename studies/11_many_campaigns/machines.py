@@ -24,8 +24,10 @@ __all__ = ["FORCES_N", "MACHINES", "READINGS", "REPEATABILITY", "fleet", "months
 
 FORCES_N = (36.0, 150.0, 270.0, 389.0, 505.0, 625.0, 742.0)
 READINGS = 90
-MACHINES, CAMPAIGNS = 12, 1
-SPREAD_SCALE, REPEATABILITY = 0.3, 0.01
+MACHINES = 12
+CAMPAIGNS = 1
+SPREAD_SCALE = 0.3
+REPEATABILITY = 0.01
 HYPER_UM = {"sigma": 0.15, "delta": 0.4, "kappa": 0.3, "tau": 3.0}
 MODEL = lb.HybridModel.first(degree=1)
 PLAN = lb.Plan(
@@ -117,7 +119,8 @@ def usual(rng: np.random.Generator) -> dict[str, float]:
 def fleet(seed: int) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Rows of a fleet of machines, and its truth: means, spreads, machines."""
     rng = np.random.default_rng([11, seed])
-    bar, mean = Bar(rng), usual(rng)
+    bar = Bar(rng)
+    mean = usual(rng)
     spread = {
         name: SPREAD_SCALE * PRIOR_SD[name] * abs(rng.standard_normal()) for name in COMPLIANCES
     }
@@ -141,7 +144,8 @@ def months(
     """Rows of one machine, a campaign a month; after ``before`` of them one compliance changes by
     the share ``change``."""
     rng = np.random.default_rng([12, seed])
-    bar, level = Bar(rng), usual(rng)
+    bar = Bar(rng)
+    level = usual(rng)
     rows = []
     for month in range(before + after):
         own = {

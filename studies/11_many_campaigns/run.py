@@ -20,11 +20,16 @@ import ldbb_bayes as lb
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
-from machines import FORCES_N, MACHINES, READINGS, REPEATABILITY, fleet, months  # noqa: E402
-from study import Effort, Study, replicated, run  # noqa: E402
+from machines import FORCES_N, MACHINES, READINGS, REPEATABILITY, fleet, months
+from study import Effort, Study, replicated, run
 
-FLEETS, SERIES, QUIET = 200, 60, 40
-BEFORE, AFTER, CHANGE, PARAMETER = 6, 12, 0.2, "C_XXX"
+FLEETS = 200
+SERIES = 60
+QUIET = 40
+BEFORE = 6
+AFTER = 12
+CHANGE = 0.2
+PARAMETER = "C_XXX"
 AGAIN: dict[Effort, int] = {"quick": 2, "usual": 10}
 SHOWN = 7
 
@@ -70,7 +75,9 @@ def pooled(seed: int) -> dict[str, float]:
 def watched(seed: int, change: float) -> dict[str, float]:
     """A machine month by month: after how many campaigns the change was found, false alarms."""
     rows = months(seed, before=BEFORE, after=AFTER, change=change, parameter=PARAMETER)
-    found, alarm, right = 0, float(lb.trend(rows[:BEFORE]).changed), 0.0
+    found = 0
+    alarm = float(lb.trend(rows[:BEFORE]).changed)
+    right = 0.0
     for n in range(BEFORE + 1, BEFORE + AFTER + 1):
         now = lb.trend(rows[:n])
         if now.changed:

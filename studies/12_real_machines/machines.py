@@ -24,8 +24,11 @@ from ldbb_bayes.machine.chain import geometric_reading_mm
 
 Array = NDArray[np.float64]
 FORCES_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
-RADIUS_MM, READINGS, RESOLUTION_UM = 150.0, 720, 0.24
-MIDDLE_N, LARGEST_N = 0.5 * (FORCES_N[0] + FORCES_N[-1]), FORCES_N[-1]
+RADIUS_MM = 150.0
+READINGS = 720
+RESOLUTION_UM = 0.24
+MIDDLE_N = 0.5 * (FORCES_N[0] + FORCES_N[-1])
+LARGEST_N = FORCES_N[-1]
 GRADES_UM = {"G5": 0.13, "G10": 0.25, "G20": 0.5, "G40": 1.0, "G100": 2.5, "G200": 5.0}
 _ORDERS = np.arange(2, 31)
 
@@ -137,7 +140,8 @@ class Machine:
     def axial_force(self, k: int, load: Array) -> Array:
         """The force that a linear spring of axis ``k`` would need to yield as this one does to its
         load [N]."""
-        size, share = np.abs(load), self.contact[k]
+        size = np.abs(load)
+        share = self.contact[k]
         law = (1.0 - share) * load + share * np.sign(load) * np.cbrt(size**2 * MIDDLE_N)
         return np.asarray(law + self.own_load[k] * load * (size - MIDDLE_N) / LARGEST_N)
 
@@ -186,7 +190,8 @@ def draw_machine(family: Disturbances, rng: np.random.Generator) -> Machine:
         ball(rng, family.form_decay, GRADES_UM[g] * rng.uniform(0.5, 1.0), bool(family.lobe))
         for g in grades
     ]
-    contact, own_load = rng.uniform(*family.contact, 2), rng.normal(0.0, family.own_load, 2)
+    contact = rng.uniform(*family.contact, 2)
+    own_load = rng.normal(0.0, family.own_load, 2)
     travel = rng.uniform(*family.travel, (2, 2)) * rng.choice([-1.0, 1.0], (2, 2))
     instrument = {
         "length": rng.normal(0.0, family.length_um * 1e-3),
@@ -209,7 +214,8 @@ def deflection_mm(
     undeflected bar; ``bar_N``: the force that the linear springs' slopes see."""
     lever = bar_N - MIDDLE_N
     c = {name: value + machine.slope[name] * lever for name, value in machine.compliance.items()}
-    x, y = RADIUS_MM * np.cos(angle), RADIUS_MM * np.sin(angle)
+    x = RADIUS_MM * np.cos(angle)
+    y = RADIUS_MM * np.sin(angle)
     moved = np.zeros((2, len(angle)))
     for _ in range(4):
         length = np.hypot(x + moved[0], y + moved[1])

@@ -31,8 +31,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from machines import FAMILIES, LARGEST_N, MIDDLE_N, RADIUS_MM, Machine, simulate
 
 Array = NDArray[Any]
-LAWS, COMPARED = ("degree 1", "degree 2", "monotone"), ("mild", "contact", "own load")
-DRAWS, KNOTS_N = 400, (150.0, 300.0, 450.0, 600.0)
+LAWS = ("degree 1", "degree 2", "monotone")
+COMPARED = ("mild", "contact", "own load")
+DRAWS = 400
+KNOTS_N = (150.0, 300.0, 450.0, 600.0)
 ORDERS = np.array([0, *(n for n in range(1, 13) for _ in range(2))])
 PRIOR = np.array(
     [1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9, 2e-4, 1e-6, 1e-6, 2e-4, 5e-5, 0.02, 0.02]
@@ -49,7 +51,9 @@ def basis(angle: Array) -> Array:
 
 def _wrench(angle: Array) -> Array:
     """j_C, shape (6, n)."""
-    c, s, r = np.cos(angle), np.sin(angle), RADIUS_MM
+    c = np.cos(angle)
+    s = np.sin(angle)
+    r = RADIUS_MM
     return np.array([c * c, c * s, s * s, r * c * c * s, r * c * s * s, (r * c * s) ** 2])
 
 
@@ -58,10 +62,15 @@ def laws_columns(
 ) -> tuple[Array, Array, Array]:
     """Columns (n, k) of C_XXX, C_YYY and what changes with force, their prior sd (k,), and C_XX,
     C_YY at this force (2, k)."""
-    c, s = np.cos(angle), np.sin(angle)
-    wrench, columns, sd, along = _wrench(angle), [], [], []
+    c = np.cos(angle)
+    s = np.sin(angle)
+    wrench = _wrench(angle)
+    columns = []
+    sd = []
+    along = []
     for axis, (u, name) in enumerate(((c, "C_XXX"), (s, "C_YYY"))):
-        size, own = np.abs(u), abs(estimate[name])
+        size = np.abs(u)
+        own = abs(estimate[name])
         if law == "monotone":
             own_load = force * size
             parts = [
@@ -82,7 +91,9 @@ def laws_columns(
             ]
             parts = [(force * size**2, 1e-4, 1.0), *rest]
         for value, scale, at in parts:
-            columns, sd, along = [*columns, value], [*sd, scale], [*along, at * np.eye(2)[axis]]
+            columns = [*columns, value]
+            sd = [*sd, scale]
+            along = [*along, at * np.eye(2)[axis]]
     for degree in range(1, 0 if law == "monotone" else int(law[-1]) + 1):
         for k, name in enumerate(COMPLIANCES):
             columns.append(force * (force - MIDDLE_N) ** degree * wrench[k])
@@ -101,7 +112,9 @@ def other_columns(
 ) -> tuple[Array, Array]:
     """Columns of the other compliances, geometry and nuisances of one circle, shape (n, k), and
     their prior sd (k,)."""
-    c, s, r = np.cos(angle), np.sin(angle), RADIUS_MM
+    c = np.cos(angle)
+    s = np.sin(angle)
+    r = RADIUS_MM
     wrench = _wrench(angle)
     yields = wrench.T @ np.array([estimate[name] for name in COMPLIANCES])
     columns = [
@@ -124,7 +137,8 @@ def other_columns(
         LARGEST_N * bow * yields,
     ]
     sd += [9.4e-3, 0.233e-3, 0.5e-3, 0.01, 0.01]
-    columns, sd = [*columns, np.gradient(fitted, angle)], [*sd, np.deg2rad(0.1) * np.sqrt(2.0)]
+    columns = [*columns, np.gradient(fitted, angle)]
+    sd = [*sd, np.deg2rad(0.1) * np.sqrt(2.0)]
     for u, name in ((c, "C_XXX"), (s, "C_YYY")):
         columns += [force * u**3, force * (u**4 - u**2 / 2.0)]
         sd += [0.07 * abs(estimate[name]), 0.04 * abs(estimate[name])]
@@ -137,22 +151,26 @@ def other_columns(
 
 def curves(campaign: lb.Campaign, law: str, hyper: dict[str, float]) -> Array:
     """Draws of C_XX, C_YY at every tested force, shape (draws, tests, 2)."""
-    estimate, span = lb.least_squares(campaign).estimate, float(np.ptp(campaign.forces_N))
-    angle, precision, shift, along = campaign.tests[0].angles_rad(), 0.0, 0.0, []
-    project, n = np.linalg.pinv(basis(angle)), len(angle)
+    estimate = lb.least_squares(campaign).estimate
+    span = float(np.ptp(campaign.forces_N))
+    angle = campaign.tests[0].angles_rad()
+    precision = 0.0
+    shift = 0.0
+    along = []
+    project = np.linalg.pinv(basis(angle))
+    n = len(angle)
     tests, names = campaign.tests, [test.name for test in campaign.tests]
     for k, test in enumerate(tests):
-        force, pressure, reading = (
-            campaign.forces_N[k],
-            campaign.pressures_bar[k],
-            test.readings_mm(),
-        )
+        force = campaign.forces_N[k]
+        pressure = campaign.pressures_bar[k]
+        reading = test.readings_mm()
         changing, sd, own = laws_columns(law, force, angle, estimate, span)
         rest, rest_sd = other_columns(
             force, pressure, angle, estimate, hyper, basis(angle) @ (project @ reading)
         )
         columns = project @ np.column_stack([changing * sd, rest * rest_sd])
-        circle, order = hyper[f"lambda_{names[k]}"] * 1e-3, np.maximum(ORDERS, 1)
+        circle = hyper[f"lambda_{names[k]}"] * 1e-3
+        order = np.maximum(ORDERS, 1)
         noise = (hyper["sigma"] * 1e-3) ** 2 * np.where(ORDERS, 2.0, 1.0) / n
         noise = (
             noise
@@ -179,7 +197,9 @@ def _gaussian(precision: Array, shift: Array) -> tuple[Array, Array]:
 def _draws(mean: Array, root: Array, rows: slice, truncated: bool) -> Array:
     """Draws of the first coefficients, all of them not negative where truncated, shape (draws,
     k)."""
-    rng, own, spread = np.random.default_rng(1), mean[rows], root[rows]
+    rng = np.random.default_rng(1)
+    own = mean[rows]
+    spread = root[rows]
     if not truncated:
         return np.asarray(own + rng.standard_normal((DRAWS, spread.shape[1])) @ spread.T)
     orthant = Orthant(np.tile(own, (DRAWS, 1)), np.tile(spread, (DRAWS, 1, 1)))
@@ -195,7 +215,8 @@ def truth(machine: Machine, force_N: Array) -> Array:
     """C_XX, C_YY over the bar's force along the axis, shape (forces, 2)."""
     found = []
     for k, name in enumerate(("C_XXX", "C_YYY")):
-        share, own = machine.contact[k], machine.own_load[k]
+        share = machine.contact[k]
+        own = machine.own_load[k]
         law = (
             1.0
             - share
@@ -211,11 +232,10 @@ def compared(kind: str, seed: int) -> list[dict[str, float | str]]:
     coverage, half width."""
     campaign, machine = simulate(FAMILIES[kind], seed)
     hyper = lb.identify(lb.HybridModel.default(1), campaign).hyper_um
-    wanted, rows = truth(machine, campaign.forces_N), []
-    size, middle = (
-        np.array([machine.compliance["C_XXX"], machine.compliance["C_YYY"]]),
-        len(wanted) // 2,
-    )
+    wanted = truth(machine, campaign.forces_N)
+    rows = []
+    size = np.array([machine.compliance["C_XXX"], machine.compliance["C_YYY"]])
+    middle = len(wanted) // 2
     for law in LAWS:
         drawn = curves(campaign, law, hyper)
         row: dict[str, float | str] = {"kind": kind, "seed": seed, "law": law}

@@ -32,8 +32,8 @@ from ldbb_bayes.model.hybrid import information_of
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
-from machines import CERTIFIED, FAMILIES, FORCES_N, READINGS, STATED, simulate  # noqa: E402
-from study import Effort, Study, replicated, run  # noqa: E402
+from machines import CERTIFIED, FAMILIES, FORCES_N, READINGS, STATED, simulate
+from study import Effort, Study, replicated, run
 
 CAMPAIGNS = 60
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
@@ -45,8 +45,12 @@ GROUPS = {
     "geometric errors": [name for name in NAMES if name.startswith("E")],
 }
 CALIBRATED = ["E_XX1", "E_YY1", "E_C0YX", "E_YX2", "E_XY2"]
-LEVELS, TOLERANCE, DRAWS, FAR = np.array([0.025, 0.975]), 0.05, 4000, 3.0
-CURVES, ENDS = ("C_XXX", "C_YYY"), (FORCES_N[0], FORCES_N[-1])
+LEVELS = np.array([0.025, 0.975])
+TOLERANCE = 0.05
+DRAWS = 4000
+FAR = 3.0
+CURVES = ("C_XXX", "C_YYY")
+ENDS = (FORCES_N[0], FORCES_N[-1])
 LEVEL = 0.95
 
 
@@ -55,7 +59,8 @@ def analysed(kind: str, seed: int) -> dict[str, float]:
     whether it is called confounded; of the result whether it says misfit, and that the centre
     shifts with force."""
     campaign, machine = simulate((FAMILIES | STATED)[kind], seed)
-    truth, row = np.array([machine.truth[name] for name in NAMES]), dict[str, float]()
+    truth = np.array([machine.truth[name] for name in NAMES])
+    row = dict[str, float]()
     for edition, model in MODELS.items():
         bound = model.bind(campaign)
         nodes = HyperPosterior(bound, truncated=True).nodes(TOLERANCE)

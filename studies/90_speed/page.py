@@ -43,7 +43,8 @@ def memory_mb(process: int) -> float:
             parents.setdefault(int(stat.read_text().rpartition(")")[2].split()[1]), []).append(
                 int(stat.parent.name)
             )
-    tree, total = [process], 0
+    tree = [process]
+    total = 0
     for own in tree:
         tree += parents.get(own, [])
         with suppress(OSError):
@@ -59,7 +60,8 @@ def opened(address: str) -> str:
 
 
 def main(sessions: int) -> None:
-    command, start = [sys.executable, "-m", "ldbb_bayes", "app", "--no-browser"], time.monotonic()
+    command = [sys.executable, "-m", "ldbb_bayes", "app", "--no-browser"]
+    start = time.monotonic()
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
         assert running.stdout is not None
         address = running.stdout.readline().strip()
@@ -71,7 +73,8 @@ def main(sessions: int) -> None:
             for part in ("understood", "worth"):
                 ask("GET", tab, f"part/{part}")
         print(f"memory, {sessions} sessions understood: {memory_mb(running.pid):.0f} MB")
-        fits, highest = [], 0.0
+        fits = []
+        highest = 0.0
         for tab in tabs:
             begun = time.monotonic()
             ask("POST", tab, "fit")
@@ -85,7 +88,8 @@ def main(sessions: int) -> None:
             f"a fit {statistics.median(fits):.1f} s; memory while one of {sessions} fits:"
             f" {highest:.0f} MB at most"
         )
-        sliders, best = [], []
+        sliders = []
+        best = []
         for tab in tabs:
             ask("GET", tab, "part/plan")
             for asked in ({"circles": circles, "fine": False} for circles in (6, 8, 10, 12)):

@@ -48,8 +48,11 @@ class _Nuisances:
 
 
 def _nuisances(bound: BoundModel) -> _Nuisances:
-    hypers, tests = bound.hyper_prior.names, len(bound.reduced)
-    values, sd, owner = [np.zeros((tests, SIZE, 0))], [np.zeros(0)], [np.zeros(0, dtype=int)]
+    hypers = bound.hyper_prior.names
+    tests = len(bound.reduced)
+    values = [np.zeros((tests, SIZE, 0))]
+    sd = [np.zeros(0)]
+    owner = [np.zeros(0, dtype=int)]
     noise = np.zeros((len(hypers), SIZE))
     for term in bound.nuisance_columns:
         if isinstance(term, BasisNoise):
@@ -106,7 +109,8 @@ def _uniform_log_likelihood(bound: BoundModel) -> Callable[[Any, Any], Any]:
     """
     import jax.numpy as jnp
 
-    latent, tests = _nuisances(bound), len(bound.reduced)
+    latent = _nuisances(bound)
+    tests = len(bound.reduced)
     hypers = bound.hyper_prior.names
     sigma = hypers.index("sigma")
     factor = np.stack([np.diag(test.factor) for test in bound.reduced])
@@ -134,7 +138,8 @@ def _uniform_log_likelihood(bound: BoundModel) -> Callable[[Any, Any], Any]:
     none = latent.sd.size
     held = np.array([np.append(np.flatnonzero(touched[k]), none)[0] for k in alone], dtype=int)
     own_columns = np.concatenate([columns, np.zeros((tests, SIZE, 1))], axis=2)[:, alone, held]
-    own_sd, own_owner = np.append(latent.sd, 0.0)[held], np.append(latent.owner, len(hypers))[held]
+    own_sd = np.append(latent.sd, 0.0)[held]
+    own_owner = np.append(latent.owner, len(hypers))[held]
     flat = np.round(weight[:, alone].reshape(tests, -1), 9)
     own_kinds, own_kind = np.unique(flat, axis=0, return_inverse=True)
     own_weight = own_kinds.reshape(len(own_kinds), len(alone), len(hypers))
@@ -144,13 +149,12 @@ def _uniform_log_likelihood(bound: BoundModel) -> Callable[[Any, Any], Any]:
         return np.stack([products[own_kind == k].sum(axis=0) for k in range(len(own_kinds))])
 
     square_rows = by_kind(residual[:, alone] ** 2)
-    square_columns, crossed = by_kind(own_columns**2), by_kind(own_columns * residual[:, alone])
+    square_columns = by_kind(own_columns**2)
+    crossed = by_kind(own_columns * residual[:, alone])
 
     readings = np.array([test.readings for test in bound.reduced])
-    outside_ss, outside = (
-        float(sum(test.residual_ss for test in bound.reduced)),
-        float((readings - SIZE).sum()),
-    )
+    outside_ss = float(sum(test.residual_ss for test in bound.reduced))
+    outside = float((readings - SIZE).sum())
     constant = -0.5 * _LOG_2PI * readings.sum()
     integrated = _integrated()
 
@@ -226,7 +230,8 @@ class ReducedDensity:
         import jax.numpy as jnp
 
         bound, p = self.bound, len(self.bound.names)
-        standard, free = x[:p], x[p:]
+        standard = x[:p]
+        free = x[p:]
         phi = bound.hyper_prior.lower + jnp.exp(free)
         beta_square = ((standard + bound.centre / bound.prior_sd) ** 2).sum()
         log_prior = free.sum() - 0.5 * (beta_square + ((phi / bound.hyper_prior.scale) ** 2).sum())
@@ -362,7 +367,9 @@ class ReducedNuts:
                 "the model must be without truncation, got it on. Use"
                 ' HybridModel.without("truncation").'
             )
-        self.whitened, self.draws, self.chains = whitened, draws, 4
+        self.whitened = whitened
+        self.draws = draws
+        self.chains = 4
         self.warmup = 200 if whitened else 1000
         self.density = ReducedDensity(bound)
         self._compiled: Callable[..., Any] | None = None
@@ -439,7 +446,8 @@ def nested_log_evidence(
     import jax
 
     bound, (mode, root), evaluate = density.bound, density.laplace(), jax.jit(density)
-    freedom, size = 4.0, len(mode)
+    freedom = 4.0
+    size = len(mode)
     log_peak = gammaln((freedom + 1) / 2) - gammaln(freedom / 2) - 0.5 * np.log(freedom * np.pi)
     constant = np.log(np.diag(root)).sum() + np.log(bound.prior_sd).sum() - size * log_peak
     truncated = bound.truncation.active
@@ -477,14 +485,18 @@ def bridged_log_evidence(bound: BoundModel, chain: Array, *, seed: int) -> tuple
     half is used. Error: relative, draws counted by their effective number (Frühwirth-Schnatter
     2004).
     """
-    p, half = len(bound.names), chain.shape[1] // 2
+    p = len(bound.names)
+    half = chain.shape[1] // 2
     x = np.concatenate([chain[..., :p], bound.hyper_prior.free(chain[..., p:])], axis=2)
-    fitted, own = x[:, :half].reshape(-1, x.shape[2]), x[:, half:].reshape(-1, x.shape[2])
-    mean, root = fitted.mean(axis=0), np.linalg.cholesky(np.cov(fitted.T))
+    fitted = x[:, :half].reshape(-1, x.shape[2])
+    own = x[:, half:].reshape(-1, x.shape[2])
+    mean = fitted.mean(axis=0)
+    root = np.linalg.cholesky(np.cov(fitted.T))
     white = np.random.default_rng(seed).standard_normal(own.shape)
 
     def log_ratio(points: Array, standard: Array) -> Array:
-        beta, free = points[:, :p], points[:, p:]
+        beta = points[:, :p]
+        free = points[:, p:]
         target = bound.log_prior(beta) + bound.hyper_prior.log_density_of_free(free)
         target = target + bound.log_likelihood(bound.hyper_prior.phi(free), beta)
         return (
@@ -497,15 +509,15 @@ def bridged_log_evidence(bound: BoundModel, chain: Array, *, seed: int) -> tuple
 
     of_normal = log_ratio(mean + white @ root.T, white)
     shift = float(np.median(of_draws))
-    drawn, proposed, ratio = np.exp(of_draws - shift), np.exp(of_normal - shift), 1.0
+    drawn = np.exp(of_draws - shift)
+    proposed = np.exp(of_normal - shift)
+    ratio = 1.0
     effective = float(diagnose(of_draws.reshape(len(chain), -1, 1))[0, 0])
     share = effective / (effective + len(white))
     for _ in range(1000):
         before = ratio
-        above, below = (
-            proposed / (share * proposed + (1 - share) * ratio),
-            1.0 / (share * drawn + (1 - share) * ratio),
-        )
+        above = proposed / (share * proposed + (1 - share) * ratio)
+        below = 1.0 / (share * drawn + (1 - share) * ratio)
         ratio = above.mean() / below.mean()
         if abs(np.log(ratio / before)) < 1e-10:
             break

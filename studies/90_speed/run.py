@@ -44,8 +44,8 @@ from ldbb_bayes.model.hybrid import BoundModel
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
-import peers  # noqa: E402
-from study import DATA, page  # noqa: E402
+import peers
+from study import DATA, page
 
 Array = NDArray[Any]
 PACKAGES = ("numpy", "scipy", "emcee", "jax", "numpyro", "dynesty")
@@ -96,7 +96,8 @@ class Clocked:
 
 def clocked(work: Callable[[], Any]) -> tuple[Any, Clocked]:
     """What the work gives and what it took."""
-    cpu, wall = time.process_time(), time.perf_counter()
+    cpu = time.process_time()
+    wall = time.perf_counter()
     found = work()
     return found, Clocked(time.process_time() - cpu, time.perf_counter() - wall)
 
@@ -204,10 +205,8 @@ def race(campaign: lb.Campaign, size: Size, *, whole: bool) -> dict[str, Any]:
             runner = everyone[name]
             chain, took = clocked(partial(runner.run, repeat + 1))
             mean, sd = (exact[runner.truncated][column].to_numpy() for column in ("mean", "sd"))
-            ess, flat = (
-                bulk_ess(chain, shuffled="independent" in runner.what),
-                chain.reshape(-1, chain.shape[2]),
-            )
+            ess = bulk_ess(chain, shuffled="independent" in runner.what)
+            flat = chain.reshape(-1, chain.shape[2])
             z = np.abs(flat.mean(axis=0) - mean) / (sd / np.sqrt(ess))
             error = np.abs(flat.std(axis=0) / sd - 1.0)
             values = (
@@ -269,7 +268,8 @@ def bulk_ess(chain: Array, *, shuffled: bool) -> Array:
 def kernel(campaigns: Mapping[str, lb.Campaign], rounds: int) -> dict[str, dict[str, Any]]:
     """CPU µs for each φ in stacks as the package uses them, of every operation on each campaign,
     all in turn in each round."""
-    rng, calls = np.random.default_rng(1), {}
+    rng = np.random.default_rng(1)
+    calls = {}
     for name, campaign in campaigns.items():
         bound = MODEL.bind(campaign)
         posterior = HyperPosterior(bound, truncated=False)
@@ -308,7 +308,8 @@ def cost_of_readings(size: Size) -> dict[str, dict[str, Any]]:
     for seed in range(min(size.repeats, 3)):
         for n, campaign in campaigns.items():
             bound = MODEL.without("truncation").bind(campaign)
-            angle, reading = campaign.tests[0].angles_rad(), campaign.tests[0].readings_mm()
+            angle = campaign.tests[0].angles_rad()
+            reading = campaign.tests[0].readings_mm()
             works = (
                 partial(sampler_alone, bound, "independent", size.ess, seed),
                 partial(reduce_readings, angle, reading),
@@ -424,7 +425,8 @@ def peak_mb() -> float:
 
 def aims(results: dict[str, Any]) -> list[dict[str, Any]]:
     """What was aimed at, what was found, and whether it is reached."""
-    rows, kernels = results["race"], results["kernel"]
+    rows = results["race"]
+    kernels = results["kernel"]
     per_phi = {int(n): row["evidence"]["median"] for n, row in kernels.items() if n != "recovered"}
     least = min(per_phi)
     growth = max(value / per_phi[least] / (n / least) for n, value in per_phi.items() if n != least)

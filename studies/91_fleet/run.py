@@ -34,14 +34,15 @@ import ldbb_bayes as lb
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
-from study import page  # noqa: E402
+from study import page
 
 FORCES_N = np.linspace(36.0, 742.0, 7)
 MODEL = lb.HybridModel.first(degree=1)
 TRUTH = {"C_XXX": 6e-5, "C_YYY": 5e-5, "C_CCY": 5e-10}
 HYPER_UM = {"sigma": 0.15, "delta": 0.4, "kappa": 0.3, "tau": 3.0}
 POLL_S = 0.5
-COLLECTED, CLUSTER = 5000, 1_000_000
+COLLECTED = 5000
+CLUSTER = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,8 @@ def plant(folder: Path, size: Size) -> list[str]:
     plan = lb.Plan(
         tuple(lb.CircularTest(force_N=float(force), angle_deg=angles) for force in FORCES_N)
     )
-    every, broken = size.many // size.broken, []
+    every = size.many // size.broken
+    broken = []
     for i in range(size.many):
         made = MODEL.simulate(plan, seed=91_000 + i, parameters=TRUTH, hyper_um=HYPER_UM).campaign
         target = folder / f"{i:05d}"
@@ -83,7 +85,8 @@ def plant(folder: Path, size: Size) -> list[str]:
 
 def _break(folder: Path, kind: int) -> None:
     """One of five ways to break a campaign."""
-    toml, first = folder / "campaign.toml", sorted(folder.glob("*.csv"))[0]
+    toml = folder / "campaign.toml"
+    first = sorted(folder.glob("*.csv"))[0]
     text = toml.read_text(encoding="utf-8")
     if kind % 5 == 0:
         first.write_text(first.read_text(encoding="utf-8")[:300] + ",,,", encoding="utf-8")
@@ -203,7 +206,8 @@ def collected(out: Path, again: Path) -> float:
         (text,) = journal.execute(
             "SELECT row FROM campaigns WHERE status = 'done' LIMIT 1"
         ).fetchone()
-    row, moments = json.loads(text), []
+    row = json.loads(text)
+    moments = []
     paths = [str(again.parent / "campaigns"), *(f"copy {k}" for k in range(COLLECTED))]
     with mock.patch("ldbb_bayes.fleet.batch.fit_row", return_value=row):
         lb.batch(paths, again, progress=lambda *_: moments.append(time.perf_counter()))

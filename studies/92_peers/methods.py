@@ -44,21 +44,22 @@ MODEL = lb.HybridModel.default(1)
 HAS_PACKAGE = find_spec("ACBICI") is not None
 LEVELS = np.array([0.025, 0.975])
 PICKED = 36  # readings of a circle that the Gaussian process is given, and that all methods predict
-GEOMETRIC, RANGE_N = (
-    7,
-    706.0,
-)  # geometric errors, the last columns of J; from the smallest force to the largest
+GEOMETRIC = 7
+RANGE_N = 706.0  # geometric errors, the last columns of J; from the smallest force to the largest
 DRAWS = 4000
-NOISE_UM, DISCREPANCY_UM2 = (
-    1.0,
-    100.0,
-)  # scales of the half-normal priors of σ and of the variance of d
+NOISE_UM = 1.0
+DISCREPANCY_UM2 = 100.0  # scales of the half-normal priors of σ and of the variance of d
 SETUP_UM = MODEL.prior.delta_um  # of zero and centre from circle to circle
 STEP_RAD = 1e-4
 FEW = 12  # where the package samples everything
 LENGTHS = (0.2, 1.0)  # where the search for the mode begins: it may have two
-PROPOSED, USED, SPREAD, LEAST_CURVATURE = 80, 40, 1.3, 0.25
-ALL_WALKERS, ALL_STEPS, ALL_BURNT = 72, 3000, 0.5
+PROPOSED = 80
+USED = 40
+SPREAD = 1.3
+LEAST_CURVATURE = 0.25
+ALL_WALKERS = 72
+ALL_STEPS = 3000
+ALL_BURNT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +98,11 @@ class Readings:
         """What one standard uncertainty adds to the readings: of what all circles share (n, q), and
         of what each has for itself (n, k) [µm]. Circles that state no direction, and these all run
         the same way, lag as the angle's reference is off."""
-        sd, deflection = (
-            {own.name: own.sd for own in lb.uncertainties(campaign).assumed},
-            self.deflection(theta),
-        )
-        same, softness, largest = (
-            np.ones(len(deflection)),
-            deflection / self.force,
-            float(campaign.forces_N.max()),
-        )
+        sd = {own.name: own.sd for own in lb.uncertainties(campaign).assumed}
+        deflection = self.deflection(theta)
+        same = np.ones(len(deflection))
+        softness = deflection / self.force
+        largest = float(campaign.forces_N.max())
         shared = [
             1e3 * sd["bar_length"] * same,
             1e3 * sd["mount"] * self.pressure,
@@ -154,7 +151,8 @@ def readings_of(
     parts = []
     for k, test in enumerate(tests):
         index = np.arange(len(test.angle_deg)) if count is None else picked(test, count)
-        angle, force = np.deg2rad(test.angle_deg[index]), float(test.force_N or 0.0)
+        angle = np.deg2rad(test.angle_deg[index])
+        force = float(test.force_N or 0.0)
         pressure = (
             lb.ForceLaw().pressure_bar(force) if test.pressure_bar is None else test.pressure_bar
         )
@@ -208,7 +206,8 @@ def by_least_squares(
         + (apart**2).sum(axis=1)
         + (anew**2).sum(axis=1)
     )
-    mean, sd = there.jacobian @ theta, np.sqrt(square)
+    mean = there.jacobian @ theta
+    sd = np.sqrt(square)
     return interval, Circle(
         mean + norm.ppf(LEVELS)[:, None] * sd, norm.logpdf(there.reading, mean, sd)
     )
@@ -239,11 +238,13 @@ def calibrator(linear: Linear, *, integrated: bool) -> Any:
     integrated out."""
     import ACBICI
 
-    columns, normal = linear.columns, ACBICI.Normal(mu=0.0, sigma=1.0)
+    columns = linear.columns
+    normal = ACBICI.Normal(mu=0.0, sigma=1.0)
 
     class Model(ACBICI.ACBICImodel):
         def __init__(self) -> None:
-            self.xdim, self.ydim = 3, 1
+            self.xdim = 3
+            self.ydim = 1
             for k in range(0 if integrated else columns.shape[1]):
                 self.addParameter(label=f"t{k}", prior=normal)
 
@@ -278,16 +279,15 @@ def scales_of(found: Any, seed: int) -> Array:
     def log_density(u: Array) -> float:
         return float(found.logPosterior(np.exp(u)) + u.sum())
 
-    starts, options = (
-        [np.log([length, 0.5, 0.3]) for length in LENGTHS],
-        {"xatol": 0.02, "fatol": 0.02},
-    )
+    starts = [np.log([length, 0.5, 0.3]) for length in LENGTHS]
+    options = {"xatol": 0.02, "fatol": 0.02}
     found_modes = [
         minimize(lambda u: -log_density(u), start, method="Nelder-Mead", options=options)
         for start in starts
     ]
     mode = min(found_modes, key=lambda own: own.fun).x
-    step, each = 0.1 * np.eye(3), range(3)
+    step = 0.1 * np.eye(3)
+    each = range(3)
     four = ((1, 1), (1, -1), (-1, 1), (-1, -1))
     hessian = [
         [
@@ -321,8 +321,11 @@ def by_process(
         found = calibrator(linear, integrated=True)
         chosen = scales_of(found, seed)
     there = None if new is None else readings_of(campaign, (new,), scale, PICKED)
-    drawn, circles = [], []
-    each, p, rng = DRAWS // USED, len(scale), np.random.default_rng(seed)
+    drawn = []
+    circles = []
+    each = DRAWS // USED
+    p = len(scale)
+    rng = np.random.default_rng(seed)
     for scales in chosen:
         found.storePHE(scales)
         covariance = (
@@ -331,7 +334,8 @@ def by_process(
             + scales[2] ** 2 * np.eye(found.nExp)
         )
         factor = cho_factor(covariance, lower=True)
-        solved, parameters = cho_solve(factor, linear.readings.reading), linear.columns[:, :p]
+        solved = cho_solve(factor, linear.readings.reading)
+        parameters = linear.columns[:, :p]
         given = np.eye(p) - parameters.T @ cho_solve(factor, parameters)
         drawn.append(rng.multivariate_normal(parameters.T @ solved, given, each, method="eigh"))
         if there is not None:
@@ -370,7 +374,7 @@ def as_it_stands(campaign: lb.Campaign, *, seed: int) -> dict[str, float]:
         redirect_stdout(sink),
         redirect_stderr(sink),
     ):
-        np.random.seed(seed)  # noqa: NPY002 ; the package draws from NumPy's global state
+        np.random.seed(seed)
         found = calibrator(linear, integrated=False)
         found.mcmcCalibration(nsteps=ALL_STEPS, burn=ALL_BURNT, nwalkers=ALL_WALKERS)
         chain = np.load("d.out/samples.npy")[:, : len(scale)] * scale
@@ -378,7 +382,8 @@ def as_it_stands(campaign: lb.Campaign, *, seed: int) -> dict[str, float]:
     start = time.process_time()
     low, high = by_process(campaign, seed=seed, full=False, count=FEW)[0]
     alone = time.process_time() - start
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    middle = 0.5 * (low + high)
+    half = 0.5 * (high - low)
     lowest, highest = np.quantile(chain, LEVELS, axis=0)
     return {
         "times": taken / alone,
@@ -422,11 +427,13 @@ def _ours(
 ) -> Said:
     """Independent draws of each model as its posterior probability says."""
     weighed = Evidences(campaign).of(*models)
-    rng, names = np.random.default_rng(seed), MODEL.bind(campaign).names
+    rng = np.random.default_rng(seed)
+    names = MODEL.bind(campaign).names
     counts = rng.multinomial(
         DRAWS, probabilities(np.array([nodes.evidence.log_value for nodes in weighed]))
     )
-    drawn, circles = [], []
+    drawn = []
+    circles = []
     for nodes, count in zip(weighed, counts.tolist(), strict=True):
         if count:
             beta, phi = nodes.draw(count, rng)
@@ -454,7 +461,8 @@ def _new_circle(
     bound = BoundModel(
         nodes.bound.model, replace(campaign, tests=(*campaign.tests, new)), pilot=campaign
     )
-    hyper, known = bound.hyper_prior, nodes.bound.hyper_prior.names
+    hyper = bound.hyper_prior
+    known = nodes.bound.hyper_prior.names
     scales = hyper.quantile(rng.random((len(phi), len(hyper.names))))
     scales[:, [hyper.names.index(name) for name in known]] = phi
     angle = np.deg2rad(new.angle_deg[picked(new)])

@@ -26,11 +26,12 @@ from ldbb_bayes.jobs import one_blas_thread
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "12_real_machines"), str(HERE)]
-import methods  # noqa: E402
-from machines import FAMILIES, FORCES_N, RADIUS_MM, READINGS, simulate  # noqa: E402
-from study import DATA, Effort, Study, replicated, run  # noqa: E402
+import methods
+from machines import FAMILIES, FORCES_N, RADIUS_MM, READINGS, simulate
+from study import DATA, Effort, Study, replicated, run
 
-RECOVERED, MEASURED = "recovered experiment", lb.read_campaign(DATA / "recovered_experiment")
+RECOVERED = "recovered experiment"
+MEASURED = lb.read_campaign(DATA / "recovered_experiment")
 FROM_MODEL = {
     "white noise alone": replace(methods.MODEL, nuisances=()),
     "as the model says": methods.MODEL,
@@ -41,7 +42,8 @@ OF_CHAIN = {
     "joints in contact": "contact",
     "warm-up and seals": "warm-up, seals",
 }
-CAMPAIGNS, TIMED = 15, 3
+CAMPAIGNS = 15
+TIMED = 3
 KINDS = {RECOVERED: len(MEASURED.tests), **dict.fromkeys([*FROM_MODEL, *OF_CHAIN], CAMPAIGNS)}
 AGAIN: dict[Effort, int] = {"quick": 2, "usual": 4}
 NAMES = methods.MODEL.bind(MEASURED).names
@@ -50,7 +52,8 @@ GROUPS = {
     "slopes": [name for name in NAMES if name.endswith("_1") and name.startswith("C")],
     "geometric errors": [name for name in NAMES if name.startswith("E")],
 }
-SQUARES, PROCESS = "least squares", "Gaussian process"
+SQUARES = "least squares"
+PROCESS = "Gaussian process"
 FULL = {False: "short budget", True: "full budget"}
 WORDS = {
     f"{method}, {words}": f"{method}, {words}"
@@ -92,7 +95,8 @@ def judged(
     [µm]."""
     campaign, truth = campaign_of(kind, seed)
     rest, new = without_one(campaign, seed)
-    reading, row = np.asarray(new.reading_um)[methods.picked(new)], dict[str, float]()
+    reading = np.asarray(new.reading_um)[methods.picked(new)]
+    row = dict[str, float]()
     for method, said in every.items():
         interval = said(campaign)[0] if truth else np.full((2, len(NAMES)), np.nan)
         for name, low, high in zip(NAMES, *interval, strict=True):
@@ -165,7 +169,8 @@ def of_parameters(rows: pd.DataFrame) -> dict[str, Any]:
     """By method: coverage of all parameters, its standard error over campaigns, that of groups;
     median width and mean interval score over ours, geometric means over the parameters."""
     found: dict[str, Any] = {}
-    scores, widths = {}, {}
+    scores = {}
+    widths = {}
     for method in COLOURS:
         low, high = (
             rows[[f"{method}/{name}/{end}" for name in NAMES]].to_numpy() for end in ("low", "high")
@@ -311,7 +316,8 @@ def figure(results: dict[str, Any]) -> Figure:
     are."""
     drawn = lb.figures.new_figure(11.0, 6.2)
     left, right = drawn.subfigures(1, 2, width_ratios=(1.0, 1.35))
-    circle, panels = results["shown"], left.subplots(3, 1, sharex=True, sharey=True)
+    circle = results["shown"]
+    panels = left.subplots(3, 1, sharex=True, sharey=True)
     for axes, method in zip(
         panels, [name for name in COLOURS if FULL[False] not in name], strict=True
     ):
@@ -325,7 +331,8 @@ def figure(results: dict[str, Any]) -> Figure:
     left.suptitle(
         f"Circle at {circle['force_N']:.0f} N, predicted from the others, 95 % bands", fontsize=10
     )
-    pair, kinds = right.subplots(1, 2, sharey=True), list(results["parameters"])
+    pair = right.subplots(1, 2, sharey=True)
+    kinds = list(results["parameters"])
     for j, (method, colour) in enumerate(COLOURS.items()):
         place = np.arange(len(kinds)) + 0.15 * (j - 2)
         inner = "white" if FULL[False] in method else colour

@@ -77,13 +77,16 @@ def test_exchange_rates(recovered: lb.Campaign) -> None:
 def exact_change_um(campaign: lb.Campaign, degeneracy: Degeneracy, degree: int = 1) -> float:
     """The largest change of a reading by the combination: geometry exactly, the rest from the
     definition of each nuisance."""
-    change, largest = degeneracy.combination, 0.0
+    change = degeneracy.combination
+    largest = 0.0
     bound = lb.HybridModel.first(degree).bind(campaign)
-    estimate, kept = bound.setting.compliance_estimate, [c.label for c in bound.compliances]
+    estimate = bound.setting.compliance_estimate
+    kept = [c.label for c in bound.compliances]
     forces = campaign.forces_N
     for test, pressure in zip(campaign.tests, campaign.pressures_bar, strict=True):
         angle = test.angles_rad()
-        machine, force = campaign.machine(), float(test.force_N or 0.0)
+        machine = campaign.machine()
+        force = float(test.force_N or 0.0)
         labels = [name.label for name in wrench_names(machine)]
         wrench = wrench_jacobian(machine, test.circle, angle)
         total = geometric_reading_mm(

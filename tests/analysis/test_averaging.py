@@ -70,22 +70,27 @@ def test_in_closed_form() -> None:
         {"constant": plain.with_degree(0), "linear": plain}, campaign, draws=DRAWS
     )
     bound = plain.bind(campaign)
-    radius, blocks = np.full(30, 150.0), []
+    radius = np.full(30, 150.0)
+    blocks = []
     for test in campaign.tests:
         elastic = test.force_N * compliance_columns(test.angles_rad(), radius)
         lever = test.force_N - bound.setting.reference_force_N
         blocks.append(
             np.hstack([elastic, lever * elastic, geometric_columns(test.angles_rad(), radius)])
         )
-    whole, y = np.vstack(blocks), np.concatenate([test.readings_mm() for test in campaign.tests])
+    whole = np.vstack(blocks)
+    y = np.concatenate([test.readings_mm() for test in campaign.tests])
     grid = np.linspace(1e-4, 0.02, 400)
     prior = np.exp(bound.hyper_prior.log_density(grid[:, None]))
-    weights, means, squares = [], [], []
+    weights = []
+    means = []
+    squares = []
     for kept in (
         np.array(["_1" not in name for name in bound.names]),
         np.ones(len(bound.names), dtype=bool),
     ):
-        design, sd = whole * kept * bound.prior_sd, bound.prior_sd * kept
+        design = whole * kept * bound.prior_sd
+        sd = bound.prior_sd * kept
         for sigma, own in zip(grid, prior, strict=True):
             covariance = design @ design.T + sigma**2 * np.eye(len(y))
             gain = np.linalg.solve(covariance, design).T
@@ -122,7 +127,8 @@ def test_all_that_reads_a_posterior_reads_an_average(averaged, tmp_path: Path) -
     assert np.isfinite(lb.circularity(again)["sd"]).all()
     # What the joint load adds to C(F) is of the models that have it alone: without it and without
     # slopes C(F) is constant.
-    parts, curves = parts_of(again), curves_of(again, np.array([36.0, 742.0]))
+    parts = parts_of(again)
+    curves = curves_of(again, np.array([36.0, 742.0]))
     changes = np.abs(np.diff(curves[:, :, 0], axis=1)[:, 0]) > 0.0
     without = np.concatenate(
         [(part.beta[:, 6] == 0.0) & ("joint load" not in part.bound.model.rivals) for part in parts]

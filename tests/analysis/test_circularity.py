@@ -38,7 +38,8 @@ def test_the_machines_path(topology: str) -> None:
     posterior = lb.sample(model, campaign, seed=1, sampler="independent")
     table = circularity.circularity(posterior, draws=1000)
     assert sorted(set(table["force_N"])) == [0.0, 36.0, 300.0, 520.0, 742.0]
-    machine, circle = campaign.machine(), campaign.tests[0].circle
+    machine = campaign.machine()
+    circle = campaign.tests[0].circle
     compliances = {name: value for name, value in truth.items() if name.startswith("C_")}
     errors = {
         name: value for name, value in truth.items() if name.startswith("E_") and name[3] != "t"
@@ -170,7 +171,8 @@ def test_contributions_as_the_paper_states_them(recovered: lb.Campaign) -> None:
     paper = lb.sample(lb.HybridModel.paper(0), recovered, seed=1, sampler="independent")
     found = lb.contributions(paper).set_index("source")
     for name, text in (COMPLIANCES | ERRORS | OFFSETS).items():
-        printed, last = float(text) * 1e3, 10.0 ** -(len(text) - 5)
+        printed = float(text) * 1e3
+        last = 10.0 ** -(len(text) - 5)
         assert printed * 0.97 <= found.loc[name, "peak_to_peak"] <= (printed + last) * 1.02, name
     assert found.loc[circularity.COMPLIANCE, "maximum"] == pytest.approx(46.0, abs=0.5)
     ends = found.loc[circularity.GEOMETRY, ["maximum", "minimum", "peak_to_peak"]].tolist()
@@ -195,7 +197,8 @@ def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> No
         for name in COMPLIANCES
     }
     errors = {name: mean[name] for name in ERRORS}
-    machine, circle = campaign.machine(), campaign.tests[0].circle
+    machine = campaign.machine()
+    circle = campaign.tests[0].circle
 
     def exact_um(compliances: dict[str, float], errors: dict[str, float]) -> np.ndarray:
         return 1e3 * exact_reading_mm(

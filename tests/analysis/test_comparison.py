@@ -81,7 +81,8 @@ def test_sensitivity_is_the_same_comparison_again(found: Comparison) -> None:
     )
     assumed = {a.assumption: a.log_bayes_factor for a in found.discrepancy_sensitivity}
     assert next(iter(assumed)) == "as in the model"
-    naive, centred = assumed[WHITE_NOISE], assumed[CENTRED]
+    naive = assumed[WHITE_NOISE]
+    centred = assumed[CENTRED]
     for model, value in ((wide, by_scale[3.0]), (centre, centred), (plain, naive)):
         evidences = [lb.log_evidence(own, CAMPAIGN) for own in (model, model.with_degree(0))]
         assert value == pytest.approx(lb.log_bayes_factor(*evidences)[0], abs=0.02)
@@ -338,7 +339,8 @@ def test_slopes_are_selected_from_the_widest_model() -> None:
 @pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_every_combination_of_explanations_is_a_model(whole: bool, recovered: lb.Campaign) -> None:
     """Every one of 16 evidences against nodes of its own, and what is worked out from them."""
-    model, campaign = lb.HybridModel.default(1), recovered if whole else CAMPAIGN
+    model = lb.HybridModel.default(1)
+    campaign = recovered if whole else CAMPAIGN
     model = model if whole else model.without("circle-scale", "ball-form", "setup-shift")
     pair = {"constant": model.with_degree(0), "linear": model}
     found = sensitivity.explanations(pair, Evidences(campaign, tolerance=1e-2))
@@ -650,7 +652,8 @@ def test_strength(value: float, words: str) -> None:
 
 
 def test_a_slope_that_is_there_is_found() -> None:
-    model, truth = LINEAR.without("truncation").fixing(*FEW.fixed), TRUTH | {"C_XYX_1": 1.5e-8}
+    model = LINEAR.without("truncation").fixing(*FEW.fixed)
+    truth = TRUTH | {"C_XYX_1": 1.5e-8}
     campaign = LINEAR.simulate(plan(), seed=3, parameters=truth, hyper_um=HYPER_UM).campaign
     slopes, *_ = sensitivity.slope_subsets(model, Evidences(campaign, tolerance=1e-2), seed=1)
     assert slopes["C_XYX"].inclusion_probability > 0.95 > slopes["C_CCY"].inclusion_probability

@@ -51,7 +51,8 @@ def test_half_at_the_mean_and_95_percent_at_1_64_u(posterior: Any) -> None:
             assert found.probability == pytest.approx(expected, abs=0.02), (name, expected)
             assert found.guard_band == pytest.approx(1.6449 * sd, rel=1e-3)
         draws = posterior["posterior"][name].values.ravel()
-        low, high = mean - 0.5 * sd, mean + 1.2 * sd
+        low = mean - 0.5 * sd
+        high = mean + 1.2 * sd
         found = lb.conformity(posterior, {name: lb.Tolerance(low, high)})[name]
         assert found.probability == pytest.approx(
             ((draws >= low) & (draws <= high)).mean(), abs=1e-12
@@ -159,7 +160,8 @@ def test_campaigns_have_tolerances(tmp_path: Path) -> None:
 
 
 def test_may_the_numbers_be_used(posterior: Any) -> None:
-    fit, verdicts = fit_of(posterior), lb.verdicts(posterior)
+    fit = fit_of(posterior)
+    verdicts = lb.verdicts(posterior)
     assert (
         state_of(replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX", "C_YYY")).use
         == Use.CAN_BE_USED

@@ -134,7 +134,8 @@ def dense_sd(
     """Posterior sd of a parameter at PHI, every test run so often, by inverting the whole precision
     matrix."""
     information = information_of(bind_tests(model, campaign, tests, keep=False), PHI)
-    rows, k = information.rows(), information.names.index(name)
+    rows = information.rows()
+    k = information.names.index(name)
     covariance = np.linalg.inv(times * rows.T @ rows + np.eye(rows.shape[1]))
     return float(np.sqrt(covariance[k, k]) * information.scale[k])
 
@@ -235,10 +236,8 @@ def test_what_does_not_matter(pilot: lb.Campaign) -> None:
         for m in (LINEAR, given)
     ]
     assert values[0] == pytest.approx(values[1], rel=1e-6)
-    plain, space = (
-        Space(LINEAR, pilot, LEVELS),
-        Space(LINEAR, pilot, LEVELS, ((0, 0), (360, 0), (45, 90), (405, 450))),
-    )
+    plain = Space(LINEAR, pilot, LEVELS)
+    space = Space(LINEAR, pilot, LEVELS, ((0, 0), (360, 0), (45, 90), (405, 450)))
     assert space.clockings_deg == ((0.0, 0.0), (45.0, 90.0))
     turned = grid_of_tests(space.templates, LEVELS[::3], ((45.0, 90.0),), space.radii_mm)
     still = grid_of_tests(plain.templates, LEVELS[::3], ((0.0, 0.0),), plain.radii_mm)
@@ -566,7 +565,8 @@ def test_evidence_of_old_and_new_readings_together() -> None:
     """With tests already run: ln B of all readings, the new ones drawn given the old, by dense
     evidences."""
     rng = np.random.default_rng(1)
-    old, new = rng.standard_normal((5, 3)), rng.standard_normal((6, 3))
+    old = rng.standard_normal((5, 3))
+    new = rng.standard_normal((6, 3))
     every = np.vstack([old, new])
     y = Gaussian.of(np.zeros(5), old @ old.T + np.eye(5)).draw(rng)
     full, reduced = (

@@ -96,7 +96,10 @@ def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
     """Posterior of both parameter vectors at PHI from all readings stacked: y = J₁ β₁ + J₂ β₂ + N ν
     + noise, N shared by both."""
     value = dict(zip((scale.name for scale in MODEL.scales), PHI, strict=True)) | {None: 1.0}
-    designs, shared, noises, readings = [], [], [], []
+    designs = []
+    shared = []
+    noises = []
+    readings = []
     for bound in bounds:
         turns = [basis(test.angles_rad()) for test in bound.campaign.tests]
         designs.append(np.concatenate([own @ bound.interest[r] for r, own in enumerate(turns)]))
@@ -121,7 +124,8 @@ def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
             ]
         )
     every = np.concatenate([own for campaign in shared for own in campaign])
-    jacobian, covariance = block_diag(*designs), every @ every.T + block_diag(*noises)
+    jacobian = block_diag(*designs)
+    covariance = every @ every.T + block_diag(*noises)
     prior = np.concatenate([bound.prior_sd for bound in bounds])
     scaled = jacobian * prior
     gain = np.linalg.solve(covariance + scaled @ scaled.T, scaled).T * prior[:, None]
@@ -193,12 +197,11 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
     """n₁ ± s₁ and n₂ ± s₂ are |n₁ − n₂| / √(s₁² + s₂²) apart, whatever the prior; the p-value is
     that of the worst of two."""
     for prior_sd in (2.0, 20.0):
-        own, means = [], []
+        own = []
+        means = []
         for value, noise in ((3.0, 1.0), (-1.0, 1.5)):
-            scale, noises = (
-                np.array([1.0, prior_sd, prior_sd]),
-                ({NOISE: np.diag([1.0, noise**2, noise**2])},),
-            )
+            scale = np.array([1.0, prior_sd, prior_sd])
+            noises = ({NOISE: np.diag([1.0, noise**2, noise**2])},)
             own.append(
                 Information(
                     ("E", "form", "length"),

@@ -56,7 +56,8 @@ def test_two_parameters_in_closed_form() -> None:
     """E ~ N(0, 10²), form ~ N(0, 2²), v the variance of the mean reading: Var(E | y) = 1 / (1/100 +
     1/(4 + v)), a known form without the 4; without noise 100 · 4 / 104."""
     information = two(0.0)
-    given, known = 1.0 / (0.01 + 1.0 / 4.01), 1.0 / (0.01 + 1.0 / 0.01)
+    given = 1.0 / (0.01 + 1.0 / 4.01)
+    known = 1.0 / (0.01 + 1.0 / 0.01)
     assert information.variances()[0] * 100.0 == pytest.approx(given)
     assert lost_by_knowing(information, ["BallForm"])[0] == pytest.approx(1.0 - known / given)
     exact = replace(information, noise=({NOISE: 1e-9 * np.eye(100)},))
@@ -100,13 +101,16 @@ def test_differences_are_not(recovered: lb.Campaign) -> None:
     """E_XX1 − E_YY1 is not confounded with the length, C_XXX − C_YYY not with the mount, though
     each of them is."""
     information = information_of(LINEAR.bind(recovered), PHI)
-    every, names = np.diag(information.scale), list(information.names)
+    every = np.diag(information.scale)
+    names = list(information.names)
     for first, second, term, least in (
         ("E_XX1", "E_YY1", "BarLength", 0.5),
         ("C_XXX", "C_YYY", "Mount", 0.2),
     ):
-        alone, other = every[names.index(first)], every[names.index(second)]
-        known, unknown = information.covariance([term]), information.covariance()
+        alone = every[names.index(first)]
+        other = every[names.index(second)]
+        known = information.covariance([term])
+        unknown = information.covariance()
         lost = [
             1.0 - (step @ known @ step) / (step @ unknown @ step) for step in (alone, alone - other)
         ]
@@ -215,11 +219,13 @@ def test_matrices_by_the_oracle() -> None:
     """Effective parameters, posterior correlations, and one prior sd of the bar's length pushed
     through numpy's least squares."""
     campaign = simulated(plan())
-    found, oracle = lb.identify(LINEAR, campaign), oracle_of(campaign, 1)
+    found = lb.identify(LINEAR, campaign)
+    oracle = oracle_of(campaign, 1)
     covariance = oracle.given(np.array(list(found.hyper_um.values())) * 1e-3)[2]
     gains = np.linalg.eigvalsh(np.linalg.inv(covariance / np.outer(oracle.sd, oracle.sd))) - 1.0
     assert found.effective_parameters == pytest.approx((gains / (1.0 + gains)).sum(), rel=1e-6)
-    sd, own = np.sqrt(np.diag(covariance)), list(found.parameters)
+    sd = np.sqrt(np.diag(covariance))
+    own = list(found.parameters)
     np.testing.assert_allclose(
         found.correlation.loc[own, own], covariance / np.outer(sd, sd), atol=1e-6
     )
@@ -236,7 +242,8 @@ def test_matrices_by_the_oracle() -> None:
 def test_certificates_by_the_oracle() -> None:
     """Variances given φ are averaged, with a bar certified to 1 µm and without; such they are
     then."""
-    campaign, weight = simulated(plan()), np.array([0.5, 0.3, 0.2])
+    campaign = simulated(plan())
+    weight = np.array([0.5, 0.3, 0.2])
     bound = LINEAR.without("truncation").bind(campaign)
     phi = hyper_nodes(bound)[1][[0, 7, -1]]
     oracle = oracle_of(campaign, 1, stated=Stated(length_U_um=1.0))
@@ -270,7 +277,8 @@ def value_of(pattern: str, radius: float, angle: np.ndarray) -> np.ndarray:
 
 
 def test_patterns_say_what_the_columns_are() -> None:
-    planes, centre = ("XY", "YZ", "ZX"), (0.0, -15.0, 40.0)
+    planes = ("XY", "YZ", "ZX")
+    centre = (0.0, -15.0, 40.0)
     machine = lb.Machine("wXFYZt", planes, {"Y": (30.0, 0.0, -120.0)})
     circles = [lb.Circle(150.0, centre, plane) for plane in planes]
     found = lb.describe(machine, circles)

@@ -57,7 +57,8 @@ def test_polynomial_d(degree: int, points: tuple[float, ...]) -> None:
     assert abs(found.excess) < 1e-6
 
 
-LINE, NONE = np.diag([1e-9, 1e-9, 1.0]), np.zeros((3, 3))
+LINE = np.diag([1e-9, 1e-9, 1.0])
+NONE = np.zeros((3, 3))
 
 
 @pytest.mark.parametrize(

@@ -112,8 +112,10 @@ def test_campaign_refused(tests: tuple, options: dict, message: str) -> None:
 
 def test_digest_is_of_the_data() -> None:
     """Of every number that the model uses, as a float, and of nothing else."""
-    first, second = make(time_s=20, work_ball_deg=45), make(force_N=742.0)
-    campaign, nudged = lb.Campaign((first, second)), READING.copy()
+    first = make(time_s=20, work_ball_deg=45)
+    second = make(force_N=742.0)
+    campaign = lb.Campaign((first, second))
+    nudged = READING.copy()
     nudged[3] += 1e-9
     floats = make(time_s=20.0, work_ball_deg=45.0)
     assert (

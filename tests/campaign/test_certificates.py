@@ -68,10 +68,8 @@ def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
     ball = lb.Ball(
         sphericity_um=0.15, certificate=f"{NAME}Rundheitsabweichung / Roundness: Ebene 2"
     )
-    bar, force = (
-        f"{NAME}Längenabweichung vom Nennmaß: Messwert",
-        f"{NAME}Prüfkraft: Kraft, Prüfkraft: Linearitätsabweichung",
-    )
+    bar = f"{NAME}Längenabweichung vom Nennmaß: Messwert"
+    force = f"{NAME}Prüfkraft: Kraft, Prüfkraft: Linearitätsabweichung"
     expected = lb.Instrument(
         ball, ball, -0.8, 0.6, None, 0.5, 0.6, bar_certificate=bar, force_certificate=force
     )

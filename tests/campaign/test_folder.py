@@ -208,7 +208,8 @@ def test_a_campaign_names_its_machine_and_date(tmp_path: Path) -> None:
 
 def test_tidy_is_the_same_campaign(tmp_path: Path) -> None:
     """An empty column is none; rows of a test must agree."""
-    campaign, path = simulated(plan(work_deg=20.0)), tmp_path / "all.csv"
+    campaign = simulated(plan(work_deg=20.0))
+    path = tmp_path / "all.csv"
     lines = ["test,force_N,pressure_bar,work_ball_deg,angle_deg,reading_um,direction"]
     for test in campaign.tests:
         for angle, reading in zip(test.angle_deg, test.reading_um, strict=True):

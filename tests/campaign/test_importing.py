@@ -22,7 +22,8 @@ from ldbb_bayes.campaign.spreadsheet import decimal_mark, numbers_of, read_sheet
 
 CASES = cases(__file__, "importing.toml")
 
-HEADER, NAME = "angle_deg,reading_um", "a 36N.csv"
+HEADER = "angle_deg,reading_um"
+NAME = "a 36N.csv"
 
 
 def lines(form: str = "{a},{r}.25", count: int = 72) -> list[str]:
@@ -171,7 +172,8 @@ def test_log_over_time() -> None:
 def test_laps_are_averaged_at_the_same_angles(tmp_path: Path) -> None:
     """The second lap lies between the angles of the first; then twice at the same, the closing
     angle and an end mark too."""
-    first, second = np.arange(0.0, 360.0, 5.0), np.arange(362.0, 722.0, 5.0)
+    first = np.arange(0.0, 360.0, 5.0)
+    second = np.arange(362.0, 722.0, 5.0)
     averaged, mean = average_laps(np.concatenate([first, second]), np.repeat([1.0, 2.0], 72))
     np.testing.assert_array_equal(averaged, first)
     np.testing.assert_allclose(mean[1:], 1.5)

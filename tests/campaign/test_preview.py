@@ -189,10 +189,8 @@ TAKEN = {
 
 def test_what_is_taken_for_granted_is_what_a_fit_has() -> None:
     balls = lb.Ball(grade="G20"), lb.Ball(harmonics_um=((2, 0.21, 35.0),), U_um=0.05)
-    stated, model = (
-        lb.Instrument(*balls, -0.4, 2.0, 2.0, 1.0, 0.6, 1.5, 0.05),
-        lb.HybridModel.default(),
-    )
+    stated = lb.Instrument(*balls, -0.4, 2.0, 2.0, 1.0, 0.6, 1.5, 0.05)
+    model = lb.HybridModel.default()
     for k, instrument in enumerate((lb.Instrument(), stated)):
         campaign = replace(plan(work_deg=45.0, tool_deg=30.0), instrument=instrument)
         assumed = lb.uncertainties(campaign).assumed

@@ -461,7 +461,8 @@ def test_a_question_that_hangs_takes_no_other_with_it(
     monkeypatch.setattr(server, "ANSWER_S", 8.0)
 
     async def asked() -> list[dict[str, Any]]:
-        desk, session = server.Desk(), server.Session("key", tmp_path, "en")
+        desk = server.Desk()
+        session = server.Session("key", tmp_path, "en")
         try:
             works = [partial(pause, 60.0), *[partial(pause, 1.8)] * 5]
             return await asyncio.gather(*(desk.ask(work, session) for work in works))
@@ -654,10 +655,8 @@ def test_the_sheets_are_those_of_the_command(tab: Tab, invoke: Invoke, tmp_path:
     )
     code, *_ = invoke("report", folder / "*.csv", *options)
     assert code == 0
-    ours, theirs = (
-        json.loads(tab.ask("GET", "result/report.json")[1]),
-        json.loads((tmp_path / "out/report.json").read_text()),
-    )
+    ours = json.loads(tab.ask("GET", "result/report.json")[1])
+    theirs = json.loads((tmp_path / "out/report.json").read_text())
     for report in (ours, theirs):
         for key in ("started", "seconds"):
             report["provenance"].pop(key, None)
@@ -666,7 +665,8 @@ def test_the_sheets_are_those_of_the_command(tab: Tab, invoke: Invoke, tmp_path:
     assert ours["design"] == theirs["design"]
     assert ours["conformity"] == theirs["conformity"]
     assert ours["state"] == theirs["state"]
-    page, own = tab.ask("GET", "result/report.html")[1], (tmp_path / "out/report.html").read_text()
+    page = tab.ask("GET", "result/report.html")[1]
+    own = (tmp_path / "out/report.html").read_text()
     shown = [re.sub(r"<svg.*?</svg>|T\d\d:\d\d:\d\d", "", text, flags=re.S) for text in (page, own)]
     assert shown[0] == shown[1]
     assert "script" not in tab.headers["content-security-policy"]

@@ -42,7 +42,8 @@ def page(browser: Any, address: str) -> Iterator[Any]:
     context = browser.new_context(
         viewport={"width": 1280, "height": 900}, locale="en-GB", bypass_csp=False
     )
-    opened, wrong = context.new_page(), list[str]()
+    opened = context.new_page()
+    wrong = list[str]()
     opened.set_default_timeout(60_000)
     opened.on(
         "console",
@@ -130,7 +131,8 @@ def test_example_from_drop_to_pdf(page: Any, browser: Any, tmp_path: Path) -> No
 def check_sliders(page: Any) -> None:
     """Every slider redraws the plan; its sheet is for the operator."""
     for slider in page.locator("#sliders input[type=range]").all():
-        before, name = page.inner_html("#forecast"), slider.get_attribute("name")
+        before = page.inner_html("#forecast")
+        name = slider.get_attribute("name")
         slider.focus()
         page.keyboard.press(
             "End"

@@ -51,7 +51,8 @@ def blank(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_options_act_on_a_model_file_too(tmp_path: Path) -> None:
     """--degree, --without and --drift beside --model, one by one."""
-    file, own = tmp_path / "m.toml", lb.HybridModel.first(1)
+    file = tmp_path / "m.toml"
+    own = lb.HybridModel.first(1)
     file.write_text(model_to_toml(own), encoding="utf-8")
     assert model_from(model=file) == own
     assert model_from(model=file, degree=0) == own.with_degree(0)
@@ -142,7 +143,8 @@ def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke
         "topology": "wCAFYXZSt",
         "next": {"C_XXX": {"unit": "mm/N", "mean": 5.1e-5, "sd": 4e-6}},
     }
-    population, out = tmp_path / "population.json", tmp_path / "out"
+    population = tmp_path / "population.json"
+    out = tmp_path / "out"
     population.write_text(json.dumps(record | {"sha256": digest_of(record)}))
     fit = ("fit", folder, "--sampler", "independent", "--json")
     code, shown, err = invoke(*fit, "--prior-from", population, "--out", out)
@@ -263,7 +265,8 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke) -> None:
-    out, other = tmp_path / "out", tmp_path / "own.toml"
+    out = tmp_path / "out"
+    other = tmp_path / "own.toml"
     without = ("truncation", "force-error", "mount", "discrepancy", "hysteresis")
     slopes = (f"{name}_1" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"))
     other.write_text(model_to_toml(lb.HybridModel.first(1).without(*without).fixing(*slopes)))
@@ -430,10 +433,10 @@ def test_answers_that_miss(
 
 def test_machine(tmp_path: Path, invoke: Invoke) -> None:
     """What it answers is held by its golden."""
-    out, atlases = (
-        tmp_path / "m",
-        [f"{kind}_atlas_{plane}" for kind in ("compliance", "geometric") for plane in ("XY", "YZ")],
-    )
+    out = tmp_path / "m"
+    atlases = [
+        f"{kind}_atlas_{plane}" for kind in ("compliance", "geometric") for plane in ("XY", "YZ")
+    ]
     assert invoke("machine", "wXFYZt", "--plane", "XY,YZ", "--out", out)[0] == 0
     assert names(out) == {"machine.json"} | drawn(" ".join(atlases))
     assert invoke("machine", "wXFYZt", "--out", out)[0] == 2

@@ -35,7 +35,9 @@ MODEL = (
     "--no-compare",
     "--quiet",
 )
-MEAN, SPREAD, STIFF = 5e-5, 4e-6, 1.2e-4
+MEAN = 5e-5
+SPREAD = 4e-6
+STIFF = 1.2e-4
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +49,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
     truths = [STIFF, *(MEAN + SPREAD * rng.standard_normal(5))]
     for k in range(7):
         machine = min(k, 5)
-        planned, truth = (
-            plan((60,) * 3, forces_N=(36.0, 400.0, 742.0)),
-            {**TRUTH, "C_XXX": truths[machine]},
-        )
+        planned = plan((60,) * 3, forces_N=(36.0, 400.0, 742.0))
+        truth = {**TRUTH, "C_XXX": truths[machine]}
         campaign = CONSTANT.simulate(
             planned, seed=k + 1, parameters=truth, hyper_um={"sigma": 0.3, "tau": 2.0}
         ).campaign
@@ -120,7 +120,8 @@ def test_json_on_processes(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
     assert [found[key] for key in ("schema", "campaigns", "done", "failures")] == [1, 3, 2, 1]
     assert [own["campaign"] for own in found["failed"]] == [f"{rows.parent}/c9"]
     assert found["dataset"] == f"{tmp_path}/b/campaigns.parquet"
-    first, here = lb.read_batch(rows).iloc[:2], lb.read_batch(tmp_path / "b").iloc[:2]
+    first = lb.read_batch(rows).iloc[:2]
+    here = lb.read_batch(tmp_path / "b").iloc[:2]
     assert here["C_XXX.mean"].tolist() == first["C_XXX.mean"].tolist()
 
 
@@ -188,7 +189,8 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invo
     assert table.loc["M5", "C_XXX.mean"] == pytest.approx(
         record["machine"]["M5"]["estimate"]["C_XXX"]["mean"]
     )
-    again, third = lb.prior_from(out), lb.read_campaign(rows.parent / "all" / "c3")
+    again = lb.prior_from(out)
+    third = lb.read_campaign(rows.parent / "all" / "c3")
     refuses("must not be in the population that gives its prior", again.doubts, third)
     doubts = again.doubts(replace(third, resolution_um=0.25))
     assert any("has campaigns of this machine (M3)" in doubt for doubt in doubts)

@@ -49,7 +49,8 @@ def test_every_option_that_is_named_exists(tmp_path: Path, invoke: Invoke) -> No
     """Of awkward files, as JSON."""
     known = invoke("import", "--help")[1]
     for name in ("14_words", "20_no_header", "24_log", "19_distances", "22_tidy_psi", "09_windows"):
-        case, folder = awkward.CASES[name], tmp_path / name
+        case = awkward.CASES[name]
+        folder = tmp_path / name
         folder.mkdir()
         given = (*written(folder, case.files), "--out", folder / "c", *case.options)
         record = json.loads(invoke("import", *given, "--json")[1])

@@ -175,10 +175,8 @@ def test_what_files_say_is_understood(name: str, tmp_path: Path, invoke: Invoke)
     mount are assumed."""
     given = CASES[name](tmp_path)
     record = json.loads(invoke("import", *given, "--out", tmp_path / "c", "--json")[1])
-    campaign, wanted = (
-        lb.read_campaign(tmp_path / "c"),
-        circles(*(FORCES_N[1:] if name == "book" else FORCES_N)),
-    )
+    campaign = lb.read_campaign(tmp_path / "c")
+    wanted = circles(*(FORCES_N[1:] if name == "book" else FORCES_N))
     assert {key: getattr(campaign, key) for key in NAMED} == NAMED
     assert (campaign.resolution_um, {test.temperature_C for test in campaign.tests}) == (
         0.1,

@@ -84,7 +84,8 @@ def test_force_replaces_results_and_nothing_else(
     folder: Path, tmp_path: Path, invoke: Invoke
 ) -> None:
     """Somebody's readings, a campaign, and the folder one stands in are never deleted."""
-    precious, campaign = tmp_path / "stuff", tmp_path / "c"
+    precious = tmp_path / "stuff"
+    campaign = tmp_path / "c"
     precious.mkdir()
     (precious / "my_readings.csv").write_text("mine")
     lb.write_campaign(lb.read_campaign(folder), campaign)

@@ -191,7 +191,8 @@ def test_refused(
     lb.save(
         fitted(lb.HybridModel.first(0), simulated(plan((40, 40), forces_N=(100.0, 600.0)))), other
     )
-    damaged, foreign = tmp_path / "damaged", tmp_path / "foreign"
+    damaged = tmp_path / "damaged"
+    foreign = tmp_path / "foreign"
     damaged.mkdir()
     (damaged / "comparison.json").write_text("{")
     foreign.mkdir()

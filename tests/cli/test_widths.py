@@ -77,7 +77,8 @@ def printed(
         machines = rows.assign(machine_id=[f"M{k}" for k in range(6)])
         for arguments in (*COMMANDS, ("demo",), ("trend", "b"), ("population", "b")):
             if arguments == ("demo",):  # in seconds
-                posterior, comparison = lb.load("f"), lb.read_comparison(Path("cmp"))
+                posterior = lb.load("f")
+                comparison = lb.read_comparison(Path("cmp"))
                 given = {
                     "embedded_campaign": Path("c"),
                     "sample": posterior,

@@ -54,7 +54,8 @@ def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
     posterior = lb.sample(
         LINEAR, campaign, sampler="independent", seed=3, rule=lb.StoppingRule(ess=ESS)
     )
-    result, row = full_result(posterior, 0.95), rows.iloc[1]
+    result = full_result(posterior, 0.95)
+    row = rows.iloc[1]
     for name, own in lb.summarize(posterior).iterrows():
         for key in ("mean", "sd", "median", "ci_low", "ci_high"):
             assert row[f"{name}.{key}"] == own[key]
@@ -343,7 +344,8 @@ def test_what_is_refused(made: tuple[list[str], list[int]], tmp_path: Path) -> N
 
 def test_two_at_once(made: tuple[list[str], list[int]], tmp_path: Path) -> None:
     """The second is refused, as long as the first has workers."""
-    paths, refused = made[0], []
+    paths = made[0]
+    refused = []
 
     def second(*_: int) -> None:
         refuses(
@@ -399,7 +401,8 @@ def test_a_full_disk_under_the_journal_and_the_table(
     """Files may not grow beyond so much: a message, and what is done is kept."""
     paths, _ = made
     whole = dataset_bytes(lb.batch(paths, tmp_path / "whole").out)
-    messages, said = set(), r"(can|must) be (written|writable).*, got: .*free some space"
+    messages = set()
+    said = r"(can|must) be (written|writable).*, got: .*free some space"
     for k, size in enumerate((10_000, 40_000, 80_000, len(whole) - 1)):
         with (
             full_disk(size),
@@ -424,7 +427,8 @@ def test_killed_and_resumed(
     )
     assert ended.returncode == -signal.SIGKILL
     monkeypatch.chdir(tmp_path)
-    paths, calls = [f"p{k}" for k in range(20)], made[1]
+    paths = [f"p{k}" for k in range(20)]
+    calls = made[1]
     again = lb.batch(paths, "out", resume=True)
     assert sorted([*calls, *map(int, Path("calls").read_text().split())]) == list(range(20))
     assert dataset_bytes(lb.batch(paths, "whole").out) == dataset_bytes(again.out)

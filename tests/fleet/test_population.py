@@ -35,7 +35,8 @@ from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.report.wording import population_sentences, with_words
 
 SCALE = 0.3
-SPREAD, TWO = np.array([0.3, 0.05, 1.4]), np.array([0.3, 0.05])
+SPREAD = np.array([0.3, 0.05, 1.4])
+TWO = np.array([0.3, 0.05])
 OUTLIER = np.array([3.0, 0, 0, 0, 0, 0])
 
 
@@ -129,7 +130,8 @@ def test_draws_are_those_of_a_grid(
 
 
 def test_the_gradient_has_prior_and_jacobian(rng: np.random.Generator) -> None:
-    target, h = density_of(fleet(rng, machines=4, parameters=2)), 1e-5
+    target = density_of(fleet(rng, machines=4, parameters=2))
+    h = 1e-5
     t = np.array([-1.0, -3.0])
     for j, step in enumerate(h * np.eye(2)):
         above, below = target.log(np.array([t + step, t - step]))
@@ -169,7 +171,8 @@ def test_a_machine_against_the_dense_prediction(rng: np.random.Generator) -> Non
     """s known: a given the others is Gaussian, with moments from one dense matrix of everything."""
     made = fleet(rng, machines=6, parameters=2)
     found = judged(density_of(made), fixed(TWO))
-    information, weighted = made.likelihood.precision, made.likelihood.shift
+    information = made.likelihood.precision
+    weighted = made.likelihood.shift
     spreads = np.array([TWO, TWO[::-1], 2.0 * TWO])
     x = common_of(made.likelihood, spreads)
     log_density, _ = module._left_out(made.likelihood, alone(made.likelihood, 2), spreads, x)
@@ -179,7 +182,8 @@ def test_a_machine_against_the_dense_prediction(rng: np.random.Generator) -> Non
         left_out = whole - common_of(kept.likelihood, spreads).log_integral
         np.testing.assert_allclose(np.diff(log_density[:, m]), np.diff(left_out), rtol=1e-8)
         _, mean, covariance = dense(kept, TWO)
-        mean, covariance = mean[10:], covariance[10:, 10:].copy()
+        mean = mean[10:]
+        covariance = covariance[10:, 10:].copy()
         covariance[:2, :2] += np.diag(TWO**2)
         rows = information[m][:2]
         left = weighted[m][:2] - rows @ mean
@@ -199,7 +203,8 @@ def test_readings_that_tell_fewer_numbers_than_parameters(rng: np.random.Generat
     """A machine of rank one has one z, whatever the parameter; of one that tells nothing there is
     nothing to say."""
     made = fleet(rng, machines=6, parameters=2)
-    information, weighted = made.likelihood.precision.copy(), made.likelihood.shift.copy()
+    information = made.likelihood.precision.copy()
+    weighted = made.likelihood.shift.copy()
     row = np.array([1.0, 0.5, 0.2, 0.1])
     information[0], weighted[0] = np.outer(row, row) * 100.0, 10.0 * row * 8.0
     information[1], weighted[1] = 0.0, 0.0
@@ -215,7 +220,9 @@ def test_drawn_anew_or_weighted(rng: np.random.Generator, monkeypatch: pytest.Mo
     spreads = module.draw_spreads(density, 2, seed=1)
     common = common_of(density.likelihood, spreads.spread)
     weighed = judged(density, spreads)
-    calls, real, machines = [], module.pareto_smooth, iter(range(12))
+    calls = []
+    real = module.pareto_smooth
+    machines = iter(range(12))
 
     def first_in_vain(log_ratio: np.ndarray) -> tuple[np.ndarray, float, float]:
         unsmoothed = np.full(len(log_ratio), 1.0 / len(log_ratio)), 9.0, 0.5
@@ -233,9 +240,11 @@ def test_drawn_anew_or_weighted(rng: np.random.Generator, monkeypatch: pytest.Mo
 def test_p_values_are_uniform_and_z_standard() -> None:
     """Fleets of the model, spreads and all; one machine of each, so that they are independent."""
     rng = np.random.default_rng(11)
-    p, z = [], []
+    p = []
+    z = []
     for _ in range(100):
-        spread, mean = np.abs(rng.standard_normal(2)) * 0.3, rng.standard_normal(2)
+        spread = np.abs(rng.standard_normal(2)) * 0.3
+        mean = rng.standard_normal(2)
         density = density_of(fleet(rng, machines=7, parameters=2, spread=spread, mean=mean))
         found = judged(density, module.draw_spreads(density, 2, seed=1, size=256))
         p.append(found.single[3])
@@ -287,7 +296,8 @@ def test_everything_against_a_sum_over_dense_gaussians(rng: np.random.Generator)
     variances = np.array([np.diag(own[2]) for own in parts])
     mean = weight @ means
     sd = np.sqrt(weight @ (variances + (means - mean) ** 2))
-    unit, own = made.prior_sd[0], result.parameters["C_XXX"]
+    unit = made.prior_sd[0]
+    own = result.parameters["C_XXX"]
     assert own.mean.mean / unit == pytest.approx(mean[4], abs=0.01 * sd[4])
     assert own.mean.sd / unit == pytest.approx(sd[4], rel=0.01)
     assert own.spread.mean / unit == pytest.approx(weight @ grid, rel=0.01)
@@ -304,12 +314,14 @@ def test_everything_against_a_sum_over_dense_gaussians(rng: np.random.Generator)
 def test_alone_is_a_fit_with_the_instrument_known_as_all_know_it(rng: np.random.Generator) -> None:
     """(A + I)⁻¹ (a − B b), b drawn from its posterior, against draws."""
     made = fleet(rng, machines=3, parameters=2)
-    result, density = pool(made), density_of(made)
+    result = pool(made)
+    density = density_of(made)
     spreads = module.draw_spreads(density, 2, seed=1)
     common = common_of(density.likelihood, spreads.spread)
     pick = rng.choice(len(spreads.weight), 40_000, p=spreads.weight)
     x = Gaussian(common.precision[pick], common.shift[pick]).draw(rng)
-    a, rows = density.likelihood.shift[1, :2], density.likelihood.precision[1, :2]
+    a = density.likelihood.shift[1, :2]
+    rows = density.likelihood.precision[1, :2]
     inverse = np.linalg.inv(rows[:, :2] + np.eye(2))
     noise = rng.standard_normal((len(pick), 2)) @ np.linalg.cholesky(inverse).T
     draws = ((a - x[:, 2:] @ rows[:, 2:].T) @ inverse + noise) * made.prior_sd[:2]
@@ -333,7 +345,8 @@ def test_a_machine_that_does_not_belong(found: Population) -> None:
 
 
 def test_the_record(found: Population) -> None:
-    record, following = with_words(found), found.parameters["C_XXX"].next
+    record = with_words(found)
+    following = found.parameters["C_XXX"].next
     again = json.loads(json.dumps(record))
     assert again["sha256"] == digest_of(again)
     assert again["next"]["C_XXX"] == {"unit": "mm/N", "mean": following.mean, "sd": following.sd}
@@ -361,7 +374,8 @@ def test_the_record(found: Population) -> None:
 def test_what_each_its_own_bar_changes(rng: np.random.Generator) -> None:
     """No error is common to all, and nothing is said of one."""
     made = fleet(rng, machines=3, parameters=2)
-    information, weighted = made.likelihood.precision[:, :2, :2], made.likelihood.shift[:, :2]
+    information = made.likelihood.precision[:, :2, :2]
+    weighted = made.likelihood.shift[:, :2]
     result = pool(telling(made, information, weighted, instrument=(), prior_sd=made.prior_sd[:2]))
     assert {entry.instrument_sd for entry in result.parameters.values()} == {0.0}
     assert "one bar" not in " ".join(doubts(result))
@@ -405,7 +419,8 @@ def test_sets_means_and_sds_at_the_populations_force(tmp_path: Path) -> None:
     assert prior == lb.prior_from(tmp_path / "population.json")
     assert (prior.machines, prior.campaigns, prior.sha256) == (24, 60, digest_of(RESULT))
     model = lb.HybridModel.first(1)
-    found, usual = prior.model(model).bind(plan()), model.bind(plan())
+    found = prior.model(model).bind(plan())
+    usual = model.bind(plan())
     assert found.setting.reference_force_N == 300.0
     own = {p.name: (p.prior_mean, p.prior_sd) for p in found.parameters}
     for name, entry in RESULT["next"].items():
@@ -474,7 +489,8 @@ def test_compliances_of_another_place_are_refused(tmp_path: Path) -> None:
 
 
 def test_models_it_does_not_go_with(tmp_path: Path) -> None:
-    prior, model = lb.prior_from(written(tmp_path)), lb.HybridModel.first(1)
+    prior = lb.prior_from(written(tmp_path))
+    model = lb.HybridModel.first(1)
     with pytest.raises(
         InputError,
         match=r"must have proper priors to take a population's, got flat ones\. Use the default",

@@ -107,10 +107,8 @@ def test_the_reference_force_is_that_of_another_model(
 
 def test_reference_scales_are_those_of_the_kind() -> None:
     """Not a population's 4e-6 mm/N; wider ones of fits about zero are kept, the median of them."""
-    names, units = (
-        ("C_XXX", "C_XYX", "C_CCY", "E_XX1", "E_YX2"),
-        ("mm/N", "mm/N", "rad/(N mm)", "1", "1/mm"),
-    )
+    names = ("C_XXX", "C_XYX", "C_CCY", "E_XX1", "E_YX2")
+    units = ("mm/N", "mm/N", "rad/(N mm)", "1", "1/mm")
     mean = np.zeros((3, 5))
     mean[0, 0] = 6e-5
     sd = np.tile([4e-6, 1e-6, 1e-9, 2e-4, 1e-6], (3, 1))
@@ -228,7 +226,8 @@ def slipped(rows: pd.DataFrame, place: int) -> pd.DataFrame:
 
 def test_a_slip_does_not_reach_the_others(rows: pd.DataFrame) -> None:
     bad = slipped(rows, 2)
-    found, clean = lb.population(bad), lb.population(rows.drop(index=2))
+    found = lb.population(bad)
+    clean = lb.population(rows.drop(index=2))
     assert {name: own.mean for name, own in found.parameters.items()} == {
         n: own.mean for n, own in clean.parameters.items()
     }

@@ -27,7 +27,8 @@ from ldbb_bayes.fleet.trend import (
 from ldbb_bayes.model.gaussian import Gaussian
 
 Array = NDArray[np.float64]
-P, S = 3, 2
+P = 3
+S = 2
 Q = P + S
 
 
@@ -110,7 +111,10 @@ def test_evidence_of_every_hypothesis(series: Gaussian) -> None:
 
 def test_size_and_level_given_a_step(series: Gaussian) -> None:
     """Against least squares on all unknowns at once: c, b, Δ and every w_t."""
-    r, k, j, n = 0.05, 3, 0, 5
+    r = 0.05
+    k = 3
+    j = 0
+    n = 5
     found = found_in(series, np.array([r]))
     unknown = Q + 1 + n * P
     precision = np.diag(np.concatenate([np.ones(Q), [1.0 / 0.04], np.full(n * P, r**-2)]))
@@ -141,7 +145,8 @@ def test_a_campaign_that_says_nothing_changes_nothing(series: Gaussian) -> None:
 
 def test_probability_by_brute_force() -> None:
     """One parameter, r and Δ on fine grids, c by its closed form for three campaigns."""
-    precision, maxima = np.array([4e3, 2e3, 3e3]), np.array([0.30, 0.33, 0.34])
+    precision = np.array([4e3, 2e3, 3e3])
+    maxima = np.array([0.30, 0.33, 0.34])
     series = Gaussian(precision[:, None, None], (precision * maxima)[:, None])
     nodes, weight = scatter_rule(0.02)
     found = weigh(found_in(series, nodes, 0.1, 1).log_integral, weight, 0.3)
@@ -170,7 +175,8 @@ def test_probabilities_are_calibrated() -> None:
     alarms are bounded."""
     rng = np.random.default_rng(11)
     rule = scatter_rule(0.02)
-    said, true = [], []
+    said = []
+    true = []
     for _ in range(1200):
         n = int(rng.integers(3, 9))
         information = informations(rng, n, 2e3)
@@ -185,10 +191,8 @@ def test_probabilities_are_calibrated() -> None:
     place = np.digitize(said, [0.2, 0.35, 0.5, 0.8, 0.95])
     for one in range(6):
         own = place == one
-        expected, spread = (
-            np.mean(np.array(said)[own]),
-            np.sqrt(np.sum(np.array(said)[own] * (1.0 - np.array(said)[own]))),
-        )
+        expected = np.mean(np.array(said)[own])
+        spread = np.sqrt(np.sum(np.array(said)[own] * (1.0 - np.array(said)[own])))
         assert own.sum() > 20
         assert abs(np.mean(np.array(true)[own]) - expected) < 3.5 * max(spread, 1.0) / own.sum()
     for threshold in (0.5, 0.8, 0.95):
@@ -200,7 +204,8 @@ def test_probabilities_are_calibrated() -> None:
 
 # ---- points, limits, levels
 
-SCALE, CHANGE = 0.02, 0.2
+SCALE = 0.02
+CHANGE = 0.2
 
 
 def visited(
@@ -251,11 +256,15 @@ def test_limits_cover_as_they_say(limits: float) -> None:
 def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
     """Draws of (c, b, Δ) from each hypothesis, by its dense system."""
     rng = np.random.default_rng(7)
-    n, p, q = 5, 2, 3
+    n = 5
+    p = 2
+    q = 3
     series = visited(rng, n, r=0.02, step=(3, 0, 0.12))
     nodes, _, carried, weights, (mean, covariance) = analysed(series)
     level, sd, ends = levels_of(hypotheses(carried, p, CHANGE), weights)
-    seen, now, total = [], [], []
+    seen = []
+    now = []
+    total = []
     for i in range(len(nodes)):
         for k, j in [(k, j) for k in range(1, n + 1) for j in range(p)]:
             weight = weights[i, k - 1, j]
@@ -274,7 +283,9 @@ def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
             seen.append(draws[:, p:q])
             now.append(draws[:, :p] + draws[:, q:] * take[-1, :p, q])
             total.append(np.full(200, weight / 200))
-    weight, b, c = np.concatenate(total), np.concatenate(seen), np.concatenate(now)
+    weight = np.concatenate(total)
+    b = np.concatenate(seen)
+    c = np.concatenate(now)
     assert weight.sum() == pytest.approx(1.0, abs=1e-3)
     assert weight @ b[:, 0] / weight.sum() == pytest.approx(
         mean[0], abs=0.1 * np.sqrt(covariance[0, 0])
@@ -286,9 +297,11 @@ def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
 
 
 def test_points_are_posteriors_of_campaigns_alone() -> None:
-    p, series = 2, visited(np.random.default_rng(8), 4)
+    p = 2
+    series = visited(np.random.default_rng(8), 4)
     nodes, prior, carried, _, _ = analysed(series)
-    known, spread = np.array([0.4]), np.array([[0.25]])
+    known = np.array([0.4])
+    spread = np.array([[0.25]])
     chart = chart_of(series, carried, nodes, prior, (known, spread))
     for t in range(4):
         own = np.linalg.inv(series.precision[t, :p, :p] + np.eye(p))
@@ -376,7 +389,8 @@ def test_a_loosened_joint(found: Trend) -> None:
 def test_conformity_of_every_campaign(rows: pd.DataFrame, found: Trend) -> None:
     """Normal, with what the instrument adds; the limits of the newest campaign where none are
     given."""
-    limit, common = found.parameters["C_XXX"].level_now.mean, found.parameters["C_XXX"].common_sd
+    limit = found.parameters["C_XXX"].level_now.mean
+    common = found.parameters["C_XXX"].common_sd
     own = found.estimates.query("parameter == 'C_XXX'")
     limits = {"C_XXX": lb.Tolerance(upper=limit), "stiffness_X": lb.Tolerance(lower=1.0 / limit)}
     given = lb.trend(rows, tolerances=limits).conformity
@@ -531,8 +545,10 @@ def test_scatter_rule_is_a_half_normal() -> None:
 def test_limits_are_of_what_the_next_campaign_would_say() -> None:
     """r known: the estimate of the third campaign, b known, drawn from its predictive
     distribution."""
-    rng, r = np.random.default_rng(9), 0.05
-    series, known = visited(rng, 3), np.array([0.4])
+    rng = np.random.default_rng(9)
+    r = 0.05
+    series = visited(rng, 3)
+    known = np.array([0.4])
     carried = carried_by(series, np.array([r]), 2)
     chart = chart_of(series, carried, np.array([r]), np.ones(1), (known, np.eye(1)), limits=0.9)
     x = Gaussian(

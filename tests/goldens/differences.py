@@ -17,7 +17,8 @@ __all__ = ["Difference", "Rule", "compact", "condensed", "differences"]
 NUMBER = re.compile(r"(?<![\w.])[−+-]?\d+(?:\.\d+)?(?:e[−+-]?\d+)?(?![\w.]*\w)")
 # A number beside a standard uncertainty is compared on that scale; other keys on their own.
 SPREADS = ("sd", "u")
-_LONGEST, _MOST_ROWS = 16, 20
+_LONGEST = 16
+_MOST_ROWS = 20
 
 
 class Difference(NamedTuple):
@@ -220,7 +221,8 @@ def _same_but_for_rounding(old: str, new: str, relative: float) -> bool:
     for one, two in zip(NUMBER.findall(old), NUMBER.findall(new), strict=True):
         head, _, power = one.replace("−", "-").partition("e")
         unit = 10.0 ** (int(power or 0) - len(head.partition(".")[2]))
-        wanted, got = float(one.replace("−", "-")), float(two.replace("−", "-"))
+        wanted = float(one.replace("−", "-"))
+        got = float(two.replace("−", "-"))
         if abs(wanted - got) > max(1.001 * unit, relative * abs(wanted)):
             return False
     return True

@@ -459,7 +459,8 @@ def _meaning(work: Work) -> Any:
 def _report(work: Work, name: str) -> Any:
     """The page as text, every number in it kept; rows, columns and means of the tables beside
     it."""
-    result, out = work.fitted(name), work.folder / f"report_{name}"
+    result = work.fitted(name)
+    out = work.folder / f"report_{name}"
     compared = ("--comparison", work.compared) if name == "recovered" else ()
     printed = work.run("report", result, "--out", out, "--quiet", *compared)
     tables = {}
@@ -505,7 +506,8 @@ def _batch(work: Work) -> Any:
         for name in columns
         if name.endswith((".mean", ".sd")) or name in ("name", "status", "reason", "converged")
     ]
-    first, rest = work.cleaned(rows[columns].iloc[:1]), work.cleaned(rows[short])
+    first = work.cleaned(rows[columns].iloc[:1])
+    rest = work.cleaned(rows[short])
     return {"said": printed, "columns": condensed(columns), "first": first, "rows": rest}
 
 
@@ -552,7 +554,8 @@ def main() -> int:
     parser.add_argument(
         "--check", action="store_true", help="compare with the files instead of writing them"
     )
-    given, failed = parser.parse_args(), False
+    given = parser.parse_args()
+    failed = False
     with tempfile.TemporaryDirectory() as folder:
         work = Work(Path(folder).resolve())
         for name in given.names or GOLDENS:
@@ -563,7 +566,7 @@ def main() -> int:
             lines = [
                 f"    {own.path}: {own.old!r} -> {own.new!r} ({own.relative:.2g})" for own in found
             ]
-            print("\n".join([name, *lines]))  # noqa: T201
+            print("\n".join([name, *lines]))
             failed |= bool(found)
     return int(failed)
 

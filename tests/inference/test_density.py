@@ -32,10 +32,8 @@ def test_densities_are_the_oracles(edition: str, rng: np.random.Generator) -> No
     of the scales."""
     model = MODELS["tight"] if edition == "first" else lb.HybridModel.default(1)
     priors = TIGHT if edition == "first" else {}
-    density, dense = (
-        lb.log_density(model, FOUR),
-        oracle_of(FOUR, 1, edition=edition, given_priors=priors),
-    )
+    density = lb.log_density(model, FOUR)
+    dense = oracle_of(FOUR, 1, edition=edition, given_priors=priors)
     x = density.initial(5, seed=2)
     assert np.isfinite(density.log_prob(x)).all()
     for point, likelihood, prior in zip(
@@ -60,7 +58,8 @@ def test_densities_are_the_oracles(edition: str, rng: np.random.Generator) -> No
 def test_prior_transform_gives_draws_of_the_prior(name: str, rng: np.random.Generator) -> None:
     """Those that rejection leaves of normal draws; of the scales by their laws."""
     density = lb.log_density(MODELS[name], FEW)
-    bound, size = density.bound, 300 if name == "quadratic" else 4000
+    bound = density.bound
+    size = 300 if name == "quadratic" else 4000
     drawn = density.prior_transform(rng.random((size, len(density.names))))
     assert np.isfinite(density.log_prior(drawn)).all()
     assert np.all((drawn >= density.bounds[:, 0]) & (drawn <= density.bounds[:, 1]))
@@ -148,10 +147,8 @@ def agree(
 def test_emcee_reproduces_the_posterior(recovered: lb.Campaign) -> None:
     model = lb.HybridModel.first(1)
     density = lb.log_density(model, recovered)
-    d, moves = (
-        len(density.names),
-        [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)],
-    )
+    d = len(density.names)
+    moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)]
     sampler = emcee.EnsembleSampler(8 * d, d, density.log_prob, vectorize=True, moves=moves)
     sampler.run_mcmc(
         emcee.State(density.initial(8 * d), random_state=np.random.RandomState(1).get_state()), 6000

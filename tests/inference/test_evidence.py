@@ -154,7 +154,8 @@ def test_readings_of_the_wrong_sign(
         tests=tuple(t.with_reading_um(-np.asarray(t.reading_um)) for t in recovered.tests),
     )
     bound = lb.HybridModel.first(degree).without(*without).bind(flipped)
-    plain, truncated = HyperPosterior(bound, truncated=False), HyperPosterior(bound, truncated=True)
+    plain = HyperPosterior(bound, truncated=False)
+    truncated = HyperPosterior(bound, truncated=True)
     found = log_prob_truncation(truncated)
     assert -2000.0 < found[0] < -50.0
     assert found[1] < 0.5
@@ -174,7 +175,8 @@ def test_emcee_takes_over_where_weights_cannot_be_trusted(
     truncated: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = lb.HybridModel.first(0) if truncated else lb.HybridModel.first(0).without("truncation")
-    exact, table = lb.log_evidence(model, UNIFORM), lb.marginals(model, UNIFORM)
+    exact = lb.log_evidence(model, UNIFORM)
+    table = lb.marginals(model, UNIFORM)
     monkeypatch.setattr("ldbb_bayes.inference.integrals._LATTICE", 0)
     monkeypatch.setattr("ldbb_bayes.inference.integrals.LARGEST_PARETO_K", -10.0)
     found = lb.log_evidence(model, UNIFORM, tolerance=0.1)
@@ -328,7 +330,8 @@ def test_properties_of_the_campaign_stay_frozen() -> None:
 def test_replicates_are_the_predictive_distribution() -> None:
     """Mean and covariance of harmonics of a left-out circle, at given hyper-parameters, from the
     dense oracle."""
-    test, campaign = 2, simulated(plan(), seed=4)
+    test = 2
+    campaign = simulated(plan(), seed=4)
     model = lb.HybridModel.first(1).without("truncation")
     bound = model.bind(campaign)
     name = bound.test_names[test]
@@ -347,7 +350,8 @@ def test_replicates_are_the_predictive_distribution() -> None:
         [np.ones_like(angle), *(f(n * angle) for n in range(1, 13) for f in (np.cos, np.sin))]
     )
     inverse = np.linalg.pinv(columns)
-    means, covariances = [], []
+    means = []
+    covariances = []
     for free in found.integral.pick(60, rng):
         covariance = oracle.covariance(found.bound.hyper_prior.phi(free))
         covariance = covariance + (oracle.J * oracle.sd**2) @ oracle.J.T

@@ -43,7 +43,8 @@ def gaussian(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]
 
 def log_gammas(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
     inverse, log_det = turned(rng, h)
-    shape, sign = np.exp(rng.uniform(-0.3, 1.8, h)), rng.choice([-1.0, 1.0], h)
+    shape = np.exp(rng.uniform(-0.3, 1.8, h))
+    sign = rng.choice([-1.0, 1.0], h)
 
     def log_density(x: Array) -> Array:
         y = sign * (x @ inverse.T)
@@ -54,7 +55,8 @@ def log_gammas(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array
 
 def half_normals(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
     """Logarithms of scales, some near zero: e^(ax) on the left, doubly exponential on the right."""
-    power, rate = rng.uniform(1.0, 8.0, h), np.exp(rng.normal(size=h))
+    power = rng.uniform(1.0, 8.0, h)
+    rate = np.exp(rng.normal(size=h))
     constant = (gammaln(power / 2.0) - 0.5 * power * np.log(rate) - np.log(2.0)).sum()
     mode = 0.5 * np.log(power / (2.0 * rate))
     return (
@@ -82,7 +84,8 @@ def banana(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
 
 
 def two_modes(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
-    apart, share = rng.normal(size=h), rng.uniform(0.2, 0.8)
+    apart = rng.normal(size=h)
+    share = rng.uniform(0.2, 0.8)
     apart *= rng.uniform(2.0, 3.0) / np.linalg.norm(apart)
 
     def log_density(x: Array) -> Array:
@@ -219,7 +222,9 @@ class Circles:
 
     def of_shared(self, shared: Array) -> Array:
         """The part without circles, shape (w,)."""
-        sigma, tau, power = shared[:, 0], shared[:, 3], shared[:, 4]
+        sigma = shared[:, 0]
+        tau = shared[:, 3]
+        power = shared[:, 4]
         dof = 20.0 * len(self.square)
         scales = shared[:, :4]
         prior = (scales - 0.5 * np.exp(2.0 * scales)).sum(axis=1) - 0.5 * ((power - 2.0) / 0.7) ** 2
@@ -263,7 +268,8 @@ class Circles:
 
 def plain_emcee(log_density: LogDensity, start: Array, steps: int) -> tuple[Array, Array]:
     """Means and sds of walkers that know nothing but the density and where to start."""
-    rng, shape = np.random.default_rng(1), (4 * len(start), len(start))
+    rng = np.random.default_rng(1)
+    shape = (4 * len(start), len(start))
     moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)]
     sampler = emcee.EnsembleSampler(*shape, log_density, vectorize=True, moves=moves)
     state = emcee.State(
@@ -378,10 +384,8 @@ def test_moments_and_draws(problem: Problem, h: int) -> None:
     long = importance_sample(log_density, modes, tolerance=1e-3, seed=9)
     mean = long.weight @ long.free
     sd = np.sqrt(long.weight @ (long.free - mean) ** 2)
-    found, sample = (
-        integrate(log_density, modes, tolerance=1e-2),
-        importance_sample(log_density, modes, tolerance=0.05),
-    )
+    found = integrate(log_density, modes, tolerance=1e-2)
+    sample = importance_sample(log_density, modes, tolerance=0.05)
     draws = sample.draw(20_000, np.random.default_rng(3))
     weight = np.exp(log_density(draws) - sample.log_proposal(draws))
     assert weight.mean() == pytest.approx(1.0, abs=5.0 * weight.std() / np.sqrt(len(weight)) + 1e-3)

@@ -13,12 +13,10 @@ import ldbb_bayes as lb
 
 def columns(test: lb.CircularTest, degree: int, reference_force_N: float) -> np.ndarray:
     """J_H of one test, typed in."""
-    c, s, radius, force = (
-        np.cos(test.angles_rad()),
-        np.sin(test.angles_rad()),
-        150.0,
-        float(test.force_N or 0.0),
-    )
+    c = np.cos(test.angles_rad())
+    s = np.sin(test.angles_rad())
+    radius = 150.0
+    force = float(test.force_N or 0.0)
     compliance = [c**2, c * s, s**2, radius * c**2 * s, radius * c * s**2, radius**2 * c**2 * s**2]
     geometry = [
         radius * c**2,

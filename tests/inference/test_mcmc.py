@@ -45,7 +45,8 @@ def test_the_weights_are_nearly_even_and_average_to_the_evidence() -> None:
     _, redraw = redraw_of(lb.HybridModel.first(0))
     _, log_weight, _ = redraw.draw(1500, np.random.RandomState(3))
     level = np.exp(log_weight - log_weight.max())
-    mean, error = level.mean(), level.std() / np.sqrt(len(level))
+    mean = level.mean()
+    error = level.std() / np.sqrt(len(level))
     expected = redraw.start.nodes(1e-2).integral.log_integral
     assert np.log(mean) + log_weight.max() == pytest.approx(expected, abs=5.0 * error / mean + 1e-2)
     assert level.sum() ** 2 / (level**2).sum() > 0.5 * len(level)

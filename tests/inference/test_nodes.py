@@ -28,7 +28,8 @@ def test_hopeless_truncation_is_exact(recovered: lb.Campaign) -> None:
     row = bound.names.index("C_CCY")
     sigma = np.linspace(0.9e-3, 1.4e-3, 20_001)[:, None]
     log_evidence, given = bound.given(sigma)
-    mean, spread = given.mean, given.spread()
+    mean = given.mean
+    spread = given.spread()
     plain = log_evidence + bound.hyper_prior.log_density(sigma)
     inside = plain + log_ndtr(mean[:, row] / np.linalg.norm(spread[:, row], axis=1))
     expected = np.logaddexp.reduce(inside) - np.logaddexp.reduce(plain)

@@ -39,7 +39,8 @@ def test_shared_layer_is_the_dense_conditional_mean(planned: lb.Campaign) -> Non
     """E[form + length + mount + force error | y, β, φ] = S Σ⁻¹ (y − Jβ), all terms but set-up
     shift, discrepancy and noise."""
     campaign = simulated(planned)
-    bound, oracle = lb.HybridModel.first(1).bind(campaign), oracle_of(campaign, 1)
+    bound = lb.HybridModel.first(1).bind(campaign)
+    oracle = oracle_of(campaign, 1)
     beta = bound.centre[None] + 0.01 * bound.scale
     shared = oracle.shared(PHI[0])
     residual = oracle.y - oracle.J @ beta[0]
@@ -123,8 +124,10 @@ def test_a_wave_on_one_circle_is_found_where_it_is(
 def test_only_what_circles_do_not_share_beyond_the_orders_widens_intervals() -> None:
     """1 µm at order 14: in all alike, nothing; at four phases, as white noise of a variance of 4/3
     · 120/2 · 1/8 µm² more."""
-    campaign, widening = simulated(plan((120,) * 4)), []
-    oracle, noisy = oracle_of(campaign, 0), PHI[0] * [np.sqrt(1.0 + 10.0 / 0.3**2), 1.0, 1.0, 1.0]
+    campaign = simulated(plan((120,) * 4))
+    widening = []
+    oracle = oracle_of(campaign, 0)
+    noisy = PHI[0] * [np.sqrt(1.0 + 10.0 / 0.3**2), 1.0, 1.0, 1.0]
     for turn in (0.0, 0.5 * np.pi):
         waves = [np.cos(14 * test.angles_rad() + k * turn) for k, test in enumerate(campaign.tests)]
         pairs = zip(campaign.tests, waves, strict=True)
@@ -184,10 +187,8 @@ def test_the_line_puts_first_what_matters_most() -> None:
         "tau": {"prior": 0.3},
     }
     fit = Fit(1.0, {"a": 99.0}, -1.0, 0.0, -2.0, 0.0, (), checks, sensitivity, {"a": 0.7}, 0.2)
-    missed, against = (
-        Concern(ConcernKind.NOT_CONVERGED, 200.0, 1000.0),
-        Concern(ConcernKind.TRUNCATION, -20.0, -6.9),
-    )
+    missed = Concern(ConcernKind.NOT_CONVERGED, 200.0, 1000.0)
+    against = Concern(ConcernKind.TRUNCATION, -20.0, -6.9)
     assert (
         fit_verdict(fit)
         == "Converged; the model expects readings like these (15 checks, smallest p = 0.2, white"
@@ -249,7 +250,8 @@ def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: l
     found = lb.nuisances(posterior).loc[[name for term in shared for name in term.names]]
     _, phi = draws_of(posterior, bound, 1000)
     reading = np.concatenate([test.readings_mm() for test in drifting.tests])
-    means, variances = [], []
+    means = []
+    variances = []
     for value in phi[::10]:
         named = dict(zip(bound.hyper_prior.names, value, strict=True))
         columns = [
@@ -262,7 +264,8 @@ def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: l
         start = np.cumsum([0, *(len(t.angle_deg) for t in drifting.tests)])
         for term in bound.nuisance_columns:
             for r, test in enumerate(drifting.tests):
-                part, own = slice(start[r], start[r + 1]), basis(test.angles_rad())
+                part = slice(start[r], start[r + 1])
+                own = basis(test.angles_rad())
                 if not isinstance(term, Columns):
                     covariance[part, part] += (own * term.sd_at(named, r) ** 2) @ own.T
                 elif term.private:
@@ -275,7 +278,8 @@ def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: l
                 ]
                 columns.append(np.concatenate(values))
                 sd.append(term.sd_at(named))
-        design, prior = np.concatenate(columns, axis=1), np.concatenate(sd)
+        design = np.concatenate(columns, axis=1)
+        prior = np.concatenate(sd)
         weight = np.linalg.solve(covariance, design)
         after = np.linalg.inv(design.T @ weight + np.diag(1.0 / prior**2))
         means.append((after @ weight.T @ reading)[len(bound.names) :])

@@ -52,7 +52,8 @@ def test_new_circles_are_the_oracles(rng: np.random.Generator) -> None:
     gain = np.linalg.solve(covariance[np.ix_(old, old)], covariance[np.ix_(old, ~old)]).T
     mean = gain @ dense.y[old]
     sd = np.sqrt(np.diag(covariance[np.ix_(~old, ~old)] - gain @ covariance[np.ix_(old, ~old)]))
-    bound, draws = model.bind(CAMPAIGN), np.tile(phi, (20_000, 1))
+    bound = model.bind(CAMPAIGN)
+    draws = np.tile(phi, (20_000, 1))
     found = np.concatenate(
         list(new_circles(Part(bound, draws, bound.given(draws)[1].draw(rng)), planned, rng)), axis=1
     )
@@ -74,10 +75,8 @@ def test_prediction_as_a_table(posterior: xr.DataTree) -> None:
     ]
     assert list(table["test"].unique()) == ["f100", "f742"]
     assert table.equals(lb.predict(posterior, later, ci_prob=0.8, seed=2))
-    again, reading = (
-        lb.predict(posterior, CAMPAIGN),
-        np.concatenate([test.reading_um for test in CAMPAIGN.tests]),
-    )
+    again = lb.predict(posterior, CAMPAIGN)
+    reading = np.concatenate([test.reading_um for test in CAMPAIGN.tests])
     assert ((again["ci_low_um"] < reading) & (reading < again["ci_high_um"])).mean() > 0.9
     averaged = lb.average({"constant": MODEL.with_degree(0), "linear": MODEL}, CAMPAIGN, draws=800)
     np.testing.assert_allclose(lb.predict(averaged, later)["mean_um"], table["mean_um"], atol=1.0)
@@ -138,18 +137,17 @@ def test_circle_given_the_others_is_the_oracles() -> None:
     model = lb.HybridModel.default(0).without(
         "truncation", "joint-load", "position", "angle", "force-error", "mount"
     )
-    bound, dense = (
-        model.bind(CAMPAIGN),
-        oracle_of(
-            CAMPAIGN,
-            0,
-            edition="second",
-            terms=("form", "length", "setup", "discrepancy", "circle"),
-        ),
+    bound = model.bind(CAMPAIGN)
+    dense = oracle_of(
+        CAMPAIGN,
+        0,
+        edition="second",
+        terms=("form", "length", "setup", "discrepancy", "circle"),
     )
     phi = bound.hyper_prior.quantile(np.full(len(bound.hyper_prior.names), 0.4))
     (found,) = log_likelihood_of_tests(bound, phi[None])
-    r, log_scale = 2, np.linspace(-1.5, 3.5, 150)
+    r = 2
+    log_scale = np.linspace(-1.5, 3.5, 150)
     other = dense.circle != r
 
     def log_density(value: float, rows: np.ndarray) -> float:

@@ -34,7 +34,8 @@ from ldbb_bayes.units import to_inside
 
 QUICK = StoppingRule(ess=300.0, rhat=1.05, lengths=1.0)
 ROUGH = StoppingRule(ess=150.0, rhat=1.1, lengths=0.3)
-MODEL, CONSTANT = lb.HybridModel.first(1), lb.HybridModel.first(0)
+MODEL = lb.HybridModel.first(1)
+CONSTANT = lb.HybridModel.first(0)
 FEW = simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)))
 
 
@@ -73,8 +74,10 @@ def test_layout(either: xr.DataTree, campaign: lb.Campaign) -> None:
 def test_stored_densities_are_consistent(either: xr.DataTree, campaign: lb.Campaign) -> None:
     """lp = ln likelihood + ln prior(β) + ln prior(φ) + Jacobian of the free coordinates, up to
     nothing at all."""
-    bound, pick = MODEL.bind(campaign), {"chain": 2, "draw": 17}
-    draws, log_prior = either["posterior"].isel(pick), either["log_prior"].isel(pick)
+    bound = MODEL.bind(campaign)
+    pick = {"chain": 2, "draw": 17}
+    draws = either["posterior"].isel(pick)
+    log_prior = either["log_prior"].isel(pick)
     beta = np.array([[float(draws[name]) for name in bound.names]])
     phi = np.array([[float(draws[name]) for name in bound.hyper_prior.names]])
     prior = (
@@ -124,7 +127,8 @@ def test_summary_numbers(posterior: xr.DataTree) -> None:
     np.testing.assert_allclose([row["ci_low"], row["ci_high"]], np.quantile(draws, [0.05, 0.95]))
     assert (row["prior_sd"], row["unit"]) == (1e-4, "mm/N")
     refuses("ci_prob must lie between 0 and 1, got 95", lb.summarize, posterior, ci_prob=95)
-    result, sigma = result_json(posterior), posterior["posterior"]["sigma"].to_numpy()
+    result = result_json(posterior)
+    sigma = posterior["posterior"]["sigma"].to_numpy()
     assert result["parameters"]["C_XXX"]["ci95"] == pytest.approx(
         np.quantile(draws, [0.025, 0.975])
     )
@@ -139,7 +143,8 @@ def test_summary_numbers(posterior: xr.DataTree) -> None:
 def test_draws_in_units_for_reading(posterior: xr.DataTree) -> None:
     """The same draws with the labels of the tables, also for ArviZ; an analysis refuses them, whose
     numbers would be wrong."""
-    made, plain = lb.to_units(posterior), posterior["posterior"].data_vars
+    made = lb.to_units(posterior)
+    plain = posterior["posterior"].data_vars
     assert arviz_stats.summary(made, round_to="none")["mean"].astype(float)[
         "C_XXX"
     ] == pytest.approx(1e6 * plain["C_XXX"].mean())
@@ -212,7 +217,8 @@ def test_results_of_another_edition_are_refused(tmp_path: Path, posterior: xr.Da
 
 def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) -> None:
     tree = lb.sample(lb.HybridModel.paper(0), recovered, seed=1, rule=QUICK)
-    table, bound = lb.summarize(tree), lb.HybridModel.paper(0).bind(recovered)
+    table = lb.summarize(tree)
+    bound = lb.HybridModel.paper(0).bind(recovered)
     design = (
         np.concatenate([t.factor @ bound.interest[r] for r, t in enumerate(bound.reduced)])
         * bound.scale
@@ -222,7 +228,8 @@ def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) ->
         * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
         * bound.scale
     )
-    means, sds = table["mean"].to_numpy(float)[:13], table["sd"].to_numpy(float)[:13]
+    means = table["mean"].to_numpy(float)[:13]
+    sds = table["sd"].to_numpy(float)[:13]
     np.testing.assert_allclose((means - bound.centre) / expected_sd, 0.0, atol=0.25)
     np.testing.assert_allclose(sds / expected_sd, 1.0, atol=0.12)
     entry = result_json(tree)["parameters"]["C_XXX"]

@@ -104,7 +104,8 @@ def test_table_4(root) -> None:
     table = pd.read_csv(root / "data" / "published_tables" / "table_4_simulation.csv", dtype=str)
     printed = {code_name(row.error): row.estimated for row in table.itertuples()}
     simulated = {code_name(row.error): float(row.simulated) for row in table.itertuples()}
-    machine, circle = chain.Machine(), chain.Circle()
+    machine = chain.Machine()
+    circle = chain.Circle()
     kept = [name.label for name in chain.kept_compliances(machine, circle).names]
     labels = [name.label for name in chain.wrench_names(machine)]
     names = [name.label for name in chain.geometric_names(machine)]
@@ -198,7 +199,8 @@ SIZE = {"gain": 3e-4, "straightness": -5e-6, "squareness": 3e-3, "offset": 0.02}
 
 @pytest.mark.parametrize(("topology", "planes", "frames", "plane"), CASES)
 def test_against_moving_points(topology: str, planes: str, frames: dict, plane: str) -> None:
-    machine, circle = chain.Machine(topology, planes, frames), chain.Circle(120.0, CENTRE, plane)
+    machine = chain.Machine(topology, planes, frames)
+    circle = chain.Circle(120.0, CENTRE, plane)
     errors = {
         name.label: SIZE[name.kind] * (1.0 + 0.1 * k)
         for k, name in enumerate(chain.geometric_names(machine))
@@ -217,7 +219,8 @@ def test_linear_model_is_the_derivative(
     """Column by column to 1e-8 of its own size, by complex step: geometric errors through
     homogeneous transforms, compliances through Eq. 20 as the twist of a joint that deflects under
     its wrench."""
-    machine, circle = chain.Machine(topology, planes, frames), chain.Circle(120.0, CENTRE, plane)
+    machine = chain.Machine(topology, planes, frames)
+    circle = chain.Circle(120.0, CENTRE, plane)
     step = 1e-40
     names = [name.label for name in chain.geometric_names(machine)]
     exact = np.stack(
@@ -239,7 +242,8 @@ def test_compliances_deflect_a_chain_of_springs(
     """Each joint a spring with six degrees of freedom: C times its wrench, found by carrying the
     bar's pull inwards along the chain, moves the ball rigidly by d + φ × lever; the reading is that
     motion along the bar, for 1 N."""
-    machine, circle = chain.Machine(topology, planes, frames), chain.Circle(120.0, CENTRE, plane)
+    machine = chain.Machine(topology, planes, frames)
+    circle = chain.Circle(120.0, CENTRE, plane)
     names = chain.joint_names(machine)
     linear = chain.compliance_jacobian(machine, circle, ANGLES, names)
     rng = np.random.default_rng(3)
@@ -265,7 +269,8 @@ def test_compliances_deflect_a_chain_of_springs(
 
 def _lever(topology: str, letter: str, here: np.ndarray, centre: np.ndarray) -> np.ndarray:
     """From a joint to its ball: what is carried has moved by the axes between them."""
-    place, foundation = topology.index(letter), topology.index("F")
+    place = topology.index(letter)
+    foundation = topology.index("F")
     if place > foundation:
         return np.array(
             [
@@ -291,7 +296,9 @@ def test_unknown_parameter_is_named() -> None:
 # Jacobians
 
 ARC = np.linspace(-1.0, 8.0, 77)
-C, S, R = np.cos(ARC), np.sin(ARC), 150.0
+C = np.cos(ARC)
+S = np.sin(ARC)
+R = 150.0
 
 
 def test_table_2(root) -> None:
@@ -306,11 +313,10 @@ def test_table_2(root) -> None:
 
 @pytest.mark.parametrize(("topology", "plane", "frames"), MACHINES[:8])
 def test_kept_columns_span_the_whole_jacobian(topology: str, plane: str, frames: dict) -> None:
-    machine, circle = chain.Machine(topology, plane, frames), chain.Circle(plane=plane)
-    kept, full = (
-        chain.kept_compliances(machine, circle),
-        chain.wrench_jacobian(machine, circle, ARC),
-    )
+    machine = chain.Machine(topology, plane, frames)
+    circle = chain.Circle(plane=plane)
+    kept = chain.kept_compliances(machine, circle)
+    full = chain.wrench_jacobian(machine, circle, ARC)
     labels = [name.label for name in chain.wrench_names(machine)]
     chosen = full[:, [labels.index(name.label) for name in kept.names]]
     scaled = chosen / np.linalg.norm(chosen, axis=0)

@@ -40,10 +40,8 @@ def test_bayes_identity(n: int, p: int, seed: int, full: bool) -> None:
     x = np.random.default_rng(seed).normal(size=(2, p))
     posterior = prior.observe(rows, values)
     likelihood = stats.norm.logpdf(values - np.einsum("bnp,bp->bn", rows, x)).sum(axis=-1)
-    left, right = (
-        likelihood + prior.log_density(x),
-        posterior.log_integral + posterior.log_density(x),
-    )
+    left = likelihood + prior.log_density(x)
+    right = posterior.log_integral + posterior.log_density(x)
     np.testing.assert_allclose(left, right, rtol=1e-8, atol=1e-7)
     transposed = np.swapaxes(rows, -1, -2)
     constant = -0.5 * ((values**2).sum(axis=-1) + n * np.log(2 * np.pi))
@@ -141,11 +139,14 @@ def test_stacked_triangular_algebra_against_scipy(q: int) -> None:
     rng = np.random.default_rng(q)
     root = rng.normal(size=(2, 3, q, q + 2))
     matrix = root @ np.swapaxes(root, -1, -2)
-    right, several = rng.normal(size=(2, 3, q)), rng.normal(size=(2, 3, q, 4))
+    right = rng.normal(size=(2, 3, q))
+    several = rng.normal(size=(2, 3, q, 4))
     front = np.concatenate([matrix, right[..., None, :]], axis=-2).transpose(0, 3, 2, 1).copy()
     gaussian.eliminate(front)
-    lower, white = np.tril(front[:, :, :q].transpose(0, 3, 2, 1)), front[:, :, q].transpose(0, 2, 1)
-    upper, forward = gaussian.solve_upper(lower, right), gaussian.solve_lower(lower, several)
+    lower = np.tril(front[:, :, :q].transpose(0, 3, 2, 1))
+    white = front[:, :, q].transpose(0, 2, 1)
+    upper = gaussian.solve_upper(lower, right)
+    forward = gaussian.solve_lower(lower, several)
     for i in np.ndindex(2, 3):
         expected = np.linalg.cholesky(matrix[i])
         np.testing.assert_allclose(lower[i], expected, rtol=1e-9, atol=1e-12)
@@ -190,7 +191,8 @@ def test_quantiles_of_mixtures(seed: int, level: float) -> None:
     """Against a root of the mixture's distribution function, narrow and far components too; weights
     shared or not."""
     rng = np.random.default_rng(seed)
-    weight, mean = rng.dirichlet(np.ones(5)), 3.0 * rng.standard_normal((5, 2))
+    weight = rng.dirichlet(np.ones(5))
+    mean = 3.0 * rng.standard_normal((5, 2))
     sd = np.exp(2.0 * rng.standard_normal((5, 2)))
     found = gaussian.mixture_quantiles(weight, mean, sd, [level])[0]
     each = gaussian.mixture_quantiles(np.column_stack([weight, weight]), mean, sd, [level])[0]
@@ -233,7 +235,8 @@ def test_newton_finds_the_mode_through_wrong_curvature() -> None:
     def derivatives(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return gaussian.central_differences(log_density, point, 1e-4)
 
-    x, y = 0.3, -0.4
+    x = 0.3
+    y = -0.4
     gradient, hessian = derivatives(np.array([x, y]))
     np.testing.assert_allclose(
         gradient, [-4 * x * (x**2 - 1) + 4 * (y - x), -4 * (y - x)], atol=1e-6

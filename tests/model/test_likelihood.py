@@ -46,7 +46,8 @@ def points(bound: BoundModel, size: int = 3, seed: int = 0) -> tuple[np.ndarray,
 @pytest.mark.parametrize("sampling", SAMPLINGS)
 def test_against_the_dense_oracle(sampling: str, degree: int) -> None:
     campaign = simulated(SAMPLINGS[sampling])
-    bound, oracle = lb.HybridModel.first(degree).bind(campaign), oracle_of(campaign, degree)
+    bound = lb.HybridModel.first(degree).bind(campaign)
+    oracle = oracle_of(campaign, degree)
     assert list(bound.names) == oracle.names
     np.testing.assert_allclose(
         bound.setting.compliance_estimate / oracle.sd[:6],
@@ -57,7 +58,8 @@ def test_against_the_dense_oracle(sampling: str, degree: int) -> None:
     expected = [oracle.log_likelihood(p, b) for p, b in zip(phi, beta, strict=True)]
     np.testing.assert_allclose(bound.log_likelihood(phi, beta), expected, atol=1e-5)
     log_evidence, given = bound.given(phi)
-    mean, spread = given.mean, given.spread()
+    mean = given.mean
+    spread = given.spread()
     for k, p in enumerate(phi):
         value, oracle_mean, covariance = oracle.given(p)
         assert log_evidence[k] == pytest.approx(value, abs=1e-5)
@@ -77,10 +79,8 @@ def test_flat_priors_integrate_to_the_formula(degree: int) -> None:
     """ln ∫ N(y; J β, σ² I) dβ = −½ rss/σ² − ½ (n − p) ln(2π σ²) − ½ ln det JᵀJ, β in inside units,
     its constants included."""
     campaign = simulated(plan((30, 35, 40, 45)))
-    bound, oracle = (
-        lb.HybridModel.paper(degree).bind(campaign),
-        oracle_of(campaign, degree, terms=()),
-    )
+    bound = lb.HybridModel.paper(degree).bind(campaign)
+    oracle = oracle_of(campaign, degree, terms=())
     scale = np.linalg.norm(oracle.J, axis=0)
     solution, square, *_ = np.linalg.lstsq(oracle.J / scale, oracle.y, rcond=None)
     free = len(oracle.y) - len(solution)
@@ -291,7 +291,8 @@ def test_nothing_is_lost(n: int, arc: float, seed: int) -> None:
     """‖y − B a‖² = ‖z − R a‖² + residual for any coefficients a and any sampling."""
     rng = np.random.default_rng(seed)
     angle = np.deg2rad(np.sort(rng.uniform(0.0, arc, n)))
-    y, a = rng.normal(size=n), rng.normal(size=SIZE)
+    y = rng.normal(size=n)
+    a = rng.normal(size=SIZE)
     reduced = reduce_readings(angle, y)
     assert reduced.factor.shape == (min(n, SIZE), SIZE)
     direct = np.sum((y - basis(angle) @ a) ** 2)
@@ -302,7 +303,8 @@ def test_nothing_is_lost(n: int, arc: float, seed: int) -> None:
 
 def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
-    angle, y = rng.uniform(0.0, 7.0, 1000), rng.normal(size=1000)
+    angle = rng.uniform(0.0, 7.0, 1000)
+    y = rng.normal(size=1000)
     whole = reduce_readings(angle, y)
     monkeypatch.setattr("ldbb_bayes.model.fourier._CHUNK", 33)
     parts = reduce_readings(angle, y)

@@ -58,7 +58,8 @@ def certified(name: str) -> Certified:
         rows = [row for row in csv.DictReader(file) if row["dataset"] == name]
     with (FOLDER / f"{name.lower()}.csv").open(encoding="utf-8") as file:
         data = tuple(map(tuple, csv.reader(file)))[1:]
-    parameters, last = rows[:-1], rows[-1]
+    parameters = rows[:-1]
+    last = rows[-1]
     assert last["parameter"] == "residual"
     return Certified(
         tuple(int(row["parameter"][1:]) for row in parameters),
@@ -120,8 +121,10 @@ def test_a_wide_prior_loses_no_digits() -> None:
 
 PINE = pd.read_csv(FOLDER.parent / "pine" / "pine.csv")
 STRENGTH = PINE["strength"].to_numpy(dtype=float)
-MEAN, PRECISION = np.array([3000.0, 185.0]), np.array([0.06, 6.0])
-SHAPE, RATE = 3.0, 180_000.0
+MEAN = np.array([3000.0, 185.0])
+PRECISION = np.array([0.06, 6.0])
+SHAPE = 3.0
+RATE = 180_000.0
 PUBLISHED = {"density": -310.12828553675, "adjusted_density": -301.70460213437}
 
 
@@ -143,8 +146,10 @@ def test_published_evidences_of_radiata_pine(predictor: str, published: float) -
     )
     # At σ = 1 the log evidence is a constant less half the squares that Gamma's rate gains.
     posterior = Gaussian.of(MEAN, 1.0 / PRECISION).observe(jacobian, STRENGTH)
-    left, apart = STRENGTH - jacobian @ posterior.mean, posterior.mean - MEAN
+    left = STRENGTH - jacobian @ posterior.mean
+    apart = posterior.mean - MEAN
     squares = left @ left + PRECISION @ apart**2
-    shape, rate = SHAPE + 0.5 * len(x), RATE + 0.5 * squares
+    shape = SHAPE + 0.5 * len(x)
+    rate = RATE + 0.5 * squares
     closed = gammaln(shape) - gammaln(SHAPE) + SHAPE * np.log(RATE) - shape * np.log(rate)
     assert posterior.log_integral + 0.5 * squares + closed == pytest.approx(published, abs=1e-8)

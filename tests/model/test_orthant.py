@@ -21,7 +21,8 @@ def test_one_constraint_is_exact_however_far() -> None:
 @pytest.mark.parametrize(("d", "shift"), [(3, 0.5), (6, 0.0)])
 def test_against_scipy(d: int, shift: float) -> None:
     rng = np.random.default_rng(d)
-    mean, spread = shift + 0.3 * rng.normal(size=(2, d)), rng.normal(size=(2, d, d + 3))
+    mean = shift + 0.3 * rng.normal(size=(2, d))
+    spread = rng.normal(size=(2, d, d + 3))
     values, _ = Orthant(mean, spread).log_probability(1e-4)
     for k in range(2):
         cov = spread[k] @ spread[k].T
@@ -39,7 +40,8 @@ def test_a_parabola_kept_positive_at_six_places(start: float) -> None:
     the tail."""
     x = np.linspace(-1.0, 1.0, 6)
     rows = np.vander(x, 3, increasing=True)
-    mean, sd = np.array([start, 0.0, 0.3]), np.array([1.0, 1.0, 1.0])
+    mean = np.array([start, 0.0, 0.3])
+    sd = np.array([1.0, 1.0, 1.0])
     truncation = Truncation(rows)
     value = truncation.orthants(mean[None], np.diag(sd)[None]).log_probability(1e-4)[0][0]
     rng = np.random.default_rng(0)
@@ -55,7 +57,8 @@ def test_a_parabola_kept_positive_at_six_places(start: float) -> None:
 def test_truncated_draws_have_the_right_moments() -> None:
     rng = np.random.default_rng(4)
     rows = np.array([[1.0, 0.5, 0.0], [1.0, -0.5, 0.2]])
-    mean, spread = np.array([-0.8, 0.3, 0.1]), np.tril(rng.normal(size=(3, 3)))
+    mean = np.array([-0.8, 0.3, 0.1])
+    spread = np.tril(rng.normal(size=(3, 3)))
     n = 20_000
     orthant = Truncation(rows).orthants(np.tile(mean, (n, 1)), np.tile(spread, (n, 1, 1)))
     white, exact = orthant.draw_spread(rng)
@@ -83,7 +86,8 @@ def test_draws_do_not_hang_in_the_tail() -> None:
 def test_members_of_a_batch_do_not_depend_on_one_another() -> None:
     """A parabola at twelve places: every member chooses its own binding rows."""
     rows = np.vander(np.linspace(-1.0, 1.0, 12), 3, increasing=True)
-    truncation, sd = Truncation(rows), np.diag([0.5, 0.5, 1.5])
+    truncation = Truncation(rows)
+    sd = np.diag([0.5, 0.5, 1.5])
     means = np.array(
         [
             [1.0, 0.0, 0.0],
@@ -110,7 +114,9 @@ def test_members_of_a_batch_do_not_depend_on_one_another() -> None:
 def test_the_stated_error_holds(tolerance: float, count: int, first: int) -> None:
     """Correlated by up to 0.99, down to ln P of some thousand, with rows that follow from others;
     2e-6 is the references' own."""
-    rng, apart, stated = np.random.default_rng(first), [], []
+    rng = np.random.default_rng(first)
+    apart = []
+    stated = []
     for case in (random_case(rng) for _ in range(count)):
         if case.log_probability > -3000.0:
             (value,), (error,) = Orthant(case.mean[None], case.spread[None]).log_probability(

@@ -58,18 +58,18 @@ def dense(
     """Columns of the parameters at the readings' own angles, and the covariance of all readings by
     hand from the measurement model: nothing of terms, basis or reduction."""
     forces = np.array([t.force_N for t in campaign.tests])
-    reference, machine = 0.5 * (forces.min() + forces.max()), campaign.machine()
+    reference = 0.5 * (forces.min() + forces.max())
+    machine = campaign.machine()
     errors = [name.label for name in geometric_names(machine)]
-    rows, parts = [], []
+    rows = []
+    parts = []
     own: dict[tuple, list[np.ndarray]] = {}
     start = 0
     hours = np.array([t.time_s for t in campaign.tests]) / 3600.0
     for r, t in enumerate(campaign.tests):
-        theta, way, n = (
-            np.deg2rad(t.angle_deg),
-            1.0 if t.direction == "CW" else -1.0,
-            len(t.angle_deg),
-        )
+        theta = np.deg2rad(t.angle_deg)
+        way = 1.0 if t.direction == "CW" else -1.0
+        n = len(t.angle_deg)
         c = compliance_jacobian(machine, t.circle, theta, bound.compliances)
         g = dict(zip(errors, geometric_jacobian(machine, t.circle, theta).T, strict=True))
         geometry = []

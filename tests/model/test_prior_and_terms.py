@@ -83,10 +83,8 @@ def test_hyper_draws_follow_their_density(rng: np.random.Generator) -> None:
 
 def test_hyper_sd_is_that_of_the_laws() -> None:
     bound = lb.HybridModel.default(1).bind(replace(plan(), resolution_um=0.9))
-    sd, law = (
-        dict(zip(bound.hyper_prior.names, bound.hyper_prior.sd, strict=True)),
-        stats.invgamma(1.5, scale=1.5),
-    )
+    sd = dict(zip(bound.hyper_prior.names, bound.hyper_prior.sd, strict=True))
+    law = stats.invgamma(1.5, scale=1.5)
     assert sd["sigma"] == pytest.approx(
         stats.truncnorm(0.9 / np.sqrt(12.0), np.inf, scale=1e-3).std(), rel=1e-9
     )
@@ -221,10 +219,12 @@ def test_variants_of_what_differs_between_circles(arc_deg: float) -> None:
     for test in oracle.tests:
         own = slice(start, start + test.angle.size)
         start += test.angle.size
-        c, s = np.cos(test.angle), np.sin(test.angle)
+        c = np.cos(test.angle)
+        s = np.sin(test.angle)
         covariance[own, own] += zero**2 + centre**2 * (np.outer(c, c) + np.outer(s, s))
         for n in range(2, 13):
-            c, s = np.cos(n * test.angle), np.sin(n * test.angle)
+            c = np.cos(n * test.angle)
+            s = np.sin(n * test.angle)
             covariance[own, own] += kappa**2 / n**4 * (np.outer(c, c) + np.outer(s, s))
     expected = stats.multivariate_normal(np.zeros(oracle.y.size), covariance).logpdf(oracle.y)
     assert bound.log_evidence(phi[None])[0] == pytest.approx(expected, abs=1e-5)
@@ -235,7 +235,8 @@ def test_fixed_parameters_leave_the_model() -> None:
     others stay."""
     planned = plan()
     model = lb.HybridModel.first(1)
-    whole, fixed = model.bind(planned), model.fixing("C_XXX_1", "E_Xt0").bind(planned)
+    whole = model.bind(planned)
+    fixed = model.fixing("C_XXX_1", "E_Xt0").bind(planned)
     kept = [j for j, name in enumerate(whole.names) if name not in ("C_XXX_1", "E_Xt0")]
     assert fixed.names == tuple(whole.names[j] for j in kept)
     np.testing.assert_array_equal(fixed.interest, whole.interest[:, :, kept])
@@ -276,6 +277,7 @@ def test_names_as_they_are_printed() -> None:
         assert "E_C0YX" not in lb.HybridModel.default(0).fixing(name).bind(plan()).names
         made = lb.HybridModel.default(0).simulate(plan(), seed=1, parameters={name: 1e-4})
         assert made.parameters["E_C0YX"] == 1e-4
-        machine, angle = plan().machine(), np.array([0.7])
+        machine = plan().machine()
+        angle = np.array([0.7])
         reading = lb.exact_reading_mm(machine, lb.Circle(), angle, geometric_errors={name: 1e-4})
         assert reading == pytest.approx(150.0 * 1e-4 * np.cos(0.7) * np.sin(0.7), rel=1e-3)

@@ -58,7 +58,8 @@ def test_probability_of_the_truncation_in_closed_form() -> None:
     expected = sum(stats.norm.logcdf(mean / sd) for mean, sd in CLOSE.values())
     assert constant.log_prob_truncation_prior == pytest.approx(expected, abs=1e-9)
     linear = lb.HybridModel.first(1).with_prior(CLOSE).bind(plan())
-    usual, total = {"C_XXX": 1e-4, "C_YYY": 1e-4, "C_CCY": 1e-9}, 0.0
+    usual = {"C_XXX": 1e-4, "C_YYY": 1e-4, "C_CCY": 1e-9}
+    total = 0.0
     for name, (mean, sd) in CLOSE.items():
         slope = 0.3 * usual[name] / 706.0 * 353.0
         covariance = sd**2 + slope**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -200,7 +201,8 @@ SMALL = plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0))
 
 def test_identifiability_compares_with_the_prior_about_its_mean() -> None:
     model = lb.HybridModel.first(1).with_prior(OTHERS)
-    planned, measured = lb.identify(model, SMALL), lb.identify(model, simulated(SMALL))
+    planned = lb.identify(model, SMALL)
+    measured = lb.identify(model, simulated(SMALL))
     for found in (planned, measured):
         for name, entry in found.parameters.items():
             mean, sd = OTHERS.get(name, (0.0, entry.prior_sd))
@@ -208,7 +210,8 @@ def test_identifiability_compares_with_the_prior_about_its_mean() -> None:
             assert entry.as_dict()["prior_mean"] == mean
     assert planned.parameters["C_XXX"].mean == 5.1e-5
     axes = prior_and_posterior(measured).axes[0]
-    grey, line = axes.collections[0].get_paths()[0].vertices, axes.lines[0]
+    grey = axes.collections[0].get_paths()[0].vertices
+    line = axes.lines[0]
     assert grey[np.argmax(grey[:, 1]), 0] == pytest.approx(5.1e-5 * 1e6, abs=0.2)
     assert len(line.get_xdata()) > 100
 
@@ -230,7 +233,8 @@ def test_plans_start_from_the_means() -> None:
 
 
 def test_texts_and_figures_show_mean_and_sd() -> None:
-    model, rule = lb.HybridModel.first(0), lb.StoppingRule(ess=100.0)
+    model = lb.HybridModel.first(0)
+    rule = lb.StoppingRule(ess=100.0)
     for own in (model.with_prior(OTHERS), model):
         tree = lb.sample(own, simulated(SMALL), sampler="independent", seed=1, rule=rule)
         meant = own is not model
@@ -246,10 +250,8 @@ def test_texts_and_figures_show_mean_and_sd() -> None:
 
 def test_a_prior_that_the_readings_contradict_is_named() -> None:
     for mean, named in ((5.1e-5, []), (3e-4, ["C_XXX"])):
-        model, rule = (
-            lb.HybridModel.first(0).with_prior(C_XXX=(mean, 2e-5)),
-            lb.StoppingRule(ess=100.0),
-        )
+        model = lb.HybridModel.first(0).with_prior(C_XXX=(mean, 2e-5))
+        rule = lb.StoppingRule(ess=100.0)
         table = lb.summarize(
             tree := lb.sample(model, simulated(SMALL), sampler="independent", seed=1, rule=rule)
         )

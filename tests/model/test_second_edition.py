@@ -86,10 +86,8 @@ def made(
     )
     silent = Campaign(circles, mount=MountCompensation(compensated=False))
     machine = oracle_of(silent, 0, terms=())
-    rng, reading = (
-        np.random.default_rng(tests),
-        machine.J @ [TRUTH[name] for name in machine.names] - machine.y,
-    )
+    rng = np.random.default_rng(tests)
+    reading = machine.J @ [TRUTH[name] for name in machine.names] - machine.y
     waves = np.cos(np.outer(machine.theta, [2, 4, 5])) @ [2e-3, 1e-3, 1e-3] + 5e-4 * rng.normal(
         size=reading.size
     )
@@ -203,8 +201,10 @@ def test_force_curves_with_joint_load() -> None:
         np.append(dense.mean, 4 * [0]),
     )
     _, mean, covariance = dense.given(phi)
-    rng, force = np.random.default_rng(1), np.array([36.0, 150.0, 389.0, 742.0])
-    every, beta = np.tile(own, (40_000, 1)), bound.given(own[None])[1].draw(rng, (40_000,))[:, 0]
+    rng = np.random.default_rng(1)
+    force = np.array([36.0, 150.0, 389.0, 742.0])
+    every = np.tile(own, (40_000, 1))
+    beta = bound.given(own[None])[1].draw(rng, (40_000,))[:, 0]
     plain = bound.model.without("joint-load").bind(bound.campaign)
     slopes, found = (compliance_curves(model, every, beta, force, rng) for model in (plain, bound))
     along = np.stack(

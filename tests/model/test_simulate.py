@@ -42,7 +42,8 @@ def test_exact_readings_come_from_the_forward_model() -> None:
 def test_covariance_of_the_readings_is_the_oracles() -> None:
     """400 simulations of one small plan: whitened by the oracle's covariance they are standard
     normal."""
-    model, planned = lb.HybridModel.first(0), plan((12, 12), forces_N=(100.0, 700.0), work_deg=30.0)
+    model = lb.HybridModel.first(0)
+    planned = plan((12, 12), forces_N=(100.0, 700.0), work_deg=30.0)
     readings = []
     for seed in range(400):
         campaign = model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign

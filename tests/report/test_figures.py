@@ -28,7 +28,8 @@ from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.units import display_name, display_unit, plus_minus, round_uncertainty
 
 QUICK = lb.StoppingRule(ess=100.0, rhat=1.5, lengths=0.2)
-LEVELS, FORTY = tuple(np.linspace(36.0, 742.0, 9)), tuple(np.linspace(36.0, 742.0, 40))
+LEVELS = tuple(np.linspace(36.0, 742.0, 9))
+FORTY = tuple(np.linspace(36.0, 742.0, 40))
 
 
 # ---- of a posterior

@@ -288,10 +288,8 @@ def test_paper(tmp_path: Path) -> None:
 
 
 def test_numbers_of_an_average() -> None:
-    campaign, model = (
-        simulated(plan()),
-        lb.HybridModel.first(1).without("discrepancy", "setup-shift"),
-    )
+    campaign = simulated(plan())
+    model = lb.HybridModel.first(1).without("discrepancy", "setup-shift")
     averaged = lb.average({"constant": model.with_degree(0), "linear": model}, campaign, draws=400)
     found = find(
         fitted(model, campaign),
@@ -299,7 +297,8 @@ def test_numbers_of_an_average() -> None:
         recommended=NOT_COMPARED,
         averaged=averaged,
     )
-    row, draws = tables(found)["averaged"].loc["C_XXX"], averaged["posterior"]["C_XXX"].values
+    row = tables(found)["averaged"].loc["C_XXX"]
+    draws = averaged["posterior"]["C_XXX"].values
     assert [row["mean"], row["U_k2"]] == pytest.approx([draws.mean(), 2.0 * draws.std(ddof=1)])
     assert (row["reading_unit"], row["reading_factor"]) == ("nm/N", 1e6)
     for force in (None, 500.0, 1000.0):
@@ -369,7 +368,8 @@ def test_every_place_is_escaped() -> None:
     page = Document(
         SCRIPT, (SCRIPT,), (SCRIPT,), (Section("summary", SCRIPT, parts[:3] + parts[4:]),), (sheet,)
     )
-    reader, shown = check(html_page(page)), page._repr_html_()
+    reader = check(html_page(page))
+    shown = page._repr_html_()
     assert re.fullmatch(r"Document\(title='.{,300}\)", repr(page))
     assert [mark in shown for mark in ("<table>", "<script")] == [True, False]
     assert sum(SCRIPT in text for text in reader.texts) == 24

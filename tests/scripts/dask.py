@@ -20,7 +20,8 @@ def job(x):
 
 if __name__ == "__main__":
     with dask_executor(workers=2) as executor:
-        client, gather = executor._client, executor._client._gather
+        client = executor._client
+        gather = executor._client._gather
 
         async def lost_once_gathered(futures, **options):
             result = await gather(futures, **options)

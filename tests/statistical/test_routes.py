@@ -36,7 +36,8 @@ def differences(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Of both: (mean − exact) in Monte Carlo errors, and sd / exact − 1."""
     exact = lb.marginals(model, campaign)
-    z, ratio = [], []
+    z = []
+    ratio = []
     for sampler in ("joint", "independent"):
         found = lb.summarize(lb.sample(model, campaign, sampler=sampler, seed=seed, rule=RULE))
         z.append((found["mean"] - exact["mean"]) / (exact["sd"] / np.sqrt(found["ess_bulk"])))
@@ -57,7 +58,8 @@ def test_recovered_experiment(recovered: lb.Campaign, degree: int) -> None:
 def test_simulated_campaigns() -> None:
     """Five plans, four models. Of some seven hundred differences a few pass three Monte Carlo
     errors by chance."""
-    every_z, every_ratio = [], []
+    every_z = []
+    every_ratio = []
     for k, planned in enumerate(PLANS.values()):
         campaign = (
             lb.HybridModel.first(0)

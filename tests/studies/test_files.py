@@ -30,7 +30,8 @@ def imported(folder: Path, case: awkward.Case, out: str, *options: str) -> lb.Ca
 def test_awkward(name: str, tmp_path: Path) -> None:
     """Forces, angles and readings as far as their digits tell; the import.toml that is written
     reads the same without options."""
-    case, wanted = awkward.CASES[name], awkward.campaign()
+    case = awkward.CASES[name]
+    wanted = awkward.campaign()
     campaign = imported(tmp_path, case, "campaign", *case.options)
     assert len(campaign.tests) == len(wanted.tests)
     for test, own in zip(campaign.tests, wanted.tests, strict=True):

@@ -119,10 +119,8 @@ def test_machines_as_they_are_in_the_limits() -> None:
     """Rigid: the exact forward model; linear springs: Eq. 20, but for deflection over radius; a
     lobe: its order alone."""
     sys.modules.pop("machines", None)
-    machines, angle = (
-        module_of("12_real_machines", "machines"),
-        np.deg2rad(np.arange(0.0, 360.0, 2.5)),
-    )
+    machines = module_of("12_real_machines", "machines")
+    angle = np.deg2rad(np.arange(0.0, 360.0, 2.5))
     drawn = machines.draw_machine(machines.FAMILIES["mild"], np.random.default_rng(3))
     for springs, errors in ((0.0, drawn.geometry), (1e-3, {}), (1.0, {})):
         compliance = {name: springs * value for name, value in drawn.compliance.items()}
@@ -162,10 +160,8 @@ def test_machines_as_they_are_in_the_limits() -> None:
 def test_pages_of_the_handbook_quote_the_studies() -> None:
     seen = stated("08_other_campaigns")["simulated"]
     page = (ROOT / "docs" / "how-to" / "directions_radii_balls.md").read_text(encoding="utf-8")
-    radii, ways = (
-        ("one radius", "two radii"),
-        ("five clockwise", "ten clockwise", "both directions"),
-    )
+    radii = ("one radius", "two radii")
+    ways = ("five clockwise", "ten clockwise", "both directions")
     shown = (
         ("E_C0YX", 1e6, "µrad", radii),
         ("E_YX2", 1e9, "µm/m²", radii),
@@ -178,8 +174,10 @@ def test_pages_of_the_handbook_quote_the_studies() -> None:
                 name,
                 kind,
             )
-    one, six = stated("91_fleet"), stated("05_next_campaign")["six"]["efficiency"]
-    many, run = stated("11_many_campaigns"), one["runs"]["process 2 1000"]
+    one = stated("91_fleet")
+    six = stated("05_next_campaign")["six"]["efficiency"]
+    many = stated("11_many_campaigns")
+    run = one["runs"]["process 2 1000"]
     pages = "".join(
         (ROOT / "docs" / "how-to" / name).read_text("utf-8")
         for name in ("shop_floor.md", "next_tests.md")

@@ -173,7 +173,9 @@ def smallest(tmp_path: Path) -> Path:
 
 def ended(folder: Path, *options: str) -> str:
     """What a study says when it fails, run here; empty where all is reproduced."""
-    path, arguments, own = list(sys.path), sys.argv, sys.modules.pop("study", None)
+    path = list(sys.path)
+    arguments = sys.argv
+    own = sys.modules.pop("study", None)
     sys.argv = ["run.py", *options]
     try:
         runpy.run_path(str(folder / "run.py"), run_name="__main__")

@@ -35,7 +35,8 @@ __all__ = [
 
 # ---- identifiability and budgets
 
-_VISIBLE, _PER_LETTER = 0.5, 1.75
+_VISIBLE = 0.5
+_PER_LETTER = 1.75
 _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "confounded": PALETTE[1]}
 
 
@@ -48,7 +49,8 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
     for axes, entry in zip(every, entries, strict=True):
         factor, _ = display_unit(entry.unit)
         proper = bool(np.isfinite(entry.prior_sd))
-        mean, sd = entry.mean * factor, entry.sd * factor
+        mean = entry.mean * factor
+        sd = entry.sd * factor
         centre, reach = (
             (entry.prior_mean * factor, entry.prior_sd * factor) if proper else (mean, sd)
         )
@@ -127,7 +129,8 @@ def _size(u: float, unit: str) -> str:
 # ---- comparison
 
 _DASHES = ("-", "--", ":")
-_NEAR, _BREAK = 20.0, ((-0.6, -1.0), (0.6, 1.0))
+_NEAR = 20.0
+_BREAK = ((-0.6, -1.0), (0.6, 1.0))
 
 
 @styled
@@ -317,7 +320,8 @@ def _local(axes: Axes, local: pd.DataFrame, name: str, factor: float) -> None:
 def rank_ecdf(validation: Validation) -> Figure:
     """Empirical distribution of every quantity's ranks, minus the uniform one, and the band all of
     them share."""
-    names, columns = validation.names, 4
+    names = validation.names
+    columns = 4
     figure, every = panels(len(names), columns, 1.15, 0.7, sharex=True, sharey=True)
     level = np.arange(1, validation.draws + 1) / (validation.draws + 1)
     lower, upper = validation.band
@@ -350,7 +354,8 @@ def rank_ecdf(validation: Validation) -> Figure:
 # ---- design
 
 
-_ACROSS, _LONGEST = 3, 0.72
+_ACROSS = 3
+_LONGEST = 0.72
 
 
 @styled
@@ -373,13 +378,12 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
         {name: own.floor_sd for name, own in design.expected.items()},
         "white",
     )
-    step, rows = len(kinds) + 1.8, -(-len(design.expected) // _ACROSS)
+    step = len(kinds) + 1.8
+    rows = -(-len(design.expected) // _ACROSS)
     figure = style.new_figure(style.WIDTH, 0.4 + 0.15 * step * rows)
     axes = figure.subplots()
-    left, top = (
-        np.arange(len(design.expected)) % _ACROSS,
-        -step * (np.arange(len(design.expected)) // _ACROSS),
-    )
+    left = np.arange(len(design.expected)) % _ACROSS
+    top = -step * (np.arange(len(design.expected)) // _ACROSS)
     units = [display_unit(own.unit) for own in design.expected.values()]
     sizes = np.array([[own[name] for name in design.expected] for own, _ in kinds.values()]) * [
         factor for factor, _ in units

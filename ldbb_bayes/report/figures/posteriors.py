@@ -70,8 +70,13 @@ __all__ = [
 # Direct compliances, rotations for moments, scale gains, squareness.
 _CORNER = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
 _MOST_IN_CORNER = 8
-_DRAWS, _DRAWS_OF_PATHS, _DRAWS_OF_CURVES = 600, 500, 1500
-_MOST_DOTS, _MOST_FORCES, _MOST_BANDS, _MOST_NAMED = 2400, 6, 12, 9
+_DRAWS = 600
+_DRAWS_OF_PATHS = 500
+_DRAWS_OF_CURVES = 1500
+_MOST_DOTS = 2400
+_MOST_FORCES = 6
+_MOST_BANDS = 12
+_MOST_NAMED = 9
 _GRID = np.linspace(0.0, 2 * np.pi, 361)
 _RISE = 0.45
 _DASHED = (0, (4, 3))
@@ -101,7 +106,8 @@ def forest(posterior: xr.DataTree) -> Figure:
     figure = style.new_figure(style.WIDTH, 0.35 + 0.19 * sum(sizes) + 0.4 * len(sizes))
     every = figure.subplots(len(sizes), 1, squeeze=False, height_ratios=sizes)[:, 0]
     for axes, ((factor, label), names) in zip(every, groups.items(), strict=True):
-        rows, texts = style.name_rows(axes, names), []
+        rows = style.name_rows(axes, names)
+        texts = []
         for row, name in zip(rows, names, strict=True):
             draws = np.asarray(group[name]).ravel()
             found = numbers_of(draws, 0.95)
@@ -248,21 +254,27 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
     beta, phi = draws_of(posterior, bound, _DRAWS)
     rng = np.random.default_rng(0)
     predicted = shared_coefficients(bound, phi, beta).mean(axis=0) @ basis(_GRID).T * 1e3
-    tests, forces = bound.campaign.tests, bound.setting.force_N
+    tests = bound.campaign.tests
+    forces = bound.setting.force_N
     readings = [test.readings_mm() * 1e3 for test in tests]
-    banded, thin = len(tests) <= _MOST_BANDS, float(np.clip(_MOST_BANDS / len(tests), 0.35, 1.0))
+    banded = len(tests) <= _MOST_BANDS
+    thin = float(np.clip(_MOST_BANDS / len(tests), 0.35, 1.0))
     new = new_circle_coefficients(bound, phi, beta, rng) if banded else np.zeros(0)
-    low, high = min(r.min() for r in readings), max(r.max() for r in readings)
+    low = min(r.min() for r in readings)
+    high = max(r.max() for r in readings)
     span = max(high - low, 1e-3)
-    zero, step = 0.9 * span - low, _round_step(span / 4.0)
+    zero = 0.9 * span - low
+    step = _round_step(span / 4.0)
     rings = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step + 0.0
-    planes, colours = bound.setting.planes, style.force_colours(forces.tolist())
+    planes = bound.setting.planes
+    colours = style.force_colours(forces.tolist())
     every = -(-sum(map(len, readings)) // _MOST_DOTS)
     heads = [_head(bound, plane, every, zero, banded, words) for plane in planes]
     figure = Figure(
         figsize=(0.75 + 3.6 * len(planes), 3.5 + 0.12 * max(head.count("\n") + 1 for head in heads))
     )
-    across, up = figure.get_figwidth(), figure.get_figheight()
+    across = figure.get_figwidth()
+    up = figure.get_figheight()
     for k, plane in enumerate(planes):
         axes: Any = figure.add_axes(
             ((0.4 + 3.6 * k) / across, 0.25 / up, 2.9 / across, 2.9 / up), projection="polar"
@@ -363,10 +375,12 @@ def _head(
 def _force_scale(figure: Figure, forces: Array, outward: bool, label: str) -> None:
     """Draw a colour for every force, from the innermost trace (below) to the outermost, with at
     most nine of them named."""
-    across, count = figure.get_figwidth(), len(forces)
+    across = figure.get_figwidth()
+    count = len(forces)
     axes = figure.add_axes((1.0 - 0.55 / across, 0.14, 0.14 / across, 0.56))
     rows = np.arange(count) if outward else np.arange(count)[::-1]
-    colours, gap = style.force_colours(forces.tolist()), 0.5 * (count <= _MOST_BANDS)
+    colours = style.force_colours(forces.tolist())
+    gap = 0.5 * (count <= _MOST_BANDS)
     axes.barh(rows, np.ones(count), 1.0, color=colours, edgecolor="white", linewidth=gap)
     shown = np.unique(np.linspace(0, count - 1, _MOST_NAMED).round().astype(int))
     axes.yaxis.tick_right()
@@ -391,7 +405,8 @@ def residuals(posterior: xr.DataTree) -> Figure:
     rest = [
         r * 1e3 for r in residuals_mm(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
     ]
-    tests, colours = bound.campaign.tests, style.force_colours(bound.setting.force_N.tolist())
+    tests = bound.campaign.tests
+    colours = style.force_colours(bound.setting.force_N.tolist())
     shown = np.unique(np.linspace(0, len(rest) - 1, 10).astype(int)).tolist()
     figure, every = panels(len(shown), 1, 0.6, 0.9, sharex=True, sharey=True)
     limit = 1.05 * max(np.abs(r).max() for r in rest)
@@ -486,7 +501,8 @@ def parameter_contributions(posterior: xr.DataTree) -> Figure:
     """Every compliance (with slope) and geometric error at the highest force, 95 % bands and peak
     to peak (Figs. 9 and 10)."""
     bound = bound_of(posterior)
-    force, planes = float(bound.setting.force_N.max()), bound.setting.planes
+    force = float(bound.setting.force_N.max())
+    planes = bound.setting.planes
     cases = [
         (f"{display_name(name)}{f', {plane}' if len(planes) > 1 else ''}", name, path)
         for plane in planes

@@ -26,7 +26,10 @@ P = ParamSpec("P")
 
 WIDTH = 6.3  # inch: letters of 8 points stay readable where a screen is 390 pixels wide
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-ACCENT, GREY, FAINT, LIGHT = PALETTE[0], "#8C8C8C", "#B8B8B8", "#D9D9D9"
+ACCENT = PALETTE[0]
+GREY = "#8C8C8C"
+FAINT = "#B8B8B8"
+LIGHT = "#D9D9D9"
 # One colour per source of uncertainty in every figure; a user's own terms take the spare ones in
 # turn.
 _TERMS = (
