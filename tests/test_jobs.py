@@ -19,7 +19,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import numpy  # whose threads are counted
+import numpy  # noqa: F401, its threads are counted
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
