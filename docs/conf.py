@@ -22,9 +22,9 @@ from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
 
 import ldbb_bayes
-from ldbb_bayes.campaign import headers
 from ldbb_bayes.fleet import dataset
-from ldbb_bayes.result import Result
+from ldbb_bayes.reading import headers
+from ldbb_bayes.results import Result
 from ldbb_bayes.units import _ATOMS as atoms
 from ldbb_bayes.units import _UNITS as units_of_reading
 

@@ -39,12 +39,6 @@ from .campaign.certificates import read_dcc as read_dcc
 from .campaign.folder import embedded_campaign as embedded_campaign
 from .campaign.folder import read_campaign as read_campaign
 from .campaign.folder import write_campaign as write_campaign
-from .campaign.headers import Layout as Layout
-from .campaign.headers import read_layout as read_layout
-from .campaign.importing import Imported as Imported
-from .campaign.importing import import_campaign as import_campaign
-from .campaign.importing import mask_angles as mask_angles
-from .campaign.importing import mask_reversals as mask_reversals
 from .campaign.preview import preview as preview
 from .errors import InputError as InputError
 from .fleet.batch import Batch as Batch
@@ -97,6 +91,12 @@ from .model.terms import Term as Term
 from .model.terms import Uncertainties as Uncertainties
 from .model.terms import Unit as Unit
 from .model.terms import uncertainties as uncertainties
+from .reading.headers import Layout as Layout
+from .reading.headers import read_layout as read_layout
+from .reading.importing import Imported as Imported
+from .reading.importing import import_campaign as import_campaign
+from .reading.importing import mask_angles as mask_angles
+from .reading.importing import mask_reversals as mask_reversals
 from .report import figures as figures
 from .report.figures import save_figures as save_figures
 from .report.page import write_dcc as write_dcc

@@ -47,7 +47,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
-from ldbb_bayes.jobs import EXECUTORS, Lost, done, executor_named
+from ldbb_bayes.parallel import EXECUTORS, Lost, done, executor_named
 
 __all__ = [
     "DATA",

@@ -17,13 +17,17 @@ import ldbb_bayes
 
 PACKAGE = Path(ldbb_bayes.__file__).parent
 TESTS = Path(__file__).parent
-ROOMS = ["campaign", "machine", "model", "inference", "analysis", "report", "fleet", "cli"]
+ROOMS = ["campaign", "machine", "model", "inference", "analysis", "report", "fleet", "cli", "app"]
 ALLOWED = {
     "machine": {"machine"},
     "campaign": {"campaign", "machine"},
+    "reading": {"campaign", "machine", "reading"},
     **{room: set(ROOMS[: ROOMS.index(room) + 1]) for room in ROOMS[2:]},
 }
-LEAVES = {"errors", "files", "jobs", "result", "table", "units"}
+for user in ("report", "fleet", "cli", "app"):
+    ALLOWED[user] |= {"reading"}
+ALLOWED["cli"] |= {"app"}  # one command starts the page in the browser
+LEAVES = {"errors", "files", "parallel", "results", "units"}
 FORBIDDEN = {
     "telling",
     "begun",

@@ -15,8 +15,8 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 import ldbb_bayes
-from ldbb_bayes.campaign.headers import Layout, TestLayout
 from ldbb_bayes.cli import app
+from ldbb_bayes.reading.headers import Layout, TestLayout
 
 
 def pages(root: Path) -> list[Path]:

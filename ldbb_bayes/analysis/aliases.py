@@ -15,7 +15,7 @@ from ldbb_bayes.inference.predictive import in_order_of_force
 from ldbb_bayes.model.fourier import basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Columns, Term
-from ldbb_bayes.result import Array, Result
+from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
 __all__ = [

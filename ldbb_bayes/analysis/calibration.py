@@ -24,9 +24,9 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.sample import draw, sampler_named
-from ldbb_bayes.jobs import Lost, done
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.result import Array, Numbers, Result, readable
+from ldbb_bayes.parallel import Lost, done
+from ldbb_bayes.results import Array, Numbers, Result, readable
 
 __all__ = ["LOG_LIKELIHOOD", "Validation", "ecdf", "simultaneous_band", "validate"]
 

@@ -42,7 +42,7 @@ from ldbb_bayes.model.gaussian import Gaussian, Sobol, components, singular_root
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of, informations_of
 from ldbb_bayes.model.likelihood import OWN
 from ldbb_bayes.model.prior import Prior
-from ldbb_bayes.result import Array, Finite, Result
+from ldbb_bayes.results import Array, Finite, Result
 from ldbb_bayes.units import inside_name
 
 __all__ = [

@@ -74,11 +74,11 @@ from ldbb_bayes.inference.sample import (
     prior_draws_of,
     record_from,
 )
-from ldbb_bayes.jobs import ahead, one_blas_thread
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS
 from ldbb_bayes.model.gaussian import holm
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
-from ldbb_bayes.result import Array, Finite, Number, Records, Result, read_result, readable
+from ldbb_bayes.parallel import ahead, one_blas_thread
+from ldbb_bayes.results import Array, Finite, Number, Records, Result, read_result, readable
 from ldbb_bayes.units import ranked
 
 if TYPE_CHECKING:

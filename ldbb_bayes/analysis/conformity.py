@@ -22,9 +22,9 @@ from ldbb_bayes.analysis.identifiability import ParameterIdentifiability, Verdic
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.inference.posterior import ConcernKind, Fit, State, bound_of, curves_of, draws_of
-from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.result import Array, ByName, Result, Shown
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, ByName, Result, Shown
 from ldbb_bayes.units import inside_name, is_direct, to_inside
 
 if TYPE_CHECKING:

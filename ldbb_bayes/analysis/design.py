@@ -32,10 +32,10 @@ from ldbb_bayes.campaign.campaign import (
     distinct_forces,
 )
 from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Drift, Hysteresis
-from ldbb_bayes.result import Records, Result, read_result, readable
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 

@@ -19,12 +19,12 @@ from scipy.special import ndtr, ndtri
 from ldbb_bayes.analysis.circularity import offsets
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, record_of
-from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, information_of
 from ldbb_bayes.model.likelihood import Information
 from ldbb_bayes.model.terms import Columns, Term
-from ldbb_bayes.result import Array, readable
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, readable
 from ldbb_bayes.units import ranked
 
 __all__ = ["differences"]

@@ -39,7 +39,6 @@ from ldbb_bayes.errors import require
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.predictive import centre_shift
-from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.machine import chain
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.model.gaussian import least_squares
@@ -47,7 +46,8 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
 from ldbb_bayes.model.likelihood import NOISE, Information
 from ldbb_bayes.model.prior import compliance_unit, geometric_unit
 from ldbb_bayes.model.terms import BasisNoise, Columns, Term
-from ldbb_bayes.result import Array, ByName, ByRow, Finite, Number, Result
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, ByName, ByRow, Finite, Number, Result
 from ldbb_bayes.units import ranked
 
 if TYPE_CHECKING:

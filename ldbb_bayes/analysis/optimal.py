@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.result import Array, Shown
+from ldbb_bayes.results import Array, Shown
 
 __all__ = [
     "MOST_TESTS",

@@ -36,11 +36,11 @@ from ldbb_bayes.inference.evidence import (
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
 from ldbb_bayes.inference.posterior import check_probability
 from ldbb_bayes.inference.predictive import compliance_curves, least_squares
-from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.model.terms import CircleScale, Discrepancy, SetupShift, Term
-from ldbb_bayes.result import Array, Finite, Numbers, readable
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, Finite, Numbers, readable
 from ldbb_bayes.units import ranked
 
 __all__ = [

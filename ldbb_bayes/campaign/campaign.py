@@ -20,7 +20,7 @@ from pydantic.dataclasses import dataclass
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.files import refusing
 from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.result import Array, Shown
+from ldbb_bayes.results import Array, Shown
 
 __all__ = [
     "LABELS",

@@ -27,11 +27,11 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from ldbb_bayes.campaign.headers import WORDS
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.files import bytes_of, xml_of
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.result import Result, Shown
+from ldbb_bayes.reading.headers import WORDS
+from ldbb_bayes.results import Result, Shown
 
 __all__ = [
     "SUFFIX",

@@ -34,10 +34,10 @@ from ldbb_bayes.campaign.campaign import (
     TestFields,
 )
 from ldbb_bayes.campaign.certificates import read_dcc
-from ldbb_bayes.campaign.spreadsheet import columns_of, numbers_of, read_strict_table
 from ldbb_bayes.errors import InputError, check_known, nearest, placed, require
 from ldbb_bayes.files import read_toml, staged_folder, validated
-from ldbb_bayes.result import Array
+from ldbb_bayes.reading.spreadsheet import columns_of, numbers_of, read_strict_table
+from ldbb_bayes.results import Array
 
 __all__ = [
     "IMPORT_NAME",

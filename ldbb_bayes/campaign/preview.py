@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
-from ldbb_bayes.result import Array, Result
+from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
 __all__ = ["CampaignPreview", "Remark", "RemarkKind", "TestPreview", "preview", "resolution_of"]

@@ -92,7 +92,7 @@ def app_(
     Prints its address, and answers until it is interrupted (Ctrl-C). Needs the extra app.
     """
     try:
-        from ldbb_bayes.cli.server import serve
+        from ldbb_bayes.app.server import serve
     except ModuleNotFoundError as error:
         got = "got none. Install it with pip install 'ldbb-bayes[app]'"
         raise InputError(f"app must find the library {error.name}, {got}.") from None

@@ -251,7 +251,7 @@ def validate(
     """
     import pandas as pd
 
-    from ldbb_bayes.jobs import executor_named
+    from ldbb_bayes.parallel import executor_named
     from ldbb_bayes.report.figures import rank_ecdf
 
     if "data_model" in asked:

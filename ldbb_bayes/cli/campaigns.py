@@ -17,9 +17,9 @@ from ldbb_bayes.cli.options import Kind, Output, command, group, option, options
 from ldbb_bayes.errors import InputError, require
 
 if TYPE_CHECKING:
-    from ldbb_bayes.campaign.headers import Layout
     from ldbb_bayes.machine.chain import Circle, Machine
-    from ldbb_bayes.result import Table
+    from ldbb_bayes.reading.headers import Layout
+    from ldbb_bayes.results import Table
 
 __all__ = [
     "ATLAS_FILES",
@@ -83,7 +83,7 @@ def import_(
     Every assumption can be given as an option, or in --layout.
     """
     from ldbb_bayes.campaign.folder import IMPORT_NAME, files_of
-    from ldbb_bayes.campaign.headers import layout_to_toml
+    from ldbb_bayes.reading.headers import layout_to_toml
 
     output = Output(out, force, as_json, quiet=False)
     output.check(*files_of(out))
@@ -280,7 +280,7 @@ def batch(
     campaigns.
     """
     from ldbb_bayes.fleet.dataset import JOURNAL
-    from ldbb_bayes.jobs import executor_named
+    from ldbb_bayes.parallel import executor_named
 
     if asked["resume"] and not (out / JOURNAL).exists():
         typer.echo(f"{out} holds no unfinished batch: this one begins anew.", err=True)
@@ -313,7 +313,7 @@ def batch(
 def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
     """How many of what, the first failures and doubts with their reasons, and where the table
     is."""
-    from ldbb_bayes.result import Table
+    from ldbb_bayes.results import Table
 
     numbers = (
         ("fitted", done.done),

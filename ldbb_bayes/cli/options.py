@@ -395,7 +395,7 @@ def write_files(
 ) -> None:
     """Write records as JSON, tables as CSV (by their files' names), text as it is and figures (PNG
     and SVG) into a folder."""
-    from ldbb_bayes.result import json_text
+    from ldbb_bayes.results import json_text
 
     for name, content in contents.items():
         text = json_text(content) if name.endswith(".json") else content
@@ -440,7 +440,7 @@ class Output:
         nor figure."""
         from ldbb_bayes.files import staged_folder
         from ldbb_bayes.report.text import parts_of
-        from ldbb_bayes.result import json_text
+        from ldbb_bayes.results import json_text
 
         if self.out is not None:
             with staged_folder(self.out, force=self.force, ours=self.files) as staging:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from ldbb_bayes.campaign.campaign import Ball
-    from ldbb_bayes.campaign.importing import Imported
+    from ldbb_bayes.reading.importing import Imported
     from ldbb_bayes.report.page import Document
 
 __all__ = ["MACHINES", "REPORT_OPTIONS", "STEPS", "Given", "figure_names", "report", "report_files"]
@@ -241,7 +241,7 @@ def report_files(
     from ldbb_bayes.analysis.conformity import check_force
     from ldbb_bayes.files import staged_folder
     from ldbb_bayes.inference.posterior import record_of
-    from ldbb_bayes.jobs import second_process
+    from ldbb_bayes.parallel import second_process
     from ldbb_bayes.report.text import full_result
 
     for name in ("comparison", "design"):
@@ -294,7 +294,7 @@ def _worked(
     """The fit of linear compliance; how constant and linear compare, their average, and, when
     asked, the tests to run next; or why not."""
     from ldbb_bayes.inference.evidence import Evidences
-    from ldbb_bayes.jobs import ahead
+    from ldbb_bayes.parallel import ahead
 
     seed = asked["seed"]
     models = {"constant": model.with_degree(0), "linear": model}
@@ -349,8 +349,8 @@ def _write_beside(
     """What stands beside the page: the fit, the campaign as it was understood, comparison and
     design."""
     from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
-    from ldbb_bayes.campaign.headers import layout_to_toml
     from ldbb_bayes.inference.posterior import campaign_of
+    from ldbb_bayes.reading.headers import layout_to_toml
 
     write_result(fit, result, folder)
     if worked["averaged"] is not None:
@@ -373,8 +373,8 @@ def _said(
 ) -> tuple[Any, ...]:
     """What is printed: what was assumed, what looks odd, the results but for slopes, constant or
     linear, what to run next."""
-    from ldbb_bayes.campaign.headers import Assumption
     from ldbb_bayes.inference.posterior import campaign_of, model_of
+    from ldbb_bayes.reading.headers import Assumption
     from ldbb_bayes.report import text, wording
 
     campaign = campaign_of(fit)
@@ -531,9 +531,9 @@ def report(
     beside the first. Of a fit, the page goes into its own folder. Exit code 1 when a fit missed its
     target; the page then says so at its top.
     """
-    from ldbb_bayes.campaign.importing import matching
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.inference.posterior import check_probability
+    from ldbb_bayes.reading.importing import matching
 
     check_probability(asked["ci_prob"])
     source = Given(files, matching(files), layout, table, certificates)

@@ -42,11 +42,11 @@ from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import State, check_probability, numbers_of, record_of
 from ldbb_bayes.inference.sample import sample_from, sampler_named
-from ldbb_bayes.jobs import Lost, done, one_blas_thread, versions
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
+from ldbb_bayes.parallel import Lost, done, one_blas_thread, versions
 from ldbb_bayes.report.text import fit_in_words
-from ldbb_bayes.result import Result
+from ldbb_bayes.results import Result
 
 if TYPE_CHECKING:
     import pandas as pd

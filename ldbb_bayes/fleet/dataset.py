@@ -20,7 +20,7 @@ from ldbb_bayes.errors import InputError, check_known, nearest, require
 from ldbb_bayes.inference.posterior import ConcernKind
 from ldbb_bayes.inference.predictive import CheckKind
 from ldbb_bayes.report.wording import caveat_words
-from ldbb_bayes.result import Result
+from ldbb_bayes.results import Result
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -38,7 +38,6 @@ from ldbb_bayes.fleet.statistics import (
     whitened,
 )
 from ldbb_bayes.inference.posterior import check_probability, pareto_smooth
-from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model import gaussian
 from ldbb_bayes.model.gaussian import (
     Gaussian,
@@ -49,6 +48,7 @@ from ldbb_bayes.model.gaussian import (
     weighted_quantiles,
 )
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import (
     PAGE,
@@ -58,7 +58,7 @@ from ldbb_bayes.report.wording import (
     population_sentences,
     with_words,
 )
-from ldbb_bayes.result import Array, Result, Shown, Table, json_text, read_result, readable
+from ldbb_bayes.results import Array, Result, Shown, Table, json_text, read_result, readable
 from ldbb_bayes.units import (
     display_name,
     display_unit,

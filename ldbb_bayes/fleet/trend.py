@@ -53,12 +53,12 @@ from ldbb_bayes.fleet.statistics import (
     mixture_covariance,
 )
 from ldbb_bayes.inference.posterior import check_probability
-from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import Gaussian, mixture_moments, mixture_quantiles
+from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.report.figures.style import ACCENT, LIGHT, PALETTE, axis_label, band, panels, styled
 from ldbb_bayes.report.text import conformity_table, parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
-from ldbb_bayes.result import Array, Result, Table
+from ldbb_bayes.results import Array, Result, Table
 from ldbb_bayes.units import (
     display_name,
     display_unit,

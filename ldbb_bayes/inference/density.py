@@ -18,7 +18,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
-from ldbb_bayes.result import Array, Shown
+from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 

@@ -28,7 +28,7 @@ from scipy.special import gammaln, stdtrit
 
 from ldbb_bayes.inference.mcmc import StoppingRule, diagnose, run_ensembles
 from ldbb_bayes.model.gaussian import Sobol
-from ldbb_bayes.result import Array
+from ldbb_bayes.results import Array
 
 __all__ = [
     "CHUNK",

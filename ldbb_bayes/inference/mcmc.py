@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ldbb_bayes.result import Array, Shown
+from ldbb_bayes.results import Array, Shown
 
 __all__ = [
     "Assessment",

@@ -30,7 +30,7 @@ from ldbb_bayes.model.gaussian import (
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.likelihood import ParameterConditional
 from ldbb_bayes.model.truncation import Orthant
-from ldbb_bayes.result import Array
+from ldbb_bayes.results import Array
 from ldbb_bayes.units import value_and_uncertainty
 
 __all__ = [

@@ -28,10 +28,10 @@ from ldbb_bayes.inference import predictive
 from ldbb_bayes.inference.integrals import in_chunks
 from ldbb_bayes.inference.mcmc import diagnose
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
-from ldbb_bayes.result import Array, Finite, Result, readable
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, Finite, Result, readable
 from ldbb_bayes.units import display_unit, ranked
 
 if TYPE_CHECKING:

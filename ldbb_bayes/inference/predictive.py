@@ -22,12 +22,12 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, check_campaign
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference.integrals import CHUNK
 from ldbb_bayes.inference.nodes import Nodes
-from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
 from ldbb_bayes.model.terms import BasisNoise, Columns, JointLoad
-from ldbb_bayes.result import Array, ByRow, Numbers, Result, readable
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, ByRow, Numbers, Result, readable
 from ldbb_bayes.units import ranked
 
 __all__ = [

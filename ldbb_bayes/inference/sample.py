@@ -29,11 +29,11 @@ from ldbb_bayes.inference.posterior import (
     campaign_record,
     power_sensitivity,
 )
-from ldbb_bayes.jobs import one_blas_thread, versions
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
 from ldbb_bayes.model.terms import Drift
-from ldbb_bayes.result import Array
+from ldbb_bayes.parallel import one_blas_thread, versions
+from ldbb_bayes.results import Array
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from ldbb_bayes.errors import check_known, require
-from ldbb_bayes.result import Array, Shown, readable
+from ldbb_bayes.results import Array, Shown, readable
 from ldbb_bayes.units import inside_name
 
 if TYPE_CHECKING:

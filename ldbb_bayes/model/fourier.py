@@ -25,7 +25,7 @@ from ldbb_bayes.machine.chain import (
     geometric_jacobian,
     geometric_names,
 )
-from ldbb_bayes.result import Array
+from ldbb_bayes.results import Array
 
 __all__ = [
     "MAX_ORDER",

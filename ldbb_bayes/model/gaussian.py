@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.result import Array, Shown
+from ldbb_bayes.results import Array, Shown
 
 __all__ = [
     "Gaussian",

@@ -60,7 +60,7 @@ from ldbb_bayes.model.terms import (
     first_edition,
 )
 from ldbb_bayes.model.truncation import Orthant, Truncation
-from ldbb_bayes.result import Array, Result, Shown
+from ldbb_bayes.results import Array, Result, Shown
 from ldbb_bayes.units import inside_name
 
 __all__ = [

@@ -36,7 +36,7 @@ from ldbb_bayes.model.fourier import SIZE, Even, Reduced
 from ldbb_bayes.model.gaussian import Gaussian, components, eliminate, solve_upper
 from ldbb_bayes.model.terms import NOISE, OWN, BasisNoise, Columns, Hyper, Source
 from ldbb_bayes.model.truncation import Orthant, Truncation
-from ldbb_bayes.result import Array
+from ldbb_bayes.results import Array
 
 __all__ = ["NOISE", "OWN", "Information", "ParameterConditional", "StructuredGaussian"]
 

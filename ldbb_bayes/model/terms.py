@@ -22,7 +22,7 @@ from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, WAYS, Setting, derivative
-from ldbb_bayes.result import Array, Result, Shown
+from ldbb_bayes.results import Array, Result, Shown
 
 __all__ = [
     "FORM_ORDER",

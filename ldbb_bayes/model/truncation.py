@@ -26,7 +26,7 @@ from scipy.special import erfcx, log_ndtr, ndtr, ndtri, ndtri_exp, owens_t
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import components, solve_lower
-from ldbb_bayes.result import Array
+from ldbb_bayes.results import Array
 
 __all__ = ["Orthant", "Truncation"]
 

@@ -47,7 +47,7 @@ from ldbb_bayes.report.sections import (
 )
 from ldbb_bayes.report.sheets import Banner, Pair, ReportSheet, pdf_of, sheets, words_of
 from ldbb_bayes.report.text import fit_in_words
-from ldbb_bayes.result import Array, Shown, json_text
+from ldbb_bayes.results import Array, Shown, json_text
 from ldbb_bayes.units import display_name, display_unit, is_skewed, typeset
 
 __all__ = [

@@ -31,7 +31,7 @@ from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, model_
 from ldbb_bayes.report import figures, text, wording
 from ldbb_bayes.report.text import Passage, parts_of, two_digits
 from ldbb_bayes.report.wording import DEGREES
-from ldbb_bayes.result import Table
+from ldbb_bayes.results import Table
 from ldbb_bayes.units import (
     display_name,
     display_unit,

@@ -27,7 +27,7 @@ from ldbb_bayes.model.terms import BarLength, Term, uncertainties
 from ldbb_bayes.report.sections import Findings, Picture, picture
 from ldbb_bayes.report.text import two_digits
 from ldbb_bayes.report.wording import joined
-from ldbb_bayes.result import Table
+from ldbb_bayes.results import Table
 from ldbb_bayes.units import display_name, display_unit, is_skewed, state, value_and_uncertainty
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.wording import IN_FORCE
-from ldbb_bayes.result import ByClass, ByName, Shown, Table, brief, entries_of, table_of, wrapped
+from ldbb_bayes.results import ByClass, ByName, Shown, Table, brief, entries_of, table_of, wrapped
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -39,12 +39,12 @@ if TYPE_CHECKING:
     )
     from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.campaign.certificates import BallbarRecord
-    from ldbb_bayes.campaign.importing import Imported
     from ldbb_bayes.inference.density import LogDensity
     from ldbb_bayes.inference.posterior import Fit
     from ldbb_bayes.inference.predictive import LeastSquares
     from ldbb_bayes.model.hybrid import HybridModel, Simulation
     from ldbb_bayes.model.terms import Uncertainties
+    from ldbb_bayes.reading.importing import Imported
 
 __all__ = [
     "FitWords",
@@ -72,7 +72,7 @@ Passage: TypeAlias = Table | str | tuple[str, ...]
 def _as_it_is(result: Any) -> tuple[Passage, ...]:
     """Return a result as tables, sentences and lists, in the order they are read. Every room
     registers a function for each of its kinds of result (``@parts_of.register``), which takes its
-    sentences from `ldbb_bayes.report.wording`; else it is what `ldbb_bayes.result.entries_of`
+    sentences from `ldbb_bayes.report.wording`; else it is what `ldbb_bayes.results.entries_of`
     says."""
     rows = [(name, brief(value)) for name, value in entries_of(result).items()]
     return (

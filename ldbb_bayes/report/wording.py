@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 
 from ldbb_bayes.model.terms import OWN, Term
-from ldbb_bayes.result import ByClass
+from ldbb_bayes.results import ByClass
 from ldbb_bayes.units import (
     display_name,
     display_unit,

@@ -42,8 +42,8 @@ def hunt(name: str, corpus: Path, seconds: int) -> None:
         ]
     ):
         import ldbb_bayes.campaign.folder
-        import ldbb_bayes.campaign.importing
         import ldbb_bayes.model.specification
+        import ldbb_bayes.reading.importing
     sys.path.insert(0, str(HERE))
     from fuzz import readers
 

@@ -35,9 +35,9 @@ import ldbb_bayes as lb
 from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.predictive import _own, draw_shared, machine_coefficients, shared_columns
-from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.parallel import one_blas_thread
 
 Array = NDArray[np.float64]
 MODEL = lb.HybridModel.default(1)

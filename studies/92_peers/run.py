@@ -22,7 +22,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
-from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.parallel import one_blas_thread
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "12_real_machines"), str(HERE)]

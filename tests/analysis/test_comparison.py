@@ -26,7 +26,7 @@ from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.model.terms import Discrepancy, ForceError, Mount, SetupShift
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import comparison_sentences, strength_words, with_words
-from ldbb_bayes.result import json_text
+from ldbb_bayes.results import json_text
 
 LINEAR = lb.HybridModel.first(1)
 RATIO = "linear/constant"

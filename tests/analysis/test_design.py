@@ -30,7 +30,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.report.wording import design_notes, design_sentences, with_words
-from ldbb_bayes.result import json_text
+from ldbb_bayes.results import json_text
 
 LINEAR = lb.HybridModel.first(1)
 REFUSALS: list[list[object]] = cases(__file__, "refusals.toml")["design"]

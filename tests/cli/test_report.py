@@ -21,7 +21,7 @@ from ldbb_bayes.cli.analyses import write_result
 from ldbb_bayes.cli.reporting import figure_names
 from ldbb_bayes.report.page import REPORT_FILES
 from ldbb_bayes.report.text import full_result
-from ldbb_bayes.result import json_text
+from ldbb_bayes.results import json_text
 
 
 @pytest.fixture(autouse=True)

@@ -16,7 +16,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.cli import app, options
 from ldbb_bayes.report.text import lines_of, parts_of
-from ldbb_bayes.result import Table
+from ldbb_bayes.results import Table
 
 FEW = ("--preset", "first", "--without", "discrepancy,hysteresis,setup-shift")
 COMMANDS: tuple[tuple[object, ...], ...] = (

@@ -27,8 +27,8 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.batch import Batch, Job, Settings, fit_row, gather
 from ldbb_bayes.fleet.statistics import fleet_statistics, sufficient_statistics
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.jobs import WorkerDied
 from ldbb_bayes.model.specification import model_to_toml
+from ldbb_bayes.parallel import WorkerDied
 from ldbb_bayes.report.text import full_result
 
 pytest.importorskip("pyarrow")

@@ -26,7 +26,7 @@ from ldbb_bayes.report.page import Document, compose, html_page, tables
 from ldbb_bayes.report.sections import SECTIONS, Details, Picture, Section, find
 from ldbb_bayes.report.sheets import Banner, Fields, Pair, ReportSheet, languages, sheets, words_of
 from ldbb_bayes.report.text import nuisance_table
-from ldbb_bayes.result import Table
+from ldbb_bayes.results import Table
 from ldbb_bayes.units import value_and_uncertainty
 
 

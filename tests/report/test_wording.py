@@ -34,7 +34,7 @@ from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.page import compose
 from ldbb_bayes.report.sections import Details, Picture, find
-from ldbb_bayes.result import Table, json_text
+from ldbb_bayes.results import Table, json_text
 
 MODEL = lb.HybridModel.first(1)
 QUICK = lb.StoppingRule(ess=100.0)

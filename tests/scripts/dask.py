@@ -4,9 +4,9 @@ import signal
 import sys
 from pathlib import Path
 
-import ldbb_bayes.jobs as home
+import ldbb_bayes.parallel as home
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.jobs import Lost, dask_executor, done
+from ldbb_bayes.parallel import Lost, dask_executor, done
 
 
 def job(x):

@@ -19,7 +19,7 @@ from ldbb_bayes.analysis.identifiability import Budget, Identifiability
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, PALETTE, band, panels, styled
 from ldbb_bayes.report.wording import source_words
-from ldbb_bayes.result import Array
+from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = [

@@ -41,7 +41,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, FAINT, GREY, PALETTE, band, panels, styled
-from ldbb_bayes.result import Array
+from ldbb_bayes.results import Array
 from ldbb_bayes.units import (
     display_name,
     display_unit,

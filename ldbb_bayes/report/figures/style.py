@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ldbb_bayes.campaign.campaign import distinct_forces
-from ldbb_bayes.result import Array
+from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]

@@ -32,7 +32,7 @@ from ldbb_bayes.units import display_name, display_unit
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.candidates import Space
-    from ldbb_bayes.campaign.importing import Imported
+    from ldbb_bayes.reading.importing import Imported
 
 __all__ = [
     "FIELDS",
@@ -186,7 +186,7 @@ def _made(of: str, make: Callable[..., Any], choices: Mapping[str, str], folder:
 
 def _given(folder: Path, choices: Mapping[str, str]) -> Given:
     """The files, and what is said of them, as the command line has them."""
-    from ldbb_bayes.campaign.importing import matching
+    from ldbb_bayes.reading.importing import matching
 
     held = sorted(own for own in (folder / FILES).iterdir() if own.suffix.lower() != _DCC)
     require(

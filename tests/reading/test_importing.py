@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from openpyxl import Workbook
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.headers import layout_to_toml
-from ldbb_bayes.campaign.importing import angles_from_time, average_laps, on_the_circle
-from ldbb_bayes.campaign.spreadsheet import decimal_mark, numbers_of, read_sheets, seconds_of
+from ldbb_bayes.reading.headers import layout_to_toml
+from ldbb_bayes.reading.importing import angles_from_time, average_laps, on_the_circle
+from ldbb_bayes.reading.spreadsheet import decimal_mark, numbers_of, read_sheets, seconds_of
 
 CASES = cases(__file__, "importing.toml")
 

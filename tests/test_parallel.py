@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.jobs import (
+from ldbb_bayes.parallel import (
     Lost,
     ahead,
     dask_executor,
@@ -273,7 +273,7 @@ def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     ):
         executor.submit(int).result()
     for cores in (1, 2):
-        monkeypatch.setattr("ldbb_bayes.jobs._usable_cores", lambda cores=cores: cores)
+        monkeypatch.setattr("ldbb_bayes.parallel._usable_cores", lambda cores=cores: cores)
         with second_process() as executor:
             assert (executor is None, ahead(os.getpid, executor)()) == (cores == 1, os.getpid())
     monkeypatch.setitem(sys.modules, "dask", None)

@@ -40,10 +40,10 @@ from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli import worker
+from ldbb_bayes.app import worker
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import LARGEST_TABLE_BYTES
-from ldbb_bayes.jobs import ONE_THREAD, WorkerDied, process_executor
+from ldbb_bayes.parallel import ONE_THREAD, WorkerDied, process_executor
 
 __all__ = ["Pages", "application", "serve", "words_of_page"]
 
@@ -84,7 +84,7 @@ _ALWAYS = {
 }
 _BACKLOG = 512
 _PREFIX = "ldbb-bayes-"
-_FIT = "from ldbb_bayes.cli.worker import main; main()"
+_FIT = "from ldbb_bayes.app.worker import main; main()"
 _SHOWN = {"report.html": "text/html", "report.pdf": "application/pdf"}
 _LOADED = {
     "report.json": "",

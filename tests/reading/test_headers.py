@@ -8,7 +8,7 @@ import math
 import pytest
 from campaigns import cases
 
-from ldbb_bayes.campaign.headers import (
+from ldbb_bayes.reading.headers import (
     directions_said,
     load_in_name,
     load_is_ambiguous,

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainSerializer
 
-from ldbb_bayes.campaign import headers, spreadsheet
 from ldbb_bayes.campaign.campaign import (
     LABELS,
     PER_TEST,
@@ -27,12 +26,13 @@ from ldbb_bayes.campaign.campaign import (
     MountCompensation,
 )
 from ldbb_bayes.campaign.certificates import SUFFIX, BallbarRecord, read_b5r
-from ldbb_bayes.campaign.headers import UNITS, WORDS, Assumption, Heading, Layout, Notes, Said
 from ldbb_bayes.campaign.preview import resolution_of
-from ldbb_bayes.campaign.spreadsheet import Sheet, numbers_of, read_sheets
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.result import Array, Result
+from ldbb_bayes.reading import headers, spreadsheet
+from ldbb_bayes.reading.headers import UNITS, WORDS, Assumption, Heading, Layout, Notes, Said
+from ldbb_bayes.reading.spreadsheet import Sheet, numbers_of, read_sheets
+from ldbb_bayes.results import Array, Result
 
 __all__ = ["Imported", "import_campaign", "mask_angles", "mask_reversals", "matching"]
 

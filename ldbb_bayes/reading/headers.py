@@ -21,7 +21,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInf
 from pydantic.dataclasses import dataclass as checked
 
 from ldbb_bayes.campaign.campaign import PER_TEST, Number, TestFields
-from ldbb_bayes.campaign.spreadsheet import (
+from ldbb_bayes.errors import InputError, check_known, nearest, require
+from ldbb_bayes.files import read_toml, validated
+from ldbb_bayes.reading.spreadsheet import (
     Rows,
     Sheet,
     could_be_thousands,
@@ -29,9 +31,7 @@ from ldbb_bayes.campaign.spreadsheet import (
     looks_like_number,
     number,
 )
-from ldbb_bayes.errors import InputError, check_known, nearest, require
-from ldbb_bayes.files import read_toml, validated
-from ldbb_bayes.result import Shown
+from ldbb_bayes.results import Shown
 
 __all__ = [
     "UNITS",

@@ -139,7 +139,7 @@ def done(
         raise InputError(
             "the executor must last as long as its jobs, got one that gave them up (its workers"
             " died, or its scheduler ended). Finished work is kept. Run what is left on"
-            " process_executor() of ldbb_bayes.jobs, which starts workers afresh."
+            " process_executor() of ldbb_bayes.parallel, which starts workers afresh."
         ) from error
     finally:
         for future in flying:

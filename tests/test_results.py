@@ -18,7 +18,7 @@ from reports import fitted
 import ldbb_bayes as lb
 from ldbb_bayes.inference.nodes import Evidence
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.result import Table, readable
+from ldbb_bayes.results import Table, readable
 
 MODEL = lb.HybridModel.first(0).without("discrepancy", "setup-shift")
 FORCES_N = (36.0, 400.0, 742.0)

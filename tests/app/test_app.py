@@ -30,7 +30,7 @@ from campaigns import Invoke
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.candidates import DECISIVE
-from ldbb_bayes.cli import server, worker
+from ldbb_bayes.app import server, worker
 
 TOKEN = "a-token-of-the-tests"
 RECOVERED = Path(lb.embedded_campaign())
@@ -550,17 +550,17 @@ def test_a_killed_worker_loses_nothing(house: tuple[Tab, Path], tab: Tab) -> Non
         os.kill(process, signal.SIGKILL)
     assert "f742" in tab.ask("GET", "part/understood")[1]
     tab.ask("POST", "fit")
-    (fit,) = until(lambda: processes("ldbb_bayes.cli.worker"))
+    (fit,) = until(lambda: processes("ldbb_bayes.app.worker"))
     os.kill(fit, signal.SIGKILL)
     until(lambda: not tab.state()["running"])
     assert "Nothing was lost" in tab.ask("GET", "part/fit")[1]
     tab.ask("POST", "fit")
-    until(lambda: processes("ldbb_bayes.cli.worker"))
+    until(lambda: processes("ldbb_bayes.app.worker"))
     assert [
         own.name for own in (house[1] / tab.base.split("/")[-2] / "job").rglob("f*.csv")
     ]  # a copy of its own
     assert json.loads(tab.ask("POST", "cancel")[1])["outcome"] == {"cancelled": True}
-    until(lambda: not processes("ldbb_bayes.cli.worker"), 10)
+    until(lambda: not processes("ldbb_bayes.app.worker"), 10)
     assert tab.state()["files"] == 7
 
 
@@ -572,9 +572,9 @@ def test_a_fit_of_a_silent_page_gives_way(
     for own in (tab, other):
         own.ask("POST", "example")
         own.ask("POST", "fit")
-    (first,) = until(lambda: processes("ldbb_bayes.cli.worker"))
+    (first,) = until(lambda: processes("ldbb_bayes.app.worker"))
     until(lambda: other.state()["progress"]["step"] != "waiting")
-    assert processes("ldbb_bayes.cli.worker") != [first]
+    assert processes("ldbb_bayes.app.worker") != [first]
     assert "another fit was waiting" in tab.state()["outcome"]["refused"]
     assert other.ask("POST", "cancel")[0] == 200
 
@@ -623,7 +623,7 @@ def test_a_port_in_use_and_a_missing_library_are_said(
     with server._listening(0) as listener:
         code, _, said = invoke("app", "--no-browser", "--port", listener.getsockname()[1])
     assert (code, "Choose another" in said) == (2, True)
-    monkeypatch.setitem(sys.modules, "ldbb_bayes.cli.server", None)
+    monkeypatch.setitem(sys.modules, "ldbb_bayes.app.server", None)
     code, _, said = invoke("app", "--no-browser")
     assert (code, "pip install 'ldbb-bayes[app]'" in said) == (2, True)
 

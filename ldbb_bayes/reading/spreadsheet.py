@@ -15,7 +15,7 @@ import numpy as np
 
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.files import LARGEST_TABLE_BYTES, bytes_of
-from ldbb_bayes.result import Array
+from ldbb_bayes.results import Array
 
 __all__ = [
     "Rows",
