@@ -13,6 +13,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
+from campaigns import Invoke
 from hypothesis import HealthCheck, settings
 from reports import fitted
 
@@ -20,6 +21,7 @@ from ldbb_bayes.analysis import candidates
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import read_campaign
+from ldbb_bayes.cli import app
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.page import Document, compose, html_page
 from ldbb_bayes.report.sections import find
@@ -103,3 +105,16 @@ def browser() -> Iterator[Any]:
         running = driver.chromium.launch(executable_path=path, args=options)
         yield running
         running.close()
+
+
+@pytest.fixture
+def invoke(capsys: pytest.CaptureFixture[str]) -> Invoke:
+    """A command's exit code, what it printed, and what it said on stderr."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as left:
+            app([str(argument) for argument in arguments])
+        shown = capsys.readouterr()
+        return int(left.value.code or 0), shown.out, shown.err
+
+    return run

@@ -63,7 +63,7 @@ ANSWER_S = 120.0
 LOOK_S = 1.0
 # Until the fit of a page that asks for nothing any more gives way to one that waits.
 ABANDONED_S = 150.0
-_PAGES = files("ldbb_bayes.cli") / "pages"
+_PAGES = files("ldbb_bayes.app") / "pages"
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src"
     " 'self'; frame-src 'self'"
@@ -114,7 +114,7 @@ class Pages:
     """What is shown: templates, filled in the language of a session; all text is escaped."""
 
     def __init__(self) -> None:
-        loader = jinja2.PackageLoader("ldbb_bayes.cli", "pages")
+        loader = jinja2.PackageLoader("ldbb_bayes.app", "pages")
         self._templates = jinja2.Environment(
             loader=loader, autoescape=True, undefined=jinja2.StrictUndefined
         )

@@ -36,7 +36,7 @@ def hunt(name: str, corpus: Path, seconds: int) -> None:
     with atheris.instrument_imports(
         include=[
             "ldbb_bayes.campaign",
-            "ldbb_bayes.campaign",
+            "ldbb_bayes.reading",
             "ldbb_bayes.files",
             "ldbb_bayes.model.specification",
         ]

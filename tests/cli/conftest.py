@@ -1,4 +1,4 @@
-"""Commands run in this process: exit code, stdout, stderr."""
+"""Campaigns, plans and files that commands are run on."""
 
 from __future__ import annotations
 
@@ -6,23 +6,9 @@ from pathlib import Path
 
 import awkward
 import pytest
-from campaigns import Invoke, plan, simulated, written
+from campaigns import plan, simulated, written
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli import app
-
-
-@pytest.fixture
-def invoke(capsys: pytest.CaptureFixture[str]) -> Invoke:
-    """A command's exit code, what it printed, and what it said on stderr."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as left:
-            app([str(argument) for argument in arguments])
-        shown = capsys.readouterr()
-        return int(left.value.code or 0), shown.out, shown.err
-
-    return run
 
 
 @pytest.fixture(scope="session")
