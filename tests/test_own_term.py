@@ -16,7 +16,7 @@ from reports import undrawn
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import cures, degeneracies
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.fourier import Setting
+from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.specification import model_from_toml, model_to_toml
 from ldbb_bayes.report.wording import cure_words, remedy_words
 

@@ -6,7 +6,7 @@ any clocking differs; where none does, two terms and one are the same model.
 
 Expected are the posterior sd of every parameter, the information gained, constant or linear: of the
 linear Gaussian model at given hyper-parameters, averaged over these; sd inside the truncation,
-evidence without it. This takes the general route through `ldbb_bayes.model.likelihood.Information`
+evidence without it. This takes the general route through `ldbb_bayes.model.information.Information`
 and none of the search's.
 """
 
@@ -22,7 +22,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 from scipy.special import ndtr, ndtri
+from scipy.stats import qmc
 
 from ldbb_bayes.analysis.optimal import (
     Criterion,
@@ -37,11 +39,12 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.model.fourier import TRAVEL
-from ldbb_bayes.model.gaussian import Gaussian, Sobol, components, singular_root
+from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of, informations_of
-from ldbb_bayes.model.likelihood import OWN
+from ldbb_bayes.model.linear_algebra import singular_root
 from ldbb_bayes.model.prior import Prior
+from ldbb_bayes.model.setting import TRAVEL
+from ldbb_bayes.model.terms import OWN
 from ldbb_bayes.results import Array, Finite, Result
 from ldbb_bayes.units import inside_name
 
@@ -242,7 +245,7 @@ def _connected(blocks: Array, own: Sequence[int]) -> NDArray[np.int_]:
     """Columns that share readings with those of interest, directly or through others; those of
     interest last."""
     size = np.abs(blocks)
-    label = components(np.einsum("rij,rik->jk", size, size) > 0.0)
+    _, label = connected_components(np.einsum("rij,rik->jk", size, size) > 0.0, directed=False)
     joined = np.isin(label, label[list(own)])
     joined[list(own)] = False
     return np.array([*np.flatnonzero(joined), *own], dtype=int)
@@ -334,7 +337,7 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
     variances are σ² times something that does not depend on it: one node, the root mean square."""
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
-        points = Sobol(len(prior.names), np.random.default_rng(seed))
+        points = qmc.Sobol(len(prior.names), rng=np.random.default_rng(seed))
         nodes = np.asarray(prior.quantile(points.random(1 << int(np.ceil(np.log2(size))))))
     else:
         posterior = _posterior(model, pilot)
@@ -526,7 +529,7 @@ def _points(count: int, dimensions: int, seed: int) -> Array:
     """Standard normal points, shape (count, _EACH, dimensions): quasi-random ones, moved at random
     for each."""
     rng = np.random.default_rng(seed)
-    points = Sobol(dimensions, rng).random(_EACH) if dimensions else np.zeros((_EACH, 0))
+    points = qmc.Sobol(dimensions, rng=rng).random(_EACH) if dimensions else np.zeros((_EACH, 0))
     return np.asarray(ndtri((points + rng.random((count, 1, dimensions))) % 1.0))
 
 

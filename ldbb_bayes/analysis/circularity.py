@@ -22,8 +22,9 @@ from ldbb_bayes.campaign.certificates import BallbarRecord
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, parts_of
 from ldbb_bayes.inference.predictive import draw_shared, shared_columns, shared_terms
-from ldbb_bayes.model.fourier import SIZE, basis, geometric_errors_of, harmonic_index
+from ldbb_bayes.model.fourier import SIZE, basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.setting import geometric_errors_of
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
 

@@ -39,6 +39,7 @@ import pandas as pd
 from scipy import special
 
 from ldbb_bayes.analysis import sensitivity
+from ldbb_bayes.analysis.multiple_testing import holm
 from ldbb_bayes.analysis.sensitivity import (
     WHITE_NOISE,
     Assumed,
@@ -75,7 +76,6 @@ from ldbb_bayes.inference.sample import (
     record_from,
 )
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS
-from ldbb_bayes.model.gaussian import holm
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.parallel import ahead, one_blas_thread
 from ldbb_bayes.results import Array, Finite, Number, Records, Result, read_result, readable

@@ -21,7 +21,7 @@ from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, record_of
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, information_of
-from ldbb_bayes.model.likelihood import Information
+from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable

@@ -41,11 +41,11 @@ from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.predictive import centre_shift
 from ldbb_bayes.machine import chain
 from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
-from ldbb_bayes.model.likelihood import NOISE, Information
+from ldbb_bayes.model.information import Information
+from ldbb_bayes.model.linear_algebra import least_squares
 from ldbb_bayes.model.prior import compliance_unit, geometric_unit
-from ldbb_bayes.model.terms import BasisNoise, Columns, Term
+from ldbb_bayes.model.terms import NOISE, BasisNoise, Columns, Term
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByName, ByRow, Finite, Number, Result
 from ldbb_bayes.units import ranked

@@ -24,7 +24,9 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 from scipy.special import gammaincinv, ndtr, ndtri
+from scipy.stats import qmc
 
+from ldbb_bayes.analysis.multiple_testing import holm
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.fleet import statistics as stats
@@ -38,16 +40,11 @@ from ldbb_bayes.fleet.statistics import (
     whitened,
 )
 from ldbb_bayes.inference.posterior import check_probability, pareto_smooth
-from ldbb_bayes.model import gaussian
-from ldbb_bayes.model.gaussian import (
-    Gaussian,
-    eliminate,
-    holm,
-    mixture_moments,
-    mixture_quantiles,
-    weighted_quantiles,
-)
+from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles, weighted_quantiles
+from ldbb_bayes.model.newton import newton
+from ldbb_bayes.model.triangular import eliminate
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import (
@@ -189,7 +186,7 @@ class SpreadDensity:
     def mode(self, start: Array) -> tuple[Array, Array]:
         """Where the density is highest, shape (c,), and the curvature there, every eigenvalue by
         its size and none near zero."""
-        t = gaussian.newton(self.log, self.derivatives, start, gain=1e-10)
+        t = newton(self.log, self.derivatives, start, gain=1e-10)
         values, vectors = np.linalg.eigh(-self.derivatives(t)[1])
         return t, np.asarray((vectors * np.maximum(np.abs(values), _FLATTEST)) @ vectors.T)
 
@@ -257,7 +254,7 @@ def _weighed(
 ) -> Spreads:
     c = len(middle)
     points = np.clip(
-        gaussian.Sobol(c + 1, np.random.default_rng(seed)).random(size), 1e-12, 1.0 - 1e-12
+        qmc.Sobol(c + 1, rng=np.random.default_rng(seed)).random(size), 1e-12, 1.0 - 1e-12
     )
     chi = 2.0 * gammaincinv(0.5 * _FREEDOM, points[:, 0])
     white = ndtri(points[:, 1:]) * np.sqrt(_FREEDOM / chi)[:, None]

@@ -26,10 +26,11 @@ from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, moment
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName, kept_compliances
-from ldbb_bayes.model.gaussian import Gaussian, eliminate
+from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import Prior, geometric_unit
 from ldbb_bayes.model.terms import Columns, Term
+from ldbb_bayes.model.triangular import eliminate
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import inside_name

@@ -53,7 +53,8 @@ from ldbb_bayes.fleet.statistics import (
     mixture_covariance,
 )
 from ldbb_bayes.inference.posterior import check_probability
-from ldbb_bayes.model.gaussian import Gaussian, mixture_moments, mixture_quantiles
+from ldbb_bayes.model.gaussian import Gaussian
+from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.report.figures.style import ACCENT, LIGHT, PALETTE, axis_label, band, panels, styled
 from ldbb_bayes.report.text import conformity_table, parts_of

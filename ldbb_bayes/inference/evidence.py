@@ -19,11 +19,11 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.integrals import CHUNK, Integral
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes, TooRoughError, draw_jointly
-from ldbb_bayes.model.gaussian import mixture_moments
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.mixtures import mixture_moments
+from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.model.terms import Hyper
-from ldbb_bayes.model.truncation import Orthant
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, Shown, readable
 

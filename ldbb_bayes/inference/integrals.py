@@ -17,6 +17,7 @@ cannot be trusted the nodes are emcee's draws, of equal weight, and ∫ f comes 
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -25,9 +26,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, stdtrit
+from scipy.stats import qmc
 
 from ldbb_bayes.inference.mcmc import StoppingRule, diagnose, run_ensembles
-from ldbb_bayes.model.gaussian import Sobol
 from ldbb_bayes.results import Array
 
 __all__ = [
@@ -159,11 +160,11 @@ class Integral:
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Independent draws from a sample's proposal, shape (size, h); made wider by a temperature
         above one."""
-        return cast(Mixture, self.proposal).draw(size, rng, temperature=temperature)
+        return cast("Mixture", self.proposal).draw(size, rng, temperature=temperature)
 
     def log_proposal(self, free: Array) -> Array:
         """Log density with which `draw` gives points (n, h), shape (n,)."""
-        return cast(Mixture, self.proposal).log_density(free)
+        return cast("Mixture", self.proposal).log_density(free)
 
     def times(self, log_factor: Callable[[NDArray[np.intp]], Array], spare: float) -> Integral:
         """∫ f g: ln g at the nodes of an index, (k,), is evaluated where they count. The others, a
@@ -425,7 +426,7 @@ def importance_sample(
     while len(rounds) < _ROUNDS:
         count = np.maximum(np.rint(each * proposal.share), 1.0).astype(int)
         proposal = replace(proposal, share=count / count.sum())
-        engines = [[Sobol(h, rng) for _ in range(_SCRAMBLES)] for _ in count]
+        engines = [[qmc.Sobol(h, rng=rng) for _ in range(_SCRAMBLES)] for _ in count]
         found = None
         times = 1
         while True:
@@ -451,13 +452,13 @@ def importance_sample(
 def _drawn(
     log_density: LogDensity,
     proposal: Mixture,
-    engines: Sequence[Sequence[Sobol]],
+    engines: Sequence[Sequence[qmc.Sobol]],
     count: NDArray[np.intp],
     before: Integral | None,
 ) -> Integral:
     """So many points of every component more in every scramble, and those there were before."""
     points = [
-        own.at(engine.random(n))
+        own.at(_draw_points(engine, n))
         for own, scrambles, n in zip(proposal.components, engines, count, strict=True)
         for engine in scrambles
     ]
@@ -470,6 +471,14 @@ def _drawn(
         values = np.concatenate([before.log_density, values])
     log_volume = -proposal.log_density(free) - np.log(len(free))
     return Integral(free, values, log_volume, part, np.zeros(len(free), dtype=bool), proposal)
+
+
+def _draw_points(engine: qmc.Sobol, count: int) -> Array:
+    """Draw the next points of a Sobol sequence, shape (count, h), as many as a component's share."""
+    with warnings.catch_warnings():
+        # SciPy warns of counts that are no powers of two: shares of a mixture rarely are.
+        warnings.filterwarnings("ignore", message="The balance properties", category=UserWarning)
+        return np.asarray(engine.random(count))
 
 
 def _along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
@@ -671,7 +680,7 @@ def _bridge(
     another; its standard error (Frühwirth-Schnatter, Econometrics Journal 7, 143-167, 2004), the
     chain's from means over walkers in the order of time; and the proposal."""
     own, points = (each.reshape(-1, chain.shape[3]) for each in (fitted, chain))
-    proposal = cast(Mixture, sample.proposal)
+    proposal = cast("Mixture", sample.proposal)
     for _ in range(2):
         proposal = _moved(proposal, own, np.full(len(own), 1.0 / len(own)))
     drawn = proposal.draw(len(points), rng)

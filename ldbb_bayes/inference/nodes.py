@@ -10,6 +10,7 @@ from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import qmc
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.integrals import (
@@ -20,16 +21,12 @@ from ldbb_bayes.inference.integrals import (
     in_chunks,
     integrate,
 )
-from ldbb_bayes.model.gaussian import (
-    Sobol,
-    central_differences,
-    mixture_quantiles,
-    newton,
-    solve_upper,
-)
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.likelihood import ParameterConditional
-from ldbb_bayes.model.truncation import Orthant
+from ldbb_bayes.model.mixtures import mixture_quantiles
+from ldbb_bayes.model.newton import central_differences, newton
+from ldbb_bayes.model.orthant import Orthant
+from ldbb_bayes.model.triangular import solve_upper
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import value_and_uncertainty
 
@@ -210,7 +207,7 @@ class HyperPosterior:
         if self._near is not None:
             return [self._near]
         prior = self.bound.hyper_prior
-        points = Sobol(len(prior.names), np.random.default_rng(self._seed)).random(_STARTS)
+        points = qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed)).random(_STARTS)
         starts = prior.starts(points)
         starts = starts[np.argsort(-self._smooth(starts))]
         basins: list[Array] = []

@@ -14,6 +14,7 @@ from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
 from ldbb_bayes.errors import check_known, renamed, require
@@ -24,22 +25,11 @@ from ldbb_bayes.machine.chain import (
     geometric_reading_mm,
     kept_compliances,
 )
-from ldbb_bayes.model.fourier import (
-    Reduced,
-    Setting,
-    basis,
-    geometric_errors_of,
-    reduce_readings,
-    setting_of,
-)
-from ldbb_bayes.model.gaussian import components, least_squares
-from ldbb_bayes.model.likelihood import (
-    NOISE,
-    OWN,
-    Information,
-    ParameterConditional,
-    StructuredGaussian,
-)
+from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.information import Information
+from ldbb_bayes.model.likelihood import ParameterConditional, StructuredGaussian
+from ldbb_bayes.model.linear_algebra import least_squares
+from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.model.prior import (
     EXAMPLES,
     Prior,
@@ -48,7 +38,11 @@ from ldbb_bayes.model.prior import (
     geometric_unit,
     parameter_to_inside,
 )
+from ldbb_bayes.model.reduction import Reduced, reduce_readings
+from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
 from ldbb_bayes.model.terms import (
+    NOISE,
+    OWN,
     BasisNoise,
     CircleScale,
     Columns,
@@ -59,7 +53,7 @@ from ldbb_bayes.model.terms import (
     Term,
     first_edition,
 )
-from ldbb_bayes.model.truncation import Orthant, Truncation
+from ldbb_bayes.model.truncation import Truncation
 from ldbb_bayes.results import Array, Result, Shown
 from ldbb_bayes.units import inside_name
 
@@ -630,7 +624,7 @@ class BoundModel(Shown):
             return 0.0, 0.0
         mean = self.truncation.rows @ self.prior_mean
         spread = self.truncation.rows * self.prior_sd
-        label = components(np.abs(spread @ spread.T) > 0.0)
+        _, label = connected_components(np.abs(spread @ spread.T) > 0.0, directed=False)
         blocks = [
             (mean[None, label == k], spread[None, label == k]) for k in range(label.max() + 1)
         ]

@@ -21,7 +21,8 @@ import numpy as np
 from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import LINEAR
-from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, WAYS, Setting, derivative
+from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, derivative
+from ldbb_bayes.model.setting import WAYS, Setting
 from ldbb_bayes.results import Array, Result, Shown
 
 __all__ = [

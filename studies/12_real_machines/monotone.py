@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import ldbb_bayes as lb
-from ldbb_bayes.model.truncation import Orthant
+from ldbb_bayes.model.orthant import Orthant
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from machines import FAMILIES, LARGEST_N, MIDDLE_N, RADIUS_MM, Machine, simulate

@@ -39,8 +39,9 @@ import ldbb_bayes as lb
 from ldbb_bayes.inference.integrals import CHUNK
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.sample import run_sampler
-from ldbb_bayes.model.fourier import basis, reduce_readings
+from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.reduction import reduce_readings
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]

@@ -16,8 +16,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.differences import _conflict, _of_one_instrument, _reading, _Together
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.likelihood import NOISE, OWN, Information
-from ldbb_bayes.model.terms import BasisNoise
+from ldbb_bayes.model.information import Information
+from ldbb_bayes.model.terms import NOISE, OWN, BasisNoise
 
 MODEL = lb.HybridModel.first(1).without("truncation")
 SIMULATED = lb.HybridModel.first(0)

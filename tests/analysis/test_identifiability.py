@@ -24,7 +24,8 @@ from ldbb_bayes.analysis.identifiability import (
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.machine.chain import compliance_jacobian, geometric_jacobian, kept_compliances
 from ldbb_bayes.model.hybrid import information_of
-from ldbb_bayes.model.likelihood import NOISE, OWN, Information
+from ldbb_bayes.model.information import Information
+from ldbb_bayes.model.terms import NOISE, OWN
 from ldbb_bayes.report.wording import remedy_words, verdict_words, with_words
 
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])

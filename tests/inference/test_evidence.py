@@ -20,7 +20,7 @@ from ldbb_bayes.inference.evidence import Evidences, leave_one_out, log_prob_tru
 from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior
 from ldbb_bayes.inference.predictive import harmonics_of, replicate_left_out
-from ldbb_bayes.model.truncation import Orthant
+from ldbb_bayes.model.orthant import Orthant
 
 FOUR = {
     "C_XXX": (4.4e-5, 4e-6),

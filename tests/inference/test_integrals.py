@@ -21,7 +21,7 @@ from ldbb_bayes.inference.integrals import (
     importance_sample,
     integrate,
 )
-from ldbb_bayes.model.gaussian import central_differences, newton
+from ldbb_bayes.model.newton import central_differences, newton
 
 Array = np.ndarray
 LogDensity = Callable[[Array], Array]

@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.model.fourier import SIZE, basis, reduce_readings
+from ldbb_bayes.model.fourier import SIZE, basis
 from ldbb_bayes.model.hybrid import BoundModel, information_of, informations_of
-from ldbb_bayes.model.likelihood import NOISE, OWN, Information
+from ldbb_bayes.model.information import Information
+from ldbb_bayes.model.reduction import reduce_readings
+from ldbb_bayes.model.terms import NOISE, OWN
 
 SAMPLINGS = {
     "uniform": plan((40, 40, 40, 40)),
@@ -306,7 +308,7 @@ def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     angle = rng.uniform(0.0, 7.0, 1000)
     y = rng.normal(size=1000)
     whole = reduce_readings(angle, y)
-    monkeypatch.setattr("ldbb_bayes.model.fourier._CHUNK", 33)
+    monkeypatch.setattr("ldbb_bayes.model.reduction._CHUNK", 33)
     parts = reduce_readings(angle, y)
     np.testing.assert_allclose(
         parts.factor.T @ parts.factor, whole.factor.T @ whole.factor, atol=1e-9

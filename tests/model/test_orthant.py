@@ -8,7 +8,8 @@ from orthants import pair_by_quadrature, random_case
 from scipy import stats
 from scipy.special import log_ndtr
 
-from ldbb_bayes.model.truncation import Orthant, Truncation
+from ldbb_bayes.model.orthant import Orthant
+from ldbb_bayes.model.truncation import Truncation
 
 
 def test_one_constraint_is_exact_however_far() -> None:
