@@ -538,7 +538,7 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     of the prior sd; none where flat priors leave something open."""
     phi = carried(bound, phi, run)
     one = information_of(bound, phi[0])
-    own = one.own
+    own = one.interest
     flat = one.flat
     size = len(one.names)
     # All that the readings say of the coefficients, in as few rows as these are.

@@ -122,7 +122,7 @@ def unseen_share(information: Information, least: float = 1.0) -> Array:
         np.concatenate([rows, np.zeros((missing, rows.shape[1]))]), full_matrices=False
     )
     gain = singular[:, None] ** 2
-    parts = right[:, information.own] ** 2 / (1.0 + gain)
+    parts = right[:, information.interest] ** 2 / (1.0 + gain)
     return np.asarray(np.where(gain < least, parts, 0.0).sum(axis=0) / parts.sum(axis=0))
 
 
@@ -285,7 +285,7 @@ def parameters_of(
     """Every parameter of a model at φ and a mean of β (p,), given the information at φ and the null
     space there. ``drawn``: prior and posterior sd that replace the Gaussian's, truncation
     included."""
-    own = information.own
+    own = information.interest
     proper = not information.flat
     unseen = [
         unseen_share(information, least) if proper else np.zeros(len(own))
@@ -377,7 +377,7 @@ def _verdict(
 
 
 def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
-    own = information.own
+    own = information.interest
     names = np.array(information.names)
     others = np.setdiff1d(np.arange(len(names)), own)
     rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)])
@@ -597,7 +597,7 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)
     information = information_of(bound, phi.mean(axis=0))
-    own = information.own
+    own = information.interest
     joint = information.covariance()
     scale = information.scale[own]
     covariance = np.atleast_2d(np.cov(beta.T)) / np.outer(scale, scale)

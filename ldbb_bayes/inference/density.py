@@ -242,8 +242,8 @@ class LinearRedraw:
         log_tilt = np.zeros(size)
         if bound.truncation.active:
             uniform = random.random_sample((size, len(bound.truncation.rows)))
-            white, log_tilt = given.orthant.propose_spread(uniform, white)
-        beta = given.at(white)
+            white, log_tilt = given.orthant.propose_standard(uniform, white)
+        beta = given.from_standard(white)
         log_marginal = bound.hyper_prior.log_density_of_free(free) + log_evidence
         log_target = np.where(
             bound.truncation.holds(beta), log_marginal + given.log_density(beta), -np.inf
@@ -264,7 +264,7 @@ class LinearRedraw:
         beta, free = self.density.split(points)
         log_evidence, given = self.start.given(free)
         log_tilt = (
-            given.orthant.log_weight_of(given.white(beta))
+            given.orthant.log_proposal_weight(given.standardize(beta))
             if self.density.bound.truncation.active
             else 0.0
         )

@@ -339,7 +339,7 @@ class Nodes:
         rng = np.random.default_rng(seed)
 
         def drawn(orthant: Orthant) -> tuple[Array, Array]:
-            x, _ = orthant.draw(rng)
+            x, _ = orthant.draw_along_axes(rng)
             return x, np.zeros((*x.shape, x.shape[1]))
 
         mean, variance = self._given(self.integral.pick(components, rng), drawn)
@@ -389,12 +389,12 @@ def conditional_draws(
     for start in range(0, len(free), CHUNK):
         part = slice(start, start + CHUNK)
         given = (
-            once.picked(node.ravel()[part])
+            once.select(node.ravel()[part])
             if once
             else bound.given(bound.hyper_prior.phi(free[part]))[1]
         )
         beta[part], exact[part] = (
-            given.draw_inside(rng) if bound.truncation.active else (given.draw(rng), True)
+            given.draw_truncated(rng) if bound.truncation.active else (given.draw(rng), True)
         )
     return beta, exact
 

@@ -7,7 +7,7 @@ axes, and what goes with it.
 | likelihood of white rows y = J x + N(0, I) | `Gaussian.from_rows(J, y)`; prior × likelihood: `prior.observe(J, y)` |
 | sums of information, possibly singular | `Gaussian(P, η, constant)`; `+` multiplies densities |
 | ∫ g, moments, p(x_i) | `log_integral`, `mean`, `sd`, `covariance`, `marginal(keep)` |
-| draws, standard coordinates, densities | `draw`, `at`, `white`, `log_density` |
+| draws, standard coordinates, densities | `draw`, `from_standard`, `standardize`, `log_density` |
 
 The square root is what is kept: P = S⁻¹ L Lᵀ S⁻¹, S diagonal scales. Rows are factored by QR,
 columns scaled; no normal equations, nothing is inverted. Moments need P positive definite; sums do
@@ -223,23 +223,23 @@ class Gaussian(Shown):
             mean[..., keep], root[..., q - k :, q - k :], scale[..., keep], self.log_integral
         )
 
-    def at(self, white: Array) -> Array:
+    def from_standard(self, white: Array) -> Array:
         """x from standard normal coordinates, shape (..., q)."""
         return self.mean + solve_upper(self.root, white) * self.scale
 
-    def white(self, x: Array) -> Array:
-        """The reverse of `at`."""
+    def standardize(self, x: Array) -> Array:
+        """The reverse of `from_standard`."""
         return np.einsum("...ij,...i->...j", self.root, (x - self.mean) / self.scale)
 
     def log_density(self, x: Array) -> Array:
         """ln of the normalised density N(x; mean, covariance), shape (...)."""
-        white = self.white(x)
+        white = self.standardize(x)
         log_root = log_diagonal(self.root) - np.log(self.scale).sum(axis=-1)
         return np.asarray(log_root - 0.5 * ((white**2).sum(axis=-1) + white.shape[-1] * _LOG_2PI))
 
     def draw(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
         """Independent draws, shape ``(*size, ..., q)``."""
-        return self.at(rng.standard_normal((*size, *self.mean.shape)))
+        return self.from_standard(rng.standard_normal((*size, *self.mean.shape)))
 
 
 def _positive(upper: Array) -> Array:

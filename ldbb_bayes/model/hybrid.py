@@ -664,7 +664,7 @@ class BoundModel(Shown):
         spread = np.broadcast_to(np.diag(self.prior_sd), (size, p, p))
         orthant = self.truncation.orthants(np.broadcast_to(self.prior_mean, (size, p)), spread)
         while len(draws) < size:
-            white, exact = orthant.draw_spread(rng)
+            white, exact = orthant.draw_standard(rng)
             beta = self.prior_mean + white * self.prior_sd
             draws = np.concatenate([draws, beta[exact & self.truncation.holds(beta)]])
         return draws[:size]

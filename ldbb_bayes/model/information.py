@@ -45,7 +45,7 @@ class Information:
             )
 
     @property
-    def own(self) -> NDArray[np.intp]:
+    def interest(self) -> NDArray[np.intp]:
         """Which coefficients are parameters of interest."""
         return np.flatnonzero([owner == OWN for owner in self.owners])
 
@@ -114,7 +114,7 @@ class Information:
     def variances(self, known: Collection[str] = (), *, times: float = 1.0) -> Array:
         """Posterior variances of the parameters of interest in units of their prior variance, shape
         (p,); see `covariance`."""
-        return np.diag(self.covariance(known, times=times))[self.own]
+        return np.diag(self.covariance(known, times=times))[self.interest]
 
     def shares(self, covariance: Array | None = None) -> dict[tuple[str, str], Array]:
         """Share of every independent source, (coefficient or noise, term), in the variance of the
@@ -126,7 +126,7 @@ class Information:
         V_ii: shares sum to one. V is C, or the ``covariance`` (p, p) given.
         """
         joint = self.covariance()
-        own = self.own
+        own = self.interest
         total = joint[np.ix_(own, own)]
         weight = np.eye(len(own)) if covariance is None else np.linalg.solve(total, covariance)
         variance = np.diag(total if covariance is None else covariance)

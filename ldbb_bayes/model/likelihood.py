@@ -66,7 +66,7 @@ class ParameterConditional(Gaussian):
 
     physical: Truncation
 
-    def picked(self, index: NDArray[np.intp]) -> ParameterConditional:
+    def select(self, index: NDArray[np.intp]) -> ParameterConditional:
         """Those of some φ, of one perhaps several times."""
         picked = ParameterConditional.factored(
             self.mean[index], self.root[index], self.scale[index]
@@ -79,11 +79,11 @@ class ParameterConditional(Gaussian):
         """The problem of P(A β ≥ 0 | y, φ)."""
         return Orthant(self.mean @ self.physical.rows.T, self.spread(self.physical.rows))
 
-    def draw_inside(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+    def draw_truncated(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
         """One exact draw per φ inside A β ≥ 0, shape (w, p), and where it is one: the rejection
         sampler did not give up, and rounding did not leave β outside."""
-        white, exact = self.orthant.draw_spread(rng)
-        beta = self.at(white)
+        white, exact = self.orthant.draw_standard(rng)
+        beta = self.from_standard(white)
         return beta, exact & self.physical.holds(beta)
 
 
@@ -104,7 +104,7 @@ class StructuredGaussian:
     ) -> None:
         _keep_freed_memory()
         interest = np.zeros((len(reduced), SIZE, 0)) if interest is None else interest
-        even = [test.even for test in reduced if test.even is not None]
+        even = [test.near_uniform for test in reduced if test.near_uniform is not None]
         diagonal = len(even) == len(reduced)
         noise = [term for term in columns if isinstance(term, BasisNoise)]
         # Of arcs only one noise can be made diagonal: that of most orders. The others become

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.model.fourier import SIZE
-from ldbb_bayes.model.reduction import Even, Reduced
+from ldbb_bayes.model.reduction import NearUniform, Reduced
 from ldbb_bayes.model.terms import BasisNoise, Columns, Source
 from ldbb_bayes.results import Array
 
@@ -85,8 +85,8 @@ def _turned(
 ) -> tuple[Array, Array, list[Array]]:
     """The turn (m, m) of a test's rows, the turned factor (m, 25), and the sd of every absorbed
     noise in each row."""
-    if diagonal and test.even is not None:
-        size = test.even.size
+    if diagonal and test.near_uniform is not None:
+        size = test.near_uniform.size
         return (
             size[:, None] * np.linalg.inv(test.factor),
             np.diag(size),
@@ -167,7 +167,7 @@ def columns_of_noise(term: BasisNoise, tests: int) -> Columns:
     )
 
 
-def uneven_columns(even: Sequence[Even]) -> list[Columns]:
+def uneven_columns(even: Sequence[NearUniform]) -> list[Columns]:
     """By what the noise of circles exceeds that of uniform ones where readings are missing, and
     falls below it, as a negative variance, where they crowd: σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 +
     λ) Vᵀ)."""

@@ -143,7 +143,7 @@ class Orthant:
         axes e."""
         return self._solved[1]
 
-    def draw(
+    def draw_along_axes(
         self, rng: np.random.Generator, *, most: int = 12_800
     ) -> tuple[Array, NDArray[np.bool_]]:
         """One exact draw of x = axes e given u ≥ 0 for each of the batch (w, d), by tilted
@@ -165,20 +165,20 @@ class Orthant:
             tries, tried = min(2 * tries, _MOST_TRIES), tried + tries
         return x.T, ~np.isin(np.arange(w), open_)
 
-    def draw_spread(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+    def draw_standard(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
         """One exact draw of the coordinates e of u = mean + spread e, e ~ N(0, I) given u ≥ 0,
         shape (w, q)."""
-        x, accepted = self.draw(rng)
+        x, accepted = self.draw_along_axes(rng)
         return self._complete(x, rng.standard_normal((len(x), self._spread.shape[2]))), accepted
 
-    def propose_spread(self, uniform: Array, normal: Array) -> tuple[Array, Array]:
+    def propose_standard(self, uniform: Array, normal: Array) -> tuple[Array, Array]:
         """A tilted, nearly exact draw of the same e, and ln (exact density / density it was drawn
         with), up to ln P, from uniform numbers (w, m), of which those beyond the rows near their
         edge are not used, and normal ones (w, q)."""
         log_weight, x = self._tilted.propose(uniform.T[: len(self._tilted.bound), None])
         return self._complete(x[:, 0].T, normal), log_weight[0]
 
-    def log_weight_of(self, white: Array) -> Array:
+    def log_proposal_weight(self, white: Array) -> Array:
         """ln (exact density / density it would be drawn with) of given e (w, q), up to ln P; e
         inside the truncation."""
         return self._tilted.log_weight(np.einsum("wiq,wq->iw", self.axes, white)[:, None])[0]

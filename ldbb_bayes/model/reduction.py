@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.model.fourier import ORDERS, SIZE, basis
 from ldbb_bayes.results import Array
 
-__all__ = ["Even", "Reduced", "reduce_readings"]
+__all__ = ["NearUniform", "Reduced", "reduce_readings"]
 
 
 _CHUNK = 8192
@@ -27,7 +27,7 @@ _UNEVEN = 4
 _ZERO = 1e-12
 
 
-class Even(NamedTuple):
+class NearUniform(NamedTuple):
     """RᵀR = S (1 + V λ Vᵀ) S, S the root of a uniform full circle's: ``size`` (25,), ``departure``
     λ (25,), the largest first, positive where readings lie closer than elsewhere, and ``along`` V
     (25, 25)."""
@@ -54,7 +54,7 @@ class Reduced:
     readings: int
 
     @cached_property
-    def even(self) -> Even | None:
+    def near_uniform(self) -> NearUniform | None:
         """How RᵀR departs from that of a uniform full circle; none of arcs and of few readings,
         which depart from it widely."""
         if self.readings < SIZE:
@@ -63,7 +63,7 @@ class Reduced:
         value, along = np.linalg.eigh(self.factor.T @ self.factor / np.outer(root, root))
         departure = value / np.median(value) - 1.0
         order = np.argsort(-np.abs(departure), kind="stable")
-        found = Even(
+        found = NearUniform(
             np.sqrt(np.median(value)) * root,
             departure[order],
             np.where(np.abs(along) > _ZERO, along, 0.0)[:, order],

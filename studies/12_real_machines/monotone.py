@@ -203,7 +203,7 @@ def _draws(mean: Array, root: Array, rows: slice, truncated: bool) -> Array:
     if not truncated:
         return np.asarray(own + rng.standard_normal((DRAWS, spread.shape[1])) @ spread.T)
     orthant = Orthant(np.tile(own, (DRAWS, 1)), np.tile(spread, (DRAWS, 1, 1)))
-    white, exact = orthant.draw_spread(rng)
+    white, exact = orthant.draw_standard(rng)
     if exact.mean() < 0.9:
         raise lb.InputError(
             f"draws inside w ≥ 0 must be exact, got {exact.mean():.0%} of them. Take fewer knots."

@@ -612,9 +612,9 @@ def test_intervals_inside_the_truncation_against_simulation() -> None:
         )
         found.append(variance[0])
     information = information_of(bound, PHI)
-    covariance = information.covariance()[np.ix_(information.own, information.own)] * np.outer(
-        bound.scale, bound.scale
-    )
+    covariance = information.covariance()[
+        np.ix_(information.interest, information.interest)
+    ] * np.outer(bound.scale, bound.scale)
     states = 100
     beta = np.tile([truth.get(name, 0.0) for name in bound.names], (states, 1))
     known = States(

@@ -77,7 +77,7 @@ def test_against_scipy() -> None:
     beta = np.array([0.3, -1.0, 2.0])
     expected = stats.multivariate_normal(posterior.mean, posterior.covariance).logpdf(beta)
     assert posterior.log_density(beta) == pytest.approx(expected, abs=1e-8)
-    np.testing.assert_allclose(posterior.at(posterior.white(beta)), beta)
+    np.testing.assert_allclose(posterior.from_standard(posterior.standardize(beta)), beta)
 
 
 def test_marginals() -> None:

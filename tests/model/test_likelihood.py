@@ -202,7 +202,7 @@ def test_known_terms_leave_the_oracle(name: str) -> None:
     expected = np.diag(
         oracle_of(campaign, 1, terms=("form", "mount", "setup", "discrepancy")).given(PHI)[2]
     )
-    scale = information.scale[information.own]
+    scale = information.scale[information.interest]
     np.testing.assert_allclose(
         information.variances(["BarLength", "ForceError"]) * scale**2, expected, rtol=1e-5
     )
@@ -216,10 +216,10 @@ def test_at_several_hyper_parameters(name: str) -> None:
     for phi, information in zip(
         several, informations_of(lb.HybridModel.first(1).bind(campaign), several), strict=True
     ):
-        scale = information.scale[information.own]
-        found = information.covariance()[np.ix_(information.own, information.own)] * np.outer(
-            scale, scale
-        )
+        scale = information.scale[information.interest]
+        found = information.covariance()[
+            np.ix_(information.interest, information.interest)
+        ] * np.outer(scale, scale)
         expected = oracle_of(campaign, 1).given(phi)[2]
         sd = np.sqrt(np.diag(expected))
         np.testing.assert_allclose(found / np.outer(sd, sd), expected / np.outer(sd, sd), atol=2e-6)
@@ -331,5 +331,5 @@ def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_uniform_circles_are_recognised(n: int, arc: float, orthogonal: bool) -> None:
     angle = np.deg2rad(33.0 + arc * np.arange(n) / n)
-    assert (reduce_readings(angle, None).even is not None) is orthogonal
+    assert (reduce_readings(angle, None).near_uniform is not None) is orthogonal
     assert reduce_readings(angle, None).projection is None

@@ -62,7 +62,7 @@ def test_truncated_draws_have_the_right_moments() -> None:
     spread = np.tril(rng.normal(size=(3, 3)))
     n = 20_000
     orthant = Truncation(rows).orthants(np.tile(mean, (n, 1)), np.tile(spread, (n, 1, 1)))
-    white, exact = orthant.draw_spread(rng)
+    white, exact = orthant.draw_standard(rng)
     draws = mean + white @ spread.T
     plain = mean + rng.normal(size=(400_000, 3)) @ spread.T
     plain = plain[Truncation(rows).holds(plain)]
@@ -78,7 +78,7 @@ def test_draws_do_not_hang_in_the_tail() -> None:
     n = 200
     mean = np.tile([-50.0, -45.0], (n, 1))
     spread = np.tile(np.array([[1.0, 0.0], [0.95, 0.3]]), (n, 1, 1))
-    white, exact = Orthant(mean, spread).draw_spread(rng)
+    white, exact = Orthant(mean, spread).draw_standard(rng)
     value = mean + np.einsum("wij,wj->wi", spread, white)
     assert exact.mean() > 0.99
     assert np.all(value >= -1e-9)
@@ -165,7 +165,7 @@ def test_the_bound_is_one(d: int) -> None:
         bound = float(orthant.log_bound[0])
         if bound < -1e7:
             continue
-        _, log_weight = orthant.propose_spread(rng.random((1, d)), rng.standard_normal((1, d)))
+        _, log_weight = orthant.propose_standard(rng.random((1, d)), rng.standard_normal((1, d)))
         assert log_weight[0] <= bound + 1e-8 * (1.0 + abs(bound))
         seen.append(bound)
     assert min(seen) < -1e4
