@@ -17,7 +17,7 @@ from pydantic import TypeAdapter
 from test_readme import pages
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.posterior import result_json
+from ldbb_bayes.inference.summary import result_json
 
 # What the start of the reference of Python says once for all.
 COMMON = {

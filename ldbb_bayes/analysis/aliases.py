@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
-from ldbb_bayes.inference.predictive import in_order_of_force
+from ldbb_bayes.inference.checks import in_order_of_force
 from ldbb_bayes.model.fourier import basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Columns, Term

@@ -20,8 +20,9 @@ import xarray as xr
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
 from ldbb_bayes.campaign.certificates import BallbarRecord
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, parts_of
-from ldbb_bayes.inference.predictive import draw_shared, shared_columns, shared_terms
+from ldbb_bayes.inference.coefficients import draw_shared, shared_columns, shared_terms
+from ldbb_bayes.inference.posterior import bound_of, draws_of, model_draws_of
+from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.fourier import SIZE, basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.setting import geometric_errors_of
@@ -315,7 +316,7 @@ def path_draws(
     """Plane, radius and force, and the draws of every quantity of `circularity` there, each
     (draws,)."""
     bound = bound_of(posterior)
-    parts = parts_of(posterior, draws)
+    parts = model_draws_of(posterior, draws)
     each = [_travel_draws(*part) for part in parts] if bound.setting.both_ways else [{}]
     travel = {
         plane: [np.concatenate(own) for own in zip(*(one[plane] for one in each), strict=True)]

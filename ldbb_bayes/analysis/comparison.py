@@ -51,6 +51,7 @@ from ldbb_bayes.analysis.sensitivity import (
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference import evidence
+from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.evidence import (
     Evidences,
     check_comparable,
@@ -58,23 +59,15 @@ from ldbb_bayes.inference.evidence import (
     log_bayes_factor,
     probabilities,
 )
+from ldbb_bayes.inference.fit import Concern, ConcernKind, fit_of_parts
+from ldbb_bayes.inference.least_squares import least_squares
 from ldbb_bayes.inference.mcmc import StoppingRule, assess
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
-from ldbb_bayes.inference.posterior import Concern, ConcernKind, build_tree, check_probability
-from ldbb_bayes.inference.predictive import (
-    Part,
-    fit_quality,
-    harmonics_of,
-    least_squares,
-    replicate_left_out,
-)
-from ldbb_bayes.inference.sample import (
-    densities_of,
-    fit_of_parts,
-    groups_of,
-    prior_draws_of,
-    record_from,
-)
+from ldbb_bayes.inference.posterior import build_tree
+from ldbb_bayes.inference.prediction import replicate_left_out
+from ldbb_bayes.inference.residuals import fit_quality, harmonics_of
+from ldbb_bayes.inference.sample import densities_of, groups_of, prior_draws_of, record_from
+from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.parallel import ahead, one_blas_thread
@@ -792,7 +785,7 @@ def average(
     model, parts = _drawn(weighed, share, _CHAINS * each, drawing)
     size = -(-draws // len(weighed))
     believed = [
-        Part(nodes.bound, *reversed(prior_draws_of(nodes.bound, size, believing)))
+        ModelDraws(nodes.bound, *reversed(prior_draws_of(nodes.bound, size, believing)))
         for nodes in weighed
     ]
     order = drawing.permutation(len(model)).reshape(_CHAINS, each)
@@ -836,7 +829,7 @@ def average(
 
 def _drawn(
     weighed: Sequence[Nodes], share: Array, size: int, rng: np.random.Generator
-) -> tuple[Array, list[Part]]:
+) -> tuple[Array, list[ModelDraws]]:
     """The model of every draw, and the draws of each: its share of them, but for less than one."""
     ends = np.floor(np.append(0.0, np.cumsum(share) / share.sum()) * size + rng.random()).astype(
         int
@@ -844,7 +837,7 @@ def _drawn(
     model = np.repeat(np.arange(len(weighed)), np.diff(ends))
     counts = zip(*np.unique(model, return_counts=True), strict=True)
     return model, [
-        Part(weighed[k].bound, *reversed(weighed[k].draw(int(count), rng))) for k, count in counts
+        ModelDraws(weighed[k].bound, *reversed(weighed[k].draw(int(count), rng))) for k, count in counts
     ]
 
 
@@ -911,7 +904,7 @@ def _prior(
     }
 
 
-def _together(bound: BoundModel, parts: Sequence[Part]) -> tuple[Array, Array]:
+def _together(bound: BoundModel, parts: Sequence[ModelDraws]) -> tuple[Array, Array]:
     """β (n, p) and φ (n, h) of all parts, one after the other; zero where a model lacks a
     parameter."""
     beta = [np.zeros((len(part.phi), len(bound.names))) for part in parts]

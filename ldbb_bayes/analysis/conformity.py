@@ -21,7 +21,8 @@ from ldbb_bayes.analysis.circularity import path_draws
 from ldbb_bayes.analysis.identifiability import ParameterIdentifiability, Verdict
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, require
-from ldbb_bayes.inference.posterior import ConcernKind, Fit, State, bound_of, curves_of, draws_of
+from ldbb_bayes.inference.fit import ConcernKind, Fit, State
+from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByName, Result, Shown

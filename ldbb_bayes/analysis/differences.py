@@ -18,7 +18,8 @@ from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import offsets
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, record_of
+from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
+from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, information_of
 from ldbb_bayes.model.information import Information

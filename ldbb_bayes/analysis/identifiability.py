@@ -38,7 +38,7 @@ from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
-from ldbb_bayes.inference.predictive import centre_shift
+from ldbb_bayes.inference.checks import centre_shift
 from ldbb_bayes.machine import chain
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of

@@ -27,15 +27,16 @@ import pandas as pd
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign, distinct_forces
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.coefficients import compliance_curves
 from ldbb_bayes.inference.evidence import (
     Evidences,
     check_comparable,
     log_bayes_factor,
     probabilities,
 )
+from ldbb_bayes.inference.least_squares import least_squares
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
-from ldbb_bayes.inference.posterior import check_probability
-from ldbb_bayes.inference.predictive import compliance_curves, least_squares
+from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.model.terms import CircleScale, Discrepancy, SetupShift, Term

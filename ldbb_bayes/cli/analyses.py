@@ -305,7 +305,7 @@ def fit(
 ) -> None:
     """Credible intervals on compliances, force slopes and geometric errors. Exit code 1 when the
     sampler missed its target."""
-    from ldbb_bayes.inference.posterior import check_probability
+    from ldbb_bayes.inference.summary import check_probability
     from ldbb_bayes.report.text import full_result, parts_of_fit
 
     check_probability(asked["ci_prob"])

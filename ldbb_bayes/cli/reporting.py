@@ -532,7 +532,7 @@ def report(
     target; the page then says so at its top.
     """
     from ldbb_bayes.files import check_target, staged_folder
-    from ldbb_bayes.inference.posterior import check_probability
+    from ldbb_bayes.inference.summary import check_probability
     from ldbb_bayes.reading.importing import matching
 
     check_probability(asked["ci_prob"])

@@ -38,10 +38,12 @@ from ldbb_bayes.fleet.dataset import (
 )
 from ldbb_bayes.fleet.statistics import stands_for, sufficient_statistics
 from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
+from ldbb_bayes.inference.fit import State
 from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.posterior import State, check_probability, numbers_of, record_of
+from ldbb_bayes.inference.posterior import record_of
 from ldbb_bayes.inference.sample import sample_from, sampler_named
+from ldbb_bayes.inference.summary import check_probability, numbers_of
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
 from ldbb_bayes.parallel import Lost, done, one_blas_thread, versions

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ldbb_bayes.errors import InputError, check_known, nearest, require
-from ldbb_bayes.inference.posterior import ConcernKind
-from ldbb_bayes.inference.predictive import CheckKind
+from ldbb_bayes.inference.checks import CheckKind
+from ldbb_bayes.inference.fit import ConcernKind
 from ldbb_bayes.report.wording import caveat_words
 from ldbb_bayes.results import Result
 

@@ -39,7 +39,8 @@ from ldbb_bayes.fleet.statistics import (
     fleet_statistics,
     whitened,
 )
-from ldbb_bayes.inference.posterior import check_probability, pareto_smooth
+from ldbb_bayes.inference.diagnostics import pareto_smooth
+from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles, weighted_quantiles

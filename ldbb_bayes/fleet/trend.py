@@ -52,7 +52,7 @@ from ldbb_bayes.fleet.statistics import (
     keyed,
     mixture_covariance,
 )
-from ldbb_bayes.inference.posterior import check_probability
+from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles
 from ldbb_bayes.parallel import one_blas_thread

@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, stdtrit
 from scipy.stats import qmc
 
-from ldbb_bayes.inference.mcmc import StoppingRule, diagnose, run_ensembles
+from ldbb_bayes.inference.diagnostics import diagnose
+from ldbb_bayes.inference.mcmc import StoppingRule, run_ensembles
 from ldbb_bayes.results import Array
 
 __all__ = [

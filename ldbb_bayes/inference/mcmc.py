@@ -13,8 +13,8 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
+from ldbb_bayes.inference.diagnostics import diagnose
 from ldbb_bayes.results import Array, Shown
 
 __all__ = [
@@ -24,7 +24,6 @@ __all__ = [
     "Redraw",
     "StoppingRule",
     "assess",
-    "diagnose",
     "run_ensembles",
 ]
 
@@ -35,8 +34,6 @@ _JUMP = 0.1
 _REDRAWN = 0.9
 _MOST_DRAWS = 25_000
 _STOCK = 512
-_TAILS = (0.05, 0.95)
-_ROUNDING = 1e-15
 
 
 @dataclass(frozen=True)
@@ -111,85 +108,6 @@ class EnsembleRun:
     steps: int
     walkers: int
     acceptance: float
-
-
-def diagnose(chain: Array) -> Array:
-    """Bulk ESS, tail ESS and rank-normalised split R-hat (Vehtari et al. 2021), shape (3, d), of a
-    chain (chains, draws, d)."""
-    draws = np.ascontiguousarray(np.moveaxis(chain, 2, 0), dtype=float)
-    flat = draws.reshape(len(draws), -1)
-    half = draws.shape[2] // 2
-    split = np.concatenate([draws[..., :half], draws[..., -half:]], axis=1)
-    folded = np.abs(split - np.median(split, axis=(1, 2), keepdims=True))
-    white = _rank_normalised(split)
-    white_folded = _rank_normalised(folded)
-    below = [draws <= np.quantile(flat, level, axis=1)[:, None, None] for level in _TAILS]
-    tails = [
-        _ess(np.concatenate([own[..., :half], own[..., -half:]], axis=1).astype(float))
-        for own in below
-    ]
-    return np.stack(
-        [_ess(white), np.minimum(*tails), np.maximum(_rhat(white), _rhat(white_folded))]
-    )
-
-
-def _rank_normalised(draws: Array) -> Array:
-    """Normal scores of the ranks of (d, chains, draws) among all chains and draws of a quantity;
-    equal values share a rank."""
-    flat = draws.reshape(len(draws), -1)
-    n = flat.shape[1]
-    order = np.argsort(flat, axis=1)
-    ordered = np.take_along_axis(flat, order, axis=1)
-    place = np.arange(flat.shape[1])
-    new = np.diff(ordered, axis=1) > 0.0
-    ends = np.ones((len(flat), 1), dtype=bool)
-    first = np.maximum.accumulate(np.where(np.hstack([ends, new]), place, 0), axis=1)
-    last = np.minimum.accumulate(np.where(np.hstack([new, ends]), place, n)[:, ::-1], axis=1)[
-        :, ::-1
-    ]
-    np.put_along_axis(
-        flat := np.empty_like(flat),
-        order,
-        ndtri(((first + last) / 2.0 + 0.625) / (n + 0.25)),
-        axis=1,
-    )
-    return flat.reshape(draws.shape)
-
-
-def _rhat(draws: Array) -> Array:
-    n = draws.shape[2]
-    between = draws.mean(axis=2).var(axis=1, ddof=1)
-    within = draws.var(axis=2, ddof=1).mean(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.sqrt(between / within + (n - 1) / n))
-
-
-def _ess(draws: Array) -> Array:
-    """ESS of (d, chains, draws), shape (d,): autocorrelations summed in pairs while these are
-    positive, made to fall (Geyer)."""
-    _, chains, n = draws.shape
-    centred = draws - draws.mean(axis=2, keepdims=True)
-    transform = np.fft.rfft(centred, 1 << (2 * n - 1).bit_length(), axis=2)
-    covariance = np.fft.irfft((np.abs(transform) ** 2).mean(axis=1), axis=1)[:, :n] / n
-    within = covariance[:, :1] * n / (n - 1.0)
-    total = covariance[:, :1] + (
-        draws.mean(axis=2).var(axis=1, ddof=1)[:, None] if chains > 1 else 0.0
-    )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rho = 1.0 - (within - covariance) / total
-    rho[:, 0] = 1.0
-    pairs = rho[:, : 2 * ((n - 1) // 2)].reshape(len(rho), -1, 2).sum(axis=2)
-    last = np.argmax(np.hstack([pairs[:, :-1] <= 0.0, np.ones((len(rho), 1), dtype=bool)]), axis=1)
-    every = np.arange(len(rho))
-    even = np.where(
-        (pairs[every, last] >= 0.0) | (rho[every, 2 * last] > 0.0), rho[every, 2 * last], 0.0
-    )
-    falling = np.where(
-        np.arange(pairs.shape[1]) < last[:, None], np.minimum.accumulate(pairs, axis=1), 0.0
-    )
-    length = np.maximum(2.0 * falling.sum(axis=1) + even - 1.0, 1.0 / np.log10(chains * n))
-    still = np.ptp(draws, axis=(1, 2)) < _ROUNDING
-    return np.asarray(np.where(still, chains * n, chains * n / length))
 
 
 def assess(chain: Array) -> Assessment:

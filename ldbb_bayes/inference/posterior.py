@@ -1,5 +1,4 @@
-"""The posterior as an xarray DataTree in ArviZ's layout: build, assess, save, load, predict. The
-only importer of ArviZ."""
+"""The posterior as an xarray DataTree in ArviZ's layout: build, save, load and read back."""
 
 from __future__ import annotations
 
@@ -10,10 +9,8 @@ import os
 import sys
 import warnings
 from collections.abc import Mapping
-from contextlib import nullcontext, suppress
-from dataclasses import asdict, dataclass, fields
-from enum import StrEnum
-from functools import partial
+from contextlib import nullcontext
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,55 +18,38 @@ import numpy as np
 import pandas as pd
 from pydantic import ValidationError
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest, check_campaign
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
-from ldbb_bayes.inference import predictive
-from ldbb_bayes.inference.integrals import in_chunks
-from ldbb_bayes.inference.mcmc import diagnose
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.coefficients import (
+    ModelDraws,
+    compliance_curves,
+)
+from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
-from ldbb_bayes.parallel import one_blas_thread
-from ldbb_bayes.results import Array, Finite, Result, readable
-from ldbb_bayes.units import display_unit, ranked
+from ldbb_bayes.results import Array
+from ldbb_bayes.units import display_unit
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "Concern",
-    "ConcernKind",
-    "Fit",
-    "State",
     "bound_of",
     "build_tree",
     "campaign_of",
     "campaign_record",
-    "check_probability",
     "curves_of",
     "draws_of",
     "fit_of",
     "load",
     "model_of",
-    "nuisances",
-    "numbers_of",
-    "pareto_smooth",
-    "parts_of",
-    "power_sensitivity",
-    "priors_of",
+    "model_draws_of",
     "record_of",
-    "result_json",
     "save",
-    "summarize",
     "to_units",
 ]
 
-_POWERS = (0.99, 1.01)
-_SENSITIVE = 0.05
-_COUNT = 10.0
-_MOVED = 0.5
-_WIDER = 0.1
 _MOST_PER_BYTE = 20
 _REASON = 120
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
@@ -89,194 +69,6 @@ _UNITS = {
 }
 _ARRAYS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
-# What the record keeps so that the campaign and the model can be made again.
-_REBUILDS = ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
-_DRAWS = 1000
-_PREDICTED = 4000
-# ln λ of a circle, to sum over: its density and the likelihood are wide beside the steps.
-_LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
-_TOLERANCE = 1e-2
-_LARGE_K = 0.4
-_TAMED_K = 0.2
-_MOST_K = 2.0
-
-
-class State(StrEnum):
-    """Whether the numbers of a fit can be used: not at all where the sampler missed its target."""
-
-    USABLE = "usable"
-    DOUBTFUL = "doubtful"
-    UNUSABLE = "unusable"
-
-
-class ConcernKind(StrEnum):
-    """What a fit has to say besides its numbers."""
-
-    NOT_CONVERGED = "not-converged"
-    TRUNCATION = "truncation"
-    FORCES = "forces"
-    HYPER = "hyper"
-    CENTRE = "centre"
-    PRIOR = "prior"
-
-
-@dataclass(frozen=True)
-class Concern(Result):
-    """One thing to mind, with ``value`` and ``limit``.
-
-    NOT_CONVERGED: steps, and the ESS they were to reach. TRUNCATION: ln P(T | y), and the least
-    expected. FORCES: force levels, and how many the degree needs. HYPER: median [mm] of the
-    hyper-parameter ``name``, and its prior's quantile at 99.9 %. CENTRE: the p-value of no shift of
-    the circle's centre along the axis ``name`` in proportion to force. PRIOR: distance of the mean
-    of the parameter ``name`` from its stated prior mean, and the largest expected, in sd of what
-    the prior lets one expect.
-    """
-
-    kind: ConcernKind
-    value: float
-    limit: float
-    name: str = ""
-
-
-@dataclass(frozen=True)
-class Fit(Result):
-    """How well a model fits, and what to mind."""
-
-    rmse_um: float  #: Eq. 34 over all readings
-    #: Eq. 35, by test; not a number where its readings are all the same
-    fitness_percent: dict[str, float]
-    log_prob_truncation: float  #: ln P(T | y) of the untruncated posterior
-    log_prob_truncation_error: Finite  #: [nat]
-    log_prob_truncation_prior: float  #: ln P(T) of the prior
-    linearisation_error_um: float  #: largest difference of the linear model from the exact geometry
-    concerns: tuple[Concern, ...]
-    predictive_checks: dict[str, predictive.TestChecks]
-    #: by power-scaling of prior, hyper_prior and likelihood, of each parameter
-    sensitivity: dict[str, dict[str, float]]
-    #: Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is left
-    #: out; not of flat priors.
-    shift: dict[str, float]
-    #: By which share an interval grows at most with noise as strong as what tests do not share at the orders 13 to 16, where the
-    #: checks of noise and of its autocorrelation fail.
-    widening: float
-
-    @property
-    def checks(self) -> list[predictive.Check]:
-        """Posterior predictive checks, the smallest p first."""
-        return predictive.every_check(self.predictive_checks)
-
-    @property
-    def unexpected(self) -> tuple[predictive.Check, ...]:
-        """Checks that fail at 1 % after allowing for their number (Bonferroni), worst first."""
-        return predictive.failing(self.checks)
-
-    @property
-    def misfits(self) -> tuple[predictive.Check, ...]:
-        """Those for which intervals would move: by half a u without the test, or by a tenth of
-        their width."""
-
-        def moves(own: predictive.Check) -> bool:
-            return (
-                self.shift.get(own.test, np.inf) > _MOVED
-                if own.kind == predictive.CheckKind.ORDER
-                else self.widening > _WIDER
-            )
-
-        return tuple(filter(moves, self.unexpected))
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kinds of concerns and of checks that fail, each once."""
-        return tuple(
-            dict.fromkeys(
-                [str(found.kind) for found in self.concerns]
-                + [str(check.kind) for check in self.misfits]
-            )
-        )
-
-    @property
-    def state(self) -> State:
-        """Unusable: not converged. Doubtful: readings that the model does not expect, or against
-        non-negative compliance."""
-        kinds = {concern.kind for concern in self.concerns}
-        if ConcernKind.NOT_CONVERGED in kinds:
-            return State.UNUSABLE
-        return State.DOUBTFUL if self.misfits or ConcernKind.TRUNCATION in kinds else State.USABLE
-
-    @property
-    def sensitive(self) -> tuple[str, ...]:
-        """Parameters whose posterior moves with the prior (power-scaling sensitivity above 0.05),
-        most first."""
-        found = [name for name in self.parameters if self.sensitivity[name]["prior"] > _SENSITIVE]
-        return tuple(ranked(found, lambda name: self.sensitivity[name]["prior"]))
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Those of ``sensitivity`` but for the hyper-parameters."""
-        return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
-
-
-def power_sensitivity(
-    draws: Mapping[str, Array], scaled: Mapping[str, Array]
-) -> dict[str, dict[str, float]]:
-    """How much each parameter's posterior changes when a part of the joint density is raised to a
-    power near one.
-
-    Of draws and of the log densities of parts, each (chains, draws). Above 0.05 counts as
-    sensitive; 0 where a part is constant. The cumulative Jensen-Shannon distance by which a power
-    of two would move it (Kallioinen et al. 2023), the larger of those of x and −x; weights are too
-    even to need smoothing.
-    """
-    every = np.stack([values.ravel() for values in draws.values()])
-    order = np.argsort(every, axis=1)
-    widths = np.diff(np.take_along_axis(every, order, axis=1), axis=1)
-    plain = np.linspace(1.0 / every.shape[1], 1.0 - 1.0 / every.shape[1], every.shape[1] - 1)
-    changes = {part: np.zeros(len(every)) for part in scaled}
-    for part, log_density in scaled.items():
-        for power in _POWERS if np.ptp(log_density) > 0.0 else ():
-            weight = np.exp((power - 1.0) * (log_density - log_density.mean())).ravel()
-            moved = np.cumsum(weight[order], axis=1)[:, :-1] / weight.sum()
-            apart = np.maximum(
-                _apart(plain, moved, widths), _apart(1.0 - plain, 1.0 - moved, widths)
-            )
-            changes[part] += apart / abs(np.log2(power)) / len(_POWERS)
-    return {
-        name: {part: float(values[k]) for part, values in changes.items()}
-        for k, name in enumerate(draws)
-    }
-
-
-def _apart(one: Array, other: Array, widths: Array) -> Array:
-    """Cumulative Jensen-Shannon distance of distribution functions (d, n) on steps of these
-    widths."""
-    middle = 0.5 * (one + other)
-    shift = 0.5 / np.log(2.0) * (widths * (other - one)).sum(axis=1)
-    divergence = [(widths * own * np.log2(own / middle)).sum(axis=1) for own in (one, other)]
-    total = np.maximum(divergence[0] + shift, 0.0) + np.maximum(divergence[1] - shift, 0.0)
-    return np.asarray(np.sqrt(total / (2.0 * (widths * middle).sum(axis=1))))
-
-
-def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
-    """Weights of importance sampling (n,), their largest smoothed by a Pareto tail (Vehtari et al.
-    2024), from ln of target over proposal at independent draws, up to a constant; Pareto's k̂,
-    infinite when hardly a draw counts or the tail cannot be judged, −inf for equal weights; and the
-    k̂ above which weights cannot be trusted."""
-    good_k = min(0.7, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
-    if np.ptp(log_ratio) < np.sqrt(np.finfo(float).eps):
-        return np.full(len(log_ratio), 1.0 / len(log_ratio)), -np.inf, good_k
-    log_weight = log_ratio
-    k = np.inf
-    with suppress(ValueError), np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
-        from arviz_stats.base import array_stats
-
-        smoothed, shape = array_stats.psislw(-log_ratio)
-        if not np.isnan(smoothed).any():
-            log_weight = smoothed
-            k = float(shape)
-    weight = np.exp(log_weight - np.max(log_weight))
-    weight /= weight.sum()
-    counted = 1.0 / np.sum(weight**2) > _COUNT
-    return weight, k if counted and np.isfinite(k) else np.inf, good_k
 
 
 def build_tree(
@@ -487,11 +279,11 @@ def draws_of(
         np.stack([group[str(name)].values.ravel() for name in names], axis=1)
         for names in (bound.names, bound.hyper_prior.names)
     )
-    _, phi, beta = predictive.Part(bound, phi, beta).few(size or len(beta))
+    _, phi, beta = ModelDraws(bound, phi, beta).thinned(size or len(beta))
     return beta, phi
 
 
-def parts_of(posterior: xr.DataTree, size: int | None = None) -> list[predictive.Part]:
+def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[ModelDraws]:
     """Posterior draws as `draws_of`, those of an average apart by the rivals of slopes in their
     model: what these add to the readings follows from β and φ of that model alone. Every part has
     all parameters, zero where a model has none."""
@@ -499,7 +291,7 @@ def parts_of(posterior: xr.DataTree, size: int | None = None) -> list[predictive
     beta, phi = draws_of(posterior, bound, size)
     averaged = record_of(posterior).get("averaged")
     if averaged is None:
-        return [predictive.Part(bound, phi, beta)]
+        return [ModelDraws(bound, phi, beta)]
     model = np.asarray(posterior["sample_stats"]["model"]).ravel()
     model = model[np.linspace(0, len(model) - 1, len(beta)).astype(int)]
     rivals = [tuple(own["rivals"]) for own in averaged["models"]]
@@ -507,7 +299,7 @@ def parts_of(posterior: xr.DataTree, size: int | None = None) -> list[predictive
     for names in dict.fromkeys(rivals[k] for k in model):
         there = np.array([rivals[k] == names for k in model])
         parts.append(
-            predictive.Part(
+            ModelDraws(
                 bound.model.with_rivals(*names).bind(bound.campaign), phi[there], beta[there]
             )
         )
@@ -518,10 +310,10 @@ def curves_of(
     posterior: xr.DataTree, force_N: Array, size: int | None = None, *, seed: int = 0
 ) -> Array:
     """C(F) of every kept compliance at forces (n,), see `compliance_curves`, shape (draws, n,
-    compliances); the draws of an average in the order of `parts_of`."""
+    compliances); the draws of an average in the order of `model_draws_of`."""
     rng = np.random.default_rng(seed)
     return np.concatenate(
-        [predictive.compliance_curves(*part, force_N, rng) for part in parts_of(posterior, size)]
+        [compliance_curves(*part, force_N, rng) for part in model_draws_of(posterior, size)]
     )
 
 
@@ -544,319 +336,3 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
                 node[str(key)] = variable.copy(data=variable.values * factor)
                 node[str(key)].attrs = {"units": label}
     return made
-
-
-def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
-    """One row per parameter and hyper-parameter, in inside units (mm, N, rad).
-
-    Parameters
-    ----------
-    posterior : from `sample` or `load`.
-    ci_prob : probability of the equal-tailed credible interval.
-
-    Returns
-    -------
-    Columns unit, mean, sd, median, ci_low, ci_high, prior_mean and prior_sd (of proper priors; of
-    parameters before truncation), ess_bulk, ess_tail, rhat; ``attrs["fit"]`` is the `Fit`: whether
-    the numbers can be used (``state``), and what to mind.
-    """
-    check_probability(ci_prob)
-    prior_sd, prior_mean = priors_of(posterior)
-    variables = posterior["posterior"].data_vars
-    draws = [variable.transpose("chain", "draw").values for variable in variables.values()]
-    rows = {}
-    for (key, variable), own, quality in zip(
-        variables.items(), draws, diagnose(np.stack(draws, axis=2)).T, strict=True
-    ):
-        prior = {"prior_mean": prior_mean.get(str(key), np.nan), "prior_sd": prior_sd[str(key)]}
-        diagnostics = dict(zip(("ess_bulk", "ess_tail", "rhat"), quality, strict=True))
-        rows[str(key)] = (
-            {"unit": variable.attrs.get("unit", "")}
-            | numbers_of(own, ci_prob)
-            | prior
-            | diagnostics
-        )
-    table = pd.DataFrame.from_dict(rows, orient="index")
-    table.attrs["fit"] = fit_of(posterior)
-    return readable(table, f"Posterior, {100 * ci_prob:g} % intervals")
-
-
-def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, Any]:
-    """The result of a fit as documented for ``fit --json``; the key of the interval is named after
-    its probability."""
-    check_probability(ci_prob)
-    record = record_of(posterior)
-    prior_sd, prior_mean = priors_of(posterior)
-    shown: dict[str, Any] = {"schema": record["schema"]}
-    for part in ("campaign", "model"):
-        shown[part] = {key: value for key, value in record[part].items() if key not in _REBUILDS}
-    shown |= {"parameters": {}, "hyper": {}}
-    for key, variable in posterior["posterior"].data_vars.items():
-        name = name_shown = str(key)
-        unit = variable.attrs.get("unit", "")
-        factor = 1.0
-        is_hyper = name not in record["model"]["groups"]
-        if is_hyper and unit == "mm":
-            name_shown = f"{name}_um"
-            unit = "um"
-            factor = 1e3
-        numbers = numbers_of(variable.values * factor, ci_prob)
-        interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
-        sd = prior_sd[name]
-        entry = {
-            "unit": unit,
-            **numbers,
-            f"ci{100 * ci_prob:g}": interval,
-            "prior_sd": None if sd is None else sd * factor,
-        }
-        if is_hyper:
-            shown["hyper"][name_shown] = entry
-        else:
-            shown["parameters"][name] = entry | {"prior_mean": prior_mean.get(name)}
-    return shown | {
-        part: record[part]
-        for part in ("averaged", "sampler", "fit", "provenance")
-        if part in record
-    }
-
-
-def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
-    """Prior sd, None where flat, and prior mean of the parameters that have a prior."""
-    model = record_of(posterior)["model"]
-    return model["prior_sd"], model["prior_mean"]
-
-
-def numbers_of(draws: Array, ci_prob: float) -> dict[str, float]:
-    """Mean, sd, median, and ci_low and ci_high of the equal-tailed interval, of draws."""
-    tail = 50.0 * (1.0 - ci_prob)
-    low, median, high = map(float, np.percentile(draws, [tail, 50.0, 100.0 - tail]))
-    return {
-        "mean": float(draws.mean()),
-        "sd": float(draws.std(ddof=1)),
-        "median": median,
-        "ci_low": low,
-        "ci_high": high,
-    }
-
-
-def check_probability(ci_prob: float) -> None:
-    """Refuse a probability that is not between 0 and 1."""
-    require(
-        0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95."
-    )
-
-
-@one_blas_thread
-def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
-    """Posterior of the shared nuisance coefficients.
-
-    Returns
-    -------
-    One row per coefficient: term, unit (mm; per bar, N, h or K), mean, sd, prior_sd (at the
-    posterior mean of φ). The mount's is its deviation from the nominal deflection.
-    """
-    bound = bound_of(posterior)
-    parts = parts_of(posterior, _DRAWS)
-    value = dict(
-        zip(
-            bound.hyper_prior.names,
-            np.concatenate([part.phi for part in parts]).mean(axis=0),
-            strict=True,
-        )
-    )
-    rows = {
-        name: {"term": kind.__name__, "unit": kind.unit_of(name).inside, "prior_sd": sd}
-        for kind, columns in bound.columns_of.items()
-        for part in predictive.shared_terms(columns)
-        for name, sd in zip(part.names, part.sd_at(value), strict=True)
-    }
-    table = pd.DataFrame.from_dict(rows, orient="index", columns=["term", "unit", "prior_sd"])
-    means, variances = (
-        np.zeros((sum(len(part.phi) for part in parts), len(table))) for _ in range(2)
-    )
-    end = 0
-    for own, phi, beta in parts:
-        given = own.given_interest.conditional(phi, beta - own.centre)[1]
-        names = [
-            name for part in predictive.shared_terms(own.nuisance_columns) for name in part.names
-        ]
-        at = np.ix_(
-            np.arange(end, end := end + len(phi)),
-            np.array(list(map(list(table.index).index, names)), dtype=int),
-        )
-        means[at], variances[at] = given.mean, given.sd**2
-    table.insert(2, "mean", means.mean(axis=0))
-    table.insert(3, "sd", np.sqrt(variances.mean(axis=0) + means.var(axis=0)))
-    return readable(table, "Other effects of the instrument and the set-up")
-
-
-@one_blas_thread
-def predict(
-    posterior: xr.DataTree, plan: Campaign, *, ci_prob: float = 0.95, seed: int = 1
-) -> pd.DataFrame:
-    """Predict the readings of new circles on the machine of a posterior, with its bar, balls, mount
-    and force device.
-
-    Machine and what circles share come from the posterior; set-up shift, discrepancy, scatter,
-    random force error and white noise are drawn anew. What the campaign says nothing of, such as
-    the bar's length at another radius, has its prior. Nuisances are integrated out: draws of them,
-    given each draw of the posterior, are not kept; `nuisances` gives their mean and sd.
-
-    InputError for another machine, or circles that show parameters which the fit does not have.
-
-    Parameters
-    ----------
-    posterior : from `sample`, `load` or `average`.
-    plan : the circles; any readings are ignored.
-    ci_prob : probability of the equal-tailed interval of a reading.
-
-    Returns
-    -------
-    One row per test and angle: test, force_N, angle_deg, mean_um, median_um, ci_low_um, ci_high_um.
-
-    Examples
-    --------
-    >>> table = lb.predict(posterior, lb.Plan((lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0)),)))
-    """
-    check_probability(ci_prob)
-    check_campaign(plan)
-    rng = np.random.default_rng(seed)
-    levels = [0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob]
-    parts = [predictive.new_circles(part, plan, rng) for part in parts_of(posterior, _PREDICTED)]
-    tables = []
-    for test, *drawn in zip(plan.tests, *parts, strict=True):
-        readings = np.concatenate(drawn) * 1e3
-        columns = np.vstack([readings.mean(axis=0), np.quantile(readings, levels, axis=0)])
-        numbers = dict(
-            zip(("mean_um", "median_um", "ci_low_um", "ci_high_um"), columns, strict=True)
-        )
-        tables.append(
-            pd.DataFrame(
-                {"test": test.name, "force_N": test.force_N, "angle_deg": test.angle_deg, **numbers}
-            )
-        )
-    return pd.concat(tables, ignore_index=True)
-
-
-@one_blas_thread
-def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1) -> xr.DataTree:
-    """Return the posterior with the groups by which ArviZ checks and compares models.
-
-    ``posterior_predictive.reading_mm`` (chain, draw, reading), beside ``observed_data.reading_mm``:
-    a new circle in the place of every test, with the scatter of the circle that was there.
-
-    ``log_likelihood.per_test`` (chain, draw, test): ln p(y_r | y_−r, φ), the readings of one circle
-    given those of all others, which are not independent of it, and the hyper-parameters; all that
-    is linear and the circle's own λ_r are integrated out, inside the truncation. The harmonic mean
-    of p is the density of a circle left out (Bürkner, Gabry and Vehtari 2021): ``arviz.loo``
-    estimates what `compare` computes. Only the hyper-parameters that circles share must bear a
-    circle's absence, which keeps Pareto's k low; where it is above 0.4 all the same, p is raised to
-    a power below one and scaled so that its harmonic mean is the exact density. The sum over
-    circles is not ln p of all of them: for the sensitivity to that see ``Fit.sensitivity``.
-    InputError for an average over models, flat priors, a single test, or too few draws.
-
-    Parameters
-    ----------
-    posterior : from `sample` or `load`.
-    draws : at most so many, evenly picked; the groups posterior, sample_stats and log_prior keep
-        the same ones.
-    """
-    import xarray as xr
-
-    require(
-        "averaged" not in record_of(posterior),
-        "the posterior must be of one model, got an average. Fit each model.",
-    )
-    chains, most = (int(posterior["posterior"].sizes[dim]) for dim in ("chain", "draw"))
-    require(
-        draws >= chains,
-        f"draws must be at least {chains}, one of each chain, got {draws}. The default is 1000.",
-    )
-    pick = np.linspace(0, most - 1, min(most, draws // chains)).astype(int)
-    made = posterior.copy()
-    for group in ("posterior", "sample_stats", "log_prior"):
-        made[group] = xr.DataTree(
-            posterior[group].to_dataset().isel(draw=pick).assign_coords(draw=np.arange(len(pick)))
-        )
-    (bound, *_), *_ = parts_of(posterior, 1)
-    require(
-        not bound.model.prior.flat,
-        "the prior must be proper, got a flat one. Fit with the default preset.",
-    )
-    require(
-        len(bound.test_names) > 1,
-        "a campaign must have at least two tests to leave one out, got one. Add tests.",
-    )
-    beta, phi = draws_of(made, bound)
-    rng = np.random.default_rng(seed)
-    shape = (chains, len(pick), -1)
-    circles = np.moveaxis(predictive.new_circle_coefficients(bound, phi, beta, rng), 1, 0)
-    sigma = phi[:, bound.hyper_prior.names.index("sigma")]
-    pairs = zip(circles, bound.campaign.tests, strict=True)
-    drawn = [predictive.readings_drawn(own, sigma, test.angles_rad(), rng) for own, test in pairs]
-    arrays = {
-        "posterior_predictive": ("reading_mm", "reading", np.concatenate(drawn, axis=1)),
-        "log_likelihood": (
-            "per_test",
-            "test",
-            _steadied(bound, log_likelihood_of_tests(bound, phi)),
-        ),
-    }
-    for group, (name, dim, values) in arrays.items():
-        at = (
-            made["observed_data"]["reading"].values
-            if dim == "reading"
-            else np.array(bound.test_names)
-        )
-        coords = {"chain": np.arange(chains), "draw": np.arange(len(pick)), dim: at}
-        attrs = {"unit": "mm"} if dim == "reading" else {}
-        made[group] = xr.DataTree(
-            xr.Dataset({name: (("chain", "draw", dim), values.reshape(shape), attrs)}, coords)
-        )
-    return made
-
-
-def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
-    """ln p(y_r | y_−r, φ), without the λ_r in φ (w, h), shape (w, tests); see `with_predictive`."""
-    together = in_chunks(partial(_log_evidence, bound), phi)
-    found = np.empty((len(phi), len(bound.test_names)))
-    for r, name in enumerate(bound.test_names):
-        rest = bound.keeping([other for other in bound.test_names if other != name])
-        circle = str(bound.setting.circle[r])
-        top = together
-        if circle:
-            each = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
-            each[:, :, bound.hyper_prior.names.index(circle)] = np.exp(_LOG_LAMBDA)
-            prior = bound.hyper_prior.log_density(each) + _LOG_LAMBDA
-            values = in_chunks(
-                partial(_log_evidence, bound), each.reshape(-1, phi.shape[1])
-            ).reshape(prior.shape)
-            top = np.logaddexp.reduce(prior + values, axis=1) - np.logaddexp.reduce(prior, axis=1)
-        found[:, r] = top - in_chunks(partial(_log_evidence, rest), phi)
-    return found
-
-
-def _steadied(bound: BoundModel, log_density: Array) -> Array:
-    """ln p(y_r | y_−r, φ) (w, tests) of draws; where Pareto's k is large, such that w / Σ 1/p is
-    the exact density."""
-    for r, name in enumerate(bound.test_names):
-        k = pareto_smooth(-log_density[:, r])[1]
-        if k > _LARGE_K:
-            rest = bound.keeping([other for other in bound.test_names if other != name])
-            tempered = log_density[:, r] * _TAMED_K / min(k, _MOST_K)
-            posteriors = [
-                HyperPosterior(own, truncated=own.truncation.active) for own in (bound, rest)
-            ]
-            whole, left = (own.nodes(_TOLERANCE).evidence.log_value for own in posteriors)
-            log_density[:, r] = (
-                tempered + whole - left + np.logaddexp.reduce(-tempered) - np.log(len(tempered))
-            )
-    return log_density
-
-
-def _log_evidence(bound: BoundModel, phi: Array) -> Array:
-    """ln p(y | φ) inside the truncation, but for P(T) of the prior, shape (w,)."""
-    if not bound.truncation.active:
-        return bound.log_evidence(phi)
-    log_evidence, given = bound.given(phi)
-    return log_evidence + given.orthant.log_probability(_TOLERANCE)[0]

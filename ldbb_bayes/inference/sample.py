@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -15,20 +15,17 @@ import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, renamed, require
-from ldbb_bayes.inference import predictive
+from ldbb_bayes.inference.coefficients import (
+    ModelDraws,
+    pooled_draws,
+)
 from ldbb_bayes.inference.density import JointDensity, LinearRedraw, starting_points
 from ldbb_bayes.inference.evidence import log_prob_truncation
+from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, fit_of_parts
 from ldbb_bayes.inference.integrals import in_chunks
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior, TooRoughError, draw_jointly
-from ldbb_bayes.inference.posterior import (
-    Concern,
-    ConcernKind,
-    Fit,
-    build_tree,
-    campaign_record,
-    power_sensitivity,
-)
+from ldbb_bayes.inference.posterior import build_tree, campaign_record
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
 from ldbb_bayes.model.terms import Drift
@@ -41,7 +38,6 @@ if TYPE_CHECKING:
 __all__ = [
     "densities_of",
     "draw",
-    "fit_of_parts",
     "groups_of",
     "prior_draws_of",
     "record_from",
@@ -54,12 +50,6 @@ __all__ = [
 _CHAINS = 4
 _SPACING = 4.0
 _WALKERS = 128
-_QUALITY_DRAWS = 1000
-_CHECKED_DRAWS = 500
-_IMPROBABLE = float(np.log(1e-3))
-_EXTREME = 0.999
-_FAR = 3.0
-_CLOSE = 0.05
 
 
 def _joint(
@@ -165,17 +155,7 @@ def draw(
         f"emcee must converge, got R-hat {run.assessment.rhat_max:.3f} after {run.steps} steps. Use"
         " --seed.",
     )
-    return *_picked(beta, phi, size), True
-
-
-def _picked(beta: Array, phi: Array, most: int | None = None) -> tuple[Array, Array]:
-    """Draws of all chains in one row, all or evenly picked."""
-    flat_beta = beta.reshape(-1, beta.shape[2])
-    flat_phi = phi.reshape(-1, phi.shape[2])
-    pick = np.linspace(0, len(flat_beta) - 1, min(most or len(flat_beta), len(flat_beta))).astype(
-        int
-    )
-    return flat_beta[pick], flat_phi[pick]
+    return *pooled_draws(beta, phi, size), True
 
 
 @one_blas_thread
@@ -247,7 +227,7 @@ def sample_from(
     sampling, *checking = np.random.SeedSequence(seed).spawn(3)
     start = inside if bound.truncation.active else inside.plain
     run, beta, phi = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
-    flat = predictive.Part(bound, *reversed(_picked(beta, phi)))
+    flat = ModelDraws(bound, *reversed(pooled_draws(beta, phi)))
     arrays = {
         name: own.reshape(*beta.shape[:2], *own.shape[1:])
         for name, own in densities_of(flat).items()
@@ -300,86 +280,7 @@ def record_from(
     }
 
 
-def fit_of_parts(
-    bound: BoundModel,
-    parts: Sequence[predictive.Part],
-    groups: Mapping[str, Mapping[str, Array]],
-    truncation: tuple[float, float],
-    missed: Sequence[Concern],
-    rng: np.random.Generator,
-    prior_level: Array | float = 0.0,
-) -> Fit:
-    """How well models fit whose draws, part by part, are those of ``groups``; ``bound`` has all
-    their parameters, ``prior_level`` is the mean of ln p(β) in the prior of each draw's model: what
-    scaling the prior must not count."""
-    share = np.array([len(part.phi) for part in parts]) / sum(len(part.phi) for part in parts)
-    few, thinned = (
-        [part.few(int(np.ceil(own * most))) for own, part in zip(share, parts, strict=True)]
-        for most in (_QUALITY_DRAWS, _CHECKED_DRAWS)
-    )
-    predicted = [predictive.shared_coefficients(*part).mean(axis=0) for part in few]
-    quality = predictive.quality_of(bound, np.tensordot(share, predicted, axes=1))
-    group = groups["posterior"]
-    beta, phi = (
-        np.stack([group[str(name)] for name in names], axis=-1)
-        for names in (bound.names, bound.hyper_prior.names)
-    )
-    flat_beta, flat_phi = _picked(beta, phi)
-    prior = groups["log_prior"]["parameters"]
-    hyper_prior = groups["log_prior"]["hyper"]
-    jacobian = bound.hyper_prior.log_density_of_free(bound.hyper_prior.free(phi)) - hyper_prior
-    likelihood = groups["sample_stats"]["lp"] - prior - hyper_prior - jacobian
-    checks = predictive.averaged_checks(
-        share, [predictive.predictive_checks(*own, rng) for own in thinned]
-    )
-    scaled = {"prior": prior - prior_level, "hyper_prior": hyper_prior, "likelihood": likelihood}
-    return Fit(
-        quality.rmse_um,
-        quality.fitness_percent,
-        *truncation,
-        bound.log_prob_truncation_prior,
-        bound.largest_linearisation_error_mm(flat_beta.mean(axis=0)) * 1e3,
-        (*missed, *_concerns(bound, flat_phi, flat_beta, truncation[0])),
-        checks,
-        power_sensitivity(group, scaled),
-        *predictive.effects(bound, flat_phi.mean(axis=0), checks),
-    )
-
-
-def _concerns(
-    bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float
-) -> Iterator[Concern]:
-    if log_prob_truncation < _IMPROBABLE:
-        yield Concern(ConcernKind.TRUNCATION, log_prob_truncation, _IMPROBABLE)
-    levels = bound.campaign.force_levels
-    needed = bound.model.degree + 2
-    if levels < needed:
-        yield Concern(ConcernKind.FORCES, levels, needed)
-    limit = bound.hyper_prior.quantile(np.full(phi.shape[1], _EXTREME))
-    sizes = zip(
-        bound.hyper_prior.names, np.median(phi, axis=0), limit, bound.hyper_prior.in_mm, strict=True
-    )
-    for name, median, top, is_length in sizes:
-        if is_length and median > top:
-            yield Concern(ConcernKind.HYPER, float(median), float(top), str(name))
-    moved = np.abs(beta.mean(axis=0) - bound.prior_mean)
-    variance = bound.prior_sd**2
-    stated = {
-        *bound.model.prior.overrides,
-        *bound.model.prior.means,
-    }  # the data move a mean by a draw of N(0, sd0² − u²)
-    for name, z in zip(
-        bound.names,
-        moved / np.sqrt(np.maximum(variance - beta.var(axis=0), _CLOSE * variance)),
-        strict=True,
-    ):
-        if z > _FAR and name in stated:
-            yield Concern(ConcernKind.PRIOR, float(z), _FAR, name)
-    for axis, p in predictive.centre_shift(bound, beta.mean(axis=0)).items():
-        yield Concern(ConcernKind.CENTRE, p, predictive.SHIFTED, axis)
-
-
-def densities_of(part: predictive.Part) -> dict[str, Array]:
+def densities_of(part: ModelDraws) -> dict[str, Array]:
     """Of each draw its log density and those of its priors, (n,) each."""
     bound, phi, beta = part
     density = JointDensity(bound)

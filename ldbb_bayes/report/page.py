@@ -25,14 +25,8 @@ from ldbb_bayes.analysis.circularity import contributions, measured_circularity
 from ldbb_bayes.analysis.conformity import check_force
 from ldbb_bayes.analysis.differences import differences
 from ldbb_bayes.files import check_target, staged_folder, write_whole
-from ldbb_bayes.inference.posterior import (
-    bound_of,
-    campaign_of,
-    draws_of,
-    fit_of,
-    record_of,
-    result_json,
-)
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of
+from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.sections import (
     SECTIONS,

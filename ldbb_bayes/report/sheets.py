@@ -21,7 +21,8 @@ import numpy as np
 from ldbb_bayes.analysis.circularity import circularity
 from ldbb_bayes.analysis.conformity import Use, draws_at, is_determined, state_of
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, numbers_of
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of
+from ldbb_bayes.inference.summary import numbers_of
 from ldbb_bayes.model.setting import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength, Term, uncertainties
 from ldbb_bayes.report.sections import Findings, Picture, picture

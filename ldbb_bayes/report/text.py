@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.campaign.certificates import BallbarRecord
     from ldbb_bayes.inference.density import LogDensity
-    from ldbb_bayes.inference.posterior import Fit
-    from ldbb_bayes.inference.predictive import LeastSquares
+    from ldbb_bayes.inference.fit import Fit
+    from ldbb_bayes.inference.least_squares import LeastSquares
     from ldbb_bayes.model.hybrid import HybridModel, Simulation
     from ldbb_bayes.model.terms import Uncertainties
     from ldbb_bayes.reading.importing import Imported
@@ -364,11 +364,8 @@ def _(result: LeastSquares) -> tuple[Passage, ...]:
 def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
     """The JSON of a fit, with nuisances, and what a look at the readings finds among its
     warnings."""
-    from ldbb_bayes.inference.posterior import (
-        campaign_of,
-        nuisances,
-        result_json,
-    )  # ArviZ's: what shows no fit starts without it
+    from ldbb_bayes.inference.posterior import campaign_of
+    from ldbb_bayes.inference.summary import nuisances, result_json
 
     result = result_json(posterior, ci_prob=ci_prob)
     result["nuisances"] = nuisances(posterior).to_dict(orient="index")

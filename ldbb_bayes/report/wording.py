@@ -41,8 +41,8 @@ if TYPE_CHECKING:
         Seen,
     )
     from ldbb_bayes.campaign.preview import CampaignPreview, Remark
-    from ldbb_bayes.inference.posterior import Concern, Fit
-    from ldbb_bayes.inference.predictive import Check
+    from ldbb_bayes.inference.checks import Check
+    from ldbb_bayes.inference.fit import Concern, Fit
     from ldbb_bayes.model.terms import Uncertainty
 
 _SENTENCES: Mapping[str, Any] = tomllib.loads(

@@ -19,14 +19,10 @@ from matplotlib.figure import Figure
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies
 from ldbb_bayes.analysis.identifiability import hyper_nodes, parameters_of, uncertainty_with
+from ldbb_bayes.inference.checks import centre_shift, effects, predictive_checks
+from ldbb_bayes.inference.coefficients import compliance_curves
+from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.posterior import Fit
-from ldbb_bayes.inference.predictive import (
-    centre_shift,
-    compliance_curves,
-    effects,
-    predictive_checks,
-)
 from ldbb_bayes.model.hybrid import information_of
 
 HERE = Path(__file__).resolve().parent

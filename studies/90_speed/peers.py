@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, stdtrit
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.mcmc import diagnose
+from ldbb_bayes.inference.diagnostics import diagnose
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import BasisNoise

@@ -32,9 +32,14 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 import ldbb_bayes as lb
+from ldbb_bayes.inference.coefficients import (
+    private_terms,
+    draw_shared,
+    machine_coefficients,
+    shared_columns,
+)
 from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.nodes import Nodes
-from ldbb_bayes.inference.predictive import _own, draw_shared, machine_coefficients, shared_columns
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
@@ -472,6 +477,6 @@ def _new_circle(
         machine_coefficients(bound, beta)[:, -1] + shared @ shared_columns(bound)[-1].T
     ) @ turned.T
     square = (scales[:, [hyper.names.index("sigma")]] * 1e3) ** 2
-    for columns, sd in _own(bound, scales, len(campaign.tests)):
+    for columns, sd in private_terms(bound, scales, len(campaign.tests)):
         square = square + sd**2 @ ((turned @ columns) ** 2).T
     return mean, np.sqrt(square)

@@ -19,7 +19,8 @@ from ldbb_bayes.analysis.aliases import (
     degeneracies,
     standing_degeneracies,
 )
-from ldbb_bayes.inference.predictive import in_order_of_force, shared_terms
+from ldbb_bayes.inference.coefficients import shared_terms
+from ldbb_bayes.inference.checks import in_order_of_force
 from ldbb_bayes.machine.chain import geometric_reading_mm, wrench_jacobian, wrench_names
 from ldbb_bayes.report.wording import alias_sentences, cure_words, statement
 

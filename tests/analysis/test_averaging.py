@@ -15,7 +15,8 @@ from scipy import stats
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import probabilities
-from ldbb_bayes.inference.posterior import curves_of, fit_of, parts_of, record_of, result_json
+from ldbb_bayes.inference.posterior import curves_of, fit_of, model_draws_of, record_of
+from ldbb_bayes.inference.summary import result_json
 
 DRAWS = 8000
 CAMPAIGN = simulated(plan((30,) * 4), seed=1)
@@ -127,7 +128,7 @@ def test_all_that_reads_a_posterior_reads_an_average(averaged, tmp_path: Path) -
     assert np.isfinite(lb.circularity(again)["sd"]).all()
     # What the joint load adds to C(F) is of the models that have it alone: without it and without
     # slopes C(F) is constant.
-    parts = parts_of(again)
+    parts = model_draws_of(again)
     curves = curves_of(again, np.array([36.0, 742.0]))
     changes = np.abs(np.diff(curves[:, :, 0], axis=1)[:, 0]) > 0.0
     without = np.concatenate(

@@ -25,7 +25,8 @@ from ldbb_bayes.analysis.conformity import (
 )
 from ldbb_bayes.analysis.identifiability import Verdict
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.posterior import Concern, ConcernKind, campaign_of, curves_of, fit_of
+from ldbb_bayes.inference.fit import Concern, ConcernKind
+from ldbb_bayes.inference.posterior import campaign_of, curves_of, fit_of
 
 CAMPAIGN = simulated(plan((36,) * 4), seed=1)
 MODEL = lb.HybridModel.default(1)

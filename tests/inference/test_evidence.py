@@ -19,7 +19,8 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import Evidences, leave_one_out, log_prob_truncation
 from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior
-from ldbb_bayes.inference.predictive import harmonics_of, replicate_left_out
+from ldbb_bayes.inference.prediction import replicate_left_out
+from ldbb_bayes.inference.residuals import harmonics_of
 from ldbb_bayes.model.orthant import Orthant
 
 FOUR = {

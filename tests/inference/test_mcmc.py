@@ -13,7 +13,8 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.density import JointDensity, LinearRedraw
-from ldbb_bayes.inference.mcmc import Assessment, StoppingRule, diagnose, run_ensembles
+from ldbb_bayes.inference.diagnostics import diagnose
+from ldbb_bayes.inference.mcmc import Assessment, StoppingRule, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior
 
 MODELS = {

@@ -12,16 +12,19 @@ from campaigns import HYPER_UM, oracle_of, plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference import predictive
-from ldbb_bayes.inference.posterior import (
-    Concern,
-    ConcernKind,
-    Fit,
-    State,
-    draws_of,
-    fit_of,
-    power_sensitivity,
+from ldbb_bayes.inference.checks import (
+    TestChecks,
+    autocorrelation,
+    effects,
 )
+from ldbb_bayes.inference.coefficients import (
+    machine_coefficients,
+    shared_coefficients,
+)
+from ldbb_bayes.inference.diagnostics import power_sensitivity
+from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, State
+from ldbb_bayes.inference.posterior import draws_of, fit_of
+from ldbb_bayes.inference.residuals import fit_quality
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.terms import Columns
@@ -46,12 +49,12 @@ def test_shared_layer_is_the_dense_conditional_mean(planned: lb.Campaign) -> Non
     residual = oracle.y - oracle.J @ beta[0]
     expected = oracle.J @ beta[0] + shared @ np.linalg.solve(oracle.covariance(PHI[0]), residual)
     offset = np.concatenate([t.readings_mm() for t in campaign.tests]) - oracle.y
-    found = predictive.shared_coefficients(bound, PHI, beta)[0]
+    found = shared_coefficients(bound, PHI, beta)[0]
     predicted = np.concatenate(
         [basis(t.angles_rad()) @ a for t, a in zip(campaign.tests, found, strict=True)]
     )
     np.testing.assert_allclose(predicted, expected + offset, atol=1e-9)
-    machine = predictive.machine_coefficients(bound, beta)[0]
+    machine = machine_coefficients(bound, beta)[0]
     predicted = np.concatenate(
         [basis(t.angles_rad()) @ a for t, a in zip(campaign.tests, machine, strict=True)]
     )
@@ -65,8 +68,8 @@ def test_rmse_and_fitness_by_their_definition() -> None:
     bound = lb.HybridModel.first(0).bind(campaign)
     beta = bound.centre[None].repeat(3, axis=0) * [[0.9], [1.0], [1.1]]
     phi = PHI.repeat(3, axis=0)
-    quality = predictive.fit_quality(bound, phi, beta)
-    predicted = predictive.shared_coefficients(bound, phi, beta).mean(axis=0)
+    quality = fit_quality(bound, phi, beta)
+    predicted = shared_coefficients(bound, phi, beta).mean(axis=0)
     errors = [
         basis(t.angles_rad()) @ a - t.readings_mm()
         for t, a in zip(campaign.tests, predicted, strict=True)
@@ -134,10 +137,8 @@ def test_only_what_circles_do_not_share_beyond_the_orders_widens_intervals() -> 
         tests = tuple(
             test.with_reading_um(np.asarray(test.reading_um) + wave) for test, wave in pairs
         )
-        fails = {test.name: predictive.TestChecks({}, 1e-9, 0.9, 1e-9) for test in tests}
-        widening.append(
-            predictive.effects(MODEL.bind(replace(campaign, tests=tests)), PHI[0], fails)[1]
-        )
+        fails = {test.name: TestChecks({}, 1e-9, 0.9, 1e-9) for test in tests}
+        widening.append(effects(MODEL.bind(replace(campaign, tests=tests)), PHI[0], fails)[1])
     growth = np.sqrt(np.diag(oracle.given(noisy)[2]) / np.diag(oracle.given(PHI[0])[2])).max() - 1.0
     assert widening == [pytest.approx(0.0, abs=0.1), pytest.approx(growth, rel=0.05)]
 
@@ -146,17 +147,17 @@ def test_autocorrelation_of_white_noise_is_uniform_and_of_smoothed_noise_is_seen
     rng = np.random.default_rng(2)
     angle = np.sort(rng.uniform(0.0, 360.0, 150))
     p_values = [
-        predictive.autocorrelation(lb.CircularTest(100.0, angle, rng.normal(size=150)))[1]
-        for _ in range(400)
+        autocorrelation(lb.CircularTest(100.0, angle, rng.normal(size=150)))[1] for _ in range(400)
     ]
     assert stats.kstest(p_values, "uniform").pvalue > 0.01
     smooth = np.convolve(np.random.default_rng(2).normal(size=402), np.ones(3) / 3.0, mode="valid")
-    value, p = predictive.autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, smooth))
+    value, p = autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, smooth))
     assert value > 0.5
     assert p < 1e-6
-    assert predictive.autocorrelation(
-        lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))
-    ) == (0.0, 1.0)
+    assert autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))) == (
+        0.0,
+        1.0,
+    )
 
 
 def test_sensitivity_is_that_of_arviz() -> None:
@@ -179,7 +180,7 @@ def test_sensitivity_is_that_of_arviz() -> None:
 
 
 def test_the_line_puts_first_what_matters_most() -> None:
-    checks = {"a": predictive.TestChecks(dict.fromkeys(range(13), 0.5), 0.2, 0.1, 0.3)}
+    checks = {"a": TestChecks(dict.fromkeys(range(13), 0.5), 0.2, 0.1, 0.3)}
     sensitivity = {
         "E_XX1": {"prior": 0.06},
         "C_XXX": {"prior": 0.2},

@@ -14,10 +14,11 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.coefficients import ModelDraws
+from ldbb_bayes.inference.cross_validation import log_likelihood_of_tests
 from ldbb_bayes.inference.evidence import Evidences, leave_one_out
 from ldbb_bayes.inference.mcmc import StoppingRule
-from ldbb_bayes.inference.posterior import log_likelihood_of_tests
-from ldbb_bayes.inference.predictive import Part, new_circles
+from ldbb_bayes.inference.prediction import new_circles
 
 MODEL = lb.HybridModel.first(1)
 CAMPAIGN = simulated(plan())
@@ -55,7 +56,8 @@ def test_new_circles_are_the_oracles(rng: np.random.Generator) -> None:
     bound = model.bind(CAMPAIGN)
     draws = np.tile(phi, (20_000, 1))
     found = np.concatenate(
-        list(new_circles(Part(bound, draws, bound.given(draws)[1].draw(rng)), planned, rng)), axis=1
+        list(new_circles(ModelDraws(bound, draws, bound.given(draws)[1].draw(rng)), planned, rng)),
+        axis=1,
     )
     np.testing.assert_allclose(found.mean(axis=0), mean, atol=5.0 * sd.max() / np.sqrt(len(draws)))
     np.testing.assert_allclose(found.std(axis=0), sd, rtol=0.03)

@@ -16,17 +16,11 @@ from campaigns import plan, refuses, simulated
 from collapsed import collapsed
 
 import ldbb_bayes as lb
+from ldbb_bayes.inference.fit import State
 from ldbb_bayes.inference.mcmc import Assessment, Progress, StoppingRule
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.posterior import (
-    State,
-    bound_of,
-    campaign_of,
-    draws_of,
-    fit_of,
-    record_of,
-    result_json,
-)
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of
+from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.report.text import fit_in_words
 from ldbb_bayes.report.wording import sampler_words, validation_verdict

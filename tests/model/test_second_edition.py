@@ -14,10 +14,10 @@ from oracle import Oracle, Stated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Ball, Campaign, CircularTest, Instrument, MountCompensation
+from ldbb_bayes.inference.coefficients import compliance_curves
 from ldbb_bayes.inference.evidence import _Relatives
 from ldbb_bayes.inference.integrals import Integral
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
-from ldbb_bayes.inference.predictive import compliance_curves
 from ldbb_bayes.model.hybrid import BoundModel
 
 TERMS = {

@@ -20,7 +20,7 @@ from reports import SCRIPT, awkward, fitted
 from scipy.stats import chi2
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.posterior import result_json
+from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report.page import dsi_unit
 
 SI = "{https://ptb.de/si}"

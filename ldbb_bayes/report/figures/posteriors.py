@@ -21,20 +21,11 @@ from matplotlib.figure import Figure
 from ldbb_bayes.analysis import circularity as of_path
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import (
-    bound_of,
-    curves_of,
-    draws_of,
-    numbers_of,
-    priors_of,
-    record_of,
-)
-from ldbb_bayes.inference.predictive import (
-    band_um,
-    new_circle_coefficients,
-    residuals_mm,
-    shared_coefficients,
-)
+from ldbb_bayes.inference.coefficients import new_circle_coefficients, shared_coefficients
+from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, record_of
+from ldbb_bayes.inference.prediction import band_um
+from ldbb_bayes.inference.residuals import residuals_mm
+from ldbb_bayes.inference.summary import numbers_of, priors_of
 from ldbb_bayes.machine import chain
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
