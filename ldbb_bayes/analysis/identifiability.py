@@ -43,7 +43,7 @@ from ldbb_bayes.machine import chain
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.linear_algebra import least_squares
+from ldbb_bayes.model.linear_algebra import minimum_norm_solution
 from ldbb_bayes.model.prior import compliance_unit, geometric_unit
 from ldbb_bayes.model.terms import NOISE, BasisNoise, Columns, Term
 from ldbb_bayes.parallel import one_blas_thread
@@ -383,7 +383,7 @@ def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
     rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)])
     every = np.concatenate(information.design) * information.scale
     table = (
-        np.array([least_squares(rows, every[:, j], information.scale[own]) for j in others])
+        np.array([minimum_norm_solution(rows, every[:, j], information.scale[own]) for j in others])
         .reshape(len(others), len(own))
         .T
     )

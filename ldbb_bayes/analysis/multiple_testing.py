@@ -10,11 +10,17 @@ __all__ = ["holm"]
 
 
 def holm(p_value: Array) -> Array:
-    """p-values that hold the family-wise error whatever the dependence (Holm 1979)."""
+    """Return p-values adjusted by Holm's method (Scand. J. Statist. 6, 65-70, 1979), shape (n,).
+
+    They hold the family-wise error whatever the dependence of the tests.
+
+    Parameters
+    ----------
+    p_value
+        p-values of the single tests, shape (n,).
+    """
     order = np.argsort(p_value, kind="stable")
-    stepped = np.minimum(
-        np.maximum.accumulate(p_value[order] * np.arange(len(p_value), 0, -1)), 1.0
-    )
-    found = np.empty(len(p_value))
-    found[order] = stepped
-    return found
+    multiplied = p_value[order] * np.arange(len(p_value), 0, -1)
+    adjusted = np.empty(len(p_value))
+    adjusted[order] = np.minimum(np.maximum.accumulate(multiplied), 1.0)
+    return adjusted

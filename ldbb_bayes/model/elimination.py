@@ -47,7 +47,7 @@ class Front(NamedTuple):
     ) -> Array:
         """L of its entries in place, and ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group, shape (g,
         w)."""
-        eliminate(factor, links, sign=self.sign, linked=linked)
+        eliminate(factor, links, signs=self.sign, link_signs=linked)
         white = factor[:, :, -1]
         span = np.arange(factor.shape[1])
         left = white if self.sign is None else self.sign[:, :, None] * white

@@ -28,7 +28,7 @@ from ldbb_bayes.machine.chain import (
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.likelihood import ParameterConditional, StructuredGaussian
-from ldbb_bayes.model.linear_algebra import least_squares
+from ldbb_bayes.model.linear_algebra import minimum_norm_solution
 from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.model.prior import (
     EXAMPLES,
@@ -831,7 +831,7 @@ class BoundModel(Shown):
             test.projection - test.factor @ own
             for test, own in zip(reduced, self.known_offset, strict=True)
         ]
-        return near + least_squares(rows, np.concatenate(values) - rows @ near, scale)
+        return near + minimum_norm_solution(rows, np.concatenate(values) - rows @ near, scale)
 
     def _physical_rows(self) -> Array:
         """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested

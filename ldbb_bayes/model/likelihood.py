@@ -210,7 +210,7 @@ class StructuredGaussian:
         for index, weight, shift, _ in self._passes(phi, beta, FEWEST_PHI):
             known = (columns[:, :q] @ white[index].T) * weight[self._kind]
             factor = front.entries(weight, shift - columns.T @ known)
-            eliminate(factor, sign=front.sign)
+            eliminate(factor, signs=front.sign)
             mean[index] = solve_upper(
                 factor[:, :, :v].transpose(3, 0, 2, 1), factor[:, :, -1].transpose(2, 0, 1)
             )

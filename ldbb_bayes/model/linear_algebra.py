@@ -6,15 +6,26 @@ import numpy as np
 
 from ldbb_bayes.results import Array
 
-__all__ = ["least_squares", "singular_root"]
+__all__ = ["minimum_norm_solution", "singular_root"]
 
 
-def least_squares(
+def minimum_norm_solution(
     jacobian: Array, y: Array, scale: Array | None = None, *, rank_tolerance: float = 1e-10
 ) -> Array:
-    """Minimum-norm least squares (p,) of y (n,) by the columns of a Jacobian (n, p), in units of
-    ``scale`` (p,), typical sizes of the parameters, by default reciprocal column norms; directions
-    of smaller relative singular values are undetermined."""
+    """Return the least-squares solution of smallest norm, shape (p,).
+
+    Parameters
+    ----------
+    jacobian
+        Columns of the parameters, shape (n, p).
+    y
+        Readings, shape (n,).
+    scale
+        Typical sizes of the parameters, shape (p,), in units of which the norm is taken; by default
+        the reciprocal norms of the columns.
+    rank_tolerance
+        Directions whose singular value is smaller than this share of the largest are undetermined.
+    """
     if scale is None:
         norms = np.linalg.norm(jacobian, axis=0)
         scale = 1.0 / np.where(norms > 0, norms, 1.0)
@@ -23,6 +34,7 @@ def least_squares(
 
 
 def singular_root(covariance: Array) -> Array:
-    """X with X Xᵀ = covariance, shape (..., p, p), of covariances that may be singular."""
-    values, vectors = np.linalg.eigh(0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
+    """Return X with X Xᵀ = covariance, shape (..., p, p), of covariances that may be singular."""
+    symmetric = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+    values, vectors = np.linalg.eigh(symmetric)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])

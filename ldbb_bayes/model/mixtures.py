@@ -11,80 +11,111 @@ from ldbb_bayes.results import Array
 
 __all__ = ["mixture_moments", "mixture_quantiles", "weighted_quantiles"]
 
-
+# Steps of Newton's method at most; bisection alone needs about fifty.
 _ITERATIONS = 100
-
-
-_CLOSE = 1e-12
-
-
-_TOGETHER = 200_000
+# The last step, in standard deviations of the mixture.
+_STEP_TOLERANCE = 1e-12
+# Numbers (components times mixtures) that are worked on at once, so that they stay in the cache.
+_CHUNK = 200_000
 
 
 def mixture_moments(weight: Array, mean: Array, sd: Array) -> tuple[Array, Array]:
-    """Mean and sd, shape (...), of mixtures of Gaussians: weights (k,), components (k, ...)."""
-    middle = np.tensordot(weight, mean, 1)
-    return middle, np.sqrt(np.tensordot(weight, sd**2 + (mean - middle) ** 2, 1))
+    """Return mean and standard deviation of mixtures of Gaussians, each of shape (...).
+
+    Parameters
+    ----------
+    weight
+        Weights of the components, shape (k,).
+    mean, sd
+        Means and standard deviations of the components, shape (k, ...).
+    """
+    centre = np.tensordot(weight, mean, 1)
+    variance = np.tensordot(weight, sd**2 + (mean - centre) ** 2, 1)
+    return centre, np.sqrt(variance)
 
 
 def mixture_quantiles(
     weight: Array, mean: Array, sd: Array, levels: Sequence[float] | Array
 ) -> Array:
-    """Quantiles, shape (levels, ...), of mixtures of Gaussians: Newton's method kept inside a
-    bracket. Components (k, ...); weights (k,), or an array that broadcasts with them, sum to one
-    along the first axis."""
-    flat_mean, flat_sd = (part.reshape(len(mean), -1) for part in (mean, sd))
-    weight = weight.reshape(-1, *(1,) * (mean.ndim - 1)) if weight.ndim == 1 else weight
+    """Return quantiles of mixtures of Gaussians, shape (levels, ...).
+
+    Newton's method on the distribution function, kept inside a bracket.
+
+    Parameters
+    ----------
+    weight
+        Weights of the components, shape (k,), or an array that broadcasts with ``mean``; they sum
+        to one along the first axis.
+    mean, sd
+        Means and standard deviations of the components, shape (k, ...).
+    levels
+        Probabilities, each strictly between zero and one.
+    """
+    flat_mean = mean.reshape(len(mean), -1)
+    flat_sd = sd.reshape(len(mean), -1)
+    if weight.ndim == 1:
+        weight = weight.reshape(-1, *(1,) * (mean.ndim - 1))
     flat_weight = np.broadcast_to(weight, mean.shape).reshape(flat_mean.shape)
-    found = np.empty((len(levels), flat_mean.shape[1]))
-    size = max(1, _TOGETHER // len(mean))
+    quantiles = np.empty((len(levels), flat_mean.shape[1]))
+    size = max(1, _CHUNK // len(mean))
     for start in range(0, flat_mean.shape[1], size):
-        own = slice(start, start + size)
+        chunk = slice(start, start + size)
+        components = flat_weight[:, chunk], flat_mean[:, chunk], flat_sd[:, chunk]
         for row, level in enumerate(levels):
-            found[row, own] = _mixture_quantile(
-                flat_weight[:, own], flat_mean[:, own], flat_sd[:, own], level
-            )
-    return found.reshape(len(levels), *mean.shape[1:])
+            quantiles[row, chunk] = _mixture_quantile(*components, level)
+    return quantiles.reshape(len(levels), *mean.shape[1:])
 
 
 def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Array:
-    each = mean + ndtri(level) * sd
-    low = each.min(axis=0)
-    high = each.max(axis=0)
-    middle = (weight * mean).sum(axis=0)
-    spread = np.sqrt((weight * (sd**2 + (mean - middle) ** 2)).sum(axis=0))
-    x = np.clip(middle + ndtri(level) * spread, low, high)
+    """Return one quantile of mixtures of components (k, n), shape (n,)."""
+    component_quantiles = mean + ndtri(level) * sd
+    low = component_quantiles.min(axis=0)
+    high = component_quantiles.max(axis=0)
+    centre = (weight * mean).sum(axis=0)
+    spread = np.sqrt((weight * (sd**2 + (mean - centre) ** 2)).sum(axis=0))
+    x = np.clip(centre + ndtri(level) * spread, low, high)
     step = high - low
     for _ in range(_ITERATIONS):
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             z = (x - mean) / sd
             excess = (weight * ndtr(z)).sum(axis=0) - level
-            low = np.where(excess <= 0.0, x, low)
-            high = np.where(excess >= 0.0, x, high)
-            new = x - excess / (
-                (weight * (np.exp(-0.5 * z**2) / sd)).sum(axis=0) / np.sqrt(2.0 * np.pi)
-            )
-        # Newton's step where it is the last, or stays inside the bracket and is at most half of the
-        # one before; else halfway.
-        size = np.abs(new - x)
-        good = (size <= _CLOSE * spread) | (
-            (new > low) & (new < high) & (size <= 0.5 * np.abs(step))
-        )
-        new = np.where(good, new, 0.5 * (low + high))
-        step = new - x
-        x = new
-        if np.all(np.abs(step) <= _CLOSE * spread):
+            density = (weight * (np.exp(-0.5 * z**2) / sd)).sum(axis=0) / np.sqrt(2.0 * np.pi)
+            newton_x = x - excess / density
+        low = np.where(excess <= 0.0, x, low)
+        high = np.where(excess >= 0.0, x, high)
+        # Newton's step is taken where it is the last, or where it stays inside the bracket and is
+        # at most half of the step before it; elsewhere the bracket is halved.
+        size = np.abs(newton_x - x)
+        converged = size <= _STEP_TOLERANCE * spread
+        inside = (newton_x > low) & (newton_x < high)
+        shrinking = size <= 0.5 * np.abs(step)
+        new_x = np.where(converged | (inside & shrinking), newton_x, 0.5 * (low + high))
+        step = new_x - x
+        x = new_x
+        if np.all(np.abs(step) <= _STEP_TOLERANCE * spread):
             break
     return x
 
 
 def weighted_quantiles(weight: Array, draws: Array, levels: Sequence[float] | Array) -> Array:
-    """Quantiles, shape (levels, ...), of weighted draws (k, ...), linear between the middles of
-    their weights."""
+    """Return quantiles of weighted draws, shape (levels, ...).
+
+    Linear between draws, each of which stands at the middle of its weight.
+
+    Parameters
+    ----------
+    weight
+        Weights of the draws, shape (k,), which sum to one.
+    draws
+        Shape (k, ...).
+    levels
+        Probabilities.
+    """
     flat = draws.reshape(len(draws), -1)
-    found = np.empty((len(levels), flat.shape[1]))
+    quantiles = np.empty((len(levels), flat.shape[1]))
     for column in range(flat.shape[1]):
         order = np.argsort(flat[:, column], kind="stable")
-        reached = np.cumsum(weight[order]) - 0.5 * weight[order]
-        found[:, column] = np.interp(levels, reached, flat[order, column])
-    return found.reshape(len(levels), *draws.shape[1:])
+        sorted_weight = weight[order]
+        probability = np.cumsum(sorted_weight) - 0.5 * sorted_weight
+        quantiles[:, column] = np.interp(levels, probability, flat[order, column])
+    return quantiles.reshape(len(levels), *draws.shape[1:])

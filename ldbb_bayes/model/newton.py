@@ -10,13 +10,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["central_differences", "newton"]
 
-
+# Fractions of a Newton step that are tried, in one call of the density.
 _FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.03)
-
-
-_LONGEST = 1.5
-
-
+# Longest step, in the coordinates of the density (logarithms of scales: a factor of 4.5).
+_LONGEST_STEP = 1.5
+# Steps at most; from a sensible start ten are enough.
 _STEPS = 60
 
 
@@ -28,12 +26,24 @@ def newton(
     least_curvature: float = 0.3,
     gain: float = 1e-6,
 ) -> Array:
-    """A mode of a log density (n, h) → (n,), shape (h,), by damped Newton steps from a start;
-    ``derivatives`` of a point: its gradient (h,) and Hessian (h, h).
+    """Return a mode of a log density, shape (h,), found by damped Newton steps.
 
-    Directions of wrong curvature are turned round, none counts as flatter than ``least_curvature``,
-    no step is longer than 1.5; of several fractions of a step, tried in one call, the best is
-    taken. Steps end when the density rises by no more than ``gain`` [nat].
+    Directions of wrong curvature are turned round, and no direction counts as flatter than
+    ``least_curvature``. No step is longer than 1.5. Of several fractions of a step the best is
+    taken.
+
+    Parameters
+    ----------
+    log_density
+        Function of points (n, h) that returns their log densities (n,).
+    derivatives
+        Function of a point (h,) that returns its gradient (h,) and Hessian (h, h).
+    start
+        Where to start, shape (h,).
+    least_curvature
+        Smallest curvature that a direction counts as having.
+    gain
+        Steps end when the log density rises by no more than this [nat].
     """
     point = np.array(start, dtype=float)
     fractions = np.array(_FRACTIONS)
@@ -41,8 +51,10 @@ def newton(
     for _ in range(_STEPS):
         gradient, hessian = derivatives(point)
         curvature, vectors = np.linalg.eigh(-hessian)
-        step = vectors @ ((vectors.T @ gradient) / np.maximum(np.abs(curvature), least_curvature))
-        step *= min(1.0, _LONGEST / max(float(np.linalg.norm(step)), 1e-12))
+        bounded_curvature = np.maximum(np.abs(curvature), least_curvature)
+        step = vectors @ ((vectors.T @ gradient) / bounded_curvature)
+        length = max(float(np.linalg.norm(step)), 1e-12)
+        step *= min(1.0, _LONGEST_STEP / length)
         trials = log_density(point + fractions[:, None] * step)
         best = int(np.argmax(trials))
         if not trials[best] > value + gain:
@@ -55,15 +67,28 @@ def newton(
 def central_differences(
     function: Callable[[Array], Array], point: Array, step: float
 ) -> tuple[Array, Array]:
-    """Gradient (h,) and Hessian (h, h) of a function (n, h) → (n,), all points in one call."""
+    """Return gradient (h,) and Hessian (h, h) by central differences.
+
+    Parameters
+    ----------
+    function
+        Function of points (n, h) that returns values (n,); all points are handed over in one call.
+    point
+        Where to differentiate, shape (h,).
+    step
+        Step of the differences, the same along every axis.
+    """
     h = len(point)
-    unit = np.eye(h) * step
+    steps = np.eye(h) * step
     i, j = np.tril_indices(h, -1)
-    corners = [a * unit[i] + b * unit[j] for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
-    values = function(point + np.concatenate([np.zeros((1, h)), unit, -unit, *corners]))
-    plus = values[1 : h + 1]
-    minus = values[h + 1 : 2 * h + 1]
-    hessian = np.diag((plus + minus - 2 * values[0]) / step**2)
+    signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+    corners = [a * steps[i] + b * steps[j] for a, b in signs]
+    values = function(point + np.concatenate([np.zeros((1, h)), steps, -steps, *corners]))
+    forward = values[1 : h + 1]
+    backward = values[h + 1 : 2 * h + 1]
+    hessian = np.diag((forward + backward - 2 * values[0]) / step**2)
     a, b, c, d = values[2 * h + 1 :].reshape(4, -1)
-    hessian[i, j] = hessian[j, i] = (a - b - c + d) / (4 * step**2)
-    return (plus - minus) / (2 * step), hessian
+    mixed = (a - b - c + d) / (4 * step**2)
+    hessian[i, j] = mixed
+    hessian[j, i] = mixed
+    return (forward - backward) / (2 * step), hessian

@@ -1,4 +1,8 @@
-"""Triangular algebra on stacks of small matrices."""
+"""Triangular algebra on stacks of small matrices.
+
+NumPy and SciPy solve one triangular system at a time. Here one entry of L is worked on for the
+whole stack at once, which is what makes thousands of small systems fast.
+"""
 
 from __future__ import annotations
 
@@ -13,44 +17,80 @@ def eliminate(
     front: Array,
     links: Array | None = None,
     *,
-    sign: Array | None = None,
-    linked: Array | None = None,
+    signs: Array | None = None,
+    link_signs: Array | None = None,
 ) -> None:
-    """Cholesky factorisation in place, the stack last: of s columns of symmetric matrices and of
-    what is right of them, ``front`` (g, s, n, w), n ≥ s, column j from its diagonal on being [:, j,
-    j:]; NaN where one is not positive definite. The products of ``links`` (k, n, w), columns
-    eliminated before, are subtracted first. L S Lᵀ where pivots have a ``sign`` S (g, s), those of
-    the links in ``linked`` (k,)."""
-    left = front if sign is None else np.empty_like(front)
-    before = links if links is None or linked is None else links * linked[:, None, None]
+    """Factorise the first columns of stacked symmetric matrices in place (Cholesky).
+
+    P = L S Lᵀ, S = 1 unless signs are stated. What stands right of the columns (other columns of
+    P, right-hand sides) is divided by L like them. Entries are NaN where P is not definite with
+    these signs.
+
+    Parameters
+    ----------
+    front
+        Columns of P, shape (groups, s, n, w) with n ≥ s, the stack w last: column j of a group,
+        from its diagonal on, is ``front[group, j, j:]``.
+    links
+        Columns eliminated earlier, shape (k, n, w), whose products are subtracted first.
+    signs
+        Signs S of the pivots, ±1, shape (groups, s).
+    link_signs
+        Signs of the pivots of ``links``, shape (k,).
+    """
+    signed = front
+    if signs is not None:
+        signed = np.empty_like(front)
+    signed_links = links
+    if links is not None and link_signs is not None:
+        signed_links = links * link_signs[:, None, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         for j in range(front.shape[1]):
             column = front[:, j, j:]
-            if links is not None and before is not None:
-                column -= np.einsum("kw,kiw->iw", before[:, j], links[:, j:])
-            if j:
-                column -= np.einsum("gkw,gkiw->giw", left[:, :j, j], front[:, :j, j:])
-            own = 1.0 if sign is None else sign[:, j, None, None]
-            column *= own / np.sqrt(own * column[:, :1])
-            if sign is not None:
-                left[:, j, j:] = own * column
+            if links is not None and signed_links is not None:
+                column -= np.einsum("kw,kiw->iw", signed_links[:, j], links[:, j:])
+            if j > 0:
+                column -= np.einsum("gkw,gkiw->giw", signed[:, :j, j], front[:, :j, j:])
+            if signs is None:
+                column *= 1.0 / np.sqrt(column[:, :1])
+            else:
+                sign = signs[:, j, None, None]
+                column *= sign / np.sqrt(sign * column[:, :1])
+                signed[:, j, j:] = sign * column
 
 
 def solve_lower(lower: Array, right: Array, *, triangular: bool = False) -> Array:
-    """L⁻¹ X of stacks, shapes (..., q, q) and (..., q, k), X perhaps lower ``triangular``
-    itself."""
-    lower, solved = _stack_last(lower, right, 2)
+    """Return L⁻¹ X of stacks of lower triangular matrices.
+
+    Parameters
+    ----------
+    lower
+        L, shape (..., q, q).
+    right
+        X, shape (..., q, k).
+    triangular
+        Whether X is lower triangular itself, which saves half of the work.
+    """
+    lower, solved = _move_stack_last(lower, right, 2)
     for i in range(len(solved)):
-        if i:
-            k = i if triangular else None
-            solved[i, :k] -= np.einsum("j...,jk...->k...", lower[i, :i], solved[:i, :k])
+        if i > 0:
+            columns = slice(i) if triangular else slice(None)
+            solved[i, columns] -= np.einsum("j...,jk...->k...", lower[i, :i], solved[:i, columns])
         solved[i] /= lower[i, i]
     return np.moveaxis(solved, (0, 1), (-2, -1))
 
 
 def solve_upper(lower: Array, right: Array) -> Array:
-    """L⁻ᵀ x of stacks, shapes (..., q, q) and (..., q)."""
-    lower, solved = _stack_last(lower, right, 1)
+    """Return L⁻ᵀ x of stacks of lower triangular matrices.
+
+    Parameters
+    ----------
+    lower
+        L, shape (..., q, q).
+    right
+        x, shape (..., q).
+    """
+    lower, solved = _move_stack_last(lower, right, 1)
     for i in reversed(range(len(solved))):
         if i + 1 < len(solved):
             solved[i] -= np.einsum("j...,j...->...", lower[i + 1 :, i], solved[i + 1 :])
@@ -58,19 +98,19 @@ def solve_upper(lower: Array, right: Array) -> Array:
     return np.moveaxis(solved, 0, -1)
 
 
-def _stack_last(lower: Array, right: Array, axes: int) -> tuple[Array, Array]:
-    """L (q, q, ...) and a copy of the right side (q, ...) or (q, k, ...): the stack last and
-    contiguous."""
-    batch = np.broadcast_shapes(lower.shape[:-2], right.shape[:-axes])
-    turned = np.ascontiguousarray(np.moveaxis(lower, (-2, -1), (0, 1)))
-    turned = np.broadcast_to(np.moveaxis(turned, (0, 1), (-2, -1)), (*batch, *lower.shape[-2:]))
-    copied = np.empty((*right.shape[-axes:], *batch))
-    copied[...] = np.moveaxis(
-        np.broadcast_to(right, (*batch, *right.shape[-axes:])), range(-axes, 0), range(axes)
-    )
-    return np.moveaxis(turned, (-2, -1), (0, 1)), copied
-
-
 def log_diagonal(root: Array) -> Array:
-    """ln det of triangular factors (..., q, q), shape (...)."""
+    """Return ln det of triangular matrices (..., q, q) with positive diagonals, shape (...)."""
     return np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
+
+
+def _move_stack_last(lower: Array, right: Array, right_axes: int) -> tuple[Array, Array]:
+    """Return L (q, q, ...) and a copy of the right side (q, ...) or (q, k, ...), stack last."""
+    stack = np.broadcast_shapes(lower.shape[:-2], right.shape[:-right_axes])
+    # Contiguous before it is broadcast: a copy of the whole stack would take its time.
+    contiguous = np.ascontiguousarray(np.moveaxis(lower, (-2, -1), (0, 1)))
+    stack_first = np.moveaxis(contiguous, (0, 1), (-2, -1))
+    full_lower = np.broadcast_to(stack_first, (*stack, *lower.shape[-2:]))
+    full_right = np.broadcast_to(right, (*stack, *right.shape[-right_axes:]))
+    copied = np.empty((*right.shape[-right_axes:], *stack))
+    copied[...] = np.moveaxis(full_right, range(-right_axes, 0), range(right_axes))
+    return np.moveaxis(full_lower, (-2, -1), (0, 1)), copied

@@ -13,7 +13,7 @@ from scipy import optimize, stats
 
 from ldbb_bayes.analysis.multiple_testing import holm
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.model.linear_algebra import least_squares
+from ldbb_bayes.model.linear_algebra import minimum_norm_solution
 from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles, weighted_quantiles
 from ldbb_bayes.model.newton import central_differences, newton
 from ldbb_bayes.model.triangular import eliminate, solve_lower, solve_upper
@@ -119,14 +119,16 @@ def test_collinear_columns(gap: float) -> None:
 
 def test_least_squares_is_minimum_norm_in_the_scale() -> None:
     jacobian = np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
-    estimate = least_squares(jacobian, jacobian @ np.array([1.0, 1.0]), np.array([3.0, 1.0]))
+    estimate = minimum_norm_solution(
+        jacobian, jacobian @ np.array([1.0, 1.0]), np.array([3.0, 1.0])
+    )
     np.testing.assert_allclose(estimate, [2.0 * 9.0 / 10.0, 2.0 * 1.0 / 10.0])
     full = np.random.default_rng(0).normal(size=(9, 4)) * [1e6, 1.0, 1e-6, 1.0]
     truth = np.array([1e-6, 2.0, 3e6, -4.0])
-    np.testing.assert_allclose(least_squares(full, full @ truth), truth)
+    np.testing.assert_allclose(minimum_norm_solution(full, full @ truth), truth)
     norms = np.linalg.norm(full, axis=0)
     np.testing.assert_allclose(
-        least_squares(full, np.ones(9)),
+        minimum_norm_solution(full, np.ones(9)),
         scipy.linalg.pinv(full / norms) @ np.ones(9) / norms,
     )
 
