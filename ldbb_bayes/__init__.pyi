@@ -1,5 +1,7 @@
 """Public names; `__init__.py` imports each when it is first asked for."""
 
+from .analysis.averaging import average as average
+from .analysis.budgets import budgets as budgets
 from .analysis.calibration import Validation as Validation
 from .analysis.calibration import validate as validate
 from .analysis.circularity import circularity as circularity
@@ -7,8 +9,6 @@ from .analysis.circularity import compare_record as compare_record
 from .analysis.circularity import contributions as contributions
 from .analysis.circularity import measured_circularity as measured_circularity
 from .analysis.comparison import Comparison as Comparison
-from .analysis.comparison import average as average
-from .analysis.comparison import belonging as belonging
 from .analysis.comparison import compare as compare
 from .analysis.comparison import read_comparison as read_comparison
 from .analysis.conformity import Conformity as Conformity
@@ -18,13 +18,13 @@ from .analysis.design import Design as Design
 from .analysis.design import design as design
 from .analysis.design import read_design as read_design
 from .analysis.differences import differences as differences
-from .analysis.identifiability import Identifiability as Identifiability
-from .analysis.identifiability import ParameterIdentifiability as ParameterIdentifiability
-from .analysis.identifiability import budgets as budgets
-from .analysis.identifiability import describe as describe
-from .analysis.identifiability import identify as identify
-from .analysis.identifiability import verdicts as verdicts
+from .analysis.machine_description import describe as describe
+from .analysis.outlying_tests import belonging as belonging
 from .analysis.sensitivity import local_fits as local_fits
+from .analysis.verdicts import Identifiability as Identifiability
+from .analysis.verdicts import ParameterIdentifiability as ParameterIdentifiability
+from .analysis.verdicts import identify as identify
+from .analysis.verdicts import verdicts as verdicts
 from .campaign.campaign import Ball as Ball
 from .campaign.campaign import Campaign as Campaign
 from .campaign.campaign import CircularTest as CircularTest

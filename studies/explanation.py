@@ -12,16 +12,14 @@ from pathlib import Path
 import study
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis import identifiability
+from ldbb_bayes.analysis import verdicts
 from ldbb_bayes.model.terms import Term
 
 __all__ = ["written"]
 
 HERE = Path(__file__).resolve().parent
 PAGES = HERE.parent / "docs" / "explanation"
-OF_U = (
-    identifiability._QUARTER**0.5
-)  # a quarter of the variance is half of the standard uncertainty
+OF_U = verdicts._QUARTER**0.5  # a quarter of the variance is half of the standard uncertainty
 
 
 def written() -> dict[Path, str]:
@@ -45,8 +43,8 @@ def written() -> dict[Path, str]:
         "prior": lb.Prior.default(),
         "rule": lb.StoppingRule(),
         "limit": {
-            "half": identifiability._HALF,
-            "contracted": identifiability._CONTRACTED,
+            "half": verdicts._HALF,
+            "contracted": verdicts._CONTRACTED,
             "of_u": OF_U,
         },
         "rest_low": min(rest),

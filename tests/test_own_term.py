@@ -14,7 +14,8 @@ from campaigns import TRUTH, plan, refuses
 from reports import undrawn
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.aliases import cures, degeneracies
+from ldbb_bayes.analysis.aliases import degeneracies
+from ldbb_bayes.analysis.cures import cures
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.specification import model_from_toml, model_to_toml

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
+from ldbb_bayes.analysis.null_space import EXACTLY, NullSpace
 from ldbb_bayes.inference.checks import in_order_of_force
 from ldbb_bayes.model.fourier import basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -18,104 +16,7 @@ from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
-__all__ = [
-    "Cure",
-    "Degeneracy",
-    "Standing",
-    "StandingKind",
-    "cures",
-    "degeneracies",
-    "standing_degeneracies",
-]
-
-_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
-_OF_ITSELF = 0.05
-_STRICT = 0.5
-EXACTLY = 0.05
-
-
-class NullSpace:
-    """Columns in units of the prior sd, the first p of them parameters of interest, and what is too
-    small to be seen."""
-
-    def __init__(self, scaled: Array, p: int, limit: float) -> None:
-        self.scaled = scaled
-        self.p = p
-        self.limit = limit
-        self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
-        self.largest = np.abs(scaled).max(axis=0)
-
-    def sparse(self) -> list[tuple[int, Array]]:
-        """A basis of the null space: pivots and vectors, each with a one at its pivot. Nuisances
-        that no reading sees by themselves are left aside. First what parameters do among
-        themselves, then every nuisance that the other parameters imitate by themselves, then what
-        is left of the null space. Each vector has a pivot that the others lack."""
-        own = np.arange(self.p)
-        seen = self.largest > self.limit
-        every = np.flatnonzero(seen | (np.arange(len(seen)) < self.p))
-        found = self._independent(own, own < self.p)
-        own = np.setdiff1d(own, list(found))
-        for j in every[every >= self.p]:
-            vector = self._imitation(int(j), own)
-            if vector is not None:
-                found[int(j)] = vector
-        left = np.setdiff1d(every, list(found))
-        found |= self._independent(left, left >= self.p)
-        return [(j, found[j]) for j in sorted(found, key=lambda j: (j < self.p, j))]
-
-    def _independent(
-        self, columns: NDArray[np.intp], preferred: NDArray[np.bool_]
-    ) -> dict[int, Array]:
-        """A basis of the null space of some columns, by pivot."""
-        pivots = columns[_pivots(self._null_space(columns), preferred)]
-        others = np.setdiff1d(columns, pivots)
-        vectors = {int(pivot): self._imitation(int(pivot), others) for pivot in pivots}
-        return {pivot: vector for pivot, vector in vectors.items() if vector is not None}
-
-    def _null_space(self, columns: NDArray[np.intp]) -> Array:
-        """Orthonormal directions, shape (columns, k), along which one prior sd moves no reading by
-        more than the limit."""
-        _, singular, right = np.linalg.svd(self._triangle[:, columns])
-        singular = np.append(singular, np.zeros(len(columns) - len(singular)))
-        vectors = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
-        while vectors.shape[1] and np.abs(self.scaled[:, columns] @ vectors).max() > self.limit:
-            vectors = vectors[:, 1:]
-        return vectors
-
-    def _imitation(self, target: int, others: NDArray[np.intp]) -> Array | None:
-        """One of the target and, by least squares, the least of the others that undo it, or None
-        when they cannot."""
-        solved = np.zeros(self.scaled.shape[1])
-        solved[others] = -np.linalg.lstsq(
-            self._triangle[:, others], self._triangle[:, target], rcond=1e-12
-        )[0]
-        solved[target] = 1.0
-        change = np.abs(self.scaled @ solved).max()
-        effect = self.largest * np.abs(solved)
-        if change > self.limit * np.linalg.norm(solved) or change > EXACTLY * effect[target]:
-            return None
-        for cut in _CUTS:
-            vector = np.where(effect > cut * effect.max(), solved, 0.0)
-            if np.abs(self.scaled @ vector).max() <= min(
-                _STRICT * self.limit, EXACTLY * effect[target]
-            ):
-                return vector
-        return solved
-
-
-def _pivots(null: Array, preferred: NDArray[np.bool_]) -> list[int]:
-    """As many rows of the null space as it has dimensions, as independent as can be, preferred ones
-    first."""
-    pivots: list[int] = []
-    rest = null.copy()
-    while len(pivots) < null.shape[1]:
-        length = np.linalg.norm(rest, axis=1)
-        wanted = np.round(np.where(preferred, length, 0.0), 6)
-        pivot = int(np.argmax(wanted if wanted.max(initial=0.0) > _OF_ITSELF else length))
-        pivots.append(pivot)
-        unit = rest[pivot] / length[pivot]
-        rest = rest - np.outer(rest @ unit, unit)
-    return pivots
+__all__ = ["Degeneracy", "Standing", "StandingKind", "degeneracies", "standing_degeneracies"]
 
 
 _ANGLES = 240
@@ -151,20 +52,6 @@ class Degeneracy:
     def nuisances(self) -> tuple[str, ...]:
         """Nuisance coefficients in it."""
         return tuple(name for name in self.combination if name not in self.units)
-
-
-class Cure(StrEnum):
-    """What would separate a degeneracy's members: further tests, or a calibration of the
-    nuisance."""
-
-    FORCES = "forces"
-    WORK_BALL = "work ball"
-    TOOL_BALL = "tool ball"
-    BOTH_BALLS = "both balls"
-    RADIUS = "radius"
-    DIRECTIONS = "directions"
-    FULL_CIRCLES = "full circles"
-    CALIBRATION = "calibration"
 
 
 class StandingKind(StrEnum):
@@ -329,83 +216,3 @@ def _effects(bound: BoundModel, values: Array) -> Array:
             angle = angle[np.linspace(0, len(angle) - 1, _ANGLES).astype(int)]
         rows.append(basis(angle) @ values[r])
     return np.concatenate(rows)
-
-
-_FULL_DEG = 355.0
-_MANY = 36
-
-
-def cures(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
-    """Return for each degeneracy what would end it: tests tried by adding them to the plan, and the
-    nuisance's calibration."""
-    plan = bound.campaign.plan()
-    tried = {}
-    every = []
-    for cure, tests in _further_tests(plan).items():
-        more = replace(plan, tests=(*plan.tests, *(replace(test, name="") for test in tests)))
-        tried[cure] = degeneracies(BoundModel(bound.model, more, pilot=bound.pilot))
-    for degeneracy in found:
-        helping = [
-            cure
-            for cure, left in tried.items()
-            if not any(_same(degeneracy, other) for other in left)
-        ]
-        if {Cure.WORK_BALL, Cure.TOOL_BALL} & set(helping):
-            helping = [cure for cure in helping if cure != Cure.BOTH_BALLS]
-        every.append((*helping, *([Cure.CALIBRATION] if degeneracy.term else [])))
-    return tuple(every)
-
-
-def _same(one: Degeneracy, other: Degeneracy) -> bool:
-    """Whether another plan still has it: the nuisance in the same pattern, or parameters two of
-    which it shares."""
-    if one.term != other.term:
-        return False
-    if one.term:
-        return _order(one.nuisances[0]) == _order(other.nuisances[0])
-    return len(set(one.parameters) & set(other.parameters)) >= min(2, len(one.parameters))
-
-
-def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
-    """Tests one could add, by what is new about them."""
-    forces = plan.forces_N
-    first = plan.tests[int(forces.argmin())]
-    radius = float(first.radius_mm or plan.radius_mm)
-
-    def again(work: float, tool: float) -> list[CircularTest]:
-        return [
-            replace(
-                test,
-                work_ball_deg=test.work_ball_deg + work * turn,
-                tool_ball_deg=test.tool_ball_deg + tool * turn,
-            )
-            for test in plan.tests
-            for turn in (45.0, 90.0)
-        ]
-
-    levels = round(0.5 * float(forces.min()), 3), round(1.5 * float(forces.max()), 3)
-    further = {
-        Cure.FORCES: [replace(first, force_N=level, pressure_bar=None) for level in levels],
-        Cure.WORK_BALL: again(1.0, 0.0),
-        Cure.TOOL_BALL: again(0.0, 1.0),
-        Cure.BOTH_BALLS: again(1.0, 1.0),
-        Cure.RADIUS: [replace(test, radius_mm=round(radius * 2.0 / 3.0, 1)) for test in plan.tests],
-    }
-    if all(test.direction for test in plan.tests):
-        turned: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
-        further[Cure.DIRECTIONS] = [
-            replace(test, direction=turned.get(test.direction or "")) for test in plan.tests
-        ]
-    if any(
-        test.arc_deg < _FULL_DEG or len(np.unique(np.round(test.angle_deg % 360.0, 6))) < _MANY
-        for test in plan.tests
-    ):
-        further[Cure.FULL_CIRCLES] = [
-            replace(test, angle_deg=np.arange(120) * 3.0) for test in plan.tests
-        ]
-    return further
-
-
-def _order(nuisance: str) -> str:
-    """What kind of pattern a nuisance coefficient has, whichever ball it is of."""
-    return re.sub(r"^(work_|tool_)|_(cos|sin)|_[\d.]+$", "", nuisance)

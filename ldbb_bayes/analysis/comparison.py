@@ -1,45 +1,27 @@
-"""compare(): what the readings say about models, how much, and what that rests on; which tests do
-not belong; `average`.
+"""Compare models of one campaign by their evidences.
 
-p(M | y) ∝ p(y | M) p(M), every evidence by exact quadrature; the same again under other
-assumptions; every test predicted from the others. Models are compared on the same readings, with
-the same priors where they share parameters.
-
-Does every test belong with the others? Each is compared with circles that the others expect in its
-place. p-values are exact under the models compared: replicates come from p(y_r | y_−r), the models
-weighted by what the other tests say of them; the distance of a circle is measured alike for
-readings and replicates, order by order, and the smallest p-value of a test is judged by how small
-the replicates' smallest are. Over the tests the family-wise error is held by Holm's method, step by
-step: a flagged test is taken out before the rest is looked at again, or it would make its
-neighbours look odd.
-
-p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the average over models, each by its exact posterior
-probability. They differ in whether compliance changes with force and in what else explains such a
-change, the rivals of slopes; every combination is as probable as another beforehand, as in
-`explanations`. A coefficient that a model lacks is zero in its draws, so that the share of zeros is
-the probability that it is not there (Hoeting, Madigan, Raftery and Volinsky 1999).
+p(M | y) ∝ p(y | M) p(M), every evidence by exact quadrature. The comparison is repeated under other
+assumptions, and every test is predicted from the other tests. Models are compared on the same
+readings, with the same priors where they share parameters.
 """
 
 from __future__ import annotations
 
 import itertools
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from operator import methodcaller
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import special
 
 from ldbb_bayes.analysis import sensitivity
-from ldbb_bayes.analysis.multiple_testing import holm
+from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, outliers
 from ldbb_bayes.analysis.sensitivity import (
     WHITE_NOISE,
     Assumed,
@@ -50,8 +32,6 @@ from ldbb_bayes.analysis.sensitivity import (
 )
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference import evidence
-from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.evidence import (
     Evidences,
     check_comparable,
@@ -59,41 +39,26 @@ from ldbb_bayes.inference.evidence import (
     log_bayes_factor,
     probabilities,
 )
-from ldbb_bayes.inference.fit import Concern, ConcernKind, fit_of_parts
 from ldbb_bayes.inference.least_squares import least_squares
-from ldbb_bayes.inference.mcmc import StoppingRule, assess
-from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
-from ldbb_bayes.inference.posterior import build_tree
-from ldbb_bayes.inference.prediction import replicate_left_out
-from ldbb_bayes.inference.residuals import fit_quality, harmonics_of
-from ldbb_bayes.inference.sample import densities_of, groups_of, prior_draws_of, record_from
+from ldbb_bayes.inference.nodes import Evidence, Nodes
+from ldbb_bayes.inference.residuals import fit_quality
 from ldbb_bayes.inference.summary import check_probability
-from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.parallel import ahead, one_blas_thread
-from ldbb_bayes.results import Array, Finite, Number, Records, Result, read_result, readable
+from ldbb_bayes.results import Array, Finite, Number, Records, Result, read_result
 from ldbb_bayes.units import ranked
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 __all__ = [
-    "FALSE_ALARMS",
     "SLOPE_SCALES",
     "ComparedModel",
     "ComparedTest",
     "Comparison",
-    "Outlier",
     "Sign",
-    "average",
-    "belonging",
     "compare",
-    "outliers",
     "read_comparison",
 ]
 
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-FALSE_ALARMS = 0.02  # of which a test is flagged, over all tests
 _REJECTED = 5.0
 _FAR = 10.0
 _QUALITY_DRAWS = 1000
@@ -528,386 +493,5 @@ def _tests(
 
 # ---- tests that do not belong
 
-_REPLICATES = 20_000
-_EACH = 400
-_CLOSER = 0.05
-_TOGETHER = 5
-_MORE = 2
-_FEWER_TOGETHER = 2
-
-
-@dataclass(frozen=True)
-class Outlier:
-    """One test against what the others, flagged ones aside, expect. Two tests that disagree with
-    one another have a small p-value both, and no flag: nothing says which of them is wrong."""
-
-    # probability that a circle of the same machine stands out so much in any Fourier order
-    p_value: float
-    family_wise_p_value: float  # the same, allowing for all tests (Holm)
-    order_p_values: tuple[float, ...]  # of orders 0 … 12, each by itself
-    worst_order: int
-    # the family-wise p-value is below 2 %, and more than half of the tests agree without it
-    flag: bool
-    distance: float  # in the worst order [−ln of a χ² tail]; it breaks ties of p
-
-
-@one_blas_thread
-def belonging(
-    models: Mapping[str, HybridModel],
-    campaign: Campaign,
-    *,
-    seed: int = 1,
-    tolerance: float = 1e-2,
-    replicates: int | None = None,
-) -> pd.DataFrame:
-    """Which tests do not belong with the others, under one or several models of a campaign of at
-    least two tests.
-
-    InputError for fewer than two tests, a plan, or an improper prior.
-
-    Parameters
-    ----------
-    models : mapping of name to HybridModel
-        Weighted by what the other tests say of them.
-    seed : of the replicates.
-    tolerance : error of every log evidence [nat].
-    replicates : circles drawn in the place of each test; no p-value is below one over their number.
-        Default 20,000, or more.
-
-    Returns
-    -------
-    One row per test: force_N, p_value, family_wise_p_value, flag, and order_0 … order_12, the
-    p-values by Fourier order.
-    """
-    check_campaign(campaign)
-    require(
-        len(campaign.tests) > 1,
-        "a campaign must have at least two tests to compare them, got one. Add tests.",
-    )
-    least = int(len(campaign.tests) / (_MORE * FALSE_ALARMS)) + 1
-    few = replicates is not None and replicates < least
-    require(
-        not few,
-        f"replicates must be at least {least} to judge {len(campaign.tests)} tests, got"
-        f" {replicates}. Leave them out.",
-    )
-    evidences = Evidences(campaign, tolerance=tolerance)
-    weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
-    left = leave_one_out(weighed, tolerance=tolerance)
-    judged = outliers(weighed, left, seed=seed, tolerance=tolerance, replicates=replicates)
-    rows = {}
-    for test in campaign.tests:
-        own = judged[test.name]
-        seen = {
-            "force_N": test.force_N,
-            "p_value": own.p_value,
-            "family_wise_p_value": own.family_wise_p_value,
-            "flag": own.flag,
-        }
-        rows[test.name] = seen | {f"order_{n}": p for n, p in enumerate(own.order_p_values)}
-    return readable(pd.DataFrame.from_dict(rows, orient="index"), "Which tests do not belong")
-
-
-def outliers(
-    models: Mapping[str, Nodes],
-    left: Mapping[str, Mapping[str, Nodes]],
-    *,
-    seed: int,
-    tolerance: float,
-    replicates: int | None = None,
-) -> dict[str, Outlier]:
-    """Return every test against the others, from the nodes of all tests by model, and of all but
-    one by model and test."""
-    rng = np.random.default_rng(seed)
-    names = next(iter(models.values())).bound.test_names
-    size = replicates or max(_REPLICATES, _EACH * len(names))
-    flagged: dict[str, Outlier] = {}
-    reached = 0.0
-    while True:
-        rest = {
-            name: _against_the_others(models, left, name, size, rng)
-            for name in names
-            if name not in flagged
-        }
-        worst = min(rest, key=lambda name: (rest[name].p_value, -rest[name].distance))
-        family = max(reached, min(1.0, len(rest) * rest[worst].p_value))
-        if family >= FALSE_ALARMS or 2 * (len(flagged) + 1) >= len(names):
-            break
-        flagged[worst], reached = (
-            replace(rest[worst], family_wise_p_value=family, flag=True),
-            family,
-        )
-        models = {model: by_test[worst] for model, by_test in left.items()}
-        left = leave_one_out(models, tolerance=tolerance)
-    adjusted = np.maximum(holm(np.array([own.p_value for own in rest.values()])), reached)
-    rest = {
-        name: replace(own, family_wise_p_value=float(p))
-        for (name, own), p in zip(rest.items(), adjusted, strict=True)
-    }
-    return {name: (flagged | rest)[name] for name in names}
-
-
-def _against_the_others(
-    models: Mapping[str, Nodes],
-    left: Mapping[str, Mapping[str, Nodes]],
-    name: str,
-    size: int,
-    rng: np.random.Generator,
-) -> Outlier:
-    """One test against circles that the others expect in its place; a closer look where few lie as
-    far out. Circles of one posterior draw lie out together, so that small p-values need many
-    draws."""
-    bound = next(iter(models.values())).bound
-    r = bound.test_names.index(name)
-    observed = harmonics_of(bound, r) @ np.asarray(bound.reduced[r].projection)
-    share = probabilities(np.array([by_test[name].evidence.log_value for by_test in left.values()]))
-
-    def seen(size: int, each: int) -> Outlier:
-        counts = np.round(share * size).astype(int)
-        circles = [
-            replicate_left_out(nodes.bound, left[model][name], name, int(count), rng, each=each)
-            for (model, nodes), count in zip(models.items(), counts, strict=True)
-            if count
-        ]
-        return _compared(observed, np.concatenate(circles))
-
-    first = seen(size, _TOGETHER)
-    return first if first.p_value > _CLOSER else seen(_MORE * size, _FEWER_TOGETHER)
-
-
-def _compared(observed: Array, replicates: Array) -> Outlier:
-    """Harmonics of a test, (25,), against those of replicates, (n, 25), other tests not yet allowed
-    for."""
-    n = len(replicates)
-    centred = replicates - replicates.mean(axis=0)
-    own = observed - replicates.mean(axis=0)
-    nearer = []
-    distances = []
-    every = []
-    for order in range(MAX_ORDER + 1):
-        part = centred[:, order == ORDERS]
-        root = np.linalg.cholesky(np.cov(part, rowvar=False).reshape(part.shape[1], -1))
-        theirs = _distance(part, root)
-        mine = _distance(own[None, order == ORDERS], root)[0]
-        nearer.append(int(np.sum(theirs < mine)))
-        every.append(theirs)
-        distances.append(
-            0.5 * float(mine)
-            if part.shape[1] == 2
-            else -float(special.log_ndtr(-np.sqrt(mine)) + np.log(2.0))
-        )
-    # Replicates that have in any order as many of the others nearer as the test has in its worst.
-    most = max(nearer)
-    edge = np.partition(every, most - 1, axis=1)[:, most - 1, None] if most else -np.inf
-    further = (np.array(every) > edge).any(axis=0)
-    p_value, *p_order = (
-        (1.0 + k) / (n + 1.0) for k in (int(further.sum()), *(n - k for k in nearer))
-    )
-    return Outlier(p_value, 1.0, tuple(p_order), int(np.argmax(distances)), False, max(distances))
-
-
-def _distance(harmonics: Array, root: Array) -> Array:
-    """Squared Mahalanobis distance of (n, k), shape (n,)."""
-    return np.asarray((np.linalg.solve(root, harmonics.T) ** 2).sum(axis=0))
-
 
 # ---- a posterior averaged over models
-
-_CHAINS = 4
-_FEWEST = 400
-_NEGLIGIBLE = 1e-3
-_ROUGH = 0.1
-
-
-@one_blas_thread
-def average(
-    models: Mapping[str, HybridModel],
-    campaign: Campaign,
-    *,
-    seed: int = 1,
-    draws: int = 4000,
-    evidences: Evidences | None = None,
-) -> xr.DataTree:
-    """Average the posterior over models and over what else explains a change with force.
-
-    InputError for a plan, a flat prior, models that are not nested, or too few draws.
-
-    Parameters
-    ----------
-    models : mapping of name to HybridModel
-        For example constant and linear: the parameters of one are those of the largest, some fixed
-        at zero.
-    campaign : with readings.
-    draws : in four chains; each model has its share of them.
-    evidences : those that `compare` was given: the models it weighed are not worked out again.
-
-    Returns
-    -------
-    As of `sample`, with the parameters of the largest model. ``sample_stats.model`` says which
-    model a draw is of; the record lists them (``averaged``) with rivals, log evidence and
-    probability. Priors are averaged too.
-    """
-    started = datetime.now(UTC)
-    clock = time.perf_counter()
-    check_campaign(campaign)
-    holds = isinstance(models, Mapping) and all(
-        isinstance(own, HybridModel) for own in models.values()
-    )
-    cure = 'Call lb.average({"constant": model.with_degree(0), "linear": model}, campaign)'
-    require(
-        holds,
-        f"models must be HybridModels by name, not yet fitted, got {type(models).__name__}."
-        f" {cure}.",
-    )
-    require(
-        len(models) > 0,
-        "models must be given, got none. Average for example constant and linear compliance.",
-    )
-    require(
-        draws >= _FEWEST, f"draws must be at least {_FEWEST}, got {draws}. The default is 4000."
-    )
-    evidences = (evidences or Evidences(campaign)).of_campaign(campaign)
-    kinds = [
-        (name, rivals)
-        for name, model in models.items()
-        for rivals in sensitivity.subsets(model.rivals)
-    ]
-    weighed = evidences.of(*(models[name].with_rivals(*rivals) for name, rivals in kinds))
-    largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
-    bound = evidences.of(largest)[0].bound
-    _check_nested([nodes.bound for nodes in weighed], bound)
-    share = probabilities(np.array([nodes.evidence.log_value for nodes in weighed]))
-    drawing, believing, checking = (
-        np.random.default_rng(own) for own in np.random.SeedSequence(seed).spawn(3)
-    )
-
-    each = draws // _CHAINS
-    model, parts = _drawn(weighed, share, _CHAINS * each, drawing)
-    size = -(-draws // len(weighed))
-    believed = [
-        ModelDraws(nodes.bound, *reversed(prior_draws_of(nodes.bound, size, believing)))
-        for nodes in weighed
-    ]
-    order = drawing.permutation(len(model)).reshape(_CHAINS, each)
-    beta, phi = (own[order] for own in _together(bound, parts))
-    every = [densities_of(part) for part in parts]
-    densities = {name: np.concatenate([own[name] for own in every])[order] for name in every[0]}
-    groups = groups_of(bound, beta, phi, _together(bound, believed), densities)
-    groups["sample_stats"]["model"] = model[order]
-
-    error = float(np.array([nodes.evidence.error for nodes in weighed])[share > _NEGLIGIBLE].max())
-    missed = [] if error <= _ROUGH else [Concern(ConcernKind.NOT_CONVERGED, each, draws)]
-    near = weighed[0].posterior.plain.mode
-    likeliest = weighed[int(np.argmax(share))].bound
-    truncation = evidence.log_prob_truncation(HyperPosterior(likeliest, truncated=True, near=near))
-    level = np.array([part.bound.log_prior(part.beta).mean() for part in believed])[model[order]]
-    fit = fit_of_parts(bound, parts, groups, truncation, missed, checking, level)
-    drawn = np.concatenate([beta, phi], axis=2)
-    sampler = {
-        "kind": "independent",
-        "by_emcee": any(nodes.evidence.by_emcee for nodes in weighed),
-        **asdict(assess(drawn[:, :, np.ptp(drawn, axis=(0, 1)) > 0.0])),
-        "converged": not missed,
-        "draws": _CHAINS * each,
-        "seconds": time.perf_counter() - clock,
-        "steps": each,
-        "walkers": 1,
-        "acceptance": 1.0,
-        "target_ess": float(draws),
-        "target_rhat": StoppingRule().rhat,
-    }
-    record = record_from(bound, sampler, fit, seed, started)
-    record["model"] |= _prior(
-        bound, [nodes.bound for nodes in weighed], record["model"]["prior_sd"]
-    )
-    return build_tree(
-        groups,
-        bound,
-        record | {"averaged": _averaged(kinds, weighed, share) | {"log_evidence_error": error}},
-    )
-
-
-def _drawn(
-    weighed: Sequence[Nodes], share: Array, size: int, rng: np.random.Generator
-) -> tuple[Array, list[ModelDraws]]:
-    """The model of every draw, and the draws of each: its share of them, but for less than one."""
-    ends = np.floor(np.append(0.0, np.cumsum(share) / share.sum()) * size + rng.random()).astype(
-        int
-    )
-    model = np.repeat(np.arange(len(weighed)), np.diff(ends))
-    counts = zip(*np.unique(model, return_counts=True), strict=True)
-    return model, [
-        ModelDraws(weighed[k].bound, *reversed(weighed[k].draw(int(count), rng))) for k, count in counts
-    ]
-
-
-def _averaged(
-    kinds: Sequence[tuple[str, tuple[str, ...]]], weighed: Sequence[Nodes], share: Array
-) -> dict[str, Any]:
-    """Every model with its probability, and those of each given model and of each rival of
-    slopes."""
-    names = dict.fromkeys(
-        [*(name for name, _ in kinds), *(rival for _, rivals in kinds for rival in rivals)]
-    )
-    return {
-        "models": [
-            {
-                "model": name,
-                "rivals": rivals,
-                "log_evidence": nodes.evidence.log_value,
-                "probability": probability,
-            }
-            for (name, rivals), nodes, probability in zip(
-                kinds, weighed, share.tolist(), strict=True
-            )
-        ],
-        "probability": {
-            name: float(share[[name in (kind, *rivals) for kind, rivals in kinds]].sum())
-            for name in names
-        },
-    }
-
-
-def _check_nested(bounds: Sequence[BoundModel], largest: BoundModel) -> None:
-    for bound in bounds:
-        alike = bound.hyper_prior.names == largest.hyper_prior.names and set(bound.names) <= set(
-            largest.names
-        )
-        alike = alike and bound.setting.reference_force_N == largest.setting.reference_force_N
-        got = (
-            "got others (other terms, parameters or reference force). Make one from the other:"
-            " linear.with_degree(0)."
-        )
-        require(
-            alike,
-            "models must be nested, those of fewer parameters the largest with some fixed at zero,"
-            f" {got}",
-        )
-
-
-def _prior(
-    bound: BoundModel, bounds: Sequence[BoundModel], prior_sd: Mapping[str, float]
-) -> dict[str, dict[str, float]]:
-    """Prior sd and mean of every parameter over models as probable as one another."""
-    moments = np.zeros((2, len(bound.names)))
-    for own in bounds:
-        at = [bound.names.index(name) for name in own.names]
-        moments[:, at] += np.stack([own.prior_mean, own.prior_mean**2 + own.prior_sd**2]) / len(
-            bounds
-        )
-    mean = moments[0]
-    sd = np.sqrt(moments[1] - moments[0] ** 2)
-    averaged = dict(zip(bound.names, sd.tolist(), strict=True))
-    return {
-        "prior_sd": {**prior_sd, **averaged},
-        "prior_mean": dict(zip(bound.names, mean.tolist(), strict=True)),
-    }
-
-
-def _together(bound: BoundModel, parts: Sequence[ModelDraws]) -> tuple[Array, Array]:
-    """β (n, p) and φ (n, h) of all parts, one after the other; zero where a model lacks a
-    parameter."""
-    beta = [np.zeros((len(part.phi), len(bound.names))) for part in parts]
-    for values, part in zip(beta, parts, strict=True):
-        values[:, [bound.names.index(name) for name in part.bound.names]] = part.beta
-    return np.concatenate(beta), np.concatenate([part.phi for part in parts])

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import path_draws
-from ldbb_bayes.analysis.identifiability import ParameterIdentifiability, Verdict
+from ldbb_bayes.analysis.verdicts import ParameterIdentifiability, Verdict
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.inference.fit import ConcernKind, Fit, State

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from ldbb_bayes.analysis.aliases import Cure, Degeneracy, cures, degeneracies
+from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.candidates import (
     Clocking,
     CriterionName,
@@ -23,6 +23,7 @@ from ldbb_bayes.analysis.candidates import (
     bind_tests,
     running_order,
 )
+from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.optimal import MOST_TESTS, Found
 from ldbb_bayes.campaign.campaign import (
     Campaign,

@@ -402,7 +402,8 @@ def _traces(campaign: lb.Campaign) -> Iterator[dict[str, Any]]:
 def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     """Return U (k = 2) of every parameter that these tests are to leave as things are stated, and
     what each certificate would make of it: the linear model, before the fit."""
-    from ldbb_bayes.analysis.identifiability import CERTIFICATES, hyper_nodes, worth_of_certificates
+    from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES, worth_of_certificates
+    from ldbb_bayes.analysis.verdicts import hyper_nodes
 
     bound = options.model_from().bind(_read(folder, choices)[0])
     found = worth_of_certificates(bound, *hyper_nodes(bound))
@@ -754,5 +755,6 @@ def plan(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
 def warm() -> None:
     """Load what answers need, before they are asked for."""
     import ldbb_bayes.analysis.candidates
-    import ldbb_bayes.analysis.identifiability
-    import ldbb_bayes.report.wording
+    import ldbb_bayes.analysis.value_of_certificates
+    import ldbb_bayes.analysis.verdicts
+    import ldbb_bayes.report.wording  # noqa: F401

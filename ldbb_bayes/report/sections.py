@@ -20,11 +20,12 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.aliases import cures, degeneracies, standing_degeneracies
+from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES, squareness_name
 from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.analysis.cures import cures
 from ldbb_bayes.analysis.design import Design
-from ldbb_bayes.analysis.identifiability import describe
+from ldbb_bayes.analysis.machine_description import describe
 from ldbb_bayes.campaign.preview import preview
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, model_of, record_of

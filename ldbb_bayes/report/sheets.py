@@ -34,7 +34,7 @@ from ldbb_bayes.units import display_name, display_unit, is_skewed, state, value
 if TYPE_CHECKING:
     from fpdf import FPDF
 
-    from ldbb_bayes.analysis.identifiability import ParameterIdentifiability
+    from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
     from ldbb_bayes.campaign.campaign import Ball
     from ldbb_bayes.model.hybrid import BoundModel
 

@@ -27,16 +27,12 @@ from ldbb_bayes.units import (
 if TYPE_CHECKING:
     import xarray as xr
 
+    from ldbb_bayes.analysis.budgets import Budget
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.design import Design
-    from ldbb_bayes.analysis.identifiability import (
-        Budget,
-        DescribedMachine,
-        Identifiability,
-        ParameterIdentifiability,
-        Seen,
-    )
+    from ldbb_bayes.analysis.machine_description import DescribedMachine, Seen
+    from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
     from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.campaign.certificates import BallbarRecord
     from ldbb_bayes.inference.density import LogDensity

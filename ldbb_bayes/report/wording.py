@@ -30,16 +30,14 @@ from ldbb_bayes.units import (
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing
+    from ldbb_bayes.analysis.aliases import Degeneracy, Standing
+    from ldbb_bayes.analysis.budgets import Budget
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
+    from ldbb_bayes.analysis.cures import Cure
     from ldbb_bayes.analysis.design import Design
-    from ldbb_bayes.analysis.identifiability import (
-        Budget,
-        Identifiability,
-        ParameterIdentifiability,
-        Seen,
-    )
+    from ldbb_bayes.analysis.machine_description import Seen
+    from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
     from ldbb_bayes.campaign.preview import CampaignPreview, Remark
     from ldbb_bayes.inference.checks import Check
     from ldbb_bayes.inference.fit import Concern, Fit

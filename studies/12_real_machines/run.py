@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies
-from ldbb_bayes.analysis.identifiability import hyper_nodes, parameters_of, uncertainty_with
+from ldbb_bayes.analysis.value_of_certificates import uncertainty_with
+from ldbb_bayes.analysis.verdicts import hyper_nodes, parameters_of
 from ldbb_bayes.inference.checks import centre_shift, effects, predictive_checks
 from ldbb_bayes.inference.coefficients import compliance_curves
 from ldbb_bayes.inference.fit import Fit

@@ -15,12 +15,12 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import (
     Degeneracy,
     StandingKind,
-    cures,
     degeneracies,
     standing_degeneracies,
 )
-from ldbb_bayes.inference.coefficients import shared_terms
+from ldbb_bayes.analysis.cures import cures
 from ldbb_bayes.inference.checks import in_order_of_force
+from ldbb_bayes.inference.coefficients import shared_terms
 from ldbb_bayes.machine.chain import geometric_reading_mm, wrench_jacobian, wrench_names
 from ldbb_bayes.report.wording import alias_sentences, cure_words, statement
 

@@ -17,8 +17,9 @@ from campaigns import HYPER_UM, TRUTH, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis import comparison, sensitivity
-from ldbb_bayes.analysis.comparison import FALSE_ALARMS, SLOPE_SCALES, Comparison, Sign, _compared
+from ldbb_bayes.analysis import comparison, outlying_tests, sensitivity
+from ldbb_bayes.analysis.comparison import SLOPE_SCALES, Comparison, Sign
+from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, _compared
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
 from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -45,7 +46,7 @@ CAMPAIGN = simulated(plan((30,) * 4), seed=1)
 def found() -> Comparison:
     steps: list[tuple[int, int]] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(comparison, "_REPLICATES", 4000)
+        patch.setattr(outlying_tests, "_REPLICATES", 4000)
         found = lb.compare(
             PAIR, CAMPAIGN, tolerance=0.02, progress=lambda *step: steps.append(step)
         )

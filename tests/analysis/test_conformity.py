@@ -23,7 +23,7 @@ from ldbb_bayes.analysis.conformity import (
     normal_conformity,
     state_of,
 )
-from ldbb_bayes.analysis.identifiability import Verdict
+from ldbb_bayes.analysis.verdicts import Verdict
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.inference.posterior import campaign_of, curves_of, fit_of

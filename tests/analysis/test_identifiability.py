@@ -13,14 +13,9 @@ from campaigns import HYPER_UM, clocked, oracle_of, plan, simulated
 from oracle import Stated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.identifiability import (
-    Budget,
-    budgets,
-    hyper_nodes,
-    lost_by_knowing,
-    uncertainty_with,
-    unseen_share,
-)
+from ldbb_bayes.analysis.budgets import Budget, budgets
+from ldbb_bayes.analysis.value_of_certificates import uncertainty_with
+from ldbb_bayes.analysis.verdicts import hyper_nodes, lost_by_knowing, unseen_share
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.machine.chain import compliance_jacobian, geometric_jacobian, kept_compliances
 from ldbb_bayes.model.hybrid import information_of

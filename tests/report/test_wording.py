@@ -23,8 +23,9 @@ from reports import undrawn
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.aliases import Cure, StandingKind
+from ldbb_bayes.analysis.aliases import StandingKind
 from ldbb_bayes.analysis.comparison import Sign
+from ldbb_bayes.analysis.cures import Cure
 from ldbb_bayes.campaign.preview import RemarkKind
 from ldbb_bayes.cli import app
 from ldbb_bayes.fleet.batch import Job, Settings, fit_row

@@ -12,10 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
+from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design import Design
-from ldbb_bayes.analysis.identifiability import Budget, Identifiability
+from ldbb_bayes.analysis.verdicts import Identifiability
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, PALETTE, band, panels, styled
 from ldbb_bayes.report.wording import source_words
