@@ -1,24 +1,26 @@
-"""ln g(x) = constant + ηᵀ x − ½ xᵀ P x: the one kernel of Gaussian algebra, with leading batch
-axes, and what goes with it.
+"""Gaussian algebra in information form: ln g(x) = constant + ηᵀ x − ½ xᵀ P x.
+
+One kernel for everything that is linear and Gaussian, with leading batch axes:
 
 | what | how |
 |---|---|
 | prior, known moments | `Gaussian.of(mean, covariance or variances)` |
-| likelihood of white rows y = J x + N(0, I) | `Gaussian.from_rows(J, y)`; prior × likelihood: `prior.observe(J, y)` |
+| likelihood of whitened rows y = J x + N(0, I) | `Gaussian.from_rows(J, y)` |
+| prior × likelihood | `prior.observe(J, y)` |
 | sums of information, possibly singular | `Gaussian(P, η, constant)`; `+` multiplies densities |
 | ∫ g, moments, p(x_i) | `log_integral`, `mean`, `sd`, `covariance`, `marginal(keep)` |
 | draws, standard coordinates, densities | `draw`, `from_standard`, `standardize`, `log_density` |
 
-The square root is what is kept: P = S⁻¹ L Lᵀ S⁻¹, S diagonal scales. Rows are factored by QR,
-columns scaled; no normal equations, nothing is inverted. Moments need P positive definite; sums do
-not.
+A Gaussian is kept as a square root, P = S⁻¹ L Lᵀ S⁻¹ with diagonal scales S. Rows are factored by
+QR with their columns scaled; there are no normal equations, and nothing is inverted. Moments need
+P positive definite; sums do not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -29,38 +31,77 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["Gaussian"]
 
 _LOG_2PI = float(np.log(2 * np.pi))
-# A pivot this much smaller than the largest has at most three digits above rounding.
+# A pivot smaller than this share of the largest has at most three digits above rounding.
 _DEPENDENT = 1e-13
 
 
+class _Factors(NamedTuple):
+    """Mean (..., q), lower triangular L (..., q, q) and diagonal of S (..., q)."""
+
+    mean: Array
+    root: Array
+    scale: Array
+
+
 class Gaussian(Shown):
-    """g(x) = exp(constant + ηᵀ x − ½ xᵀ P x), one for every index of the leading axes: precision P
-    (..., q, q), symmetric, which may be singular as long as no moments are asked for; shift η = P ·
-    mean (..., q); log_constant (...)."""
+    """Gaussian functions g(x) = exp(constant + ηᵀ x − ½ xᵀ P x), one for every leading index.
+
+    Parameters
+    ----------
+    precision
+        P, shape (..., q, q), symmetric; it may be singular as long as no moments are asked for.
+    shift
+        η = P · mean, shape (..., q).
+    log_constant
+        ln g(0), shape (...).
+    """
 
     shown = ("precision", "shift")
 
     def __init__(self, precision: Array, shift: Array, log_constant: Array | float = 0.0) -> None:
-        self.__dict__.update(
-            precision=precision, shift=shift, log_constant=np.asarray(log_constant, dtype=float)
-        )
+        # These are cached properties: what is assigned is not computed.
+        self.precision = precision
+        self.shift = shift
+        self.log_constant = np.asarray(log_constant, dtype=float)
 
     @classmethod
     def factored(
         cls, mean: Array, root: Array, scale: Array, log_integral: Array | float = 0.0
     ) -> Self:
-        """From its mean (..., q), the lower L (..., q, q) and the scales (..., q) of P = S⁻¹ L Lᵀ
-        S⁻¹, and ln ∫ g."""
-        found = object.__new__(cls)
-        found.__dict__.update(
-            _factored=(mean, root, scale), log_integral=np.asarray(log_integral, dtype=float)
-        )
-        return found
+        """Return a Gaussian of known square root, P = S⁻¹ L Lᵀ S⁻¹.
+
+        Parameters
+        ----------
+        mean
+            Shape (..., q).
+        root
+            L, lower triangular, shape (..., q, q).
+        scale
+            Diagonal of S, shape (..., q).
+        log_integral
+            ln ∫ g, shape (...).
+        """
+        gaussian = cls.__new__(cls)
+        gaussian._factors = _Factors(mean, root, scale)
+        gaussian.log_integral = np.asarray(log_integral, dtype=float)
+        return gaussian
 
     @classmethod
     def of(cls, mean: Array, covariance: Array) -> Gaussian:
-        """N(mean, covariance), from covariances (..., q, q) that must be positive definite, or
-        independent variances (..., q)."""
+        """Return N(mean, covariance).
+
+        Parameters
+        ----------
+        mean
+            Shape (..., q).
+        covariance
+            Covariances, shape (..., q, q), or independent variances, shape (..., q).
+
+        Raises
+        ------
+        InputError
+            Where a covariance is not positive definite.
+        """
         q = mean.shape[-1]
         if covariance.shape == mean.shape:
             if not np.all(covariance > 0):
@@ -68,9 +109,8 @@ class Gaussian(Shown):
                     f"variances must be positive, got {covariance.min()}. Remove that column or"
                     " correct it."
                 )
-            return cls.factored(
-                mean, np.broadcast_to(np.eye(q), (*mean.shape, q)), np.sqrt(covariance)
-            )
+            unit_root = np.broadcast_to(np.eye(q), (*mean.shape, q))
+            return cls.factored(mean, unit_root, np.sqrt(covariance))
         sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         try:
             root = np.linalg.cholesky(covariance / (sd[..., :, None] * sd[..., None, :]))
@@ -80,76 +120,105 @@ class Gaussian(Shown):
                 " Correct it."
             ) from None
         inverse = solve_lower(root, np.broadcast_to(np.eye(q), covariance.shape))
-        return cls.factored(mean, _positive(np.asarray(np.linalg.qr(inverse, mode="r"))), sd)
+        upper = np.asarray(np.linalg.qr(inverse, mode="r"))
+        return cls.factored(mean, _lower_with_positive_diagonal(upper), sd)
 
     @classmethod
     def from_rows(cls, rows: Array, values: Array) -> Gaussian:
-        """Π N(values; rows · x, 1) as a function of x, rows (..., n, q) in units of the noise and
-        values (..., n): least squares, whose residual sum of squares is in ``log_integral``.
-        InputError where rows do not determine x."""
+        """Return the likelihood Π N(values; rows · x, 1) as a function of x: least squares.
+
+        ``log_integral`` holds the residual sum of squares.
+
+        Parameters
+        ----------
+        rows
+            Columns in units of the noise, shape (..., n, q).
+        values
+            Readings in units of the noise, shape (..., n).
+
+        Raises
+        ------
+        InputError
+            Where the rows do not determine x.
+        """
         n, q = rows.shape[-2:]
-        scale = _powers_of_two(rows)
+        scale = _column_scales(rows)
         stack = np.concatenate([rows * scale[..., None, :], values[..., None]], axis=-1)
-        triangle = np.asarray(np.linalg.qr(stack, mode="r")) if n else stack
+        triangle = stack
+        if n > 0:
+            triangle = np.asarray(np.linalg.qr(stack, mode="r"))
         pivots = np.abs(np.diagonal(triangle, axis1=-2, axis2=-1))[..., :q]
         if n < q or np.any(pivots <= _DEPENDENT * pivots.max(axis=-1, keepdims=True)):
             raise InputError(
                 "rows must determine every coefficient, got columns that follow from others. Give a"
                 " proper prior."
             )
-        return cls._of_triangle(
-            triangle, np.zeros(q), scale, -0.5 * n * _LOG_2PI + 0.5 * q * _LOG_2PI
-        )
+        log_norm = -0.5 * n * _LOG_2PI + 0.5 * q * _LOG_2PI
+        return cls._from_triangle(triangle, np.zeros(q), scale, log_norm)
 
     def observe(self, rows: Array, values: Array) -> Gaussian:
-        """The product with Π N(values; rows · x, 1), rows (..., n, q) in units of the noise and
-        values (..., n): prior to posterior, ``log_integral`` gaining the log evidence."""
-        mean, root, scale = self._factored
+        """Return the product with the likelihood Π N(values; rows · x, 1): prior to posterior.
+
+        ``log_integral`` gains the log evidence.
+
+        Parameters
+        ----------
+        rows
+            Columns in units of the noise, shape (..., n, q).
+        values
+            Readings in units of the noise, shape (..., n).
+        """
+        mean, root, scale = self._factors
         residual = values - (rows @ mean[..., None])[..., 0]
         stack = np.concatenate([rows * scale[..., None, :], residual[..., None]], axis=-1)
-        before = np.concatenate(
-            [np.swapaxes(root, -1, -2), np.zeros((*root.shape[:-1], 1))], axis=-1
-        )
-        batch = np.broadcast_shapes(stack.shape[:-2], before.shape[:-2])
-        both = [np.broadcast_to(part, (*batch, *part.shape[-2:])) for part in (stack, before)]
-        triangle = np.asarray(np.linalg.qr(np.concatenate(both, axis=-2), mode="r"))
+        no_values = np.zeros((*root.shape[:-1], 1))
+        prior_stack = np.concatenate([np.swapaxes(root, -1, -2), no_values], axis=-1)
+        batch = np.broadcast_shapes(stack.shape[:-2], prior_stack.shape[:-2])
+        stack = np.broadcast_to(stack, (*batch, *stack.shape[-2:]))
+        prior_stack = np.broadcast_to(prior_stack, (*batch, *prior_stack.shape[-2:]))
+        joint = np.concatenate([stack, prior_stack], axis=-2)
+        triangle = np.asarray(np.linalg.qr(joint, mode="r"))
         constant = self.log_integral + log_diagonal(root) - 0.5 * rows.shape[-2] * _LOG_2PI
-        return Gaussian._of_triangle(triangle, mean, scale, constant, scaled=True)
+        return Gaussian._from_triangle(triangle, mean, scale, constant, has_prior=True)
 
     @classmethod
-    def _of_triangle(
+    def _from_triangle(
         cls,
         triangle: Array,
-        about: Array,
+        origin: Array,
         scale: Array,
         constant: Array | float,
         *,
-        scaled: bool = False,
+        has_prior: bool = False,
     ) -> Gaussian:
-        """From the R factor of [rows · scale, values], or of the same with a prior's root below."""
+        """Return the Gaussian of the R factor of [rows · scale, values], about an origin.
+
+        With a prior its root stands below the rows, and ``constant`` counts its scales already.
+        """
         q = scale.shape[-1]
-        root = _positive(triangle[..., :q, :q])
-        sign = np.where(np.diagonal(triangle[..., :q, :q], axis1=-2, axis2=-1) < 0, -1.0, 1.0)
-        mean = about + scale * solve_upper(root, triangle[..., :q, q] * sign)
-        log_integral = (
-            constant - log_diagonal(root) + (0.0 if scaled else np.log(scale).sum(axis=-1))
-        )
+        upper = triangle[..., :q, :q]
+        root = _lower_with_positive_diagonal(upper)
+        sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
+        mean = origin + scale * solve_upper(root, triangle[..., :q, q] * sign)
+        log_integral = constant - log_diagonal(root)
+        if not has_prior:
+            log_integral = log_integral + np.log(scale).sum(axis=-1)
         if triangle.shape[-2] > q:
             log_integral = log_integral - 0.5 * triangle[..., q, q] ** 2
         return cls.factored(mean, root, np.broadcast_to(scale, mean.shape), log_integral)
 
     @cached_property
-    def _factored(self) -> tuple[Array, Array, Array]:
+    def _factors(self) -> _Factors:
         diagonal = np.diagonal(self.precision, axis1=-2, axis2=-1)
         scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
         root = np.linalg.cholesky(self.precision * (scale[..., :, None] * scale[..., None, :]))
-        white = solve_lower(root, (self.shift * scale)[..., None])[..., 0]
-        return solve_upper(root, white) * scale, root, scale
+        white_shift = solve_lower(root, (self.shift * scale)[..., None])[..., 0]
+        return _Factors(solve_upper(root, white_shift) * scale, root, scale)
 
     @cached_property
     def precision(self) -> Array:
         """P, shape (..., q, q)."""
-        _, root, scale = self._factored
+        _, root, scale = self._factors
         return (root @ np.swapaxes(root, -1, -2)) / (scale[..., :, None] * scale[..., None, :])
 
     @cached_property
@@ -159,41 +228,51 @@ class Gaussian(Shown):
 
     @cached_property
     def log_constant(self) -> Array:
-        """ln g(0), shape (...)."""
+        """Constant ln g(0), shape (...)."""
         return np.asarray(self.log_integral + self.log_density(np.zeros(self.mean.shape[-1])))
 
     @cached_property
     def log_integral(self) -> Array:
-        """ln ∫ g, shape (...): of a prior times a likelihood the log evidence."""
-        mean, root, scale = self._factored
+        """Log integral ln ∫ g, shape (...): of a prior times a likelihood the log evidence."""
+        mean, root, scale = self._factors
         volume = np.log(scale).sum(axis=-1) - log_diagonal(root) + 0.5 * mean.shape[-1] * _LOG_2PI
         return np.asarray(self.log_constant + 0.5 * (self.shift * mean).sum(axis=-1) + volume)
 
     @property
     def mean(self) -> Array:
-        """Shape (..., q)."""
-        return self._factored[0]
+        """Mean, shape (..., q)."""
+        return self._factors.mean
 
     @property
     def root(self) -> Array:
         """Lower triangular L of P = S⁻¹ L Lᵀ S⁻¹, shape (..., q, q)."""
-        return self._factored[1]
+        return self._factors.root
 
     @property
     def scale(self) -> Array:
         """Diagonal of S, shape (..., q)."""
-        return self._factored[2]
+        return self._factors.scale
 
     def spread(self, combinations: Array | None = None) -> Array:
-        """X with X Xᵀ = covariance, shape (..., q, q); of linear combinations (m, q) of x: shape
-        (..., m, q)."""
+        """Return X with X Xᵀ = covariance.
+
+        Parameters
+        ----------
+        combinations
+            Linear combinations of x, shape (m, q), whose covariance is meant; by default x itself.
+
+        Returns
+        -------
+        Shape (..., q, q), or (..., m, q) for linear combinations.
+        """
         rows = np.eye(self.scale.shape[-1]) if combinations is None else combinations
         scaled = np.swapaxes(rows * self.scale[..., None, :], -1, -2)
-        return np.swapaxes(solve_lower(self.root, scaled, triangular=combinations is None), -1, -2)
+        solved = solve_lower(self.root, scaled, triangular=combinations is None)
+        return np.swapaxes(solved, -1, -2)
 
     @property
     def covariance(self) -> Array:
-        """Shape (..., q, q)."""
+        """Covariance, shape (..., q, q)."""
         spread = self.spread()
         return spread @ np.swapaxes(spread, -1, -2)
 
@@ -210,45 +289,48 @@ class Gaussian(Shown):
         )
 
     def marginal(self, keep: Sequence[int]) -> Gaussian:
-        """∫ g over the other coefficients, in the order of ``keep``."""
-        mean, root, scale = self._factored
+        """Return ∫ g over all coefficients but those of ``keep``, in the order of ``keep``."""
+        mean, root, scale = self._factors
         q = mean.shape[-1]
-        k = len(keep)
+        first = q - len(keep)
         order = [*np.setdiff1d(np.arange(q), keep), *keep]
         if order != list(range(q)):
-            root = _positive(
-                np.asarray(np.linalg.qr(np.swapaxes(root, -1, -2)[..., order], mode="r"))
-            )
+            reordered = np.swapaxes(root, -1, -2)[..., order]
+            root = _lower_with_positive_diagonal(np.asarray(np.linalg.qr(reordered, mode="r")))
         return Gaussian.factored(
-            mean[..., keep], root[..., q - k :, q - k :], scale[..., keep], self.log_integral
+            mean[..., keep], root[..., first:, first:], scale[..., keep], self.log_integral
         )
 
-    def from_standard(self, white: Array) -> Array:
-        """x from standard normal coordinates, shape (..., q)."""
-        return self.mean + solve_upper(self.root, white) * self.scale
+    def from_standard(self, z: Array) -> Array:
+        """Return x, shape (..., q), of standard normal coordinates z (..., q)."""
+        return self.mean + solve_upper(self.root, z) * self.scale
 
     def standardize(self, x: Array) -> Array:
-        """The reverse of `from_standard`."""
+        """Return standard normal coordinates of x, the reverse of `from_standard`."""
         return np.einsum("...ij,...i->...j", self.root, (x - self.mean) / self.scale)
 
     def log_density(self, x: Array) -> Array:
-        """ln of the normalised density N(x; mean, covariance), shape (...)."""
-        white = self.standardize(x)
+        """Return ln N(x; mean, covariance), normalised, shape (...)."""
+        z = self.standardize(x)
         log_root = log_diagonal(self.root) - np.log(self.scale).sum(axis=-1)
-        return np.asarray(log_root - 0.5 * ((white**2).sum(axis=-1) + white.shape[-1] * _LOG_2PI))
+        return np.asarray(log_root - 0.5 * ((z**2).sum(axis=-1) + z.shape[-1] * _LOG_2PI))
 
     def draw(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
-        """Independent draws, shape ``(*size, ..., q)``."""
+        """Return independent draws, shape ``(*size, ..., q)``."""
         return self.from_standard(rng.standard_normal((*size, *self.mean.shape)))
 
 
-def _positive(upper: Array) -> Array:
-    """Lower triangular, positive diagonal: the transpose of an R factor with its signs turned."""
+def _lower_with_positive_diagonal(upper: Array) -> Array:
+    """Return the transpose of an R factor whose rows are signed to a positive diagonal."""
     sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
     return np.swapaxes(upper * sign[..., :, None], -1, -2)
 
 
-def _powers_of_two(rows: Array) -> Array:
-    """Scales that bring columns to a length near one without rounding, shape (..., q)."""
+def _column_scales(rows: Array) -> Array:
+    """Return powers of two, shape (..., q), that bring columns to a length near one.
+
+    Powers of two scale without rounding.
+    """
     norms = np.linalg.norm(rows, axis=-2)
-    return np.ldexp(1.0, -np.round(np.log2(np.where(norms > 0.0, norms, 1.0))).astype(int))
+    exponent = np.round(np.log2(np.where(norms > 0.0, norms, 1.0))).astype(int)
+    return np.ldexp(1.0, -exponent)
