@@ -6,12 +6,21 @@ posterior = lb.sample(lb.HybridModel.default(degree=1), campaign, seed=1)
 print(lb.summarize(posterior))
 """
 
+from typing import Any
+
 import lazy_loader
 
 __version__ = "0.2.0"
 
-__getattr__, _names, _public = lazy_loader.attach_stub(__name__, __file__)
+_import_public_name, _names, _public = lazy_loader.attach_stub(__name__, __file__)
 __all__ = ["__version__", *_public]
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name; the first use also loads the words in which results print."""
+    value = _import_public_name(name)
+    import ldbb_bayes.report.text  # noqa: F401 - it registers how results are printed
+    return value
 
 
 def __dir__() -> list[str]:

@@ -12,10 +12,9 @@ import textwrap
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cache
-from importlib import import_module
+from functools import cache, singledispatch
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Self, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Array",
-    "ByClass",
     "ByName",
     "ByRow",
     "Finite",
@@ -40,13 +38,18 @@ __all__ = [
     "Records",
     "Result",
     "Shown",
+    "Passage",
     "Table",
     "brief",
     "entries_of",
+    "html_of",
     "json_text",
+    "lines_of",
+    "parts_of",
     "read_result",
     "readable",
     "table_of",
+    "text_of",
     "wrapped",
 ]
 
@@ -178,10 +181,10 @@ class Shown:
         return brief(self, _LONGEST)
 
     def __str__(self) -> str:
-        return str(import_module("ldbb_bayes.report.text").text_of(self, _width()))
+        return text_of(self, _width())
 
     def _repr_html_(self) -> str:
-        return str(import_module("ldbb_bayes.report.text").html_of(self))
+        return html_of(self)
 
 
 def _width() -> int:
@@ -213,28 +216,6 @@ class ByName(Shown, dict[str, T]):
 
     def __repr__(self) -> str:
         return f"<{len(self)} {type(next(iter(self.values()), None)).__name__}>"
-
-
-class ByClass(Generic[T]):
-    """A function that is another one for every kind of result. They are kept by the names of the
-    classes, so that words for a result are registered without importing the analysis that makes
-    it."""
-
-    def __init__(self, default: Callable[[Any], T]) -> None:
-        self._default = default
-        self._registered = dict[str, Callable[[Any], T]]()
-        self.__doc__ = default.__doc__
-
-    def register(self, function: Callable[[Any], T]) -> Callable[[Any], T]:
-        """Take a function for the class that its first argument is annotated with."""
-        self._registered[next(iter(function.__annotations__.values())).partition("[")[0]] = function
-        return function
-
-    def __call__(self, result: Any) -> T:
-        names = (kind.__name__ for kind in type(result).__mro__)
-        return next(
-            (self._registered[name] for name in names if name in self._registered), self._default
-        )(result)
 
 
 def read_result(
@@ -534,3 +515,52 @@ def json_text(result: Mapping[str, Any]) -> str:
         ).decode()
         + "\n"
     )
+
+
+Passage: TypeAlias = Table | str | tuple[str, ...]
+"""A table, a paragraph, or a list."""
+
+
+@singledispatch
+def parts_of(result: Any) -> tuple[Passage, ...]:
+    """Return a result as tables, sentences and lists, in the order they are read.
+
+    A result is a table of its fields, unless a function is registered for its class with
+    ``@parts_of.register``: `ldbb_bayes.report.text` and the fleet's modules do so.
+    """
+    rows = [(name, brief(value)) for name, value in entries_of(result).items()]
+    if not rows:
+        rows = [("none", "")]
+    return (Table.of(type(result).__name__, ("field", "value"), rows, text=("value",)),)
+
+
+def lines_of(parts: Iterable[Passage], width: int = 120) -> str:
+    """Return tables, an empty line after each, paragraphs and lists as lines of at most ``width``
+    characters."""
+    lines: list[str] = []
+    for part in parts:
+        if isinstance(part, Table):
+            lines += [part.text(width), ""]
+        elif isinstance(part, str):
+            lines += wrapped(typeset(part), width) or [""]
+        else:
+            for item in part:
+                lines += wrapped(typeset(item), width, "- ", "  ") or [""]
+    return "\n".join(lines)
+
+
+def text_of(result: Any, width: int = 120) -> str:
+    """Return a result for a terminal or a log."""
+    return lines_of(parts_of(result), width)
+
+
+def html_of(result: Any) -> str:
+    """Return a result for a notebook; everything is escaped."""
+    blocks: list[str] = []
+    for part in parts_of(result):
+        if isinstance(part, Table):
+            blocks.append(part.html())
+            continue
+        paragraphs = (part,) if isinstance(part, str) else part
+        blocks += [f"<p>{html.escape(typeset(paragraph))}</p>" for paragraph in paragraphs]
+    return "".join(blocks)

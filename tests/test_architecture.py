@@ -145,8 +145,8 @@ LOOK = "str(lb.preview(lb.read_campaign(lb.embedded_campaign())))"
     ("done", "absent"),
     [
         ("lb", "numpy"),
-        (LOOK, "pandas scipy arviz_base matplotlib openpyxl"),
-        (TEXT, "emcee arviz_base matplotlib"),
+        (LOOK, "matplotlib openpyxl"),
+        (TEXT, "matplotlib openpyxl"),
     ],
 )
 def test_what_is_not_needed_is_not_loaded(done: str, absent: str) -> None:

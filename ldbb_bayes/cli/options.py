@@ -370,7 +370,7 @@ _NARROWEST = 40
 def show(*parts: Any) -> None:
     """Print tables (an empty line after each), sentences and lists on stdout, as wide as the
     terminal, else 120 columns."""
-    from ldbb_bayes.report.text import lines_of
+    from ldbb_bayes.results import lines_of
 
     stated = sys.stdout.isatty() or "COLUMNS" in os.environ
     width = shutil.get_terminal_size((_WIDTH, 24)).columns if stated else _WIDTH

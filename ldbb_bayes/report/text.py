@@ -2,45 +2,49 @@
 
 from __future__ import annotations
 
-import html
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, TypeAlias
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import ldbb_bayes as lb
 from ldbb_bayes import units
+from ldbb_bayes.analysis.budgets import Budget
+from ldbb_bayes.analysis.calibration import Validation
+from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.analysis.design import Design
+from ldbb_bayes.analysis.machine_description import DescribedMachine, Seen
+from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.certificates import BallbarRecord
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
-from ldbb_bayes.model.terms import Term
+from ldbb_bayes.inference.density import LogDensity
+from ldbb_bayes.inference.fit import Fit
+from ldbb_bayes.inference.least_squares import LeastSquares
+from ldbb_bayes.model.hybrid import HybridModel, Simulation
+from ldbb_bayes.model.terms import Term, Uncertainties
+from ldbb_bayes.reading.importing import Imported
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.wording import IN_FORCE
-from ldbb_bayes.results import ByClass, ByName, Shown, Table, brief, entries_of, table_of, wrapped
+from ldbb_bayes.results import (
+    ByName,
+    Passage,
+    Shown,
+    Table,
+    entries_of,
+    parts_of,
+    table_of,
+)
 from ldbb_bayes.units import (
     display_name,
     display_unit,
     round_like,
     round_uncertainty,
-    typeset,
     value_and_uncertainty,
 )
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from ldbb_bayes.analysis.budgets import Budget
-    from ldbb_bayes.analysis.calibration import Validation
-    from ldbb_bayes.analysis.comparison import Comparison
-    from ldbb_bayes.analysis.design import Design
-    from ldbb_bayes.analysis.machine_description import DescribedMachine, Seen
-    from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
-    from ldbb_bayes.campaign.campaign import Campaign
-    from ldbb_bayes.campaign.certificates import BallbarRecord
-    from ldbb_bayes.inference.density import LogDensity
-    from ldbb_bayes.inference.fit import Fit
-    from ldbb_bayes.inference.least_squares import LeastSquares
-    from ldbb_bayes.model.hybrid import HybridModel, Simulation
-    from ldbb_bayes.model.terms import Uncertainties
-    from ldbb_bayes.reading.importing import Imported
 
 __all__ = [
     "FitWords",
@@ -50,68 +54,13 @@ __all__ = [
     "fit_in_words",
     "full_result",
     "further_remarks",
-    "html_of",
-    "lines_of",
     "nuisance_table",
     "parameter_table",
     "parts_of",
     "parts_of_fit",
     "results_table",
-    "text_of",
     "two_digits",
 ]
-
-Passage: TypeAlias = Table | str | tuple[str, ...]
-"""A table, a paragraph, or a list."""
-
-
-def _as_it_is(result: Any) -> tuple[Passage, ...]:
-    """Return a result as tables, sentences and lists, in the order they are read. Every room
-    registers a function for each of its kinds of result (``@parts_of.register``), which takes its
-    sentences from `ldbb_bayes.report.wording`; else it is what `ldbb_bayes.results.entries_of`
-    says."""
-    rows = [(name, brief(value)) for name, value in entries_of(result).items()]
-    return (
-        Table.of(
-            type(result).__name__, ("field", "value"), rows or [("none", "")], text=("value",)
-        ),
-    )
-
-
-parts_of = ByClass(_as_it_is)
-
-
-def lines_of(parts: Iterable[Passage], width: int = 120) -> str:
-    """Return tables, an empty line after each, paragraphs and lists as lines of at most ``width``
-    characters."""
-    lines: list[str] = []
-    for part in parts:
-        if isinstance(part, Table):
-            lines += [part.text(width), ""]
-        else:
-            for text in (part,) if isinstance(part, str) else part:
-                lines += wrapped(
-                    typeset(text), width, *([] if isinstance(part, str) else ["- ", "  "])
-                ) or [""]
-    return "\n".join(lines)
-
-
-def text_of(result: Any, width: int = 120) -> str:
-    """Return a result for a terminal or a log."""
-    return lines_of(parts_of(result), width)
-
-
-def html_of(result: Any) -> str:
-    """Return a result for a notebook; everything is escaped."""
-    parts = [(part,) if isinstance(part, str) else part for part in parts_of(result)]
-    return "".join(
-        (
-            part.html()
-            if isinstance(part, Table)
-            else "".join(f"<p>{html.escape(typeset(text))}</p>" for text in part)
-        )
-        for part in parts
-    )
 
 
 def two_digits(value: float | None, factor: float = 1.0) -> str:
@@ -280,11 +229,6 @@ def _(machine: DescribedMachine) -> tuple[Passage, ...]:
 
 
 @parts_of.register
-def _(words: FitWords) -> tuple[Passage, ...]:
-    return (words["verdict"], tuple(words["warnings"]))
-
-
-@parts_of.register
 def _(model: HybridModel) -> tuple[Passage, ...]:
     prior = (
         "flat"
@@ -378,6 +322,11 @@ class FitWords(Shown, dict[str, Any]):
 
     def __repr__(self) -> str:
         return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
+
+
+@parts_of.register
+def _(words: FitWords) -> tuple[Passage, ...]:
+    return (words["verdict"], tuple(words["warnings"]))
 
 
 def fit_in_words(posterior: xr.DataTree) -> FitWords:
@@ -667,7 +616,7 @@ _SMALL = 0.005
 _RUNNERS = 0.05
 
 
-@parts_of.register
+@parts_of.register(ByName)
 def _(found: ByName[Any]) -> tuple[Passage, ...]:
     """Conformities; or of budgets what limits every parameter, what would improve it most, and u
     then."""

@@ -10,14 +10,24 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache
+from functools import cache, singledispatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jinja2
 
-from ldbb_bayes.model.terms import OWN, Term
-from ldbb_bayes.results import ByClass
+from ldbb_bayes.analysis.aliases import Degeneracy, Standing
+from ldbb_bayes.analysis.budgets import Budget
+from ldbb_bayes.analysis.calibration import Validation
+from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.analysis.cures import Cure
+from ldbb_bayes.analysis.design import Design
+from ldbb_bayes.analysis.machine_description import Seen
+from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
+from ldbb_bayes.campaign.preview import CampaignPreview, Remark
+from ldbb_bayes.inference.checks import Check
+from ldbb_bayes.inference.fit import Concern, Fit
+from ldbb_bayes.model.terms import OWN, Term, Uncertainty
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -29,19 +39,6 @@ from ldbb_bayes.units import (
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from ldbb_bayes.analysis.aliases import Degeneracy, Standing
-    from ldbb_bayes.analysis.budgets import Budget
-    from ldbb_bayes.analysis.calibration import Validation
-    from ldbb_bayes.analysis.comparison import Comparison
-    from ldbb_bayes.analysis.cures import Cure
-    from ldbb_bayes.analysis.design import Design
-    from ldbb_bayes.analysis.machine_description import Seen
-    from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
-    from ldbb_bayes.campaign.preview import CampaignPreview, Remark
-    from ldbb_bayes.inference.checks import Check
-    from ldbb_bayes.inference.fit import Concern, Fit
-    from ldbb_bayes.model.terms import Uncertainty
 
 _SENTENCES: Mapping[str, Any] = tomllib.loads(
     (Path(__file__).parent / "templates" / "sentences.toml").read_text("utf-8")
@@ -143,13 +140,11 @@ instrument_words = _words("instrument_words")
 difference_doubts = _every("difference_doubts")
 
 
-def _as_dict(result: Any) -> dict[str, Any]:
+@singledispatch
+def with_words(result: Any) -> dict[str, Any]:
     """Return a result's JSON, its sentences added."""
     record: dict[str, Any] = result.as_dict()
     return record
-
-
-with_words = ByClass(_as_dict)
 
 
 def joined(parts: Sequence[str], word: str = "and") -> str:

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.cli import app, options
-from ldbb_bayes.report.text import lines_of, parts_of
-from ldbb_bayes.results import Table
+from ldbb_bayes.report.text import parts_of
+from ldbb_bayes.results import Table, lines_of
 
 FEW = ("--preset", "first", "--without", "discrepancy,hysteresis,setup-shift")
 COMMANDS: tuple[tuple[object, ...], ...] = (
