@@ -45,11 +45,11 @@ from .fleet.batch import Batch as Batch
 from .fleet.batch import batch as batch
 from .fleet.dataset import read_batch as read_batch
 from .fleet.population import Population as Population
-from .fleet.population import PopulationPrior as PopulationPrior
+from .fleet.population_prior import PopulationPrior as PopulationPrior
 from .fleet.population import population as population
-from .fleet.population import prior_from as prior_from
+from .fleet.population_prior import prior_from as prior_from
 from .fleet.trend import Trend as Trend
-from .fleet.trend import control_chart as control_chart
+from .fleet.control_chart import control_chart as control_chart
 from .fleet.trend import trend as trend
 from .inference.cross_validation import with_predictive as with_predictive
 from .inference.density import LogDensity as LogDensity

@@ -9,7 +9,7 @@ import numpy as np
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.fleet.batch import Job, Settings
+from ldbb_bayes.fleet.campaign_row import Job, Settings
 
 CONSTANT = lb.HybridModel.first(0).without("hysteresis", "discrepancy", "setup-shift")
 LINEAR = CONSTANT.with_degree(1)

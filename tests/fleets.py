@@ -14,7 +14,8 @@ from campaigns import plan, simulated
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from ldbb_bayes.fleet.statistics import FleetStatistics, SufficientStatistics, sufficient_statistics
+from ldbb_bayes.fleet.campaign_statistics import SufficientStatistics, sufficient_statistics
+from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import HybridModel

@@ -24,15 +24,12 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from pydantic import Field, PlainSerializer
-from scipy.special import erf, logsumexp, ndtri
+from scipy.special import ndtri
 
 from ldbb_bayes.analysis.conformity import (
     Conformity,
@@ -42,21 +39,22 @@ from ldbb_bayes.analysis.conformity import (
     tolerances_in,
 )
 from ldbb_bayes.errors import InputError, check_known, require
-from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, check_rows, choose, labels
-from ldbb_bayes.fleet.statistics import (
-    FleetStatistics,
-    Summary,
-    alone,
-    deviating,
-    fleet_statistics,
-    keyed,
-    mixture_covariance,
+from ldbb_bayes.fleet.change_point import (
+    hypotheses,
+    instrument_moments,
+    levels_of,
+    scatter_rule,
+    weigh,
 )
+from ldbb_bayes.fleet.control_limits import LIMITS, Chart, chart_of
+from ldbb_bayes.fleet.deviations import deviating
+from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics
+from ldbb_bayes.fleet.interval_summary import Summary, keyed
+from ldbb_bayes.fleet.selection import Caveat, CaveatKind, check_rows, choose, labels
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles
 from ldbb_bayes.parallel import one_blas_thread
-from ldbb_bayes.report.figures.style import ACCENT, LIGHT, PALETTE, axis_label, band, panels, styled
 from ldbb_bayes.report.text import conformity_table, parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
 from ldbb_bayes.results import Array, Result, Table
@@ -69,142 +67,10 @@ from ldbb_bayes.units import (
     round_uncertainty,
 )
 
-__all__ = ["LIMITS", "ParameterChange", "Trend", "Visit", "control_chart", "trend"]
+__all__ = ["ParameterChange", "Trend", "Visit", "trend"]
 
-LIMITS = 0.997
-_LEAST = 0.03
-_MOST = 8.0
-_STEP = 0.12
-_NEGLIGIBLE = 1e-7
 
 # ---- the model
-
-
-def scatter_rule(repeatability: float) -> tuple[Array, Array]:
-    """Nodes of r and their weights, shape (r,): trapezoids in ln r; what lies below the lowest
-    counts there."""
-    count = int(np.ceil(np.log(_MOST / _LEAST) / _STEP)) + 1
-    log_ratio = np.linspace(np.log(_LEAST), np.log(_MOST), count)
-    ratio = np.exp(log_ratio)
-    weight = ratio * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * ratio**2) * (log_ratio[1] - log_ratio[0])
-    weight[[0, -1]] *= 0.5
-    weight[0] += erf(_LEAST / np.sqrt(2.0))
-    return repeatability * ratio, weight / weight.sum()
-
-
-def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gaussian:
-    """(c, b, Δ) under every hypothesis, shape (r, n, p, q + 1); ``log_integral`` is their log
-    evidence, up to what all share. Place k, counted from 0, is a step just before campaign k + 2;
-    the last, of whatever parameter, is no step at all. ``carried`` are the campaigns in order of
-    time, (r, n, q), their w_t integrated: `deviating`."""
-    precision, shift = (
-        np.cumsum(own[:, ::-1], axis=1)[:, ::-1] for own in (carried.precision, carried.shift)
-    )
-    (r, n, q), p = shift.shape, parameters
-    late = np.swapaxes(precision[:, 1:, :, :p], -1, -2)
-    whole = np.zeros((r, n, p, q + 1, q + 1))
-    pull = np.zeros((r, n, p, q + 1))
-    whole[..., :q, :q] = np.eye(q) + precision[:, None, :1]
-    whole[..., q, q] = change_scale**-2.0
-    whole[:, :-1, :, q, q] += np.einsum("rkjj->rkj", late[..., :p])
-    whole[:, :-1, :, :q, q] = whole[:, :-1, :, q, :q] = late
-    pull[..., :q], pull[:, :-1, :, q] = shift[:, None, :1], shift[:, 1:, :p]
-    return Gaussian(whole, pull, carried.log_constant.sum(axis=1)[:, None, None])
-
-
-def weigh(log_evidence: Array, scatter_weight: Array, probability: float) -> Array:
-    """Posterior probability of every hypothesis, (r, n, p), from their log evidence, weights of r
-    and the prior of a change."""
-    _, times, parameters = log_evidence.shape
-    prior = np.full((times, parameters), probability / max((times - 1) * parameters, 1))
-    prior[-1] = (1.0 - probability) / parameters
-    log_weight = log_evidence + np.log(prior) + np.log(scatter_weight)[:, None, None]
-    return np.asarray(np.exp(log_weight - logsumexp(log_weight)))
-
-
-def instrument_moments(found: Gaussian, weights: Array) -> tuple[Array, Array]:
-    """Posterior mean and covariance of the instrument's errors, averaged over hypotheses; shapes
-    (s,), (s, s)."""
-    p = weights.shape[2]
-    q = found.mean.shape[-1] - 1
-    spread = found.spread(np.eye(q + 1)[p:q])
-    covariance = (spread @ np.swapaxes(spread, -1, -2)).reshape(weights.size, q - p, q - p)
-    return mixture_covariance(
-        weights.ravel(), found.mean[..., p:q].reshape(weights.size, q - p), covariance
-    )
-
-
-class Chart(NamedTuple):
-    """What is drawn of every campaign, in order of time, the instrument's errors at their posterior
-    mean. ``own`` and ``own_sd`` (n, p) are of each campaign alone, ``limits`` (2, n, p) NaN at the
-    first; ``common_sd`` (p,) what the instrument's errors add to the level of all campaigns
-    together."""
-
-    own: Array
-    own_sd: Array
-    limits: Array
-    common_sd: Array
-
-
-def chart_of(
-    series: Gaussian,
-    carried: Gaussian,
-    scatter: Array,
-    scatter_weight: Array,
-    instrument: tuple[Array, Array],
-    *,
-    limits: float = LIMITS,
-) -> Chart:
-    """Points with their uncertainty, and limits of this probability from the campaigns before each.
-    ``series`` (n, q) and ``carried`` (r, n, q) are the campaigns in order of time, scatter and its
-    weights (r,) the prior of r, ``instrument`` posterior mean and covariance of the instrument's
-    errors."""
-    known, spread = instrument
-    q = series.shift.shape[-1]
-    p = q - len(known)
-    shrink, seen, estimate = alone(series, p)
-    own = estimate - seen[..., p:] @ known
-    whole = series.precision[:, :p].sum(axis=0)
-    pulled = np.linalg.solve(np.eye(p) + whole[:, :p], whole[:, p:])
-    common = np.sqrt(np.einsum("as,su,au->a", pulled, spread, pulled))
-
-    sums = [
-        np.cumsum(part[:, :-1], axis=1)
-        for part in (carried.precision, carried.shift, carried.log_constant)
-    ]
-    before = Gaussian(np.eye(q) + sums[0], *sums[1:])
-    log_weight = np.log(scatter_weight)[:, None] + before.log_integral
-    weight = np.exp(log_weight - logsumexp(log_weight, axis=0))
-    take = seen[1:]
-    expected = np.einsum("tab,rtb->rta", take, before.mean) - take[..., p:] @ known
-    deviation = scatter[:, None, None] ** 2 * (take[..., :p] ** 2).sum(axis=-1)
-    noise = np.einsum("tab,tab->ta", take[..., :p], shrink[1:])
-    sd = np.sqrt((before.spread(take) ** 2).sum(axis=-1) + deviation + noise)
-    tail = 0.5 - 0.5 * limits
-    ends = mixture_quantiles(
-        weight[:, :, None], expected, np.maximum(sd, 1e-300), (tail, 1.0 - tail)
-    )
-    nothing = np.full((2, 1, p), np.nan)
-    return Chart(
-        own, np.sqrt(np.einsum("taa->ta", shrink)), np.concatenate([nothing, ends], axis=1), common
-    )
-
-
-def levels_of(
-    found: Gaussian, weights: Array, *, ci_prob: float = 0.95
-) -> tuple[Array, Array, Array]:
-    """Mean and sd (p,) and interval (2, p) of c, with the step where there was one, averaged over
-    hypotheses."""
-    _, n, p = weights.shape
-    level = np.eye(p, found.mean.shape[-1]) + np.zeros((n, p, p, 1))
-    level[: n - 1, range(p), range(p), -1] = 1.0
-    mean = np.einsum("kjab,rkjb->rkja", level, found.mean).reshape(-1, p)
-    sd = np.sqrt((found.spread(level) ** 2).sum(axis=-1)).reshape(-1, p)
-    counts = weights.ravel() > _NEGLIGIBLE * weights.max()
-    weight = weights.ravel()[counts] / weights.ravel()[counts].sum()
-    tail = 0.5 - 0.5 * ci_prob
-    ends = mixture_quantiles(weight, mean[counts], sd[counts], (tail, 1.0 - tail))
-    return (*mixture_moments(weight, mean[counts], sd[counts]), ends)
 
 
 # ---- what is found
@@ -592,112 +458,3 @@ def trend(
 
 
 # ---- its chart
-
-_VISIBLE = 0.05
-_MOST_NAMED = 6
-
-
-@styled
-def control_chart(trend: Trend) -> Figure:
-    """Return the chart of a ``trend``, a panel for each parameter: campaigns in order of time, each
-    by itself, the limits from those before it, and where it may have changed."""
-    columns = min(len(trend.parameters), 2)
-    figure, every = panels(len(trend.parameters), columns, 2.0, 0.9, sharex=True)
-    for k, (axes, name) in enumerate(zip(every, trend.parameters, strict=True)):
-        _panel(axes, trend, name, trend.estimates[trend.estimates["parameter"] == name])
-        if k + columns >= len(every):
-            _name_campaigns(axes, trend)
-    found = {
-        label: handle
-        for axes in every
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=2)
-    whose = trend.machine or "One machine"
-    figure.suptitle(
-        f"{whose}: probability of a change {probability_words(trend.probability)}"
-        f"{'' if trend.reference_force_N <= 0.0 else f', compliances at {trend.reference_force_N:.0f} N'}"
-    )
-    return figure
-
-
-def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame) -> None:
-    factor, label = axis_label(name, str(own["unit"].iloc[0]))
-    value = {
-        column: own[column].to_numpy() * factor
-        for column in own.columns
-        if own[column].dtype == float
-    }
-    limits = (value["limit_low"], value["limit_high"])
-    low = float(value["ci_low"].min())
-    high = float(value["ci_high"].max())
-    places = np.arange(1.0, len(own) + 1.0)
-    # Each campaign's limits as wide as its place; the first has none.
-    edges = np.append(places - 0.5, places[-1] + 0.5)
-    said = f"limits from those before, {100 * LIMITS:g} %"
-    steps = [np.append(limit, limit[-1]) for limit in limits]
-    band(axes, edges, steps, LIGHT, 0.6, step="post", label=said)
-    out = own["outside"].to_numpy()
-    alone = f"campaign by itself, {100 * trend.assumptions['ci']:g} %"
-    for chosen, colour, mark, meant in (
-        (~out, ACCENT, "o", alone),
-        (out, PALETTE[1], "D", "outside its limits"),
-    ):
-        if chosen.any():
-            ends = np.abs(np.array([value["ci_low"], value["ci_high"]]) - value["estimate"])[
-                :, chosen
-            ]
-            axes.errorbar(
-                places[chosen],
-                value["estimate"][chosen],
-                ends,
-                fmt=mark,
-                color=colour,
-                markersize=3.0,
-                label=meant,
-            )
-    # Limits as far as they are of the points' size.
-    room = 0.5 * (high - low)
-    margin = 0.05 * (high - low)
-    least = float(np.nanmin(limits[0]))
-    most = float(np.nanmax(limits[1]))
-    axes.set_ylim(
-        max(min(least, low), low - room) - margin, min(max(most, high), high + room) + margin
-    )
-    axes.set(ylabel=label, xlim=(0.5, len(own) + 0.5))
-    common = trend.parameters[name].common_sd * factor
-    shared = (
-        f"\nu common to all {round_uncertainty(common)[0]}"
-        f" {display_unit(trend.parameters[name].unit)[1]}"
-        if common
-        else ""
-    )
-    changed = probability_words(trend.parameters[name].probability)
-    axes.set_title(f"{display_name(name)}: probability of a change {changed}{shared}", fontsize=8)
-    for when, here in zip(edges[1:-1], own["change_here"].to_numpy()[1:], strict=True):
-        if here > _VISIBLE:
-            axes.axvline(
-                when,
-                color="black",
-                linestyle="--",
-                alpha=min(float(here), 1.0),
-                label="a change here, as dark as probable",
-            )
-
-
-def _name_campaigns(axes: Axes, trend: Trend) -> None:
-    axes.tick_params(labelbottom=True)
-    count = len(trend.campaigns)
-    if trend.campaigns[0].date is None:
-        axes.set_xlabel("campaign (in the order given)")
-        axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
-        return
-    shown = np.unique(np.linspace(0, count - 1, min(count, _MOST_NAMED)).round().astype(int))
-    axes.set_xticks(
-        shown + 1,
-        [f"{trend.campaigns[k].date:%Y-%m-%d}" for k in shown],
-        rotation=30,
-        ha="right",
-        rotation_mode="anchor",
-    )
-    axes.set_xlabel("campaign (by date, evenly spaced)")

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 import ldbb_bayes as lb
-from ldbb_bayes.fleet.statistics import sufficient_statistics
+from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.terms import ForceError, Mount
 

@@ -21,8 +21,8 @@ from typer.testing import CliRunner
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import app
-from ldbb_bayes.fleet.batch import Job, Settings
-from ldbb_bayes.fleet.population import digest_of
+from ldbb_bayes.fleet.campaign_row import Job, Settings
+from ldbb_bayes.fleet.population_prior import digest_of
 
 pytest.importorskip("pyarrow")
 MODEL = (

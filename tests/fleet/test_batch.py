@@ -24,8 +24,11 @@ from campaigns import cases, full_disk, plan, refuses, simulated, tidy
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet.batch import Batch, Job, Settings, fit_row, gather
-from ldbb_bayes.fleet.statistics import fleet_statistics, sufficient_statistics
+from ldbb_bayes.fleet.batch import Batch
+from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
+from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
+from ldbb_bayes.fleet.fleet_statistics import fleet_statistics
+from ldbb_bayes.fleet.gathering import gather
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.parallel import WorkerDied
@@ -175,7 +178,7 @@ def test_every_kind_of_error_is_a_reason(
     def broken(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("ldbb_bayes.fleet.batch.read_campaign", broken)
+    monkeypatch.setattr("ldbb_bayes.fleet.campaign_row.read_campaign", broken)
     row = fit_row(Settings(model_to_toml(CONSTANT)), Job(0, "x", "x"))
     assert row["status"] == "failed"
     assert message in row["reason"]

@@ -18,18 +18,21 @@ from scipy.stats import halfnorm, kstest, norm
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet import population as module
-from ldbb_bayes.fleet.population import (
-    Belonging,
-    Population,
+from ldbb_bayes.fleet import outlying_machines
+from ldbb_bayes.fleet.compliance_meaning import same_meaning, stands_for
+from ldbb_bayes.fleet.deviations import alone
+from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
+from ldbb_bayes.fleet.outlying_machines import Belonging, belonging_of
+from ldbb_bayes.fleet.population import Population, pool
+from ldbb_bayes.fleet.population_prior import digest_of
+from ldbb_bayes.fleet.spread_density import (
     SpreadDensity,
     Spreads,
-    belonging_of,
     common_of,
-    digest_of,
-    pool,
+    draw_spreads,
+    estimates_of,
+    machines_of,
 )
-from ldbb_bayes.fleet.statistics import FleetStatistics, alone, same_meaning, stands_for
 from ldbb_bayes.machine.chain import ComplianceName, compliance_jacobian
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.report.wording import population_sentences, with_words
@@ -41,7 +44,7 @@ OUTLIER = np.array([3.0, 0, 0, 0, 0, 0])
 
 
 def density_of(statistics: FleetStatistics, scale: float = SCALE) -> SpreadDensity:
-    return SpreadDensity(module.machines_of(statistics)[1], scale)
+    return SpreadDensity(machines_of(statistics)[1], scale)
 
 
 def fixed(spread: np.ndarray) -> Spreads:
@@ -67,7 +70,7 @@ def statistics(rng: np.random.Generator) -> FleetStatistics:
 
 def test_the_dense_gaussian(statistics: FleetStatistics) -> None:
     spreads = np.array([SPREAD, 0.5 * SPREAD, SPREAD[::-1]])
-    machines, likelihood = module.machines_of(statistics)
+    machines, likelihood = machines_of(statistics)
     assert machines == ("a", "b", "c", "d")
     common = common_of(likelihood, spreads)
     expected = [dense(statistics, spread) for spread in spreads]
@@ -75,7 +78,7 @@ def test_the_dense_gaussian(statistics: FleetStatistics) -> None:
     np.testing.assert_allclose(
         common.log_integral - common.log_integral[0], log_density - log_density[0], atol=1e-8
     )
-    found = module.estimates_of(likelihood, spreads, common)
+    found = estimates_of(likelihood, spreads, common)
     for k, (_, mean, covariance) in enumerate(expected):
         np.testing.assert_allclose(common.mean[k], mean[12:], atol=1e-8)
         np.testing.assert_allclose(common.covariance[k], covariance[12:, 12:], atol=1e-9)
@@ -93,7 +96,7 @@ def test_the_dense_gaussian(statistics: FleetStatistics) -> None:
 
 def test_chunks_are_the_whole(rng: np.random.Generator) -> None:
     """Many spreads at once, and one by one."""
-    _, likelihood = module.machines_of(fleet(rng, machines=300, parameters=2))
+    _, likelihood = machines_of(fleet(rng, machines=300, parameters=2))
     spreads = rng.uniform(0.1, 0.5, (70, 2))
     together = common_of(likelihood, spreads).log_integral
     single = [float(common_of(likelihood, spread[None]).log_integral[0]) for spread in spreads]
@@ -121,7 +124,7 @@ def test_draws_are_those_of_a_grid(
     weight /= weight.sum()
     mean = weight @ grid
     sd = np.sqrt(weight @ (grid - mean) ** 2)
-    draws = module.draw_spreads(target, parameters, seed=1)
+    draws = draw_spreads(target, parameters, seed=1)
     assert draws.trusted
     np.testing.assert_allclose((draws.weight @ draws.spread - mean) / sd, 0.0, atol=0.03)
     np.testing.assert_allclose(
@@ -148,14 +151,14 @@ def test_the_gradient_has_prior_and_jacobian(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("scale", [1e-8, 1e-3, 0.3, 30.0])
 def test_any_prior_of_the_spread_will_do(rng: np.random.Generator, scale: float) -> None:
-    draws = module.draw_spreads(density_of(fleet(rng, machines=5), scale), 6, seed=1, size=8192)
+    draws = draw_spreads(density_of(fleet(rng, machines=5), scale), 6, seed=1, size=8192)
     assert draws.trusted
     assert draws.effective > 1000.0
     if scale < 1e-6:
         np.testing.assert_allclose(
             draws.weight @ draws.spread, scale * np.sqrt(2.0 / np.pi), rtol=0.03
         )
-    silent = module.draw_spreads(
+    silent = draw_spreads(
         density_of(fleet(rng, machines=3, parameters=2, known=1e6), scale), 2, seed=1
     )
     np.testing.assert_allclose(
@@ -175,7 +178,9 @@ def test_a_machine_against_the_dense_prediction(rng: np.random.Generator) -> Non
     weighted = made.likelihood.shift
     spreads = np.array([TWO, TWO[::-1], 2.0 * TWO])
     x = common_of(made.likelihood, spreads)
-    log_density, _ = module._left_out(made.likelihood, alone(made.likelihood, 2), spreads, x)
+    log_density, _ = outlying_machines._left_out(
+        made.likelihood, alone(made.likelihood, 2), spreads, x
+    )
     whole = common_of(made.likelihood, spreads).log_integral
     for m in range(6):
         kept = of_campaigns(made, [k for k in range(6) if k != m])
@@ -217,18 +222,18 @@ def test_readings_that_tell_fewer_numbers_than_parameters(rng: np.random.Generat
 def test_drawn_anew_or_weighted(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     """Weights that can be trusted give what draws without the machine give."""
     density = density_of(fleet(rng, machines=12, parameters=2))
-    spreads = module.draw_spreads(density, 2, seed=1)
+    spreads = draw_spreads(density, 2, seed=1)
     common = common_of(density.likelihood, spreads.spread)
     weighed = judged(density, spreads)
     calls = []
-    real = module.pareto_smooth
+    real = outlying_machines.pareto_smooth
     machines = iter(range(12))
 
     def first_in_vain(log_ratio: np.ndarray) -> tuple[np.ndarray, float, float]:
         unsmoothed = np.full(len(log_ratio), 1.0 / len(log_ratio)), 9.0, 0.5
         return real(log_ratio) if next(machines, None) is None else unsmoothed
 
-    monkeypatch.setattr(module, "pareto_smooth", first_in_vain)
+    monkeypatch.setattr(outlying_machines, "pareto_smooth", first_in_vain)
     anew = belonging_of(
         density, spreads, common, seed=1, progress=lambda done, total: calls.append((done, total))
     )
@@ -246,7 +251,7 @@ def test_p_values_are_uniform_and_z_standard() -> None:
         spread = np.abs(rng.standard_normal(2)) * 0.3
         mean = rng.standard_normal(2)
         density = density_of(fleet(rng, machines=7, parameters=2, spread=spread, mean=mean))
-        found = judged(density, module.draw_spreads(density, 2, seed=1, size=256))
+        found = judged(density, draw_spreads(density, 2, seed=1, size=256))
         p.append(found.single[3])
         z.append(found.z[3])
     assert kstest(np.ravel(p), "uniform").pvalue > 0.01
@@ -258,7 +263,7 @@ def test_an_outlier_is_flagged() -> None:
         np.random.default_rng(5), machines=30, outlier=np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
     )
     density = density_of(made)
-    found = judged(density, module.draw_spreads(density, 6, seed=1, size=1024))
+    found = judged(density, draw_spreads(density, 6, seed=1, size=1024))
     assert (found.p_value < 0.05).tolist() == [True] + [False] * 29
     assert np.argmax(np.abs(found.z[0])) == 2
     assert found.z[0, 2] > 5.0
@@ -316,7 +321,7 @@ def test_alone_is_a_fit_with_the_instrument_known_as_all_know_it(rng: np.random.
     made = fleet(rng, machines=3, parameters=2)
     result = pool(made)
     density = density_of(made)
-    spreads = module.draw_spreads(density, 2, seed=1)
+    spreads = draw_spreads(density, 2, seed=1)
     common = common_of(density.likelihood, spreads.spread)
     pick = rng.choice(len(spreads.weight), 40_000, p=spreads.weight)
     x = Gaussian(common.precision[pick], common.shift[pick]).draw(rng)

@@ -16,9 +16,11 @@ from fleets import doubts, drawn_rows, one_campaign, row
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet import statistics
-from ldbb_bayes.fleet.batch import Job, Settings, fit_row
-from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, choose
+from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
+from ldbb_bayes.fleet.campaign_statistics import SufficientStatistics, sufficient_statistics
+from ldbb_bayes.fleet.compliance_meaning import stands_for
+from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics, reference_sd
+from ldbb_bayes.fleet.selection import Caveat, CaveatKind, choose
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.specification import model_to_toml
@@ -29,11 +31,11 @@ MODEL = lb.HybridModel.first(degree=1).without("truncation")
 
 
 @pytest.fixture(scope="module")
-def found() -> statistics.SufficientStatistics:
-    return statistics.sufficient_statistics(HyperPosterior(MODEL.bind(CAMPAIGN), truncated=False))
+def found() -> SufficientStatistics:
+    return sufficient_statistics(HyperPosterior(MODEL.bind(CAMPAIGN), truncated=False))
 
 
-def test_moments_are_those_of_quadrature(found: statistics.SufficientStatistics) -> None:
+def test_moments_are_those_of_quadrature(found: SufficientStatistics) -> None:
     table = lb.marginals(MODEL, CAMPAIGN)
     p = len(MODEL.bind(CAMPAIGN).names)
     assert found.names[p:] == ("mount", "force_gain")
@@ -43,7 +45,7 @@ def test_moments_are_those_of_quadrature(found: statistics.SufficientStatistics)
     np.testing.assert_allclose(sd, rows["sd"], rtol=0.03)
 
 
-def test_instrument_errors_are_those_of_a_fit(found: statistics.SufficientStatistics) -> None:
+def test_instrument_errors_are_those_of_a_fit(found: SufficientStatistics) -> None:
     """Drawn and averaged by other code, given β."""
     table = lb.nuisances(
         lb.sample(MODEL, CAMPAIGN, sampler="independent", rule=lb.StoppingRule(ess=2000.0))
@@ -54,11 +56,9 @@ def test_instrument_errors_are_those_of_a_fit(found: statistics.SufficientStatis
         assert np.sqrt(found.covariance[k, k]) == pytest.approx(table.loc[name, "sd"], rel=0.1)
 
 
-def test_likelihood_times_prior_is_the_posterior(found: statistics.SufficientStatistics) -> None:
+def test_likelihood_times_prior_is_the_posterior(found: SufficientStatistics) -> None:
     names = ("C_XXX", "C_YYY", "C_CCY")
-    one = statistics.fleet_statistics(
-        pd.DataFrame([row(found)]), parameters=names, reference_force_N=389.0
-    )
+    one = fleet_statistics(pd.DataFrame([row(found)]), parameters=names, reference_force_N=389.0)
     place = [found.names.index(name) for name in (*names, "mount", "force_gain")]
     precision = one.likelihood.precision[0] / np.outer(one.prior_sd, one.prior_sd) + np.diag(
         1.0 / found.prior_sd[place] ** 2
@@ -73,7 +73,7 @@ def test_likelihood_times_prior_is_the_posterior(found: statistics.SufficientSta
     )
 
 
-def posteriors(*fleets: statistics.FleetStatistics) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def posteriors(*fleets: FleetStatistics) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Means and sds of the first campaigns, in inside units, under the reference prior."""
     made = [
         Gaussian(own.likelihood.precision[0] + np.eye(8), own.likelihood.shift[0]) for own in fleets
@@ -84,19 +84,18 @@ def posteriors(*fleets: statistics.FleetStatistics) -> tuple[list[np.ndarray], l
 
 
 def test_the_reference_force_is_that_of_another_model(
-    found: statistics.SufficientStatistics,
+    found: SufficientStatistics,
 ) -> None:
     """Carried along the slopes: C at 500 N is what a model about 500 N calls C, but for what priors
     of either say."""
     there = replace(MODEL, reference_force_N=500.0).bind(CAMPAIGN)
-    other = statistics.sufficient_statistics(HyperPosterior(there, truncated=False))
+    other = sufficient_statistics(HyperPosterior(there, truncated=False))
     for force, here, moved in (
         (500.0, row(other, reference_force_N=500.0), row(found)),
         (389.0, row(found), row(other, reference_force_N=500.0)),
     ):
         direct, carried = (
-            statistics.fleet_statistics(pd.DataFrame([own]), reference_force_N=force)
-            for own in (here, moved)
+            fleet_statistics(pd.DataFrame([own]), reference_force_N=force) for own in (here, moved)
         )
         for own in (carried, direct):
             assert own.prior_sd[6:] == pytest.approx([2.33e-4, 0.01])
@@ -112,38 +111,34 @@ def test_reference_scales_are_those_of_the_kind() -> None:
     mean = np.zeros((3, 5))
     mean[0, 0] = 6e-5
     sd = np.tile([4e-6, 1e-6, 1e-9, 2e-4, 1e-6], (3, 1))
-    assert statistics.reference_sd(names, units, mean, sd) == pytest.approx(
-        [1e-4, 1e-5, 1e-9, 2e-4, 1e-6]
-    )
+    assert reference_sd(names, units, mean, sd) == pytest.approx([1e-4, 1e-5, 1e-9, 2e-4, 1e-6])
     sd[:, 2] = (2e-9, 3e-9, 5e-9)
     sd[0, 0] = 5e-4
-    assert statistics.reference_sd(names, units, mean, sd) == pytest.approx(
-        [1e-4, 1e-5, 3e-9, 2e-4, 1e-6]
-    )
+    assert reference_sd(names, units, mean, sd) == pytest.approx([1e-4, 1e-5, 3e-9, 2e-4, 1e-6])
 
 
-def test_each_its_own_instrument(found: statistics.SufficientStatistics) -> None:
-    own = statistics.fleet_statistics(pd.DataFrame([row(found)]), one_instrument=False)
+def test_each_its_own_instrument(found: SufficientStatistics) -> None:
+    own = fleet_statistics(pd.DataFrame([row(found)]), one_instrument=False)
     assert own.instrument == ()
     assert own.likelihood.shift.shape == (1, 6)
-    one = statistics.fleet_statistics(pd.DataFrame([row(found)]))
+    one = fleet_statistics(pd.DataFrame([row(found)]))
     assert (
         np.linalg.eigvalsh(one.likelihood.precision[0][:6, :6] - own.likelihood.precision[0]).min()
         > -1e-6
     )
 
 
-def test_compliances_that_are_not_the_same(found: statistics.SufficientStatistics) -> None:
+def test_compliances_that_are_not_the_same(found: SufficientStatistics) -> None:
     """Circles 100 mm higher: C_XXX holds a rotation of the joint as well; C_CCY is what it was. Old
     rows do not say it."""
-    here, near, there = (json.dumps(statistics.stands_for(_at(z))) for z in (0.0, 0.5, 100.0))
+    here, near, there = (json.dumps(stands_for(_at(z))) for z in (0.0, 0.5, 100.0))
     table = pd.DataFrame(
         [
             row(found, campaign=name, compliances=own)
             for name, own in {"a": here, "b": near, "c": None}.items()
         ]
     )
-    assert statistics.fleet_statistics(table).compliances["C_XXX"] == {"C_XXX": 1.0, "C_XXY": 1.0}
+    assert fleet_statistics(table).compliances["C_XXX"] == {"C_XXX": 1.0, "C_XXY": 1.0}
     other = pd.concat([table, pd.DataFrame([row(found, campaign="d", compliances=there)])])
     with pytest.raises(
         InputError,
@@ -151,22 +146,19 @@ def test_compliances_that_are_not_the_same(found: statistics.SufficientStatistic
             r"must mean the same by C_XXX, got a and d: circles or joints' frames stand elsewhere"
         ),
     ):
-        statistics.fleet_statistics(other)
-    assert len(statistics.fleet_statistics(other, parameters=["C_CCY", "E_XX1"])) == 4
+        fleet_statistics(other)
+    assert len(fleet_statistics(other, parameters=["C_CCY", "E_XX1"])) == 4
 
 
 def test_one_campaign_without_the_mount_leaves_the_others_theirs(
-    found: statistics.SufficientStatistics,
+    found: SufficientStatistics,
 ) -> None:
     """It took the mount as known; that of the others does not average out for it."""
     without = MODEL.without("mount")
-    known = statistics.sufficient_statistics(
-        HyperPosterior(without.bind(CAMPAIGN), truncated=False)
-    )
-    both = statistics.fleet_statistics(pd.DataFrame([row(known), row(found), row(found)]))
+    known = sufficient_statistics(HyperPosterior(without.bind(CAMPAIGN), truncated=False))
+    both = fleet_statistics(pd.DataFrame([row(known), row(found), row(found)]))
     pair, alone = (
-        statistics.fleet_statistics(pd.DataFrame([row(own)] * n))
-        for own, n in ((found, 2), (known, 1))
+        fleet_statistics(pd.DataFrame([row(own)] * n)) for own, n in ((found, 2), (known, 1))
     )
     assert both.instrument == pair.instrument == ("mount", "force_gain")
     assert both.prior_sd == pytest.approx(pair.prior_sd)
@@ -193,13 +185,13 @@ def _at(centre_z_mm: float) -> lb.Campaign:
 def test_a_row_says_what_compliances_stand_for(tmp_path: Path) -> None:
     (path,) = write_campaigns(tmp_path, 1)
     made = fit_row(Settings(model_to_toml(CONSTANT), ess=100.0, compare=False), Job(0, path, path))
-    assert json.loads(made["compliances"]) == statistics.stands_for(lb.read_campaign(path))
+    assert json.loads(made["compliances"]) == stands_for(lb.read_campaign(path))
 
 
-def test_what_statistics_refuse(found: statistics.SufficientStatistics) -> None:
+def test_what_statistics_refuse(found: SufficientStatistics) -> None:
     table = pd.DataFrame([row(found), row(found, topology="wXYZt")])
-    refuses("same joints, got wCAFYXZSt and wXYZt", statistics.fleet_statistics, table)
-    refuses("C_XXX", statistics.fleet_statistics, table[:1], parameters=["C_XX"])
+    refuses("same joints, got wCAFYXZSt and wXYZt", fleet_statistics, table)
+    refuses("C_XXX", fleet_statistics, table[:1], parameters=["C_XX"])
 
 
 # ---- which campaigns count

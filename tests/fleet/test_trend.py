@@ -14,16 +14,16 @@ from scipy.linalg import block_diag
 from scipy.stats import halfnorm, multivariate_normal, norm
 
 import ldbb_bayes as lb
-from ldbb_bayes.fleet.statistics import deviating
-from ldbb_bayes.fleet.trend import (
-    Trend,
-    chart_of,
+from ldbb_bayes.fleet.change_point import (
     hypotheses,
     instrument_moments,
     levels_of,
     scatter_rule,
     weigh,
 )
+from ldbb_bayes.fleet.control_limits import chart_of
+from ldbb_bayes.fleet.deviations import deviating
+from ldbb_bayes.fleet.trend import Trend
 from ldbb_bayes.model.gaussian import Gaussian
 
 Array = NDArray[np.float64]

@@ -28,8 +28,8 @@ from ldbb_bayes.analysis.comparison import Sign
 from ldbb_bayes.analysis.cures import Cure
 from ldbb_bayes.campaign.preview import RemarkKind
 from ldbb_bayes.cli import app
-from ldbb_bayes.fleet.batch import Job, Settings, fit_row
-from ldbb_bayes.fleet.dataset import CaveatKind, choose
+from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
+from ldbb_bayes.fleet.selection import CaveatKind, choose
 from ldbb_bayes.inference.fit import ConcernKind
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report import wording

@@ -21,123 +21,20 @@ from typing import Any, get_args
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, require
-from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, moment
-from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName, kept_compliances
+from ldbb_bayes.fleet.compliance_meaning import Meaning, same_meaning
+from ldbb_bayes.fleet.selection import Caveat, CaveatKind, moment
+from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import Prior, geometric_unit
-from ldbb_bayes.model.terms import Columns, Term
-from ldbb_bayes.model.triangular import eliminate
-from ldbb_bayes.parallel import one_blas_thread
-from ldbb_bayes.results import Array, Result
+from ldbb_bayes.model.terms import Term
+from ldbb_bayes.results import Array
 from ldbb_bayes.units import inside_name
 
-__all__ = [
-    "FleetStatistics",
-    "Meaning",
-    "SufficientStatistics",
-    "Summary",
-    "alone",
-    "deviating",
-    "fleet_statistics",
-    "keyed",
-    "mixture_covariance",
-    "reference_sd",
-    "same_meaning",
-    "stands_for",
-    "sufficient_statistics",
-    "whitened",
-]
+__all__ = ["FleetStatistics", "fleet_statistics", "reference_sd"]
 
-_CHUNK = 256
-_SPARE = 1e-4
 
 # ---- what one campaign says
-
-
-@dataclass(frozen=True, eq=False)
-class SufficientStatistics:
-    """Moments of a campaign's parameters and of the errors of its instrument. ``names`` are the p
-    parameters of interest, then the coefficients of terms ``common`` to campaigns; q in all. Means
-    and ``prior_sd`` have shape (q,), ``covariance`` (q, q)."""
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    mean: Array
-    covariance: Array
-    prior_mean: Array
-    prior_sd: Array
-
-    def columns(self) -> dict[str, list[Any]]:
-        """As a batch keeps them: lists, of the covariance the lower triangle row by row."""
-        plain = {
-            f"gaussian_{name}": np.asarray(value).tolist() for name, value in vars(self).items()
-        }
-        return plain | {
-            "gaussian_covariance": self.covariance[np.tril_indices(len(self.names))].tolist()
-        }
-
-
-@one_blas_thread
-def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
-    """Return the posterior moments of a density that is not truncated, its prior not flat."""
-    bound = posterior.bound
-    pick, names, units, prior_mean, prior_sd = _columns(bound)
-    free, weight = posterior.coarse.heaviest(_SPARE)
-    means = []
-    covariances = []
-    for start in range(0, len(weight), _CHUNK):
-        phi = bound.hyper_prior.phi(free[start : start + _CHUNK])
-        _, shared = bound.collapsed.conditional(phi)
-        spread = shared.spread(np.eye(shared.mean.shape[1])[pick])
-        means.append(shared.mean[:, pick])
-        covariances.append(spread @ np.swapaxes(spread, 1, 2))
-    mean, covariance = mixture_covariance(
-        weight, np.concatenate(means), np.concatenate(covariances)
-    )
-    mean[: len(bound.names)] += bound.centre
-    return SufficientStatistics(names, units, mean, covariance, prior_mean, prior_sd)
-
-
-def _columns(bound: BoundModel) -> tuple[list[int], tuple[str, ...], tuple[str, ...], Array, Array]:
-    """Places among the shared coefficients, names, units and priors of parameters and instrument
-    errors."""
-    terms = [
-        term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private
-    ]
-    nuisances = [
-        (name, float(sd)) for term in terms for name, sd in zip(term.names, term.sd, strict=True)
-    ]
-    own = [
-        (place, name, sd) for place, (name, sd) in enumerate(nuisances) if Term.owner(name).common
-    ]
-    pick = [
-        *range(len(nuisances), len(nuisances) + len(bound.names)),
-        *(place for place, _, _ in own),
-    ]
-    names = (*bound.names, *(name for _, name, _ in own))
-    units = (
-        *(parameter.unit for parameter in bound.parameters),
-        *(Term.owner(name).unit_of(name).inside for _, name, _ in own),
-    )
-    prior_sd = np.concatenate([bound.prior_sd, [sd for _, _, sd in own]])
-    return pick, names, units, np.concatenate([bound.prior_mean, np.zeros(len(own))]), prior_sd
-
-
-def mixture_covariance(
-    weight: Array, mean: Array, covariance: Array | float = 0.0
-) -> tuple[Array, Array]:
-    """Mean (q,) and covariance (q, q) of a mixture: weights (k,), means (k, q), covariances (k, q,
-    q) or none."""
-    middle = weight @ mean
-    apart = mean - middle
-    inside = (
-        np.tensordot(weight, covariance, 1) if isinstance(covariance, np.ndarray) else covariance
-    )
-    return middle, inside + (apart.T * weight) @ apart
 
 
 def reference_sd(
@@ -164,42 +61,6 @@ def reference_sd(
 
 
 # ---- what a compliance stands for
-
-Meaning = Mapping[str, float]
-_DIGITS = 7
-# Of the default prior's sd: a quarter of the changes that are looked for.
-_NEGLIGIBLE = 0.05
-
-
-def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
-    """Of every kept compliance of a campaign (or plan) the joints' compliances it is the sum of,
-    with their weights."""
-    kept = kept_compliances(
-        campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope)
-    )
-    sums = {}
-    for name, members, weights, absorbed in zip(
-        kept.names, kept.sets, kept.weights, kept.absorbed, strict=True
-    ):
-        parts = dict(zip(members, weights, strict=True)) | {
-            other.label: weight for other, weight in absorbed.items()
-        }
-        sums[name.label] = {
-            other: float(f"{weight:.{_DIGITS}g}") for other, weight in parts.items()
-        }
-    return sums
-
-
-def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
-    """Whether two sums of compliances differ by less than 5 % of the default prior sd of the kept
-    compliance ``name``, the joints' being as large as their priors: a work ball that stands a
-    millimetre higher makes no other machine."""
-    labels = sorted(set(one) | set(other))
-    size, *sizes = Prior.first().compliance_sd(
-        [ComplianceName(*label[2:]) for label in (name, *labels)]
-    )
-    apart = [one.get(label, 0.0) - other.get(label, 0.0) for label in labels]
-    return bool(np.linalg.norm(np.array(apart) * sizes) <= _NEGLIGIBLE * size)
 
 
 # ---- what many campaigns say
@@ -380,61 +241,3 @@ def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
 
 
 # ---- algebra that machines and their campaigns share, in units of the prior sd
-
-
-def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
-    """(Lᵀ | L⁻¹ s (Λ_c, η_c)), shape (c, c + q + 1, k, n), with L Lᵀ = K = I + s Λ_cc s, for k
-    values of s (k, c); L⁻¹ behind with ``inverse``. K is the precision of z = w / s, w ~ N(0, diag
-    s²) being what one campaign or machine differs by: g(c + w, b). Λ may be singular."""
-    c = spread.shape[1]
-    q = likelihood.shift.shape[1]
-    s = spread.T[:, :, None]
-    rows = likelihood.precision[:, :c].transpose(1, 2, 0)[:, :, None]
-    whole = np.zeros((c, c + q + 1 + c * inverse, len(spread), len(likelihood.shift)))
-    np.multiply(s[:, None], rows, out=whole[:, c : c + q])
-    np.multiply(s, likelihood.shift.T[:c, None], out=whole[:, c + q])
-    np.multiply(s, whole[:, c : 2 * c], out=whole[:, :c])
-    whole[range(c), range(c)] += 1.0
-    if inverse:
-        whole[range(c), range(c + q + 1, 2 * c + q + 1)] = 1.0
-    eliminate(whole.reshape(1, *whole.shape[:2], -1))
-    return whole
-
-
-def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
-    """∫ g(c + w, b) N(w; 0, diag s²) dw, shape (k, n, q); arguments as for `whitened`."""
-    c = spread.shape[1]
-    q = likelihood.shift.shape[-1]
-    whole = whitened(likelihood, spread)
-    square = np.einsum("iakn,ibkn->knab", whole[:, c:], whole[:, c:])
-    constant = 0.5 * square[..., q, q] - np.log(whole[range(c), range(c)]).sum(axis=0)
-    return Gaussian(
-        likelihood.precision - square[..., :q, :q], likelihood.shift - square[..., :q, q], constant
-    )
-
-
-def alone(likelihood: Gaussian, parameters: int) -> tuple[Array, Array, Array]:
-    """S = (I + Λ_cc)⁻¹, H = S Λ_c and t = S η_c, shapes (n, c, c), (n, c, q) and (n, c), of
-    campaigns each by itself. Its estimate is t − H_b b; t ~ N(H (c, b), S Λ_cc S)."""
-    c = parameters
-    own = np.linalg.inv(np.eye(c) + likelihood.precision[:, :c, :c])
-    return own, own @ likelihood.precision[:, :c], (own @ likelihood.shift[:, :c, None])[..., 0]
-
-
-@dataclass(frozen=True)
-class Summary(Result):
-    """Mean, sd and equal-tailed credible interval, inside units."""
-
-    mean: float
-    sd: float
-    interval: tuple[float, float]
-
-
-def keyed(record: Any, ci_prob: float) -> Any:
-    """The same with intervals under their probability: interval → ci95."""
-    if isinstance(record, dict):
-        key = f"ci{100 * ci_prob:g}"
-        return {
-            name.replace("interval", key): keyed(value, ci_prob) for name, value in record.items()
-        }
-    return [keyed(value, ci_prob) for value in record] if isinstance(record, list) else record
