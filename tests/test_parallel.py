@@ -42,7 +42,7 @@ class Late(Executor):
 
     def __init__(self, at: int, workers: int | None = None) -> None:
         if workers is not None:
-            self._max_workers = workers
+            self.workers = workers
         self.at = at
         self.waiting = []
         self.made = []
@@ -86,10 +86,10 @@ def dies_sending(folder: Path, x: int) -> int:
     if x == 5 and not (folder / "died").exists():
         (folder / "died").touch()
         frame = sys._getframe()
-        while "pipe" not in frame.f_locals:
+        while "connection" not in frame.f_locals:
             assert frame.f_back is not None
             frame = frame.f_back
-        os.write(frame.f_locals["pipe"].fileno(), struct.pack("!i", 1000) + b"half")
+        os.write(frame.f_locals["connection"].fileno(), struct.pack("!i", 1000) + b"half")
         os.kill(os.getpid(), signal.SIGKILL)
     return x * x
 
@@ -273,7 +273,7 @@ def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     ):
         executor.submit(int).result()
     for cores in (1, 2):
-        monkeypatch.setattr("ldbb_bayes.parallel._usable_cores", lambda cores=cores: cores)
+        monkeypatch.setattr("ldbb_bayes.parallel.executors.usable_cores", lambda cores=cores: cores)
         with second_process() as executor:
             assert (executor is None, ahead(os.getpid, executor)()) == (cores == 1, os.getpid())
     monkeypatch.setitem(sys.modules, "dask", None)

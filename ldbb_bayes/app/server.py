@@ -43,7 +43,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.app import worker
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import LARGEST_TABLE_BYTES
-from ldbb_bayes.parallel import ONE_THREAD, WorkerDied, process_executor
+from ldbb_bayes.parallel import ONE_THREAD, WorkerDiedError, process_executor
 
 __all__ = ["Pages", "application", "serve", "words_of_page"]
 
@@ -311,7 +311,7 @@ class Desk:
 
     async def _answer(self, call: Callable[[], dict[str, Any]], session: Session) -> dict[str, Any]:
         for _ in range(2 if session.folder.exists() else 0):
-            with suppress(WorkerDied):
+            with suppress(WorkerDiedError):
                 await asyncio.wait([asyncio.wrap_future(self._ready)])
                 try:
                     return await asyncio.wait_for(

@@ -31,7 +31,7 @@ from ldbb_bayes.fleet.fleet_statistics import fleet_statistics
 from ldbb_bayes.fleet.gathering import gather
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.specification import model_to_toml
-from ldbb_bayes.parallel import WorkerDied
+from ldbb_bayes.parallel import WorkerDiedError
 from ldbb_bayes.report.text import full_result
 
 pytest.importorskip("pyarrow")
@@ -388,7 +388,7 @@ def test_what_a_worker_took_with_it_is_a_row(
         def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Any:
             future: Future[Any] = Future()
             if fn.args[1].number == 1:
-                future.set_exception(WorkerDied())
+                future.set_exception(WorkerDiedError())
             else:
                 future.set_result(fn(*args, **kwargs))
             return future

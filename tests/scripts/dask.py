@@ -4,7 +4,7 @@ import signal
 import sys
 from pathlib import Path
 
-import ldbb_bayes.parallel as home
+import ldbb_bayes.parallel.dask_workers as home
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.parallel import Lost, dask_executor, done
 

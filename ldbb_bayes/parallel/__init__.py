@@ -1,0 +1,23 @@
+"""Independent jobs in this process, in processes of this machine or on a Dask cluster."""
+
+from ldbb_bayes.parallel.blas_threads import ONE_THREAD, one_blas_thread
+from ldbb_bayes.parallel.dask_workers import dask_executor
+from ldbb_bayes.parallel.executors import EXECUTORS, executor_named, second_process
+from ldbb_bayes.parallel.jobs import Lost, ahead, done
+from ldbb_bayes.parallel.process_pool import WorkerDiedError, process_executor
+from ldbb_bayes.parallel.versions import versions
+
+__all__ = [
+    "EXECUTORS",
+    "ONE_THREAD",
+    "Lost",
+    "WorkerDiedError",
+    "ahead",
+    "dask_executor",
+    "done",
+    "executor_named",
+    "one_blas_thread",
+    "process_executor",
+    "second_process",
+    "versions",
+]

@@ -1,0 +1,70 @@
+"""The executor that the options of a command ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+
+from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.parallel.dask_workers import dask_executor
+from ldbb_bayes.parallel.process_pool import process_executor, usable_cores
+
+__all__ = ["EXECUTORS", "executor_named", "second_process"]
+
+# Values of --executor.
+EXECUTORS = ("process", "dask")
+
+
+@contextmanager
+def second_process() -> Iterator[Executor | None]:
+    """Yield an executor of one process beside this one; None where there is one core."""
+    if usable_cores() == 1:
+        yield None
+    else:
+        with process_executor(1) as executor:
+            yield executor
+
+
+@contextmanager
+def executor_named(
+    kind: str, workers: int = 0, scheduler: str | None = None
+) -> Iterator[Executor | None]:
+    """Yield the executor that the options of commands ask for.
+
+    Parameters
+    ----------
+    kind : "process" or "dask".
+    workers : their number; 0: one per core.
+    scheduler : address of a Dask scheduler.
+
+    Returns
+    -------
+    The executor; None where there is one process only, so that jobs run here.
+
+    Raises
+    ------
+    InputError
+        If an option is unknown, out of range, or does not go with another.
+    """
+    check_known("--executor", [kind], EXECUTORS)
+    if workers < 0:
+        raise InputError(f"--workers must be 0 or more, got {workers}. 0 is one per core.")
+    if scheduler is not None and kind != "dask":
+        raise InputError(
+            f"--scheduler must go with --executor dask, got --executor {kind}. Add it, or leave the"
+            " address out."
+        )
+    if scheduler is not None and workers:
+        raise InputError(
+            f"--workers must not go with --scheduler, got {workers}. A cluster has the workers it"
+            " was started with."
+        )
+    if kind == "dask":
+        with dask_executor(scheduler, workers) as executor:
+            yield executor
+    elif (workers or usable_cores()) == 1:
+        yield None
+    else:
+        with process_executor(workers) as executor:
+            yield executor

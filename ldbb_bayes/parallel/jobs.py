@@ -1,0 +1,175 @@
+"""Independent jobs: every result once, whatever workers die."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from queue import SimpleQueue
+from typing import Generic, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.parallel.process_pool import WorkerDiedError
+
+__all__ = ["Lost", "ahead", "done"]
+
+R = TypeVar("R")
+T = TypeVar("T")
+
+# Jobs that wait for each worker, so that none is idle while results are handed out.
+_JOBS_PER_WORKER = 4
+# Jobs that are submitted to an executor whose number of workers is not known.
+_JOBS_IN_FLIGHT = 64
+# Threads of one process share BLAS and the filters of warnings, so they take turns.
+# It is re-entrant because a job may have jobs of its own.
+_TURN = threading.RLock()
+
+
+@dataclass(frozen=True)
+class Lost:
+    """Result of a job whose worker died twice."""
+
+    reason: str = (
+        "its worker died twice, the second time with no other job at work (killed, or out of"
+        " memory?)"
+    )
+
+
+@dataclass(frozen=True)
+class _Attempt(Generic[T]):
+    """One run of a job; ``index`` counts jobs from 0."""
+
+    index: int
+    job: T
+    is_last: bool
+
+
+def done(
+    function: Callable[[T], R], jobs: Iterable[T], executor: Executor | None = None
+) -> Iterator[tuple[int, R | Lost]]:
+    """Yield the index (from 0) and the result of every job, as they come.
+
+    Each job has one BLAS thread. A job whose worker dies (killed, out of memory) is tried once more
+    when all others are done, with no other job at work; then it is `Lost`. Threads of one process
+    take turns, so processes are faster. Other processes import the function; jobs, read as far as
+    needed, and results are pickled. When the iterator is closed, pending jobs are cancelled.
+
+    Parameters
+    ----------
+    function : called with each job.
+    jobs : what it is called with.
+    executor : where it is called; None: here, one job after the other.
+
+    Raises
+    ------
+    Exception
+        Of the first job that raises, with a note that says which job; pending jobs are cancelled.
+    InputError
+        If the executor gave up its jobs.
+    """
+    indexed_jobs = enumerate(jobs)
+    limit = _limit_in_flight(executor)
+    retries = deque[_Attempt[T]]()
+    in_flight: dict[Future[R], _Attempt[T]] = {}
+    finished: SimpleQueue[Future[R]] = SimpleQueue()
+
+    def submit(attempt: _Attempt[T]) -> None:
+        future = _submit(partial(_run_in_turn, function, attempt.job), executor)
+        in_flight[future] = attempt
+        future.add_done_callback(finished.put)
+
+    try:
+        while True:
+            for index, job in islice(indexed_jobs, limit - len(in_flight)):
+                submit(_Attempt(index, job, is_last=False))
+            if not in_flight:
+                if not retries:
+                    return
+                submit(retries.popleft())
+            future = finished.get()
+            attempt = in_flight.pop(future)
+            error = _error_of(future)
+            if error is None:
+                yield attempt.index, future.result()
+            elif not _is_death_of_worker(error):
+                error.add_note(f"In job {attempt.index}, counted from 0.")
+                raise error
+            elif attempt.is_last:
+                yield attempt.index, Lost()
+            else:
+                retries.append(_Attempt(attempt.index, attempt.job, is_last=True))
+            del future  # the result must not stay in memory while the caller works on it
+    except BrokenExecutor as error:
+        raise InputError(
+            "the executor must last as long as its jobs, got one that gave them up (its workers"
+            " died, or its scheduler ended). Finished work is kept. Run what is left on"
+            " process_executor() of ldbb_bayes.parallel, which starts workers afresh."
+        ) from error
+    finally:
+        for future in in_flight:
+            future.cancel()
+
+
+def ahead(call: Callable[[], R], executor: Executor | None) -> Callable[[], R]:
+    """Begin a call on an executor and return what waits for its result.
+
+    Parameters
+    ----------
+    call : what to compute.
+    executor : where; None: here, when the result is asked for.
+
+    Returns
+    -------
+    A function that returns the result. It computes here what failed there.
+    """
+    if executor is None:
+        return call
+    future = executor.submit(call)
+
+    def result() -> R:
+        with suppress(Exception):
+            return future.result()
+        return call()
+
+    return result
+
+
+def _limit_in_flight(executor: Executor | None) -> int:
+    if executor is None:
+        return 1
+    workers: int = getattr(executor, "workers", 0)
+    return _JOBS_PER_WORKER * workers or _JOBS_IN_FLIGHT
+
+
+def _submit(call: Callable[[], R], executor: Executor | None) -> Future[R]:
+    if executor is not None:
+        return executor.submit(call)
+    future: Future[R] = Future()
+    try:
+        future.set_result(call())
+    except Exception as error:  # noqa: BLE001 - it is raised where results are handed out
+        future.set_exception(error)
+    return future
+
+
+def _run_in_turn(function: Callable[[T], R], job: T) -> R:
+    with _TURN, threadpool_limits(1):
+        return function(job)
+
+
+def _error_of(future: Future[R]) -> BaseException | None:
+    if future.cancelled():
+        return BrokenExecutor("cancelled")
+    return future.exception()
+
+
+def _is_death_of_worker(error: BaseException) -> bool:
+    """Return whether a worker died; Dask, which need not be installed, raises a KilledWorker."""
+    return isinstance(error, WorkerDiedError) or type(error).__name__ == "KilledWorker"

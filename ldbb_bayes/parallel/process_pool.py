@@ -1,0 +1,197 @@
+"""Processes of this machine, each behind a pipe of its own.
+
+One that dies, even while it sends a result, takes no other job with it and leaves nobody waiting.
+The pools of the standard library and of loky (3.7, which joblib uses) share one pipe for all
+results, and fail here in three ways: a worker that dies breaks the whole pool, so that all jobs in
+flight fail; the pool waits for ever for the rest of a result whose sender was killed, also with a
+single worker; and workers stay behind when the process that started them is killed.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.parallel.blas_threads import ONE_THREAD
+
+__all__ = [
+    "UNGUARDED_SCRIPT",
+    "WorkerDiedError",
+    "ignore_interruption",
+    "process_executor",
+    "refuse_to_nest",
+    "usable_cores",
+]
+
+# What to tell the author of a script without a main guard: its workers end while they import it.
+UNGUARDED_SCRIPT = (
+    "worker processes must be able to start, got some that ended at once. A script must do its work"
+    ' under `if __name__ == "__main__":`, because every worker imports it.'
+)
+
+
+class WorkerDiedError(RuntimeError):
+    """The process of one job ended; the others go on."""
+
+
+@contextmanager
+def process_executor(workers: int = 0) -> Iterator[Executor]:
+    """Yield an executor of processes on this machine, one BLAS thread each.
+
+    An interruption or an error stops them.
+
+    Parameters
+    ----------
+    workers : number of processes; 0: one per core.
+
+    Raises
+    ------
+    InputError
+        If a process cannot start, when the first job is asked for.
+    """
+    refuse_to_nest()
+    pool = _ProcessPool(workers or usable_cores())
+    try:
+        yield pool
+        pool.shutdown()
+    finally:
+        pool.kill()
+
+
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def refuse_to_nest() -> None:
+    """End a worker that is still importing an unguarded script; its parent says what is wrong."""
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        sys.exit(1)
+
+
+def ignore_interruption() -> None:
+    """Leave Ctrl-C, which reaches all processes of a terminal, to the first of them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+class _Answer(NamedTuple):
+    """Outcome of a job: its result, or the exception that it raised."""
+
+    succeeded: bool
+    content: Any
+
+
+class _ProcessPool(Executor):
+    """Threads, each of which hands its jobs to a process of its own."""
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self._threads = ThreadPoolExecutor(workers)
+        self._local = threading.local()
+        self._processes: list[multiprocessing.process.BaseProcess] = []
+        self._killed = False
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Return the future of a call in one of the processes."""
+        return self._threads.submit(self._call_in_process, partial(fn, *args, **kwargs))
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Take no more jobs; by default wait for those submitted."""
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+
+    def kill(self) -> None:
+        """End the processes now, whatever they work on."""
+        self._killed = True
+        for process in self._processes:
+            if process.pid is not None:
+                process.kill()
+        self.shutdown(cancel_futures=True)
+        for process in self._processes:
+            process.join()
+
+    def _call_in_process(self, call: Callable[[], Any]) -> Any:
+        connection = getattr(self._local, "connection", None)
+        if connection is None:
+            connection = self._start_process()
+            self._local.connection = connection
+        try:
+            connection.send(call)
+            answer = connection.recv()
+        except (EOFError, OSError):
+            self._local.connection = None
+            raise WorkerDiedError("the worker process ended") from None
+        if answer.succeeded:
+            return answer.content
+        raise answer.content
+
+    def _start_process(self) -> Connection:
+        context = multiprocessing.get_context("spawn")
+        connection, worker_connection = context.Pipe()
+        process = context.Process(target=_serve, args=(worker_connection,), daemon=True)
+        try:
+            process.start()
+        except OSError as error:
+            raise InputError(
+                f"a worker process must start, got {error}. Use fewer workers."
+            ) from None
+        self._processes.append(process)
+        if self._killed:
+            process.kill()
+        worker_connection.close()
+        try:
+            connection.recv()
+        except (EOFError, OSError):
+            raise InputError(UNGUARDED_SCRIPT) from None
+        return connection
+
+
+def _serve(connection: Connection) -> None:
+    """Do jobs until the other end is closed: when the pool ends, or its process is killed."""
+    ignore_interruption()
+    os.environ.update(ONE_THREAD)
+    try:
+        connection.send("ready")
+        while True:
+            answer = _next_answer(connection)
+            if answer is None:
+                return
+            _send(connection, answer)
+    except OSError:
+        return
+
+
+def _next_answer(connection: Connection) -> _Answer | None:
+    """Return the outcome of the next job, or None where no more will come."""
+    try:
+        call = connection.recv()
+        return _Answer(True, call())
+    except EOFError:
+        return None
+    except Exception as error:  # noqa: BLE001 - it is raised where the result is asked for
+        error.add_note("".join(traceback.format_exception(error)))
+        return _Answer(False, error)
+
+
+def _send(connection: Connection, answer: _Answer) -> None:
+    try:
+        connection.send(answer)
+    except OSError:
+        raise
+    except Exception as error:  # noqa: BLE001 - whatever a class raises that cannot be pickled
+        reason = (
+            f"{type(answer.content).__name__} must be picklable, got: {error}. {answer.content}"
+        )
+        connection.send(_Answer(False, TypeError(reason)))
