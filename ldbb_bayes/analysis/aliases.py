@@ -1,4 +1,8 @@
-"""The null space of a design in the sense of what a readout can see, as a sparse basis."""
+"""Find combinations of coefficients that no reading of a campaign resolves.
+
+They are the null space of the design, as a sparse basis: an amount of a nuisance, and the change of
+parameters that looks exactly like it. A plan has them too, since no readings are needed.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from ldbb_bayes.analysis.null_space import EXACTLY, NullSpace
+from ldbb_bayes.analysis.null_space import EXACT_SHARE, NullSpace
 from ldbb_bayes.inference.checks import in_order_of_force
 from ldbb_bayes.model.fourier import basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -18,34 +22,45 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Degeneracy", "Standing", "StandingKind", "degeneracies", "standing_degeneracies"]
 
-
-_ANGLES = 240
-_NEGLIGIBLE = 0.02
+# Angles of each test at which patterns are compared: they have at most 12 waves per turn.
+_MOST_ANGLES = 240
+# Decimals of an angle [rad] to which repeated angles count as one.
+_ANGLE_DECIMALS = 9
+# A parameter with a smaller share of the largest effect is not named in a degeneracy.
+_NAMED_SHARE = 0.02
+# Effects below this share of the largest are rounding.
 _ROUNDING = 1e-9
-_HIDDEN = 1e-3
+# A pattern is a combination of others where less than this share of it remains unexplained.
+_UNEXPLAINED_SHARE = 1e-3
+# Singular values below this share of the largest count as zero in that comparison.
+_RANK_TOLERANCE = 1e-10
+# A change below this share of the readout's resolution is not seen.
+_VISIBLE_SHARE = 0.1
+# Millimetres in a micrometre.
 _MICROMETRE = 1e-3
+# Lobes of the ball form that look like rotation by a moment.
+_LOBES = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Degeneracy:
     """A combination of coefficients that no reading of a campaign sees."""
 
-    term: str  # class name of the nuisance it begins with; empty for parameters among themselves
-    combination: Mapping[
-        str, float
-    ]  # changes that together change no reading; inside units (mm, N, rad), the nuisance first
-    parameters: tuple[
-        str, ...
-    ]  # those of interest that do more than a fiftieth of what the nuisance does
-    units: Mapping[str, str]  # of all parameters in it
-    # whether the model has the nuisance: else nothing bounds it, and the intervals ignore it
+    #: class name of the nuisance it begins with; empty for parameters among themselves
+    term: str
+    #: changes that compensate one another in every reading; inside units (mm, N, rad), the nuisance
+    #: first
+    combination: Mapping[str, float]
+    #: parameters of interest that do more than a fiftieth of what the nuisance does
+    parameters: tuple[str, ...]
+    units: Mapping[str, str]  #: of all parameters in it
+    #: whether the model has the nuisance: else nothing bounds it, and the intervals ignore it
     modelled: bool
-    stated: (
-        bool  # whether a certificate, or the model where its term was edited, says how large it is
-    )
-    prior_sds: float  # its length in units of the prior sd
-    # of a reading, the largest; 0 below 1e-9 of what its largest member does alone, which is
-    # rounding
+    #: whether a certificate, or the model where its term was edited, says how large it is
+    stated: bool
+    prior_sds: float  #: its length in units of the prior sd
+    #: largest change of a reading; 0 below 1e-9 of what its largest member does alone, which is
+    #: rounding
     change_um: float
 
     @property
@@ -65,154 +80,277 @@ class StandingKind(StrEnum):
 
 @dataclass(frozen=True)
 class Standing(Result):
-    """What holds whatever is measured: parameters that such an effect looks like."""
+    """Parameters that look like an effect which the tests of a plan do not separate."""
 
     kind: StandingKind
     parameters: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class _Coefficients:
+    """All parameters and shared nuisances, modelled or not.
+
+    ``owners`` are class names of terms, empty for parameters; ``columns`` has shape (tests, 25, m),
+    ``prior_sd`` shape (m,).
+    """
+
+    names: tuple[str, ...]
+    owners: tuple[str, ...]
+    columns: Array
+    prior_sd: Array
+
+
 def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
-    """The sparse null space of a campaign's or plan's design, as far as it holds parameters of
-    interest."""
-    names, owners, values, sd = _coefficients(bound)
-    modelled = {type(term).__name__: term for term in bound.model.nuisances}
-    edited = {type(term) for term in bound.model.nuisances if _usual(bound).get(type(term)) != term}
-    scaled = _effects(bound, values) * sd
-    limit = 0.1 * bound.campaign.resolution_um * _MICROMETRE
-    p = len(bound.names)
-    found = []
-    space = NullSpace(scaled, p, limit)
-    for pivot, sparse in space.sparse():
-        alone = np.where(np.arange(len(sparse)) < p, sparse, 0.0)
-        good = min(limit * np.linalg.norm(alone), EXACTLY * (space.largest * np.abs(alone)).max())
-        # Of parameters the vector without its nuisances, where it is as good so.
-        vector = alone if pivot < p and np.abs(scaled @ alone).max() <= good else sparse
-        effect = space.largest * np.abs(vector)
-        moving = np.flatnonzero(effect > _ROUNDING * effect.max())
-        own = [int(i) for i in moving if i < p]
-        others = [pivot] if pivot >= p else list[int]()
-        others += ranked(
-            [int(i) for i in moving if i >= p and i != pivot], key=lambda i: float(effect[i])
-        )
-        main = tuple(names[i] for i in own if effect[i] > _NEGLIGIBLE * effect.max())
-        if not main:
-            continue
-        term = owners[pivot]
-        lead = pivot if pivot >= p else own[0]
-        change = vector * sd
-        amount = Term.owner(names[lead]).unit_of(names[lead]).one if term else change[lead]
-        change *= amount / change[lead]
-        together = np.abs(scaled @ (change / sd)).max()
-        terms = {names[i]: modelled.get(owners[i]) for i in others}
-        stated = [
-            one and (type(one) in edited or one.is_stated(name, bound.campaign))
-            for name, one in terms.items()
-        ]
-        moved = together > _ROUNDING * (space.largest * np.abs(change / sd)).max()
-        found.append(
-            Degeneracy(
-                term,
-                {names[i]: float(change[i]) for i in (*others, *own)},
-                main,
-                {names[i]: bound.parameters[i].unit for i in own},
-                None not in terms.values(),
-                all(stated),
-                float(np.linalg.norm(change / sd)),
-                float(moved * together / _MICROMETRE),
-            )
-        )
-    return tuple(found)
+    """Return the sparse null space of a design, as far as it holds parameters of interest.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+
+    Returns
+    -------
+    tuple of Degeneracy
+        Those that begin with a nuisance first, then those of parameters among themselves.
+    """
+    coefficients = _all_coefficients(bound)
+    scaled = _effects(bound, coefficients.columns) * coefficients.prior_sd
+    limit = _VISIBLE_SHARE * bound.campaign.resolution_um * _MICROMETRE
+    space = NullSpace(scaled, len(bound.names), limit)
+    combinations = []
+    for pivot, vector in space.sparse_basis():
+        if pivot < space.parameters:
+            vector = _without_nuisances(space, vector)
+        degeneracy = _describe_degeneracy(bound, coefficients, space, pivot, vector)
+        if degeneracy is not None:
+            combinations.append(degeneracy)
+    return tuple(combinations)
 
 
-def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[Standing, ...]:
-    """Return degeneracies with effects that are not terms of the model, and what force alone
-    separates."""
-    standing = (
-        [Standing(StandingKind.FRICTION, hidden)] if (hidden := _like_friction(bound)) else []
+def _without_nuisances(space: NullSpace, vector: Array) -> Array:
+    """Return a vector of parameters without its nuisances where it is as good so."""
+    is_parameter = np.arange(len(vector)) < space.parameters
+    parameters_only = np.where(is_parameter, vector, 0.0)
+    largest_effect = (space.largest * np.abs(parameters_only)).max()
+    limit = min(space.limit * np.linalg.norm(parameters_only), EXACT_SHARE * largest_effect)
+    if np.abs(space.scaled @ parameters_only).max() <= limit:
+        return parameters_only
+    return vector
+
+
+def _describe_degeneracy(
+    bound: BoundModel, coefficients: _Coefficients, space: NullSpace, pivot: int, vector: Array
+) -> Degeneracy | None:
+    """Return what a vector of the null space combines, or None if no parameter has a part in it."""
+    names = coefficients.names
+    effect = space.largest * np.abs(vector)
+    members = [int(i) for i in np.flatnonzero(effect > _ROUNDING * effect.max())]
+    parameters = [i for i in members if i < space.parameters]
+    named = tuple(names[i] for i in parameters if effect[i] > _NAMED_SHARE * effect.max())
+    if not named:
+        return None
+    nuisances = _rank_nuisances(
+        members[len(parameters) :], pivot, effect, is_nuisance=pivot >= space.parameters
     )
-    direct = tuple(name.label for name in bound.compliances if name.kind == "direct")
-    modelled = {type(term).__name__ for term in bound.model.nuisances}
-    if "Drift" not in modelled and not bound.campaign.is_plan and in_order_of_force(bound):
-        turning = [
-            name.label
-            for name in bound.compliances
-            if name.kind == "rotation_for_force" and "Position" in modelled
-        ]
-        standing.append(Standing(StandingKind.DRIFT, (*direct, *turning)))
-    if len(direct) > 1 and all(f"{label}_1" in bound.names for label in direct):
-        standing.append(Standing(StandingKind.CURVATURE, direct))
-    rotary = tuple(name.label for name in bound.compliances if name.kind == "rotation_for_moment")
-    once = (
-        not bound.setting.two_balls
-        and len(set(bound.setting.radius_mm)) == 1
-        and bound.campaign.force_levels > 1
+    change = _in_reading_units(coefficients, pivot, vector)
+    prior_sds = change / coefficients.prior_sd
+    terms = [_modelled_term(bound, coefficients.owners[i]) for i in nuisances]
+    stated = [_is_stated(bound, names[i], term) for i, term in zip(nuisances, terms, strict=True)]
+    return Degeneracy(
+        term=coefficients.owners[pivot],
+        combination={names[i]: float(change[i]) for i in (*nuisances, *parameters)},
+        parameters=named,
+        units={names[i]: bound.parameters[i].unit for i in parameters},
+        modelled=None not in terms,
+        stated=all(stated),
+        prior_sds=float(np.linalg.norm(prior_sds)),
+        change_um=_reading_change_um(space, prior_sds),
     )
-    names, _, values, _ = _coefficients(bound)
-    of_fourth_order = ~np.any(np.delete(values, harmonic_index(4), axis=1), axis=(0, 1))
-    four = any(of_fourth_order[names.index(name)] for d in found for name in d.nuisances)
-    if rotary and once and not four and any(d.term == "BallForm" for d in found):
-        standing.append(Standing(StandingKind.LOBES, rotary))
+
+
+def _rank_nuisances(
+    nuisances: Sequence[int], pivot: int, effect: Array, *, is_nuisance: bool
+) -> list[int]:
+    """Return the pivot, where it is a nuisance, then the others by their effect."""
+    effects = {i: float(effect[i]) for i in nuisances if i != pivot}
+    ranking = ranked(effects, effects.__getitem__)
+    if is_nuisance:
+        return [pivot, *ranking]
+    return ranking
+
+
+def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) -> Array:
+    """Return a vector in inside units, a nuisance at its pivot scaled to one of its unit."""
+    change = np.asarray(vector * coefficients.prior_sd)
+    if coefficients.owners[pivot]:
+        name = coefficients.names[pivot]
+        amount = Term.owner(name).unit_of(name).one
+        change *= amount / change[pivot]
+    return change
+
+
+def _reading_change_um(space: NullSpace, prior_sds: Array) -> float:
+    """Return the largest change of a reading [µm], zero where it is rounding."""
+    change = np.abs(space.scaled @ prior_sds).max()
+    largest_alone = (space.largest * np.abs(prior_sds)).max()
+    if change <= _ROUNDING * largest_alone:
+        return 0.0
+    return float(change / _MICROMETRE)
+
+
+def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
+    """Return the model's term of a class name, or None if the model leaves it out."""
+    for term in bound.model.nuisances:
+        if type(term).__name__ == owner:
+            return term
+    return None
+
+
+def _is_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
+    """Return whether a certificate or an edited term says how large a coefficient is."""
+    if term is None:
+        return False
+    is_edited = _edition_terms(bound).get(type(term)) != term
+    return is_edited or term.is_stated(coefficient, bound.campaign)
+
+
+def standing_degeneracies(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[Standing, ...]:
+    """Return degeneracies with effects that are no terms, and those that force alone separates.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+    aliases
+        Its `degeneracies`.
+    """
+    candidates = {
+        StandingKind.FRICTION: _like_friction(bound),
+        StandingKind.DRIFT: _like_drift(bound),
+        StandingKind.CURVATURE: _like_curvature(bound),
+        StandingKind.LOBES: _like_lobes(bound, aliases),
+    }
+    standing = []
+    for kind, parameters in candidates.items():
+        if parameters:
+            standing.append(Standing(kind, parameters))
     return tuple(standing)
 
 
+def _compliances_of_kind(bound: BoundModel, kind: str) -> tuple[str, ...]:
+    """Return the names of compliances of one kind."""
+    return tuple(name.label for name in bound.compliances if name.kind == kind)
+
+
+def _modelled_terms(bound: BoundModel) -> set[str]:
+    """Return class names of the model's nuisance terms."""
+    return {type(term).__name__ for term in bound.model.nuisances}
+
+
 def _like_friction(bound: BoundModel) -> tuple[str, ...]:
-    """Cross compliances whose pattern, turned with the direction of travel, is one of the
-    parameters' own."""
-    by_name = {test.name: test for test in bound.campaign.tests}
-    sign = np.array(
-        [-1.0 if by_name[name].direction == "CCW" else 1.0 for name in bound.test_names]
-    )
-    labels = [name.label for name in bound.compliances if name.kind == "cross"]
+    """Return cross compliances whose pattern looks like friction.
+
+    Friction has the pattern of a cross compliance, with the sign of the direction of travel: it is
+    hidden where that is a combination of the parameters' own patterns.
+    """
+    directions = {test.name: test.direction for test in bound.campaign.tests}
+    sign = np.where([directions[name] == "CCW" for name in bound.test_names], -1.0, 1.0)
+    labels = _compliances_of_kind(bound, "cross")
     cross = [j for j, name in enumerate(bound.names) if name in labels]
-    columns = _effects(
-        bound,
-        np.concatenate([bound.interest, bound.interest[:, :, cross] * sign[:, None, None]], axis=2),
-    )
-    own = columns[:, : len(bound.names)] * bound.scale
-    turned = columns[:, len(bound.names) :]
-    rest = turned - own @ np.linalg.lstsq(own, turned, rcond=1e-10)[0]
-    alike = np.abs(rest).max(axis=0) < _HIDDEN * np.abs(turned).max(axis=0)
-    return tuple(bound.names[j] for j, like in zip(cross, alike, strict=True) if like)
+    reversed_columns = bound.interest[:, :, cross] * sign[:, None, None]
+    effects = _effects(bound, np.concatenate([bound.interest, reversed_columns], axis=2))
+    parameters = effects[:, : len(bound.names)] * bound.scale
+    friction = effects[:, len(bound.names) :]
+    solution = np.linalg.lstsq(parameters, friction, rcond=_RANK_TOLERANCE)[0]
+    unexplained = np.abs(friction - parameters @ solution).max(axis=0)
+    hidden = unexplained < _UNEXPLAINED_SHARE * np.abs(friction).max(axis=0)
+    return tuple(bound.names[j] for j, is_hidden in zip(cross, hidden, strict=True) if is_hidden)
 
 
-def _coefficients(bound: BoundModel) -> tuple[list[str], list[str], Array, Array]:
-    """Names, owners, columns (tests, 25, m) and prior sd (m,) of parameters and of every shared
-    nuisance, modelled or not."""
-    own = {type(term): term for term in bound.model.nuisances}
-    usual = _usual(bound)
-    names, owners = list(bound.names), [""] * len(bound.names)
-    values = [bound.interest]
-    sd = [bound.scale]
+def _like_drift(bound: BoundModel) -> tuple[str, ...]:
+    """Return compliances that look like a drift, where the tests ran in the order of force."""
+    modelled = _modelled_terms(bound)
+    if "Drift" in modelled or bound.campaign.is_plan or not in_order_of_force(bound):
+        return ()
+    direct = _compliances_of_kind(bound, "direct")
+    if "Position" not in modelled:
+        return direct
+    return (*direct, *_compliances_of_kind(bound, "rotation_for_force"))
+
+
+def _like_curvature(bound: BoundModel) -> tuple[str, ...]:
+    """Return direct compliances whose slopes look like a curved mount or force law."""
+    direct = _compliances_of_kind(bound, "direct")
+    if len(direct) > 1 and all(f"{label}_1" in bound.names for label in direct):
+        return direct
+    return ()
+
+
+def _like_lobes(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[str, ...]:
+    """Return rotary compliances that only the levels of force separate from four-lobe form."""
+    once = not bound.setting.two_balls and len(set(bound.setting.radius_mm)) == 1
+    if not once or bound.campaign.force_levels <= 1:
+        return ()
+    if not any(degeneracy.term == "BallForm" for degeneracy in aliases):
+        return ()
+    coefficients = _all_coefficients(bound)
+    other_orders = np.delete(coefficients.columns, harmonic_index(_LOBES), axis=1)
+    has_four_lobes = ~np.any(other_orders, axis=(0, 1))
+    for degeneracy in aliases:
+        for name in degeneracy.nuisances:
+            if has_four_lobes[coefficients.names.index(name)]:
+                return ()
+    return _compliances_of_kind(bound, "rotation_for_moment")
+
+
+def _all_coefficients(bound: BoundModel) -> _Coefficients:
+    """Return parameters and shared nuisances of the model and of its edition."""
+    modelled = {type(term): term for term in bound.model.nuisances}
+    terms = {**_edition_terms(bound), **modelled}
+    names = list(bound.names)
+    owners = [""] * len(bound.names)
+    columns = [bound.interest]
+    prior_sd = [bound.scale]
     for kind in Term.kinds.values():
-        if kind not in own and kind not in usual:
+        if kind not in terms:
             continue
-        term = own.get(kind) or usual[kind]
-        typical = bound.model.prior.hyper(term.scales, bound.campaign.resolution_um)
-        scale = {"sigma": 0.0} | dict(zip(typical.names, typical.scale, strict=True))
-        for part in term.columns(bound.setting):
-            if not isinstance(part, Columns) or part.private:
+        term = terms[kind]
+        hyper_prior = bound.model.prior.hyper(term.scales, bound.campaign.resolution_um)
+        typical = dict(zip(hyper_prior.names, hyper_prior.scale, strict=True))
+        for block in term.columns(bound.setting):
+            if not isinstance(block, Columns) or block.private:
                 continue
-            names += part.names
-            owners += [kind.__name__] * len(part.names)
-            values.append(part.values)
-            sd.append(part.sd_at(scale))
-    return names, owners, np.concatenate(values, axis=2), np.concatenate(sd)
+            names.extend(block.names)
+            owners.extend([kind.__name__] * len(block.names))
+            columns.append(block.values)
+            prior_sd.append(block.sd_at({"sigma": 0.0, **typical}))
+    return _Coefficients(
+        names=tuple(names),
+        owners=tuple(owners),
+        columns=np.concatenate(columns, axis=2),
+        prior_sd=np.concatenate(prior_sd),
+    )
 
 
-def _usual(bound: BoundModel) -> dict[type[Term], Term]:
-    """The terms of the model's edition."""
-    edition = HybridModel.default() if bound.model.preset == "default" else HybridModel.first()
+def _edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
+    """Return the terms of the model's edition as the package ships them."""
+    edition = HybridModel.first()
+    if bound.model.preset == "default":
+        edition = HybridModel.default()
     return {type(term): term for term in edition.nuisances}
 
 
-def _effects(bound: BoundModel, values: Array) -> Array:
-    """Change of readings per unit of the coefficients at up to ``_ANGLES`` angles of each test,
-    shape (k, m) [mm]."""
+def _effects(bound: BoundModel, columns: Array) -> Array:
+    """Return the change of readings per unit of each coefficient, shape (k, m) [mm].
+
+    Each test has its own angles, at most ``_MOST_ANGLES`` of them.
+    """
+    tests = {test.name: test for test in bound.campaign.tests}
     rows = []
-    by_name = {test.name: test for test in bound.campaign.tests}
-    for r, name in enumerate(bound.test_names):
-        angle = np.unique(np.round(np.remainder(by_name[name].angles_rad(), 2.0 * np.pi), 9))
-        if len(angle) > _ANGLES:
-            angle = angle[np.linspace(0, len(angle) - 1, _ANGLES).astype(int)]
-        rows.append(basis(angle) @ values[r])
+    for name, columns_of_test in zip(bound.test_names, columns, strict=True):
+        angle = np.remainder(tests[name].angles_rad(), 2.0 * np.pi)
+        angle = np.unique(np.round(angle, _ANGLE_DECIMALS))
+        if len(angle) > _MOST_ANGLES:
+            angle = angle[np.linspace(0, len(angle) - 1, _MOST_ANGLES).astype(int)]
+        rows.append(basis(angle) @ columns_of_test)
     return np.concatenate(rows)

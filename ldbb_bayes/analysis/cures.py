@@ -15,10 +15,25 @@ from ldbb_bayes.model.hybrid import BoundModel
 
 __all__ = ["Cure", "cures"]
 
+# Arcs below this angle are not full circles [°].
+_FULL_CIRCLE_DEG = 355.0
+# Fewer different angles than these do not resolve the orders of a circle.
+_FEWEST_ANGLES = 36
+# Angles of the full circles that are tried [°].
+_FULL_CIRCLE_ANGLES_DEG = np.arange(120) * 3.0
+# Decimals of an angle [°] to which repeated angles count as one.
+_ANGLE_DECIMALS = 6
+# Turns of a ball that separate its form from the machine, besides none [°].
+_CLOCKINGS_DEG = (45.0, 90.0)
+# Forces that are tried, as shares of the lowest and of the highest force.
+_LOWER_FORCE_SHARE = 0.5
+_HIGHER_FORCE_SHARE = 1.5
+# The other direction of travel.
+_OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
+
 
 class Cure(StrEnum):
-    """What would separate a degeneracy's members: further tests, or a calibration of the
-    nuisance."""
+    """What would separate a degeneracy's members: further tests, or a calibration."""
 
     FORCES = "forces"
     WORK_BALL = "work ball"
@@ -30,83 +45,117 @@ class Cure(StrEnum):
     CALIBRATION = "calibration"
 
 
-_FULL_DEG = 355.0
+def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
+    """Return for each degeneracy what would end it.
 
+    Tests are tried by adding them to the plan and looking for the degeneracy again; a nuisance can
+    always be calibrated.
 
-_MANY = 36
-
-
-def cures(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
-    """Return for each degeneracy what would end it: tests tried by adding them to the plan, and the
-    nuisance's calibration."""
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+    aliases
+        Its `degeneracies`.
+    """
     plan = bound.campaign.plan()
-    tried = {}
-    every = []
-    for cure, tests in _further_tests(plan).items():
-        more = replace(plan, tests=(*plan.tests, *(replace(test, name="") for test in tests)))
-        tried[cure] = degeneracies(BoundModel(bound.model, more, pilot=bound.pilot))
-    for degeneracy in found:
-        helping = [
-            cure
-            for cure, left in tried.items()
-            if not any(_same(degeneracy, other) for other in left)
+    remaining_after: dict[Cure, tuple[Degeneracy, ...]] = {}
+    for remedy, tests in _further_tests(plan).items():
+        unnamed = [replace(test, name="") for test in tests]
+        longer_plan = replace(plan, tests=(*plan.tests, *unnamed))
+        longer = BoundModel(bound.model, longer_plan, pilot=bound.pilot)
+        remaining_after[remedy] = degeneracies(longer)
+    cures_of_each = []
+    for degeneracy in aliases:
+        helpful = [
+            remedy
+            for remedy, remaining in remaining_after.items()
+            if not _is_among(degeneracy, remaining)
         ]
-        if {Cure.WORK_BALL, Cure.TOOL_BALL} & set(helping):
-            helping = [cure for cure in helping if cure != Cure.BOTH_BALLS]
-        every.append((*helping, *([Cure.CALIBRATION] if degeneracy.term else [])))
-    return tuple(every)
+        if Cure.WORK_BALL in helpful or Cure.TOOL_BALL in helpful:
+            helpful = [remedy for remedy in helpful if remedy != Cure.BOTH_BALLS]
+        if degeneracy.term:
+            helpful.append(Cure.CALIBRATION)
+        cures_of_each.append(tuple(helpful))
+    return tuple(cures_of_each)
 
 
-def _same(one: Degeneracy, other: Degeneracy) -> bool:
-    """Whether another plan still has it: the nuisance in the same pattern, or parameters two of
-    which it shares."""
-    if one.term != other.term:
+def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
+    """Return whether a longer plan still has a degeneracy."""
+    return any(_is_same(degeneracy, candidate) for candidate in remaining)
+
+
+def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
+    """Return whether both have the nuisance in one pattern, or share two parameters."""
+    if degeneracy.term != candidate.term:
         return False
-    if one.term:
-        return _order(one.nuisances[0]) == _order(other.nuisances[0])
-    return len(set(one.parameters) & set(other.parameters)) >= min(2, len(one.parameters))
+    if degeneracy.term:
+        return _pattern(degeneracy.nuisances[0]) == _pattern(candidate.nuisances[0])
+    shared = set(degeneracy.parameters) & set(candidate.parameters)
+    return len(shared) >= min(2, len(degeneracy.parameters))
+
+
+def _pattern(nuisance: str) -> str:
+    """Return a nuisance coefficient's name without ball, phase and radius."""
+    return re.sub(r"^(work_|tool_)|_(cos|sin)|_[\d.]+$", "", nuisance)
 
 
 def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
-    """Tests one could add, by what is new about them."""
-    forces = plan.forces_N
-    first = plan.tests[int(forces.argmin())]
-    radius = float(first.radius_mm or plan.radius_mm)
-
-    def again(work: float, tool: float) -> list[CircularTest]:
-        return [
-            replace(
-                test,
-                work_ball_deg=test.work_ball_deg + work * turn,
-                tool_ball_deg=test.tool_ball_deg + tool * turn,
-            )
-            for test in plan.tests
-            for turn in (45.0, 90.0)
-        ]
-
-    levels = round(0.5 * float(forces.min()), 3), round(1.5 * float(forces.max()), 3)
+    """Return tests that can be added to a plan, by what is new about them."""
     further = {
-        Cure.FORCES: [replace(first, force_N=level, pressure_bar=None) for level in levels],
-        Cure.WORK_BALL: again(1.0, 0.0),
-        Cure.TOOL_BALL: again(0.0, 1.0),
-        Cure.BOTH_BALLS: again(1.0, 1.0),
-        Cure.RADIUS: [replace(test, radius_mm=round(radius * 2.0 / 3.0, 1)) for test in plan.tests],
+        Cure.FORCES: _at_other_forces(plan),
+        Cure.WORK_BALL: _clocked(plan, work_ball=True),
+        Cure.TOOL_BALL: _clocked(plan, tool_ball=True),
+        Cure.BOTH_BALLS: _clocked(plan, work_ball=True, tool_ball=True),
+        Cure.RADIUS: _at_other_radius(plan),
     }
     if all(test.direction for test in plan.tests):
-        turned: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
         further[Cure.DIRECTIONS] = [
-            replace(test, direction=turned.get(test.direction or "")) for test in plan.tests
+            replace(test, direction=_OPPOSITE.get(test.direction or "")) for test in plan.tests
         ]
-    if any(
-        test.arc_deg < _FULL_DEG or len(np.unique(np.round(test.angle_deg % 360.0, 6))) < _MANY
-        for test in plan.tests
-    ):
+    if any(_is_incomplete(test) for test in plan.tests):
         further[Cure.FULL_CIRCLES] = [
-            replace(test, angle_deg=np.arange(120) * 3.0) for test in plan.tests
+            replace(test, angle_deg=_FULL_CIRCLE_ANGLES_DEG) for test in plan.tests
         ]
     return further
 
 
-def _order(nuisance: str) -> str:
-    """What kind of pattern a nuisance coefficient has, whichever ball it is of."""
-    return re.sub(r"^(work_|tool_)|_(cos|sin)|_[\d.]+$", "", nuisance)
+def _at_other_forces(plan: Campaign) -> list[CircularTest]:
+    """Return the test of the lowest force at a lower force and at one above the highest."""
+    forces = plan.forces_N
+    first = plan.tests[int(forces.argmin())]
+    lower = round(_LOWER_FORCE_SHARE * float(forces.min()), 3)
+    higher = round(_HIGHER_FORCE_SHARE * float(forces.max()), 3)
+    return [replace(first, force_N=force, pressure_bar=None) for force in (lower, higher)]
+
+
+def _clocked(
+    plan: Campaign, *, work_ball: bool = False, tool_ball: bool = False
+) -> list[CircularTest]:
+    """Return all tests again with balls clocked further."""
+    tests = []
+    for test in plan.tests:
+        for turn in _CLOCKINGS_DEG:
+            work_turn = work_ball * turn
+            tool_turn = tool_ball * turn
+            clocked = replace(
+                test,
+                work_ball_deg=test.work_ball_deg + work_turn,
+                tool_ball_deg=test.tool_ball_deg + tool_turn,
+            )
+            tests.append(clocked)
+    return tests
+
+
+def _at_other_radius(plan: Campaign) -> list[CircularTest]:
+    """Return all tests again at two thirds of the radius."""
+    first = plan.tests[int(plan.forces_N.argmin())]
+    radius = float(first.radius_mm or plan.radius_mm)
+    other_radius = round(radius * 2.0 / 3.0, 1)
+    return [replace(test, radius_mm=other_radius) for test in plan.tests]
+
+
+def _is_incomplete(test: CircularTest) -> bool:
+    """Return whether a test is an arc, or has too few different angles."""
+    angles = np.unique(np.round(test.angle_deg % 360.0, _ANGLE_DECIMALS))
+    return test.arc_deg < _FULL_CIRCLE_DEG or len(angles) < _FEWEST_ANGLES

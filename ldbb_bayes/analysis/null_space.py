@@ -7,97 +7,122 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.results import Array
 
-_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
+__all__ = ["EXACT_SHARE", "NullSpace"]
 
-
-_OF_ITSELF = 0.05
-
-
-_STRICT = 0.5
-
-
-EXACTLY = 0.05
+# A vector counts as exact where it moves no reading by more than this share of what its first
+# coefficient moves by itself.
+EXACT_SHARE = 0.05
+# Coefficients whose effect is below such a share of the largest are dropped, coarsest share first.
+_SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
+# A sparse vector may move the readings by at most this share of the limit.
+_SPARSE_LIMIT_SHARE = 0.5
+# A preferred pivot must have a longer row of the null space than this, other pivots projected out.
+_LEAST_PIVOT_LENGTH = 0.05
+# Singular values of a least-squares problem below this share of the largest count as zero.
+_RANK_TOLERANCE = 1e-12
+# Decimals to which row lengths are compared, so that rounding does not choose the pivot.
+_LENGTH_DECIMALS = 6
 
 
 class NullSpace:
-    """Columns in units of the prior sd, the first p of them parameters of interest, and what is too
-    small to be seen."""
+    """Directions of scaled coefficients that move no reading by more than a limit.
 
-    def __init__(self, scaled: Array, p: int, limit: float) -> None:
+    Parameters
+    ----------
+    scaled
+        Change of the readings per prior sd of each coefficient, shape (n, m); parameters of
+        interest come first.
+    parameters
+        Number of parameters of interest.
+    limit
+        Change of a reading that is too small to be seen, in the unit of ``scaled``.
+    """
+
+    def __init__(self, scaled: Array, parameters: int, limit: float) -> None:
         self.scaled = scaled
-        self.p = p
+        self.parameters = parameters
         self.limit = limit
-        self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
         self.largest = np.abs(scaled).max(axis=0)
+        self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
 
-    def sparse(self) -> list[tuple[int, Array]]:
-        """A basis of the null space: pivots and vectors, each with a one at its pivot. Nuisances
-        that no reading sees by themselves are left aside. First what parameters do among
-        themselves, then every nuisance that the other parameters imitate by themselves, then what
-        is left of the null space. Each vector has a pivot that the others lack."""
-        own = np.arange(self.p)
-        seen = self.largest > self.limit
-        every = np.flatnonzero(seen | (np.arange(len(seen)) < self.p))
-        found = self._independent(own, own < self.p)
-        own = np.setdiff1d(own, list(found))
-        for j in every[every >= self.p]:
-            vector = self._imitation(int(j), own)
+    def sparse_basis(self) -> list[tuple[int, Array]]:
+        """Return pivots and vectors, nuisances first, each vector with a one at its pivot.
+
+        First come combinations of parameters alone, then every nuisance that the other parameters
+        imitate by themselves, then the remaining null space. No other vector has a vector's pivot.
+        Nuisances that no reading sees by themselves are left out.
+        """
+        columns = np.arange(len(self.largest))
+        is_parameter = columns < self.parameters
+        candidates = columns[(self.largest > self.limit) | is_parameter]
+        interest = np.arange(self.parameters)
+        basis = self._independent_vectors(interest, preferred=np.full(self.parameters, True))
+        imitators = np.setdiff1d(interest, list(basis))
+        for nuisance in candidates[candidates >= self.parameters]:
+            vector = self._imitation(int(nuisance), imitators)
             if vector is not None:
-                found[int(j)] = vector
-        left = np.setdiff1d(every, list(found))
-        found |= self._independent(left, left >= self.p)
-        return [(j, found[j]) for j in sorted(found, key=lambda j: (j < self.p, j))]
+                basis[int(nuisance)] = vector
+        remaining = np.setdiff1d(candidates, list(basis))
+        basis |= self._independent_vectors(remaining, preferred=remaining >= self.parameters)
+        nuisances = [pivot for pivot in sorted(basis) if pivot >= self.parameters]
+        pivots = nuisances + [pivot for pivot in sorted(basis) if pivot < self.parameters]
+        return [(pivot, basis[pivot]) for pivot in pivots]
 
-    def _independent(
-        self, columns: NDArray[np.intp], preferred: NDArray[np.bool_]
+    def _independent_vectors(
+        self, columns: NDArray[np.intp], *, preferred: NDArray[np.bool_]
     ) -> dict[int, Array]:
-        """A basis of the null space of some columns, by pivot."""
-        pivots = columns[_pivots(self._null_space(columns), preferred)]
-        others = np.setdiff1d(columns, pivots)
-        vectors = {int(pivot): self._imitation(int(pivot), others) for pivot in pivots}
-        return {pivot: vector for pivot, vector in vectors.items() if vector is not None}
+        """Return a basis of the null space of some columns, by pivot."""
+        pivots = columns[_choose_pivots(self._orthonormal_basis(columns), preferred)]
+        imitators = np.setdiff1d(columns, pivots)
+        basis = {}
+        for pivot in pivots:
+            vector = self._imitation(int(pivot), imitators)
+            if vector is not None:
+                basis[int(pivot)] = vector
+        return basis
 
-    def _null_space(self, columns: NDArray[np.intp]) -> Array:
-        """Orthonormal directions, shape (columns, k), along which one prior sd moves no reading by
-        more than the limit."""
+    def _orthonormal_basis(self, columns: NDArray[np.intp]) -> Array:
+        """Return directions, shape (columns, k), that move no reading by more than the limit."""
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
         singular = np.append(singular, np.zeros(len(columns) - len(singular)))
-        vectors = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
-        while vectors.shape[1] and np.abs(self.scaled[:, columns] @ vectors).max() > self.limit:
-            vectors = vectors[:, 1:]
-        return vectors
+        basis = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
+        while basis.shape[1] and np.abs(self.scaled[:, columns] @ basis).max() > self.limit:
+            basis = basis[:, 1:]
+        return basis
 
-    def _imitation(self, target: int, others: NDArray[np.intp]) -> Array | None:
-        """One of the target and, by least squares, the least of the others that undo it, or None
-        when they cannot."""
+    def _imitation(self, target: int, imitators: NDArray[np.intp]) -> Array | None:
+        """Return one unit of the target and the imitators that undo it, or None if they cannot."""
         solved = np.zeros(self.scaled.shape[1])
-        solved[others] = -np.linalg.lstsq(
-            self._triangle[:, others], self._triangle[:, target], rcond=1e-12
-        )[0]
+        solution = np.linalg.lstsq(
+            self._triangle[:, imitators], self._triangle[:, target], rcond=_RANK_TOLERANCE
+        )
+        solved[imitators] = -solution[0]
         solved[target] = 1.0
-        change = np.abs(self.scaled @ solved).max()
         effect = self.largest * np.abs(solved)
-        if change > self.limit * np.linalg.norm(solved) or change > EXACTLY * effect[target]:
+        exact_limit = EXACT_SHARE * effect[target]
+        change = np.abs(self.scaled @ solved).max()
+        if change > self.limit * np.linalg.norm(solved) or change > exact_limit:
             return None
-        for cut in _CUTS:
-            vector = np.where(effect > cut * effect.max(), solved, 0.0)
-            if np.abs(self.scaled @ vector).max() <= min(
-                _STRICT * self.limit, EXACTLY * effect[target]
-            ):
-                return vector
+        sparse_limit = min(_SPARSE_LIMIT_SHARE * self.limit, exact_limit)
+        for cut in _SPARSITY_CUTS:
+            sparse = np.where(effect > cut * effect.max(), solved, 0.0)
+            if np.abs(self.scaled @ sparse).max() <= sparse_limit:
+                return sparse
         return solved
 
 
-def _pivots(null: Array, preferred: NDArray[np.bool_]) -> list[int]:
-    """As many rows of the null space as it has dimensions, as independent as can be, preferred ones
-    first."""
+def _choose_pivots(basis: Array, preferred: NDArray[np.bool_]) -> list[int]:
+    """Return as many rows of a basis as it has vectors, well conditioned, preferred rows first."""
     pivots: list[int] = []
-    rest = null.copy()
-    while len(pivots) < null.shape[1]:
-        length = np.linalg.norm(rest, axis=1)
-        wanted = np.round(np.where(preferred, length, 0.0), 6)
-        pivot = int(np.argmax(wanted if wanted.max(initial=0.0) > _OF_ITSELF else length))
+    remainder = basis.copy()
+    while len(pivots) < basis.shape[1]:
+        length = np.linalg.norm(remainder, axis=1)
+        preferred_length = np.round(np.where(preferred, length, 0.0), _LENGTH_DECIMALS)
+        if preferred_length.max(initial=0.0) > _LEAST_PIVOT_LENGTH:
+            pivot = int(np.argmax(preferred_length))
+        else:
+            pivot = int(np.argmax(length))
         pivots.append(pivot)
-        unit = rest[pivot] / length[pivot]
-        rest = rest - np.outer(rest @ unit, unit)
+        unit = remainder[pivot] / length[pivot]
+        remainder = remainder - np.outer(remainder @ unit, unit)
     return pivots

@@ -14,8 +14,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["CERTIFICATES", "uncertainty_with", "worth_of_certificates"]
 
-
-# Certificates one could have, and what they would state.
+# Certificates one could have, and what they would state of the instrument.
 CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
     "bar ± 1 µm": {"bar_U_um": 1.0},
@@ -30,38 +29,74 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
 
 
 def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
-    """Standard uncertainty of every parameter that these certificates would leave, shape (p,) in
-    inside units: the variance given φ (w, h) [mm], averaged by the weights (w,), as of
-    `hyper_nodes`, that it has without them."""
-    stated = BoundModel(
-        bound.model, replace(bound.campaign, instrument=instrument), pilot=bound.pilot
-    )
-    return np.asarray(np.sqrt(weight @ stated.given(phi)[1].sd ** 2))
+    """Return the standard uncertainty of every parameter that these certificates would leave.
+
+    The variance given φ is averaged over φ as the readings know it without the certificates.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+    instrument
+        Instrument with its certificates.
+    weight
+        Weights of the hyper-parameters, shape (w,).
+    phi
+        Hyper-parameters, shape (w, h) [mm], as of `hyper_nodes`.
+
+    Returns
+    -------
+    ndarray
+        Shape (p,), in inside units.
+    """
+    certified_campaign = replace(bound.campaign, instrument=instrument)
+    certified = BoundModel(bound.model, certified_campaign, pilot=bound.pilot)
+    return np.asarray(np.sqrt(weight @ certified.given(phi)[1].sd ** 2))
 
 
 def worth_of_certificates(
     bound: BoundModel, weight: Array, phi: Array
 ) -> dict[str, dict[str, float]]:
-    """Return standard uncertainties by what is certified and by parameter, inside units: with none
-    of `CERTIFICATES`, with each there is none of yet, and with all of them; ``weight`` and ``phi``
-    as of `hyper_nodes`."""
-    own = bound.campaign.instrument
-    none = Instrument()
-    open_ = {
-        name: stated
-        for name, stated in CERTIFICATES.items()
-        if all(getattr(own, k) == getattr(none, k) for k in stated)
-    }
-    if len(open_) > 1:
-        open_ = {
-            **open_,
-            "all of these": {
-                key: value for stated in open_.values() for key, value in stated.items()
-            },
-        }
-    each = {"none of these": {}, **open_}
-    left = {
-        name: uncertainty_with(bound, replace(own, **stated), weight, phi)
-        for name, stated in each.items()
-    }
-    return {name: dict(zip(bound.names, sd.tolist(), strict=True)) for name, sd in left.items()}
+    """Return standard uncertainties by what is certified and by parameter.
+
+    They are those with none of `CERTIFICATES`, with each one that the instrument does not have yet,
+    and with all of these.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+    weight
+        Weights of the hyper-parameters, shape (w,).
+    phi
+        Hyper-parameters, shape (w, h) [mm], as of `hyper_nodes`.
+
+    Returns
+    -------
+    dict
+        Standard uncertainties in inside units.
+    """
+    missing = _missing_certificates(bound.campaign.instrument)
+    cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}
+    if len(missing) > 1:
+        all_statements: dict[str, Any] = {}
+        for statements in missing.values():
+            all_statements.update(statements)
+        cases["all of these"] = all_statements
+    uncertainties = {}
+    for case, statements in cases.items():
+        instrument = replace(bound.campaign.instrument, **statements)
+        sd = uncertainty_with(bound, instrument, weight, phi)
+        uncertainties[case] = dict(zip(bound.names, sd.tolist(), strict=True))
+    return uncertainties
+
+
+def _missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]:
+    """Return the certificates of which the instrument states nothing yet."""
+    uncertified = Instrument()
+    missing = {}
+    for name, statements in CERTIFICATES.items():
+        fields = list(statements)
+        if all(getattr(instrument, key) == getattr(uncertified, key) for key in fields):
+            missing[name] = statements
+    return missing

@@ -13,7 +13,7 @@ from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.calibration import Validation
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design import Design
-from ldbb_bayes.analysis.machine_description import DescribedMachine, Seen
+from ldbb_bayes.analysis.machine_description import DescribedMachine, VisibleParameter
 from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.certificates import BallbarRecord
@@ -212,7 +212,7 @@ def _(machine: DescribedMachine) -> tuple[Passage, ...]:
         else [f"pattern in {plane}" for plane in machine.planes]
     )
 
-    def table(title: str, entries: tuple[Seen, ...], *last: str) -> Table:
+    def table(title: str, entries: tuple[VisibleParameter, ...], *last: str) -> Table:
         heads = (title, "unit", *patterns, "what it is", *last)
         rows = []
         for entry in entries:

@@ -22,7 +22,7 @@ from ldbb_bayes.analysis.calibration import Validation
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.cures import Cure
 from ldbb_bayes.analysis.design import Design
-from ldbb_bayes.analysis.machine_description import Seen
+from ldbb_bayes.analysis.machine_description import VisibleParameter
 from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
 from ldbb_bayes.campaign.preview import CampaignPreview, Remark
 from ldbb_bayes.inference.checks import Check
@@ -369,7 +369,7 @@ def assumed_words(own: Uncertainty) -> tuple[str, str]:
     return nuisance_words(own.name.replace("form_", "form_cos")).partition(" (")[0], where
 
 
-def sum_in_words(seen: Seen) -> str:
+def sum_in_words(seen: VisibleParameter) -> str:
     """C_XXX + C_XXY; weights where they are not one, in mm and mm²."""
     text = ""
     for name, weight in seen.members.items():
