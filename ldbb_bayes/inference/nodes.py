@@ -21,8 +21,8 @@ from ldbb_bayes.inference.integrals import (
     in_chunks,
     integrate,
 )
+from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.likelihood import ParameterConditional
 from ldbb_bayes.model.mixtures import mixture_quantiles
 from ldbb_bayes.model.newton import central_differences, newton
 from ldbb_bayes.model.orthant import Orthant

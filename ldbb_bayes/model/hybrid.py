@@ -25,9 +25,10 @@ from ldbb_bayes.machine.chain import (
     geometric_reading_mm,
     kept_compliances,
 )
+from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.likelihood import ParameterConditional, StructuredGaussian
+from ldbb_bayes.model.likelihood import StructuredGaussian
 from ldbb_bayes.model.linear_algebra import minimum_norm_solution
 from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.model.prior import (

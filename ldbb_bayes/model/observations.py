@@ -1,4 +1,12 @@
-"""Readings and priors as rows of observation equations with diagonal covariance."""
+"""Observation equations: readings and priors as rows with a diagonal covariance.
+
+    z − H β = A x + N(0, D(φ))
+
+x = (u, v_1 … v_T) are the nuisance coefficients that tests share and those of every test alone, in
+units of their prior standard deviations. The rows of a test are rotated so that the noise of the
+basis and that of the readings are both diagonal. A prior is a row like a reading. φ enters through
+D alone, whose entries are sums of known numbers times squared sources of variance.
+"""
 
 from __future__ import annotations
 
@@ -10,174 +18,392 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.reduction import NearUniform, Reduced
-from ldbb_bayes.model.terms import BasisNoise, Columns, Source
+from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper, Source
 from ldbb_bayes.results import Array
+
+__all__ = ["Observations", "Rows", "observation_equations"]
 
 _LOG_2PI = float(np.log(2 * np.pi))
 
-CROWDED = "crowded"
-
 
 class Rows(NamedTuple):
-    """Rows of readings and priors: what they have of the columns, in units of their prior sd (rows,
-    columns), and of the parameters of interest (rows, p); values (rows,); how many each stands for;
-    its test, the number of tests for a prior of what all share; and the parts of its variance that
-    go with each source squared, (rows, sources)."""
+    """Rows of observation equations, n of them."""
 
+    #: A, shape (n, columns).
     columns: Array
+    #: H of the parameters of interest, shape (n, p).
     interest: Array
+    #: z, shape (n,).
     values: Array
-    number: Array
+    #: How many readings a row stands for, shape (n,).
+    readings: Array
+    #: Number of the test, shape (n,); for priors of what all share, the number of tests.
     test: NDArray[np.intp]
+    #: Share of every source of variance in D, shape (n, sources): D = variance · source².
     variance: Array
 
 
-def reading_rows(
+class Observations(NamedTuple):
+    """Rows of readings and priors, and what a likelihood needs besides."""
+
+    rows: Rows
+    #: Sources of variance: hyper-parameters and products of them.
+    sources: list[Source]
+    #: Unit of every column: its prior sd, or the size of a column with a flat prior.
+    unit: Array
+    #: Signs of the columns' prior variances, ±1.
+    signs: Array
+    #: Number of columns that tests share; they come first.
+    shared: int
+    #: Columns of every test alone.
+    private: list[NDArray[np.intp]]
+    #: Constants of the log density: of every test, and of flat priors; shape (tests + 1,).
+    log_constants: Array
+    #: Whether a circle departs from uniform sampling by so much that columns describe it.
+    uneven: bool
+
+
+class _Nuisances(NamedTuple):
+    """Nuisance terms by how they enter the rows."""
+
+    #: Noise that becomes part of D.
+    diagonal: list[BasisNoise]
+    shared: list[Columns]
+    private: list[Columns]
+    #: Signs of the private coefficients' prior variances in one test, ±1.
+    private_signs: list[float]
+    uneven: bool
+
+    @property
+    def shared_size(self) -> int:
+        """Number of coefficients that tests share."""
+        return sum(len(term.names) for term in self.shared)
+
+    @property
+    def private_size(self) -> int:
+        """Number of coefficients of one test alone."""
+        return len(self.private_signs)
+
+
+class _Rotated(NamedTuple):
+    """A test's rotation Q (m, m) of its rows, Q R (m, 25), and the sd of each noise in each row."""
+
+    rotation: Array
+    factor: Array
+    noise_sd: list[Array]
+
+
+class _CoefficientPriors(NamedTuple):
+    """Priors of all coefficients, in the order of the columns."""
+
+    #: Multiple of the source of variance; infinite for a flat prior.
+    sd: Array
+    #: Sd in mm that no hyper-parameter scales, added in quadrature.
+    stated_sd: Array
+    mean: Array
+    #: Number of the source of variance.
+    source: NDArray[np.intp]
+
+
+class _Scaled(NamedTuple):
+    """Rows in units of the columns, the units, and what flat priors add to the log density."""
+
+    rows: Rows
+    unit: Array
+    log_volume: float
+
+
+def observation_equations(
     reduced: Sequence[Reduced],
-    absorbed: Sequence[BasisNoise],
-    shared: Sequence[Columns],
-    private: Sequence[Columns],
+    terms: Sequence[Columns | BasisNoise],
+    *,
+    offset: Array,
+    hypers: Sequence[Hyper],
+    interest: Array,
+) -> Observations:
+    """Return readings and priors as rows with a diagonal covariance.
+
+    Parameters
+    ----------
+    reduced
+        Tests after projection on the basis.
+    terms
+        Columns and noise of the nuisance terms.
+    offset
+        Known part of the readings in the basis, shape (tests, 25) [mm].
+    hypers
+        Names of the hyper-parameters φ.
+    interest
+        Columns of the parameters of interest, shape (tests, 25, p).
+    """
+    near_uniform = [test.near_uniform for test in reduced if test.near_uniform is not None]
+    all_uniform = len(near_uniform) == len(reduced)
+    nuisances = _sort_nuisances(terms, near_uniform if all_uniform else None, len(reduced))
+    sources = _sort_sources(terms, hypers)
+    reading_rows = _reading_rows(
+        reduced, nuisances, interest, offset, sources, all_uniform=all_uniform
+    )
+    rows, unit, log_volume = _add_priors(reading_rows, nuisances, len(reduced), sources)
+    signs = np.array([1.0] * nuisances.shared_size + nuisances.private_signs * len(reduced))
+    private_signs = signs[nuisances.shared_size :]
+    # The priors of private coefficients are the last rows.
+    first = len(rows.variance) - len(private_signs)
+    rows.variance[first:] *= private_signs[:, None]
+    log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
+    if all_uniform:
+        for r, test in enumerate(near_uniform):
+            log_constants[r] -= 0.5 * np.log1p(test.departure).sum()
+    return Observations(
+        rows=rows,
+        sources=sources,
+        unit=unit,
+        signs=signs,
+        shared=nuisances.shared_size,
+        private=_private_columns(nuisances, len(reduced)),
+        log_constants=np.array([*log_constants, log_volume]),
+        uneven=nuisances.uneven,
+    )
+
+
+def _sort_nuisances(
+    terms: Sequence[Columns | BasisNoise], near_uniform: list[NearUniform] | None, tests: int
+) -> _Nuisances:
+    """Sort nuisances into diagonal noise, shared and private columns.
+
+    Where a circle is an arc (``near_uniform`` is None) only one noise can be made diagonal: that of
+    most orders. The others become private columns.
+    """
+    noise = [term for term in terms if isinstance(term, BasisNoise)]
+    columns = [term for term in terms if isinstance(term, Columns)]
+    shared = [term for term in columns if not term.private]
+    private = [term for term in columns if term.private]
+    diagonal = noise
+    if near_uniform is None:
+        diagonal = sorted(noise, key=_count_orders, reverse=True)[:1]
+        private += [_columns_of_noise(term, tests) for term in noise if term not in diagonal]
+    private_signs = [1.0] * sum(len(term.names) for term in private)
+    uneven = False
+    for sign in (1.0, -1.0):
+        columns_of_sign = None
+        if near_uniform is not None:
+            columns_of_sign = _uneven_columns(near_uniform, sign)
+        if columns_of_sign is not None:
+            private.append(columns_of_sign)
+            private_signs += [sign] * len(columns_of_sign.names)
+            uneven = True
+    return _Nuisances(diagonal, shared, private, private_signs, uneven)
+
+
+def _count_orders(term: BasisNoise) -> int:
+    return int(np.count_nonzero(term.sd))
+
+
+def _private_columns(nuisances: _Nuisances, tests: int) -> list[NDArray[np.intp]]:
+    """Return the numbers of every test's own columns; none where no column is private."""
+    size = nuisances.private_size
+    if size == 0:
+        return []
+    first = nuisances.shared_size
+    return [np.arange(first + r * size, first + (r + 1) * size) for r in range(tests)]
+
+
+def _sort_sources(terms: Sequence[Columns | BasisNoise], hypers: Sequence[Hyper]) -> list[Source]:
+    """Return every source of variance once, in the order of the hyper-parameters."""
+    sources = {Source(), Source("sigma")}
+    for term in terms:
+        sources.update(term.sources)
+    rank: dict[Hyper | None, int] = {name: k for k, name in enumerate(hypers)}
+    rank[None] = len(hypers)
+
+    return sorted(
+        sources, key=lambda source: (rank[source.hyper], rank[source.circle], source.order)
+    )
+
+
+def _reading_rows(
+    reduced: Sequence[Reduced],
+    nuisances: _Nuisances,
     interest: Array,
     offset: Array,
     sources: list[Source],
     *,
-    diagonal: bool,
+    all_uniform: bool,
 ) -> Rows:
-    """Rows of every test's readings, turned so that the absorbed noise is diagonal, and one for all
-    that is outside the basis."""
-    together, apart = (
-        np.concatenate(
-            [np.zeros((len(reduced), SIZE, 0)), *(term.values for term in terms)], axis=2
-        )
-        for terms in (shared, private)
-    )
-    q = together.shape[2]
-    v = apart.shape[2]
-    white = np.eye(len(sources))[sources.index(Source("sigma"))]
-    found = []
+    """Return the rows of every test's readings, and one row for all that is outside the basis."""
+    tests = len(reduced)
+    shared_values = _stack_values(nuisances.shared, tests)
+    private_values = _stack_values(nuisances.private, tests)
+    shared_size = shared_values.shape[2]
+    private_size = private_values.shape[2]
+    reading_noise = np.eye(len(sources))[sources.index(Source("sigma"))]
+    blocks = []
     for r, test in enumerate(reduced):
-        turn, factor, spread = _turned(test, absorbed, diagonal=diagonal)
+        rotation, factor, noise_sd = _rotate(test, nuisances.diagonal, uniform=all_uniform)
         m = len(factor)
-        columns = np.zeros((m + 1, q + len(reduced) * v))
-        given = np.zeros((m + 1, interest.shape[2]))
-        columns[:m, :q], columns[:m, q + r * v : q + (r + 1) * v] = (
-            factor @ together[r],
-            factor @ apart[r],
-        )
-        given[:m] = factor @ interest[r]
-        values = (
-            np.zeros(m) if test.projection is None else turn @ test.projection - factor @ offset[r]
-        )
-        variance = np.tile(white, (m + 1, 1))
-        number = np.ones(m + 1)
-        values, number[m] = (
-            np.append(values, np.sqrt(test.residual_ss)),
-            max(test.readings - SIZE, 0),
-        )
-        for term, sd in zip(absorbed, spread, strict=True):
+        columns = np.zeros((m + 1, shared_size + tests * private_size))
+        first = shared_size + r * private_size
+        columns[:m, :shared_size] = factor @ shared_values[r]
+        columns[:m, first : first + private_size] = factor @ private_values[r]
+        test_interest = np.zeros((m + 1, interest.shape[2]))
+        test_interest[:m] = factor @ interest[r]
+        values = np.zeros(m + 1)
+        if test.projection is not None:
+            values[:m] = rotation @ test.projection - factor @ offset[r]
+        values[m] = np.sqrt(test.residual_ss)
+        readings = np.ones(m + 1)
+        readings[m] = max(test.readings - SIZE, 0)
+        variance = np.tile(reading_noise, (m + 1, 1))
+        for term, sd in zip(nuisances.diagonal, noise_sd, strict=True):
             variance[:m, sources.index(term.source(r))] += sd**2
-        found.append(Rows(columns, given, values, number, np.full(m + 1, r), variance))
-    return Rows(*(np.concatenate(part) for part in zip(*found, strict=True)))
+        blocks.append(Rows(columns, test_interest, values, readings, np.full(m + 1, r), variance))
+    return _concatenate(blocks)
 
 
-def _turned(
-    test: Reduced, absorbed: Sequence[BasisNoise], *, diagonal: bool
-) -> tuple[Array, Array, list[Array]]:
-    """The turn (m, m) of a test's rows, the turned factor (m, 25), and the sd of every absorbed
-    noise in each row."""
-    if diagonal and test.near_uniform is not None:
-        size = test.near_uniform.size
-        return (
-            size[:, None] * np.linalg.inv(test.factor),
-            np.diag(size),
-            [size * term.sd for term in absorbed],
-        )
-    left, singular, _ = np.linalg.svd(test.factor * (absorbed[0].sd if absorbed else 1.0))
-    return left.T, left.T @ test.factor, [singular][: len(absorbed)]
+def _stack_values(terms: Sequence[Columns], tests: int) -> Array:
+    """Return the columns of all terms side by side, shape (tests, 25, columns)."""
+    no_columns = np.zeros((tests, SIZE, 0))
+    return np.concatenate([no_columns, *(term.values for term in terms)], axis=2)
 
 
-def add_prior_rows(
-    rows: Rows, shared: Sequence[Columns], private: Sequence[Columns], sources: list[Source]
-) -> tuple[Rows, Array, float]:
-    """The rows in units of the columns' prior sd, flat ones' in units of their own size, with the
-    prior's rows below; the units (columns,); and what flat priors add to the log density."""
-    tests = int(rows.test[-1]) + 1
-    q = sum(len(term.names) for term in shared)
-    terms = [*shared, *[*private] * tests]
-    sd, stated, mean = (
-        np.concatenate(
-            [
-                np.zeros(0),
-                *(np.zeros(len(term.names)) if part is None else part for term, part in of),
-            ]
-        )
-        for of in (
-            [(t, t.sd) for t in terms],
-            [(t, t.stated) for t in terms],
-            [(t, t.mean) for t in terms],
-        )
+def _concatenate(blocks: Sequence[Rows]) -> Rows:
+    """Return the rows of all blocks, one below the other."""
+    return Rows(
+        columns=np.concatenate([block.columns for block in blocks]),
+        interest=np.concatenate([block.interest for block in blocks]),
+        values=np.concatenate([block.values for block in blocks]),
+        readings=np.concatenate([block.readings for block in blocks]),
+        test=np.concatenate([block.test for block in blocks]),
+        variance=np.concatenate([block.variance for block in blocks]),
     )
-    owner = [sources.index(source) for term in shared for source in term.sources]
-    owner += [
-        sources.index(source)
-        for r in range(tests)
-        for term in private
-        for source in term.sources_of(r)
-    ]
-    size = np.linalg.norm(rows.columns, axis=0)
-    flat = np.isinf(sd)
-    unit = np.where(flat, 1.0 / np.where(size > 0.0, size, 1.0), np.where(sd > 0.0, sd, stated))
+
+
+def _rotate(test: Reduced, noise: Sequence[BasisNoise], *, uniform: bool) -> _Rotated:
+    """Rotate a test's rows so that noise of the basis has a diagonal covariance.
+
+    On uniform circles any number of noises, elsewhere one at most.
+    """
+    if uniform and test.near_uniform is not None:
+        column_norms = test.near_uniform.column_norms
+        rotation = column_norms[:, None] * np.linalg.inv(test.factor)
+        noise_sd = [column_norms * term.sd for term in noise]
+        return _Rotated(rotation, np.diag(column_norms), noise_sd)
+    basis_sd = noise[0].sd if noise else 1.0
+    left_vectors, singular, _ = np.linalg.svd(test.factor * basis_sd)
+    rotation = left_vectors.T
+    return _Rotated(rotation, rotation @ test.factor, [singular] if noise else [])
+
+
+def _add_priors(
+    reading_rows: Rows, nuisances: _Nuisances, tests: int, sources: list[Source]
+) -> _Scaled:
+    """Put the columns in units of their prior sd, and the rows of the priors below the readings.
+
+    Columns with a flat prior are in units of their own size.
+    """
+    priors = _coefficient_priors(nuisances, tests, sources)
+    norms = np.linalg.norm(reading_rows.columns, axis=0)
+    flat = np.isinf(priors.sd)
+    flat_unit = 1.0 / np.where(norms > 0.0, norms, 1.0)
+    proper_unit = np.where(priors.sd > 0.0, priors.sd, priors.stated_sd)
+    unit = np.where(flat, flat_unit, proper_unit)
     proper = np.flatnonzero(~flat)
-    variance = np.zeros((len(sd), len(sources)))
+    prior_mean = np.divide(priors.mean, unit, out=np.zeros(len(unit)), where=unit > 0.0)
+    scaled = reading_rows._replace(columns=reading_rows.columns * unit)
+    prior_rows = Rows(
+        columns=np.eye(len(unit))[proper],
+        interest=np.zeros((len(proper), reading_rows.interest.shape[1])),
+        values=prior_mean[proper],
+        readings=np.ones(len(proper)),
+        test=_test_of_coefficients(nuisances, tests)[proper],
+        variance=_prior_variance(priors, unit, sources)[proper],
+    )
+    log_volume = float((np.log(unit[flat]) + 0.5 * _LOG_2PI).sum())
+    return _Scaled(_concatenate([scaled, prior_rows]), unit, log_volume)
+
+
+def _coefficient_priors(
+    nuisances: _Nuisances, tests: int, sources: list[Source]
+) -> _CoefficientPriors:
+    """Return the priors of the shared coefficients, then those of every test's own."""
+    sd = [np.zeros(0)]
+    stated_sd = [np.zeros(0)]
+    mean = [np.zeros(0)]
+    for term in [*nuisances.shared, *nuisances.private * tests]:
+        zeros = np.zeros(len(term.names))
+        sd.append(term.sd)
+        stated_sd.append(zeros if term.stated is None else term.stated)
+        mean.append(zeros if term.mean is None else term.mean)
+    owners: list[Source] = []
+    for term in nuisances.shared:
+        owners += term.sources
+    for r in range(tests):
+        for term in nuisances.private:
+            owners += term.sources_of(r)
+    return _CoefficientPriors(
+        sd=np.concatenate(sd),
+        stated_sd=np.concatenate(stated_sd),
+        mean=np.concatenate(mean),
+        source=np.array([sources.index(owner) for owner in owners], dtype=np.intp),
+    )
+
+
+def _prior_variance(priors: _CoefficientPriors, unit: Array, sources: list[Source]) -> Array:
+    """Return the prior variances in units of the columns by source, shape (columns, sources).
+
+    A coefficient without any sd gets a variance of one, as its column is zero.
+    """
+    columns = np.arange(len(unit))
+    flat = np.isinf(priors.sd)
     with np.errstate(invalid="ignore", divide="ignore"):
-        for part, place in (
-            (sd, np.array(owner, dtype=np.intp)),
-            (stated, np.full(len(sd), sources.index(Source()))),
-        ):
-            share = np.where(unit > 0.0, (part / unit) ** 2, part is sd)
-            np.add.at(variance, (np.arange(len(sd)), place), np.where(flat, 0.0, share))
-    prior = Rows(
-        np.eye(len(sd))[proper],
-        np.zeros((len(proper), rows.interest.shape[1])),
-        np.divide(mean, unit, out=np.zeros(len(sd)), where=unit > 0.0)[proper],
-        np.ones(len(proper)),
-        np.where(proper < q, tests, (proper - q) // max((len(sd) - q) // tests, 1)),
-        variance[proper],
-    )
-    both = zip(rows._replace(columns=rows.columns * unit), prior, strict=True)
-    return (
-        Rows(*(np.concatenate(pair) for pair in both)),
-        unit,
-        float((np.log(unit[flat]) + 0.5 * _LOG_2PI).sum()),
-    )
+        scaled_share = np.where(unit > 0.0, (priors.sd / unit) ** 2, 1.0)
+        stated_share = np.where(unit > 0.0, (priors.stated_sd / unit) ** 2, 0.0)
+    variance = np.zeros((len(unit), len(sources)))
+    variance[columns, priors.source] += np.where(flat, 0.0, scaled_share)
+    variance[columns, sources.index(Source())] += np.where(flat, 0.0, stated_share)
+    return variance
 
 
-def columns_of_noise(term: BasisNoise, tests: int) -> Columns:
-    """Return basis noise as private columns of every test."""
-    used = np.flatnonzero(term.sd)
-    values = np.zeros((tests, SIZE, len(used)))
-    values[:, used, np.arange(len(used))] = 1.0
+def _test_of_coefficients(nuisances: _Nuisances, tests: int) -> NDArray[np.intp]:
+    """Return the test of every coefficient; of shared ones the number of tests."""
+    shared = np.full(nuisances.shared_size, tests)
+    private = np.repeat(np.arange(tests), nuisances.private_size)
+    return np.concatenate([shared, private])
+
+
+def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
+    """Return noise of the basis as private columns."""
+    functions = np.flatnonzero(term.sd)
+    values = np.zeros((tests, SIZE, len(functions)))
+    values[:, functions, np.arange(len(functions))] = 1.0
     return Columns(
-        tuple(f"{term.hyper}_{i}" for i in used),
+        tuple(f"{term.hyper}_{i}" for i in functions),
         values,
-        term.sd[used],
+        term.sd[functions],
         term.hyper,
         private=True,
         circle=term.circle,
     )
 
 
-def uneven_columns(even: Sequence[NearUniform]) -> list[Columns]:
-    """By what the noise of circles exceeds that of uniform ones where readings are missing, and
-    falls below it, as a negative variance, where they crowd: σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 +
-    λ) Vᵀ)."""
-    found = []
-    for name, sign in (("sparse", -1.0), (CROWDED, 1.0)):
-        kept = [np.flatnonzero(own.counts & (sign * own.departure > 0.0)) for own in even]
-        values = np.zeros((len(even), SIZE, max(map(len, kept))))
-        for part, own, columns in zip(values, even, kept, strict=True):
-            share = np.abs(own.departure[columns]) / (1.0 + own.departure[columns])
-            part[:, : len(columns)] = own.along[:, columns] * np.sqrt(share) / own.size[:, None]
-        names = tuple(f"{name}_{i}" for i in range(values.shape[2]))
-        found.append(Columns(names, values, np.ones(len(names)), "sigma", private=True))
-    return [own for own in found if own.names]
+def _uneven_columns(circles: Sequence[NearUniform], sign: float) -> Columns | None:
+    """Return private columns for the noise by which circles differ from uniform ones.
+
+    σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ): with ``sign`` +1 the noise that comes on top where
+    readings are sparse, with −1 what is missing, as a negative variance, where they crowd. None
+    where there are no such columns.
+    """
+    chosen = [
+        np.flatnonzero(circle.significant & (sign * circle.departure < 0.0)) for circle in circles
+    ]
+    size = max(len(index) for index in chosen)
+    if size == 0:
+        return None
+    values = np.zeros((len(circles), SIZE, size))
+    for r, circle in enumerate(circles):
+        index = chosen[r]
+        departure = circle.departure[index]
+        share = np.abs(departure) / (1.0 + departure)
+        directions = circle.directions[:, index]
+        values[r, :, : len(index)] = directions * np.sqrt(share) / circle.column_norms[:, None]
+    names = tuple(f"uneven_{i}" for i in range(size))
+    return Columns(names, values, np.ones(size), "sigma", private=True)

@@ -1,4 +1,8 @@
-"""Readings of a circular test reduced to the circle's basis."""
+"""Readings of a circular test reduced to the circle's basis.
+
+Every column of the model is a polynomial in the basis, so that a test is 25 coefficients wide
+whatever its number of readings.
+"""
 
 from __future__ import annotations
 
@@ -14,73 +18,84 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NearUniform", "Reduced", "reduce_readings"]
 
-
+# Readings that are projected at once: bounded memory.
 _CHUNK = 8192
-
-
-_EVEN = 1e-6
-
-
-_UNEVEN = 4
-
-
-_ZERO = 1e-12
+# A departure from uniform sampling of this size changes a log density by 1e-6.
+_LEAST_DEPARTURE = 1e-6
+# With more departures than these a circle counts as an arc.
+_MOST_DEPARTURES = 4
+# Entries of directions below this size are rounding.
+_ROUNDING = 1e-12
 
 
 class NearUniform(NamedTuple):
-    """RᵀR = S (1 + V λ Vᵀ) S, S the root of a uniform full circle's: ``size`` (25,), ``departure``
-    λ (25,), the largest first, positive where readings lie closer than elsewhere, and ``along`` V
-    (25, 25)."""
+    """A nearly uniform full circle: RᵀR = S (1 + V λ Vᵀ) S.
 
-    size: Array
+    S V are those of a uniform circle where λ is zero.
+    """
+
+    #: Diagonal of S, the norms of the basis functions on a uniform circle, shape (25,).
+    column_norms: Array
+    #: λ, the largest first, shape (25,); positive where readings lie closer than elsewhere.
     departure: Array
-    along: Array
+    #: V, shape (25, 25).
+    directions: Array
 
     @property
-    def counts(self) -> NDArray[np.bool_]:
+    def significant(self) -> NDArray[np.bool_]:
         """Which departures change a log density by more than 1e-6."""
-        return np.abs(self.departure) > _EVEN
+        return np.abs(self.departure) > _LEAST_DEPARTURE
 
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """One test after projection on the basis: ``projection`` z = Qᵀ y [mm], m = min(n, 25) numbers,
-    None of a planned test; ``factor`` R (m, 25) of the basis at the test's angles; the squares left
-    outside, ``residual_ss`` [mm²]; ``readings`` n."""
+    """One test after projection on the basis."""
 
+    #: z = Qᵀ y [mm], m = min(n, 25) numbers; None of a planned test.
     projection: Array | None
+    #: R of the basis at the test's angles, B = Q R, shape (m, 25).
     factor: Array
+    #: Sum of squares outside the basis [mm²].
     residual_ss: float
+    #: Number of readings n.
     readings: int
 
     @cached_property
     def near_uniform(self) -> NearUniform | None:
-        """How RᵀR departs from that of a uniform full circle; none of arcs and of few readings,
-        which depart from it widely."""
+        """How the circle departs from a uniform one; None of arcs and of few readings."""
         if self.readings < SIZE:
             return None
         root = np.where(ORDERS == 0, 1.0, np.sqrt(0.5))
-        value, along = np.linalg.eigh(self.factor.T @ self.factor / np.outer(root, root))
-        departure = value / np.median(value) - 1.0
+        gram = self.factor.T @ self.factor
+        eigenvalues, vectors = np.linalg.eigh(gram / np.outer(root, root))
+        middle = np.median(eigenvalues)
+        departure = eigenvalues / middle - 1.0
         order = np.argsort(-np.abs(departure), kind="stable")
-        found = NearUniform(
-            np.sqrt(np.median(value)) * root,
-            departure[order],
-            np.where(np.abs(along) > _ZERO, along, 0.0)[:, order],
-        )
-        return found if np.count_nonzero(found.counts) <= _UNEVEN and value[0] > 0.0 else None
+        directions = np.where(np.abs(vectors) > _ROUNDING, vectors, 0.0)
+        circle = NearUniform(np.sqrt(middle) * root, departure[order], directions[:, order])
+        if np.count_nonzero(circle.significant) > _MOST_DEPARTURES or eigenvalues[0] <= 0.0:
+            return None
+        return circle
 
 
 def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
-    """One test (n,) [rad], [mm] projected on the basis; any sampling of the circle, in chunks of
-    bounded memory."""
+    """Project one test on the basis, however its circle is sampled.
+
+    Parameters
+    ----------
+    angle_rad
+        Angles, shape (n,) [rad].
+    reading_mm
+        Readings, shape (n,) [mm]; None of a planned test.
+    """
     n = len(angle_rad)
-    values = np.zeros(n) if reading_mm is None else reading_mm
-    stack = np.zeros((0, SIZE + 1))
+    readings = np.zeros(n) if reading_mm is None else reading_mm
+    triangle = np.zeros((0, SIZE + 1))
     for start in range(0, n, _CHUNK):
-        part = slice(start, start + _CHUNK)
-        rows = np.column_stack([basis(angle_rad[part]), values[part]])
-        stack = np.asarray(np.linalg.qr(np.vstack([stack, rows]), mode="r"))
+        chunk = slice(start, start + _CHUNK)
+        rows = np.column_stack([basis(angle_rad[chunk]), readings[chunk]])
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r"))
     m = min(n, SIZE)
-    residual = float(stack[SIZE, SIZE] ** 2) if n > SIZE else 0.0
-    return Reduced(None if reading_mm is None else stack[:m, SIZE], stack[:m, :SIZE], residual, n)
+    projection = None if reading_mm is None else triangle[:m, SIZE]
+    residual_ss = float(triangle[SIZE, SIZE] ** 2) if n > SIZE else 0.0
+    return Reduced(projection, triangle[:m, :SIZE], residual_ss, n)
