@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 __all__ = ["run"]
 
 
 def run() -> None:
-    """Load the commands and run the one typed; Ctrl-C at any time ends it with one line, exit code
-    130."""
+    """Load the commands and run the one that was typed.
+
+    Ctrl-C at any time, also while they load, ends it with one line and exit code 130.
+    """
+    # Matrices of the commands are small: one BLAS thread is faster than several. NumPy reads these
+    # when it loads.
+    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
     try:
-        from ldbb_bayes.cli import main
+        from ldbb_bayes.cli import main  # loads NumPy
 
         main()
     except KeyboardInterrupt:
-        print("ldbb-bayes: interrupted; nothing was written.", file=sys.stderr)
+        message = "ldbb-bayes: interrupted; nothing was written."
+        print(message, file=sys.stderr)  # noqa: T201, what the terminal is told
         sys.exit(130)
 
 

@@ -22,10 +22,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Direction
-from ldbb_bayes.cli import options
-from ldbb_bayes.cli.campaigns import LAYOUT_OPTIONS
-from ldbb_bayes.cli.options import Kind, Option, certified, group, option, options_of
-from ldbb_bayes.cli.reporting import MACHINES, REPORT_OPTIONS, STEPS, Given, report_files
+from ldbb_bayes.cli.arguments import (
+    LAYOUT_OPTIONS,
+    campaign_fields,
+    instrument_fields,
+    model_from,
+)
+from ldbb_bayes.cli.file_reports import STEPS, report_files
+from ldbb_bayes.cli.fits import with_tolerances
+from ldbb_bayes.cli.options import NUMBERS, Kind, Option, group, option, options_of
+from ldbb_bayes.cli.output import Output
+from ldbb_bayes.cli.progress import steps_of
+from ldbb_bayes.cli.questions import MACHINES
+from ldbb_bayes.cli.reporting import REPORT_OPTIONS
+from ldbb_bayes.cli.sources import ReportSource
 from ldbb_bayes.errors import InputError, plain_reason, require
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.units import display_name, display_unit
@@ -151,7 +161,7 @@ def _value(own: Option, name: str, text: str, folder: Path) -> Any:
             else lines
         )
     if typed not in (int, float):
-        lists = own.kind is options.KINDS["numbers"] and ";" in text
+        lists = own.kind is NUMBERS and ";" in text
         return text.replace(",", ".").replace(";", ",") if lists else text
     grouped = re.fullmatch(r"[-−]?[1-9]\d{0,2}([.,]\d{3})+", text)
     require(
@@ -165,8 +175,8 @@ def _value(own: Option, name: str, text: str, folder: Path) -> Any:
         raise InputError(
             f"{flag} must be a {'whole ' * (typed is int)}number, got {text!r}. Correct it."
         ) from None
-    low = own.more.get("min", -math.inf)
-    high = own.more.get("max", math.inf)
+    low = own.settings.get("min", -math.inf)
+    high = own.settings.get("max", math.inf)
     bounds = [f"at least {low:g}"] * (low > -math.inf) + [f"at most {high:g}"] * (high < math.inf)
     fits = math.isfinite(number) and low <= number <= high
     require(fits, f"{flag} must be {' and '.join(bounds) or 'finite'}, got {number:g}. Correct it.")
@@ -181,10 +191,10 @@ def _made(of: str, make: Callable[..., Any], choices: Mapping[str, str], folder:
         name: _value(own, name, said[name], folder) if said[name] else own.default
         for name, own in every.items()
     }
-    return group(make, **every).made(typed)
+    return group(make, **every).take_from(typed)
 
 
-def _given(folder: Path, choices: Mapping[str, str]) -> Given:
+def _given(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     """The files, and what is said of them, as the command line has them."""
     from ldbb_bayes.reading.importing import matching
 
@@ -207,23 +217,22 @@ def _given(folder: Path, choices: Mapping[str, str]) -> Given:
         for key, own in _made(of, dict, choices, folder).items()
     }
     layout = LAYOUT_OPTIONS.make(**_made("layout", dict, choices, folder))
-    return Given(
+    return ReportSource(
         named,
         matching(named),
         layout,
-        options.campaign_fields(**said),
-        _made("certificates", certified, choices, folder),
+        campaign_fields(**said),
+        _made("certificates", instrument_fields, choices, folder),
     )
 
 
 def _read(folder: Path, choices: Mapping[str, str]) -> tuple[lb.Campaign, Imported | None]:
     from ldbb_bayes.analysis.conformity import check_force
-    from ldbb_bayes.cli.analyses import with_tolerances
 
-    campaign, imported = _given(folder, choices).campaign(ask=False)
+    campaign, imported = _given(folder, choices).read(ask=False)
     asked = _made("report", dict, choices, folder)
     check_force(campaign, asked.get("force_N"))
-    return with_tolerances(campaign, options.model_from(), asked.get("tolerances", {})), imported
+    return with_tolerances(campaign, model_from(), asked.get("tolerances", {})), imported
 
 
 def answer(work: Callable[..., dict[str, Any]], folder: str, *more: Any) -> dict[str, Any]:
@@ -405,7 +414,7 @@ def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES, worth_of_certificates
     from ldbb_bayes.analysis.verdicts import hyper_nodes
 
-    bound = options.model_from().bind(_read(folder, choices)[0])
+    bound = model_from().bind(_read(folder, choices)[0])
     found = worth_of_certificates(bound, *hyper_nodes(bound))
     today = found.pop("none of these")
     units = {own.name: own.unit for own in bound.parameters if own.group != "slope"}
@@ -467,11 +476,14 @@ def main() -> None:
 
 def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     asked = _made("report", dict, choices, folder)
-    output = options.Output(folder / RESULT, force=True)
-    document, _, converged = report_files(
-        _given(folder, choices), output, asked, options.model_from(), _told(folder)
-    )
-    return {"converged": converged, "alerts": list(document.alerts), "state": document.state}
+    output = Output(folder / RESULT, force=True)
+    written = report_files(_given(folder, choices), output, asked, model_from(), _told(folder))
+    document = written.document
+    return {
+        "converged": written.converged,
+        "alerts": list(document.alerts),
+        "state": document.state,
+    }
 
 
 @contextmanager
@@ -484,7 +496,7 @@ def _told(folder: Path) -> Iterator[Callable[[str], Callable[..., None] | None]]
             json.dumps({"share": share, "step": step, "done": done, "of": of}).encode(),
         )
 
-    yield options.steps_of(update, **STEPS)
+    yield steps_of(update, **STEPS)
 
 
 # ---- which tests next
@@ -513,7 +525,7 @@ def _space(
 
     pilot, _ = _pilot(folder, stamp)
     forces = sorted({float(force) for force in pilot.forces_N})
-    return Space(options.model_from(), pilot, forces, clockings, radii, ways, augment=augment)
+    return Space(model_from(), pilot, forces, clockings, radii, ways, augment=augment)
 
 
 _COSTS = {
@@ -754,7 +766,3 @@ def plan(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
 
 def warm() -> None:
     """Load what answers need, before they are asked for."""
-    import ldbb_bayes.analysis.candidates
-    import ldbb_bayes.analysis.value_of_certificates
-    import ldbb_bayes.analysis.verdicts
-    import ldbb_bayes.report.wording  # noqa: F401

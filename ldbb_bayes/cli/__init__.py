@@ -1,11 +1,8 @@
-"""The command line: ``ldbb-bayes COMMAND``. Its matrices are small: one BLAS thread is faster than
-several."""
+"""The command line: ``ldbb-bayes COMMAND``."""
 
 from __future__ import annotations
 
-import gc
 import io
-import os
 import sys
 import warnings
 from collections.abc import Sequence
@@ -15,45 +12,39 @@ import typer
 from typer.core import TyperGroup
 
 from ldbb_bayes import __version__
-from ldbb_bayes.cli import options
-from ldbb_bayes.cli.analyses import compare, demo, design, fit, identify, summarize, validate
-from ldbb_bayes.cli.campaigns import batch, check, import_, machine, population, simulate, trend
-from ldbb_bayes.cli.options import EXIT_BAD_INPUT, EXIT_INTERRUPTED
+from ldbb_bayes.cli.analyses import compare, design, identify, validate
+from ldbb_bayes.cli.atlases import machine
+from ldbb_bayes.cli.campaigns import check, import_, simulate
+from ldbb_bayes.cli.fits import demo, fit, summarize
+from ldbb_bayes.cli.fleets import batch, population, trend
+from ldbb_bayes.cli.options import EXIT_BAD_INPUT, EXIT_INTERRUPTED, command, fail, option
 from ldbb_bayes.cli.reporting import report
 from ldbb_bayes.errors import InputError
 
 __all__ = ["app", "main"]
-
-for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_threads, "1")
-# Looking for garbage took a twentieth of a command's time.
-gc.set_threshold(50_000, 20, 20)
 
 # Click's, or Typer's own copy of it.
 _UsageError: Any = typer.BadParameter.__base__
 
 
 class _Commands(TyperGroup):
-    """Commands whose wrong use is answered like any other bad input: one message that names what
-    was typed, exit code 2."""
+    """Commands whose wrong use is answered like any other bad input: one message, exit code 2."""
 
-    def main(self, args: Sequence[str] | None = None, *rest: Any, **more: Any) -> Any:
-        given = list(sys.argv[1:] if args is None else args) or ["--help"]
+    def main(self, args: Sequence[str] | None = None, *positional: Any, **keywords: Any) -> Any:
+        """Run the command that is named, help where none is."""
+        arguments = list(sys.argv[1:] if args is None else args)
+        keywords["standalone_mode"] = False
         try:
-            code = super().main(given, *rest, **{**more, "standalone_mode": False})
-            # What Typer makes of Ctrl-C; Click makes it Abort.
-            if code == EXIT_INTERRUPTED:
-                raise typer.Abort
+            code = super().main(arguments or ["--help"], *positional, **keywords)
         except typer.Abort:
             raise KeyboardInterrupt from None
-        except (_UsageError, InputError) as error:
-            code = EXIT_BAD_INPUT
-            said = (
-                str(error)
-                if isinstance(error, InputError)
-                else f"{error.format_message().rstrip('.?')}. See --help."
-            )
-            print(f"ldbb-bayes: {said}", file=sys.stderr)
+        except InputError as error:
+            fail(str(error), EXIT_BAD_INPUT)
+        except _UsageError as error:
+            fail(f"{error.format_message().rstrip('.?')}. See --help.", EXIT_BAD_INPUT)
+        # What Typer makes of Ctrl-C; Click makes it Abort.
+        if code == EXIT_INTERRUPTED:
+            raise KeyboardInterrupt
         sys.exit(code)
 
 
@@ -64,38 +55,44 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-_COMMANDS = (
-    *(report, demo, machine, check, fit, batch, trend, population),
-    *(identify, compare, design, simulate, summarize, validate),
-)
-for command in _COMMANDS:
-    app.command()(command)
+app.command()(report)
+app.command()(demo)
+app.command()(machine)
+app.command()(check)
+app.command()(fit)
+app.command()(batch)
+app.command()(trend)
+app.command()(population)
+app.command()(identify)
+app.command()(compare)
+app.command()(design)
+app.command()(simulate)
+app.command()(summarize)
+app.command()(validate)
 app.command("import")(import_)
 
 
 @app.command("app")
-@options.command
+@command
 def app_(
     port: Annotated[
         int,
-        options.option(
-            int, "Port of this machine. Default: any that is free.", 0, min=0, max=65535
-        ),
+        option(int, "Port of this machine. Default: any that is free.", 0, min=0, max=65535),
     ],
-    no_browser: Annotated[
-        bool, options.option(bool, "Print the address, and open no browser.", False)
-    ],
+    no_browser: Annotated[bool, option(bool, "Print the address, and open no browser.", False)],
 ) -> None:
-    """A page in the browser: drop files, read the sheets, plan the next circles. It is served to
-    this machine alone.
+    """Serve a page in the browser: drop files, read the sheets, plan the next circles.
 
-    Prints its address, and answers until it is interrupted (Ctrl-C). Needs the extra app.
+    It is served to this machine alone. Prints its address, and answers until it is interrupted
+    (Ctrl-C). Needs the extra app.
     """
     try:
-        from ldbb_bayes.app.server import serve
+        from ldbb_bayes.app.server import serve  # its libraries are an extra
     except ModuleNotFoundError as error:
-        got = "got none. Install it with pip install 'ldbb-bayes[app]'"
-        raise InputError(f"app must find the library {error.name}, {got}.") from None
+        raise InputError(
+            f"app must find the library {error.name}, got none. Install it with pip install"
+            " 'ldbb-bayes[app]'."
+        ) from None
     serve(port, show=not no_browser, say=typer.echo)
 
 
@@ -117,10 +114,16 @@ def root(
     """Bayesian uncertainty quantification for the loaded double ball bar."""
 
 
+def _warning_line(message: Warning | str, *_: Any, **__: Any) -> str:
+    return f"ldbb-bayes: {message}\n"
+
+
 def main() -> None:
-    """Entry point. Signs that the terminal's encoding lacks are replaced, not fatal; a warning is a
-    line."""
-    warnings.formatwarning = lambda message, *_: f"ldbb-bayes: {message}\n"
+    """Run the command that was typed.
+
+    Signs that the terminal's encoding lacks are replaced, not fatal; a warning is a line.
+    """
+    warnings.formatwarning = _warning_line
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

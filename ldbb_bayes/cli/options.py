@@ -1,5 +1,9 @@
-"""Options of the commands, what they mean, and where a result goes: a folder, JSON on stdout,
-tables; progress on stderr."""
+"""Options of the commands: how they are declared, read, and gathered into arguments.
+
+A command is a function whose annotations carry an `Option`, or a `Group` of options that together
+make one argument. `command` spells them out for typer. What an option is called, means and defaults
+to stands in ``options.toml``.
+"""
 
 from __future__ import annotations
 
@@ -7,32 +11,38 @@ import functools
 import inspect
 import math
 import os
-import re
-import shutil
 import sys
 import tomllib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import accumulate
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, cast
+from typing import Annotated, Any, NamedTuple, NoReturn
 
 import typer
 
-import ldbb_bayes as lb
-from ldbb_bayes.errors import InputError, placed, plain_reason, require
+from ldbb_bayes.cli.values import ball_in, names_in, numbers_in, pairs_in, points_in
+from ldbb_bayes.errors import plain_reason, require
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+__all__ = [
+    "CATALOGUE",
+    "EXIT_BAD_INPUT",
+    "EXIT_INTERRUPTED",
+    "EXIT_MISSED",
+    "NUMBERS",
+    "REQUIRED",
+    "Group",
+    "Kind",
+    "Option",
+    "command",
+    "fail",
+    "group",
+    "option",
+    "options_of",
+]
 
-    from ldbb_bayes.campaign.campaign import Ball, Campaign
-    from ldbb_bayes.inference.mcmc import Progress
-    from ldbb_bayes.model.hybrid import HybridModel
-
-EXIT_MISSED = 1
+EXIT_MISSED = 1  # a target of sampling, an exactness or a certificate was missed
 EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
+EXIT_INTERRUPTED = 130  # what a shell says of Ctrl-C: 128 + SIGINT
 REQUIRED = inspect.Parameter.empty
 # Short, so that names of options stay whole in the help on narrow terminals.
 _METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
@@ -41,52 +51,55 @@ CATALOGUE: Mapping[str, Any] = tomllib.loads(
 )
 
 
-# ---- groups of options
-
-
 class Kind(NamedTuple):
-    """What is typed, and what it means: ``read`` gets it and the option's name."""
+    """A kind of value: the type that typer reads, and what makes the value of it."""
 
+    #: Type that typer reads.
     typed: Any
+    #: Makes the value of what was typed and the option's flag.
     read: Callable[[Any, str], Any]
     metavar: str | None = None
 
 
 @dataclass(frozen=True)
 class Option:
-    """One option, handed on as the keyword ``to``; None is not, so that the function's own default
-    holds.
+    """One option of a command.
 
-    ``more`` is of `typer.Option`, with the option's ``name`` where it is another.
+    Its value is handed on as the keyword ``to``. An option that was not typed is not handed on, so
+    that the default of the function that gets it holds. ``settings`` are those of `typer.Option`,
+    with the ``name`` of the option where it is not that of the parameter.
     """
 
     kind: Any
     help: str
     default: Any
     to: str
-    more: Mapping[str, Any]
+    settings: Mapping[str, Any]
 
     def flag(self, name: str) -> str:
-        """What one types."""
-        return str(self.more.get("name", "--" + name.replace("_", "-")))
+        """Return what one types, for example ``--radius-mm``."""
+        return str(self.settings.get("name", "--" + name.replace("_", "-")))
 
     def parameter(self, name: str) -> inspect.Parameter:
-        """What typer reads."""
-        more = {key: value for key, value in self.more.items() if key != "name"}
+        """Return the parameter that typer reads."""
+        settings = {key: value for key, value in self.settings.items() if key != "name"}
         typed = self.kind
-        default = self.default
         if isinstance(typed, Kind):
-            more.setdefault("metavar", typed.metavar)
+            settings.setdefault("metavar", typed.metavar)
             typed = typed.typed
-        more.setdefault("metavar", _METAVARS.get(typed))
-        typed = typed | None if default is None else typed
-        annotation = Annotated[typed, typer.Option(self.flag(name), help=self.help, **more)]  # type: ignore[valid-type]
+        settings.setdefault("metavar", _METAVARS.get(typed))
+        if self.default is None:
+            typed = typed | None
+        declared = typer.Option(self.flag(name), help=self.help, **settings)
         return inspect.Parameter(
-            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=self.default,
+            annotation=Annotated[typed, declared],
         )
 
     def read(self, typed: Any, name: str) -> Any:
-        """What was typed means."""
+        """Return the value of what was typed, None where nothing was."""
         if typed is None:
             return None
         if isinstance(self.kind, Kind):
@@ -98,451 +111,225 @@ class Option:
 
 @dataclass(frozen=True)
 class Group:
-    """Options that together make one argument of a command, after one that is no option where
-    ``first`` is given."""
+    """Options that together make one argument of a command.
+
+    ``positional`` is a parameter that is no option, where there is one; ``make`` gets its value
+    first.
+    """
 
     options: Mapping[str, Option]
     make: Callable[..., Any]
-    first: inspect.Parameter | None
+    positional: inspect.Parameter | None
 
     def parameters(self) -> list[inspect.Parameter]:
-        """What typer reads."""
-        first = [] if self.first is None else [self.first]
-        return [*first, *(option.parameter(name) for name, option in self.options.items())]
+        """Return the parameters that typer reads."""
+        parameters = [option.parameter(name) for name, option in self.options.items()]
+        if self.positional is None:
+            return parameters
+        return [self.positional, *parameters]
 
-    def made(self, typed: dict[str, Any]) -> Any:
-        """The argument; its options are taken out of what was typed."""
-        first = () if self.first is None else (typed.pop(self.first.name),)
-        read = {
-            option.to or name: option.read(typed.pop(name), name)
-            for name, option in self.options.items()
-        }
-        return self.make(
-            *first, **{name: value for name, value in read.items() if value is not None}
-        )
+    def take_from(self, typed: dict[str, Any]) -> Any:
+        """Make the argument, and take its options out of all that were typed."""
+        positional = []
+        if self.positional is not None:
+            positional.append(typed.pop(self.positional.name))
+        keywords = {}
+        for name, option in self.options.items():
+            value = option.read(typed.pop(name), name)
+            if value is not None:
+                keywords[option.to or name] = value
+        return self.make(*positional, **keywords)
 
 
-def option(kind: Any, help: str, default: Any = None, to: str = "", **more: Any) -> Option:
-    """One option of a command or of a `group`."""
-    return Option(kind, help, default, to, more)
+def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: Any) -> Option:
+    """Return one option of a command or of a `group`.
+
+    Parameters
+    ----------
+    kind
+        A type that typer reads, or a `Kind`.
+    help
+        What the help of the command says of it.
+    default
+        Its value where it is not typed; None: it is not handed on.
+    to
+        Keyword it is handed on as. Default: its own name.
+    **settings
+        Those of `typer.Option`, and ``name``, the flag.
+
+    Returns
+    -------
+    Option
+    """
+    return Option(kind, help, default, to, settings)
 
 
 def group(
-    make: Callable[..., Any] = dict, first: inspect.Parameter | None = None, /, **options: Option
+    make: Callable[..., Any] = dict,
+    positional: inspect.Parameter | None = None,
+    /,
+    **options: Option,
 ) -> Group:
-    """Options that make one argument: by default a dictionary of those given."""
-    return Group(options, make, first)
+    """Return options that make one argument.
+
+    Parameters
+    ----------
+    make
+        Gets the values by keyword and returns the argument. Default: a dictionary of them.
+    positional
+        A parameter that is no option, handed to ``make`` first.
+    **options
+        The options by name.
+
+    Returns
+    -------
+    Group
+    """
+    return Group(options, make, positional)
 
 
 def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
-    """The options of groups in options.toml, those of a panel under its heading; ``kinds`` beside
-    `KINDS`."""
+    """Return the options of groups in ``options.toml``.
 
-    def made(own: Mapping[str, Any] | str) -> Option:
-        stated = dict(CATALOGUE["shared"][own] if isinstance(own, str) else own)
-        return option({**KINDS, **kinds}[stated.pop("kind", "text")], stated.pop("help"), **stated)
+    Parameters
+    ----------
+    *groups
+        Names of groups; a table within one is a panel of the help, with its options.
+    **kinds
+        Kinds of values beside those that all commands have.
 
-    found: dict[str, Option] = {}
-    for key, own in [entry for group in groups for entry in CATALOGUE[group].items()]:
-        if isinstance(own, str) or "help" in own:
-            found[key] = made(own)
+    Returns
+    -------
+    dict
+        Options by name.
+    """
+    known_kinds = {**_KINDS, **kinds}
+    options: dict[str, Option] = {}
+    for name in groups:
+        for entry in _catalogue_entries(CATALOGUE[name]):
+            settings = dict(entry.settings)
+            kind = known_kinds[settings.pop("kind", "text")]
+            options[entry.name] = option(kind, settings.pop("help"), **settings)
+    return options
+
+
+class _CatalogueEntry(NamedTuple):
+    name: str
+    settings: Mapping[str, Any]
+
+
+def _catalogue_entries(entries: Mapping[str, Any]) -> Iterator[_CatalogueEntry]:
+    """Yield the options of one group, those of a panel with its heading."""
+    for name, entry in entries.items():
+        if isinstance(entry, str):
+            yield _CatalogueEntry(name, CATALOGUE["shared"][entry])
+        elif "help" in entry:
+            yield _CatalogueEntry(name, entry)
         else:
-            found |= {name: made({**one, "rich_help_panel": key}) for name, one in own.items()}
-    return found
+            for option_in_panel in _catalogue_entries(entry):
+                settings = {**option_in_panel.settings, "rich_help_panel": name}
+                yield _CatalogueEntry(option_in_panel.name, settings)
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """A function as a command: groups of options spelled out, bad input answered with one message,
-    never a traceback."""
+    """Return a function as a command: options spelled out, bad input answered in one message.
+
+    Parameters
+    ----------
+    function
+        Its annotations carry the options, as an `Option` or a `Group`.
+
+    Returns
+    -------
+    callable
+        What typer calls. Bad input ends it with exit code 2 and one message, never a traceback.
+    """
     groups: dict[str, Group] = {}
     parameters: list[inspect.Parameter] = []
-    kinds = inspect.get_annotations(function, eval_str=True)
-    for name, own in inspect.signature(function).parameters.items():
-        stated = getattr(kinds[name], "__metadata__", (None,))[0]
-        if isinstance(stated, Option):
-            stated = group(lambda **own: next(iter(own.values()), None), **{name: stated})
-        if isinstance(stated, Group):
-            groups[name] = stated
-            parameters += stated.parameters()
+    annotations = inspect.get_annotations(function, eval_str=True)
+    for name, parameter in inspect.signature(function).parameters.items():
+        annotation = annotations[name]
+        declared = getattr(annotation, "__metadata__", (None,))[0]
+        if isinstance(declared, Option):
+            declared = Group({name: declared}, _only_value, None)
+        if isinstance(declared, Group):
+            groups[name] = declared
+            parameters += declared.parameters()
         else:
-            parameters.append(
-                own.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kinds[name])
-            )
+            keyword = inspect.Parameter.KEYWORD_ONLY
+            parameters.append(parameter.replace(kind=keyword, annotation=annotation))
 
     @functools.wraps(function)
     def run(**typed: Any) -> None:
         try:
-            function(**{name: group.made(typed) for name, group in groups.items()}, **typed)
+            arguments = {name: group.take_from(typed) for name, group in groups.items()}
+            function(**arguments, **typed)
             sys.stdout.flush()
         except BrokenPipeError:
-            sys.stdout = open(os.devnull, "w")
+            # Whoever read the output has gone; what is flushed at exit must go somewhere.
+            sys.stdout = open(os.devnull, "w")  # noqa: SIM115, it stays open to the end
         except (OSError, ArithmeticError, ValueError) as error:
-            said = plain_reason(error)
-            if said is None:
+            reason = plain_reason(error)
+            if reason is None:
                 raise
-            fail(said, EXIT_BAD_INPUT)
+            fail(reason, EXIT_BAD_INPUT)
 
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return run
 
 
+def _only_value(**values: Any) -> Any:
+    """Return the one value that was typed, None where none was."""
+    for value in values.values():
+        return value
+    return None
+
+
 def fail(message: str, code: int) -> NoReturn:
-    """Say one thing on stderr and leave."""
-    print(f"ldbb-bayes: {message}", file=sys.stderr)
+    """Say one thing on stderr and leave.
+
+    Parameters
+    ----------
+    message
+        One sentence or two, without the name of the program.
+    code
+        Exit code.
+
+    Raises
+    ------
+    SystemExit
+        Always.
+    """
+    print(f"ldbb-bayes: {message}", file=sys.stderr)  # noqa: T201, what the terminal is told
     sys.exit(code)
 
 
-# ---- what is typed
+def _read_names(text: str, flag: str) -> tuple[str, ...]:
+    return names_in(text)
 
 
-def names_in(text: str, _: str = "") -> tuple[str, ...]:
-    """Comma-separated names."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+def _read_negated(flag_is_set: bool, flag: str) -> bool:
+    return not flag_is_set
 
 
-def pairs_in(entries: Iterable[str], option: str, form: str) -> dict[str, str]:
-    """NAME=VALUE of an option that may be repeated, each name once."""
-    pairs: dict[str, str] = {}
-    for entry in entries:
-        name, sign, value = entry.partition("=")
-        if not (name and sign and value):
-            raise InputError(
-                f"{option} must be {form}, got {entry!r}. Put a name, '=' and what belongs to it."
-            )
-        if name in pairs:
-            raise InputError(f"{option} must give each name once, got {name!r} again. Remove one.")
-        pairs[name] = value
-    return pairs
+def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
+    return pairs_in(entries, flag, 'NAME="VALUE UNIT"')
 
 
-def numbers_in(text: str, option: str, separator: str = ",") -> tuple[float, ...]:
-    """Finite numbers."""
-    try:
-        numbers = tuple(map(float, text.split(separator)))
-    except ValueError:
-        numbers = (math.nan,)
-    require(
-        all(map(math.isfinite, numbers)),
-        f"{option} must hold numbers, got {text!r}. Write them like 36{separator}2e-6.",
-    )
-    return numbers
-
-
-def points_in(entries: Iterable[str], option: str) -> list[tuple[float, ...]]:
-    """X,Y,Z of an option that may be repeated [mm]."""
-    points = [numbers_in(text, option) for text in entries]
-    for point in points:
-        require(
-            len(point) == 3,
-            f"{option} must hold three numbers X,Y,Z in mm, got {len(point)}. For example"
-            " 0,-200,350.",
-        )
-    return points
-
-
-def ball_in(text: str, option: str) -> Ball:
-    """A grade, or a deviation from sphericity with its unit."""
-    size = re.fullmatch(r"(\d*\.?\d+) ?[uµμ]m", text.replace(",", "."))
-    like = "a grade like G20, or a deviation from sphericity like 0.5um"
-    require(
-        size or text[:1] not in {*"+-.0123456789"},
-        f"{option} must be {like}, got {text!r}. Correct it.",
-    )
-    with placed(option):
-        return lb.Ball(grade=text) if size is None else lb.Ball(sphericity_um=float(size[1]))
-
-
-KINDS: Mapping[str, Any] = {
+NUMBERS = Kind(str, numbers_in)
+_KINDS: Mapping[str, Any] = {
     "text": str,
     "integer": int,
     "number": float,
     "flag": bool,
     "path": Path,
     "texts": list[str],
-    "list": Kind(str, names_in, "LIST"),
-    "names": Kind(str, names_in),
-    "numbers": Kind(str, numbers_in),
+    "list": Kind(str, _read_names, "LIST"),
+    "names": Kind(str, _read_names),
+    "numbers": NUMBERS,
     "ball": Kind(str, ball_in, "G20|0.5um"),
-    "negated": Kind(bool, lambda value, _: not value),
+    "negated": Kind(bool, _read_negated),
     "points": Kind(list[str], points_in, "X,Y,Z"),
-    "tolerances": Kind(list[str], lambda own, flag: pairs_in(own, flag, 'NAME="VALUE UNIT"')),
+    "tolerances": Kind(list[str], _read_tolerances),
 }
-
-
-# ---- campaign and model
-
-
-def campaign_from(path: Path, **options: Any) -> Campaign:
-    """The campaign the argument names; the options say of a tidy CSV what campaign.toml would say,
-    and what certificates say."""
-    certificates = certified(**{name: options.pop(name) for name in _CERTIFIED if name in options})
-    return lb.read_campaign(path, certificates=certificates, **campaign_fields(**options))
-
-
-def certified(*, balls: Ball | None = None, **given: Any) -> dict[str, Any]:
-    """What the options say of the instrument: those given, as fields of `Instrument`."""
-    from ldbb_bayes.campaign.certificates import read_dcc
-
-    stated: dict[str, Any] = {}
-    for kind in ("bar", "force", "work", "tool"):
-        if (file := given.pop(f"{kind}_dcc", None)) is not None and kind in ("bar", "force"):
-            stated |= {f"{kind}_{key}": own for key, own in read_dcc(file).fields(kind).items()}
-        elif file is not None:
-            stated[kind] = lb.Ball(**read_dcc(file).fields("ball"))
-    for key in stated.keys() & given:
-        got = f"got --{key.replace('_', '-')} too" if "_" in key else f"got --{key}-ball too"
-        raise InputError(
-            f"what a DCC says must not be given by hand as well, {got}. Keep one of them."
-        )
-    return ({} if balls is None else {"work": balls, "tool": balls}) | stated | given
-
-
-def campaign_fields(*, raw: bool = False, **given: Any) -> dict[str, Any]:
-    """What the options say of a campaign that no table says: those given, as fields of
-    `Campaign`."""
-    deflection, slope, offset = (
-        given.pop(name, None) for name in ("mount_um_per_bar", "force_slope", "force_offset")
-    )
-    if raw or deflection is not None:
-        given["mount"] = lb.MountCompensation(
-            2.33 if deflection is None else deflection, compensated=not raw
-        )
-    if slope is not None or offset is not None:
-        usual = lb.ForceLaw()
-        slope = usual.slope_N_per_bar if slope is None else slope
-        given["force_law"] = lb.ForceLaw(slope, usual.offset_N if offset is None else offset)
-    return given
-
-
-def model_from(
-    degree: int | None = None,
-    preset: str | None = None,
-    without: tuple[str, ...] = (),
-    model: Path | None = None,
-    drift: str | None = None,
-) -> HybridModel:
-    """The model the options describe."""
-    if model is not None and preset is not None:
-        raise InputError(
-            "the model must come from --model or --preset, got both. Write preset = … into the"
-            " file."
-        )
-    if model is None:
-        chosen = lb.HybridModel.from_preset(preset or "default", 1 if degree is None else degree)
-    else:
-        chosen = lb.read_model(model, degree=1)
-        chosen = chosen if degree is None else chosen.with_degree(degree)
-    chosen = chosen.without(*without)
-    return chosen if drift is None else chosen.with_term(lb.Drift(drift))  # type: ignore[arg-type]
-
-
-_TABLE = options_of("table", "labels")
-_CERTIFICATES = options_of("certificates")
-_CERTIFIED = [
-    *(own.to or name for name, own in _CERTIFICATES.items()),
-    "bar_certificate",
-    "force_certificate",
-]
-CampaignArgument = Annotated[
-    Path,
-    typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),
-]
-_PATH = inspect.Parameter("campaign", inspect.Parameter.KEYWORD_ONLY, annotation=CampaignArgument)
-GivenCampaign = Annotated["Campaign", group(campaign_from, _PATH, **_TABLE, **_CERTIFICATES)]
-Certificates = Annotated[dict[str, Any], group(certified, **_CERTIFICATES)]
-TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE)]
-ChosenModel = Annotated["HybridModel", group(model_from, **options_of("model"))]
-SHARED = options_of("shared")
-CI, SEED, SAMPLER, ESS, FORCE, JSON, QUIET, PRIOR_FROM, TOLERANCE = SHARED.values()
-Tolerances = Annotated[
-    dict[str, str], group(lambda tolerances=None: tolerances or {}, tolerance=TOLERANCE)
-]
-PoolOptions = Annotated[dict[str, Any], group(**options_of("pool"))]
-
-
-# ---- where a result goes
-
-_WIDTH = 120
-_NARROWEST = 40
-
-
-def show(*parts: Any) -> None:
-    """Print tables (an empty line after each), sentences and lists on stdout, as wide as the
-    terminal, else 120 columns."""
-    from ldbb_bayes.results import lines_of
-
-    stated = sys.stdout.isatty() or "COLUMNS" in os.environ
-    width = shutil.get_terminal_size((_WIDTH, 24)).columns if stated else _WIDTH
-    sys.stdout.write(lines_of(parts, max(width, _NARROWEST)) + "\n" * bool(parts))
-
-
-def figure_files(names: Iterable[str], kinds: Collection[str] = ("png", "svg")) -> tuple[str, ...]:
-    """Names of the files of figures."""
-    return tuple(f"{name}.{kind}" for name in names for kind in kinds)
-
-
-def drawing(name: str, *results: Any) -> Callable[[], Figure]:
-    """Return what draws a figure of `lb.figures`: matplotlib is loaded only where a figure is
-    wanted."""
-    return lambda: cast("Figure", getattr(lb.figures, name)(*results))
-
-
-def write_files(
-    folder: Path,
-    contents: Mapping[str, Any],
-    figures: Mapping[str, Callable[[], Figure]] | None = None,
-) -> None:
-    """Write records as JSON, tables as CSV (by their files' names), text as it is and figures (PNG
-    and SVG) into a folder."""
-    from ldbb_bayes.results import json_text
-
-    for name, content in contents.items():
-        text = json_text(content) if name.endswith(".json") else content
-        (folder / name).write_text(
-            text if isinstance(text, str) else text.to_csv(index=False), encoding="utf-8"
-        )
-    for name, draw in (figures or {}).items():
-        lb.figures.save_figure(draw(), folder, name)
-
-
-@dataclass
-class Output:
-    """Where a result goes: files into a folder, all or none, and stdout, as JSON or for reading."""
-
-    out: Path | None = None
-    force: bool = False
-    as_json: bool = False
-    quiet: bool = True
-    files: tuple[str, ...] = ()
-
-    def check(self, *files: str, figures: Iterable[str] = ()) -> None:
-        """Refuse a folder that must not be replaced, before any work is done; these files and
-        figures may be."""
-        from ldbb_bayes.files import check_target
-
-        self.files = (*files, *figure_files(figures))
-        if self.out is not None:
-            check_target(self.out, force=self.force, ours=self.files)
-
-    def deliver(
-        self,
-        record: Mapping[str, Any],
-        result: Any,
-        contents: Mapping[str, Any] | None = None,
-        figures: Mapping[str, Callable[[], Figure]] | None = None,
-        *,
-        also: Callable[[Path], object] | None = None,
-        more: str = "",
-    ) -> None:
-        """Write into the folder, then print the record or the result (or these parts of it), and
-        where it was written, with ``more`` of it. ``also`` writes what is neither JSON nor table
-        nor figure."""
-        from ldbb_bayes.files import staged_folder
-        from ldbb_bayes.report.text import parts_of
-        from ldbb_bayes.results import json_text
-
-        if self.out is not None:
-            with staged_folder(self.out, force=self.force, ours=self.files) as staging:
-                write_files(staging, contents or {}, figures or {})
-                if also is not None:
-                    also(staging)
-        if self.as_json:
-            sys.stdout.write(json_text(record))
-            return
-        show(*(result if isinstance(result, tuple) else parts_of(result)))
-        if self.out is not None and not self.quiet:
-            typer.echo(f"Written: {self.out}{more}")
-
-
-OutputOptions = Annotated[Output, group(Output, **options_of("output"))]
-
-
-# ---- progress
-
-
-@contextmanager
-def _progress(
-    words: Callable[..., tuple[float, str]], quiet: bool, what: str
-) -> Iterator[Callable[..., None] | None]:
-    """A bar on stderr, whose ``words`` make share and text of what it is told; none when quiet or
-    stderr is no terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn(what),
-        BarColumn(),
-        TextColumn("{task.description}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("starting", total=1.0)
-
-        def update(*told: Any, **more: Any) -> None:
-            share, text = words(*told, **more)
-            bar.update(task, completed=share, description=text)
-
-        yield update
-
-
-def _counted(done: int, total: int, failed: int = 0) -> tuple[float, str]:
-    return done / max(total, 1), f"{done}/{total}" + (f", {failed} failed" if failed else "")
-
-
-def _sampled(state: Progress) -> tuple[float, str]:
-    ess = min(state.assessment.ess_bulk_min, state.assessment.ess_tail_min)
-    text = (
-        f"{state.steps} steps, ESS {ess:.0f} of {state.target_ess:.0f}, R-hat"
-        f" {state.assessment.rhat_max:.3f}"
-    )
-    return min(ess / state.target_ess, 1.0), text
-
-
-counting_progress = functools.partial(_progress, _counted)
-sampling_progress = functools.partial(_progress, _sampled)
-
-
-def steps_of(
-    update: Callable[[float, str, int, int], None] | None, **weights: float
-) -> Callable[[str], Callable[..., None] | None]:
-    """Return what begins a step and returns what tells how far it is: ``update`` gets the share of
-    all steps done, each as long as its weight, the step, and what of it is done of how much (0: not
-    known)."""
-    before = dict(zip(weights, accumulate(weights.values(), initial=0.0), strict=False))
-    total = sum(weights.values())
-
-    def begin(step: str) -> Callable[..., None] | None:
-        if update is None:
-            return None
-
-        def tell(done: int, of: int, _: int = 0) -> None:
-            update((before[step] + weights[step] * done / max(of, 1)) / total, step, done, of)
-
-        tell(0, 0)
-        return tell
-
-    return begin
-
-
-@contextmanager
-def step_progress(
-    quiet: bool, **weights: float
-) -> Iterator[Callable[[str], Callable[..., None] | None]]:
-    """One bar over named steps, as of `steps_of`."""
-    with _progress(
-        lambda share, step, done, of: (share, f"{step} {done}/{of}" if of else step),
-        quiet,
-        "report",
-    ) as update:
-        yield steps_of(update, **weights)

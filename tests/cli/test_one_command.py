@@ -17,7 +17,7 @@ from openpyxl import Workbook
 from reports import NOT_COMPARED, undrawn
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli import app, reporting
+from ldbb_bayes.cli import app, questions, reporting
 from ldbb_bayes.reading.importing import matching
 
 FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
@@ -268,7 +268,7 @@ def answering(monkeypatch: pytest.MonkeyPatch, *answers: str) -> list[str]:
         asked.append(question)
         return next(left)
 
-    monkeypatch.setattr(reporting, "_can_ask", lambda: True)
+    monkeypatch.setattr(reporting, "can_ask", lambda: True)
     monkeypatch.setattr("typer.prompt", prompt)
     return asked
 
@@ -353,10 +353,10 @@ def test_an_interruption_or_a_full_disk_leaves_nothing(
 def test_machines_on_the_list_can_be_measured(root: Path) -> None:
     """And stand in the docs."""
     page = (root / "docs" / "how-to" / "machines.md").read_text(encoding="utf-8")
-    for own in reporting.MACHINES:
+    for own in questions.MACHINES:
         assert f"| {own.name} | `{own.topology}` | {own.looks} |" in page
         assert lb.Machine(own.topology, ("XY", "YZ", "ZX")).plane
-    assert len({own.topology for own in reporting.MACHINES}) == len(reporting.MACHINES)
+    assert len({own.topology for own in questions.MACHINES}) == len(questions.MACHINES)
 
 
 # ---- patterns

@@ -17,8 +17,8 @@ from reports import NOT_COMPARED, fitted, undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.cli.analyses import write_result
-from ldbb_bayes.cli.reporting import figure_names
+from ldbb_bayes.cli.fits import write_result
+from ldbb_bayes.cli.reporting import report_figure_files
 from ldbb_bayes.report.page import REPORT_FILES
 from ldbb_bayes.report.text import full_result
 from ldbb_bayes.results import json_text
@@ -127,7 +127,7 @@ def test_figures(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke)
         for kind in ("svg", "png", "pdf")
     } <= drawn
     assert all((figures / name).stat().st_size > 1000 for name in drawn)
-    assert drawn <= set(figure_names())
+    assert drawn <= set(report_figure_files())
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.cli import app, options
+from ldbb_bayes.cli import app, output
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.results import Table, lines_of
 
@@ -88,11 +88,11 @@ def printed(
                 for name, own in given.items():
                     patch.setattr(lb, name, lambda *_, own=own, **__: own)
             patch.setattr(
-                "ldbb_bayes.fleet.dataset.read_batch",
+                "ldbb_bayes.cli.fleets.read_batch",
                 lambda *_, k=arguments[0]: rows if k == "trend" else machines,
             )
             shown = parts.setdefault(str(arguments[0]), [])
-            patch.setattr(options, "show", lambda *own, shown=shown: shown.extend(own))
+            patch.setattr(output, "show", lambda *own, shown=shown: shown.extend(own))
             ended = CliRunner().invoke(app, [*map(str, arguments)])
             assert ended.exit_code in (0, 1), ended.stderr
             shown += ended.stdout.splitlines()

@@ -1,0 +1,280 @@
+"""Arguments of several commands, made of their options: campaign, instrument, model."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import ldbb_bayes as lb
+from ldbb_bayes.cli.options import Kind, group, options_of
+from ldbb_bayes.cli.output import Output
+from ldbb_bayes.errors import InputError
+
+__all__ = [
+    "CI",
+    "ESS",
+    "FORCE",
+    "JSON",
+    "LAYOUT_OPTIONS",
+    "PRIOR_FROM",
+    "QUIET",
+    "SAMPLER",
+    "SEED",
+    "CampaignArgument",
+    "Certificates",
+    "ChosenModel",
+    "GivenCampaign",
+    "OutputOptions",
+    "PoolOptions",
+    "TableFields",
+    "Tolerances",
+    "campaign_fields",
+    "campaign_from",
+    "instrument_fields",
+    "model_from",
+]
+
+# Deflection of the mount in the paper's experiment, which Instrument's default is too.
+_MOUNT_UM_PER_BAR = 2.33
+# What the columns of a table can hold.
+_COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
+
+
+def campaign_from(path: Path, **options: Any) -> lb.Campaign:
+    """Read the campaign that an argument names.
+
+    Parameters
+    ----------
+    path
+        A campaign folder, a campaign.toml or a tidy CSV.
+    **options
+        What options say of a tidy CSV, and of certificates.
+
+    Returns
+    -------
+    Campaign
+
+    Raises
+    ------
+    InputError
+        The campaign cannot be read, or options and files contradict each other.
+    """
+    certificates = {}
+    for name in _CERTIFICATE_KEYWORDS:
+        if name in options:
+            certificates[name] = options.pop(name)
+    return lb.read_campaign(
+        path, certificates=instrument_fields(**certificates), **campaign_fields(**options)
+    )
+
+
+def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[str, Any]:
+    """Return what options say of the instrument.
+
+    Parameters
+    ----------
+    balls
+        Both balls, where one option says it of both.
+    **options
+        Fields of `Instrument`, and DCC files: ``bar_dcc``, ``force_dcc``, ``work_dcc``,
+        ``tool_dcc``.
+
+    Returns
+    -------
+    dict
+        Fields of `Instrument`: those stated, and no others.
+
+    Raises
+    ------
+    InputError
+        A DCC cannot be read, or says what an option says too.
+    """
+    from_files: dict[str, Any] = {}
+    for kind in ("bar", "force"):
+        file = options.pop(f"{kind}_dcc", None)
+        if file is not None:
+            for name, value in lb.read_dcc(file).fields(kind).items():
+                from_files[f"{kind}_{name}"] = value
+    for ball in ("work", "tool"):
+        file = options.pop(f"{ball}_dcc", None)
+        if file is not None:
+            from_files[ball] = lb.Ball(**lb.read_dcc(file).fields("ball"))
+
+    for name in from_files:
+        if name in options:
+            flag = f"--{name.replace('_', '-')}"
+            if name in ("work", "tool"):
+                flag = f"--{name}-ball"
+            raise InputError(
+                f"what a DCC says must not be given by hand as well, got {flag} too. Keep one of"
+                " them."
+            )
+    fields: dict[str, Any] = {}
+    if balls is not None:
+        fields = {"work": balls, "tool": balls}
+    return fields | from_files | options
+
+
+def campaign_fields(
+    *,
+    raw: bool = False,
+    mount_um_per_bar: float | None = None,
+    force_slope: float | None = None,
+    force_offset: float | None = None,
+    **options: Any,
+) -> dict[str, Any]:
+    """Return what options say of a campaign that its table does not say.
+
+    Parameters
+    ----------
+    raw
+        Whether the readings are not compensated for the mount of the work ball.
+    mount_um_per_bar
+        Deflection of the mount [µm/bar].
+    force_slope, force_offset
+        Law from pressure to force [N/bar, N].
+    **options
+        Other fields of `Campaign`.
+
+    Returns
+    -------
+    dict
+        Fields of `Campaign`: those stated, and no others.
+    """
+    fields = dict(options)
+    if raw or mount_um_per_bar is not None:
+        deflection = _MOUNT_UM_PER_BAR if mount_um_per_bar is None else mount_um_per_bar
+        fields["mount"] = lb.MountCompensation(deflection, compensated=not raw)
+    if force_slope is not None or force_offset is not None:
+        default = lb.ForceLaw()
+        slope = default.slope_N_per_bar if force_slope is None else force_slope
+        offset = default.offset_N if force_offset is None else force_offset
+        fields["force_law"] = lb.ForceLaw(slope, offset)
+    return fields
+
+
+def _column_in(text: str) -> str | int:
+    """Return the header of a column, or its number from 1."""
+    return int(text) if text.isdecimal() else text
+
+
+def _read_column(text: str, flag: str) -> str | int:
+    return _column_in(text)
+
+
+def _read_columns(entries: list[str], flag: str) -> list[str | int]:
+    return [_column_in(text) for text in entries]
+
+
+def _read_sheets(text: str, flag: str) -> list[str]:
+    return [name.strip() for name in text.split(",")]
+
+
+def _layout(layout: Path | None = None, **options: Any) -> lb.Layout:
+    """Return the layout of a file, and what options say before it."""
+    from_file = lb.Layout() if layout is None else lb.read_layout(layout)
+    columns = dict(from_file.columns)
+    for role in _COLUMN_ROLES:
+        if f"{role}_column" in options:
+            columns[role] = options.pop(f"{role}_column")
+    return from_file.with_given({"columns": columns, **options})
+
+
+def model_from(
+    degree: int | None = None,
+    preset: str | None = None,
+    without: tuple[str, ...] = (),
+    model: Path | None = None,
+    drift: str | None = None,
+) -> lb.HybridModel:
+    """Return the model that options describe.
+
+    Parameters
+    ----------
+    degree
+        Degree of compliance in force. Default: that of the file, else 1.
+    preset
+        Name of a preset. Default: ``default``.
+    without
+        Terms to leave out.
+    model
+        A model as TOML, instead of a preset.
+    drift
+        What drift follows: ``time`` or ``temperature``.
+
+    Returns
+    -------
+    HybridModel
+
+    Raises
+    ------
+    InputError
+        Both a file and a preset are given, or one of them is unknown.
+    """
+    if model is not None and preset is not None:
+        raise InputError(
+            "the model must come from --model or --preset, got both. Write preset = … into the"
+            " file."
+        )
+    if model is None:
+        chosen = lb.HybridModel.from_preset(preset or "default", 1 if degree is None else degree)
+    else:
+        chosen = lb.read_model(model, degree=1)
+        if degree is not None:
+            chosen = chosen.with_degree(degree)
+    chosen = chosen.without(*without)
+    if drift is not None:
+        chosen = chosen.with_term(lb.Drift(drift))  # type: ignore[arg-type]
+    return chosen
+
+
+def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
+    return tolerances or {}
+
+
+_TABLE_OPTIONS = options_of("table", "labels")
+_CERTIFICATE_OPTIONS = options_of("certificates")
+# Keywords of `instrument_fields`; certificates of bar and force come from files alone.
+_CERTIFICATE_KEYWORDS = [
+    *(option.to or name for name, option in _CERTIFICATE_OPTIONS.items()),
+    "bar_certificate",
+    "force_certificate",
+]
+_SHARED = options_of("shared")
+CI = _SHARED["ci"]
+SEED = _SHARED["seed"]
+SAMPLER = _SHARED["sampler"]
+ESS = _SHARED["ess"]
+FORCE = _SHARED["force"]
+JSON = _SHARED["json"]
+QUIET = _SHARED["quiet"]
+PRIOR_FROM = _SHARED["prior_from"]
+
+CampaignArgument = Annotated[
+    Path,
+    typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),
+]
+_CAMPAIGN_PATH = inspect.Parameter(
+    "campaign", inspect.Parameter.KEYWORD_ONLY, annotation=CampaignArgument
+)
+GivenCampaign = Annotated[
+    lb.Campaign, group(campaign_from, _CAMPAIGN_PATH, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS)
+]
+Certificates = Annotated[dict[str, Any], group(instrument_fields, **_CERTIFICATE_OPTIONS)]
+TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE_OPTIONS)]
+ChosenModel = Annotated[lb.HybridModel, group(model_from, **options_of("model"))]
+Tolerances = Annotated[dict[str, str], group(_tolerances, tolerance=_SHARED["tolerance"])]
+PoolOptions = Annotated[dict[str, Any], group(**options_of("pool"))]
+OutputOptions = Annotated[Output, group(Output, **options_of("output"))]
+LAYOUT_OPTIONS = group(
+    _layout,
+    **options_of(
+        "layout",
+        column=Kind(str, _read_column),
+        columns=Kind(list[str], _read_columns),
+        sheets=Kind(str, _read_sheets),
+    ),
+)

@@ -1,0 +1,89 @@
+"""``ldbb-bayes machine``: what circular tests show of a machine, and the patterns of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import ldbb_bayes as lb
+from ldbb_bayes.cli import arguments
+from ldbb_bayes.cli.options import Kind, command, group, options_of
+from ldbb_bayes.cli.output import figure_files, write_files
+from ldbb_bayes.cli.values import pairs_in, points_in
+
+__all__ = ["ATLAS_FILES", "machine", "write_atlases"]
+
+ATLAS_FILES = figure_files(
+    [f"compliance_atlas{suffix}" for suffix in ("", "_XY", "_YZ", "_ZX")]
+    + [f"geometric_atlas{suffix}" for suffix in ("", "_XY", "_YZ", "_ZX")]
+)
+
+
+def write_atlases(machine: lb.Machine, circles: Sequence[lb.Circle], folder: Path) -> None:
+    """Write the patterns of compliances and geometric errors on the first circle of every plane.
+
+    Parameters
+    ----------
+    machine
+        The machine.
+    circles
+        At least one in every plane of the machine.
+    folder
+        Exists already.
+    """
+    first_circle: dict[str, lb.Circle] = {}
+    for circle in circles:
+        first_circle.setdefault(circle.plane, circle)
+    for plane in machine.planes:
+        suffix = f"_{plane}" if len(machine.planes) > 1 else ""
+        circle = first_circle[plane]
+        figures = {
+            f"compliance_atlas{suffix}": partial(lb.figures.compliance_atlas, machine, circle),
+            f"geometric_atlas{suffix}": partial(lb.figures.geometric_atlas, machine, circle),
+        }
+        write_files(folder, {}, figures)
+
+
+def _read_frames(entries: list[str], flag: str) -> dict[str, tuple[float, ...]]:
+    pairs = pairs_in(entries, flag, "AXIS=X,Y,Z")
+    points = points_in(pairs.values(), flag)
+    return dict(zip(pairs, points, strict=True))
+
+
+_FRAMES = Kind(list[str], _read_frames, "AXIS=X,Y,Z")
+
+
+@command
+def machine(
+    topology: Annotated[
+        str,
+        typer.Argument(
+            help="Joints from workpiece to tool, for example wCAFYXZSt.", metavar="TOPOLOGY"
+        ),
+    ],
+    output: arguments.OutputOptions,
+    settings: Annotated[dict[str, Any], group(**options_of("machine", frames=_FRAMES))],
+) -> None:
+    """Show which compliances and geometric errors circular tests see, and the pattern of each.
+
+    Names follow ISO 230-1 and the paper; a name stands for the set of parameters that no circle
+    can separate. c = cos θ, s = sin θ; lengths in mm.
+    """
+    chain = lb.Machine(topology, settings["plane"], settings.get("frames_mm", {}))
+    circles = []
+    for plane in chain.planes:
+        for centre in settings.get("centre", [(0.0, 0.0, 0.0)]):
+            circles.append(lb.Circle(centre_mm=centre, plane=plane))
+    description = lb.describe(chain, circles)
+    record = {"schema": 1, **description.as_dict()}
+    output.check("machine.json", *ATLAS_FILES)
+    output.deliver(
+        record,
+        description,
+        {"machine.json": record},
+        write_more=partial(write_atlases, chain, circles),
+    )

@@ -1,0 +1,284 @@
+"""The report of files: fit, comparison, average, next tests and page, in one folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.conformity import check_force
+from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
+from ldbb_bayes.cli.fits import RESULT_FILES, with_tolerances, write_result
+from ldbb_bayes.cli.output import Output, write_files
+from ldbb_bayes.cli.progress import Begin
+from ldbb_bayes.cli.sources import ReportSource, SourceCampaign, has_unstated_balls
+from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.files import staged_folder
+from ldbb_bayes.inference.evidence import Evidences
+from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
+from ldbb_bayes.parallel import ahead, second_process
+from ldbb_bayes.reading.headers import Assumption, layout_to_toml
+from ldbb_bayes.report import text, wording
+from ldbb_bayes.report.page import REPORT_FILES, Document
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    import xarray as xr
+
+__all__ = ["AVERAGED_NAME", "STEPS", "WrittenReport", "page_settings", "report_files"]
+
+AVERAGED_NAME = "averaged.nc"
+_FILES_BESIDE_PAGE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
+# Steps of a report, and how long each lasts beside the others.
+STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
+# Of a log evidence [nat]: a third to a tenth of the time that 0.01 takes, which compare asks.
+_TOLERANCE = 0.05
+
+
+class WrittenReport(NamedTuple):
+    """A report that stands in its folder."""
+
+    document: Document
+    #: What is printed.
+    parts: tuple[Any, ...]
+    #: Whether all fits reached their target.
+    converged: bool
+
+
+@dataclass(frozen=True)
+class _Analyses:
+    """What a report of files shows beside the fit; a text says why something cannot be had."""
+
+    comparison: lb.Comparison | str
+    averaged: xr.DataTree | None
+    #: Gives the tests to run next; waits for them the first time.
+    design: Callable[[], lb.Design | str]
+
+
+def report_files(
+    source: ReportSource,
+    output: Output,
+    settings: dict[str, Any],
+    model: lb.HybridModel,
+    steps: AbstractContextManager[Begin],
+    *,
+    ask: bool = False,
+) -> WrittenReport:
+    """Write the report of files into a folder.
+
+    Parameters
+    ----------
+    source
+        The files.
+    output
+        Where the report goes. Default: beside the first file.
+    settings
+        Options of the report.
+    model
+        Compliance linear in force.
+    steps
+        Is told of every step of `STEPS` that begins, as of
+        `ldbb_bayes.cli.progress.step_progress`.
+    ask
+        Whether what nothing states is asked for.
+
+    Returns
+    -------
+    WrittenReport
+
+    Raises
+    ------
+    InputError
+        Files or options do not do; nothing is written.
+    """
+    _check_settings(settings, source)
+    output.out = output.out or source.report_folder()
+    output.check(*RESULT_FILES, *REPORT_FILES, *_FILES_BESIDE_PAGE)
+    campaign, imported = source.read(ask=ask)
+    check_force(campaign, settings.get("force_N"))
+    campaign = with_tolerances(campaign, model, settings.get("tolerances", {}))
+    source_campaign = SourceCampaign(campaign, imported)
+    with steps as begin, second_process() as executor:
+        fit, analyses = _analyse(campaign, model, begin, settings, executor)
+        stated_posterior = fit if analyses.averaged is None else analyses.averaged
+        fit_result = text.full_result(fit, settings["ci_prob"])
+        stated_result = text.full_result(stated_posterior, settings["ci_prob"])
+        if campaign.tolerances:
+            # Decided once: what the sheets state, at their force.
+            decisions = lb.conformity(stated_posterior, force_N=settings.get("force_N"))
+            conformity = {name: decision.as_dict() for name, decision in decisions.items()}
+            fit_result["conformity"] = conformity
+            stated_result["conformity"] = conformity
+        with staged_folder(output.out, force=output.force, ours=output.files) as staging:
+            document = lb.write_report(
+                fit,
+                staging,
+                comparison=analyses.comparison,
+                recommended=analyses.design,
+                averaged=analyses.averaged,
+                **page_settings(settings),
+                progress=begin("page"),
+            )
+            _write_beside_page(staging, fit, fit_result, imported, analyses)
+    parts = _printed_parts(source_campaign, fit, stated_result, analyses)
+    return WrittenReport(document, parts, record_of(fit)["sampler"]["converged"])
+
+
+def _check_settings(settings: dict[str, Any], source: ReportSource) -> None:
+    """Refuse options that go with fits alone."""
+    for name in ("comparison", "design"):
+        require(
+            name not in settings,
+            f"--{name} must go with a fit, got {source.paths[0]}. Leave it out: it is worked out.",
+        )
+    require(
+        not settings["same_instrument"],
+        "--same-instrument must go with several fits, got files. Leave it out.",
+    )
+
+
+def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
+    """Return the options that `ldbb_bayes.write_report` takes as they are.
+
+    Parameters
+    ----------
+    settings
+        Options of the report.
+
+    Returns
+    -------
+    dict
+    """
+    names = ("ci_prob", "language", "annex", "force_N")
+    return {name: settings[name] for name in names if name in settings}
+
+
+def _analyse(
+    campaign: lb.Campaign,
+    model: lb.HybridModel,
+    begin: Begin,
+    settings: dict[str, Any],
+    executor: Executor | None,
+) -> tuple[xr.DataTree, _Analyses]:
+    """Fit linear compliance, compare it with constant, average both, and choose the next tests."""
+    seed = settings["seed"]
+    models = {"constant": model.with_degree(0), "linear": model}
+    # The other process starts and imports meanwhile.
+    ahead(partial(callable, lb.compare), executor)
+    begin("fit")
+    fit = lb.sample(model, campaign, sampler="independent", seed=seed)
+
+    evidences = Evidences(campaign, tolerance=_TOLERANCE)
+    comparison = _result_or_reason(
+        partial(
+            lb.compare,
+            models,
+            campaign,
+            ci_prob=settings["ci_prob"],
+            progress=begin("compare"),
+            executor=executor,
+            evidences=evidences,
+            seed=seed,
+        )
+    )
+    choose_tests = partial(lb.design, model, pilot=campaign, tests=settings.get("tests"), seed=seed)
+    design = ahead(partial(_result_or_reason, choose_tests), executor)
+
+    begin("average")
+    averaged = _result_or_reason(
+        partial(lb.average, models, campaign, evidences=evidences, seed=seed)
+    )
+    if isinstance(averaged, str):
+        averaged = None
+    return fit, _Analyses(comparison, averaged, cache(design))
+
+
+def _result_or_reason(work: Callable[[], Any]) -> Any:
+    """Return a result, or why it cannot be had: a page says so in its place."""
+    try:
+        return work()
+    except InputError as error:
+        return str(error)
+
+
+def _write_beside_page(
+    folder: Path,
+    fit: xr.DataTree,
+    result: dict[str, Any],
+    imported: lb.Imported | None,
+    analyses: _Analyses,
+) -> None:
+    """Write the fit, the campaign as it was understood, comparison and design."""
+    write_result(fit, result, folder)
+    if analyses.averaged is not None:
+        lb.save(analyses.averaged, folder / AVERAGED_NAME)
+    (folder / "campaign").mkdir()
+    write_campaign_into(campaign_of(fit), folder / "campaign")
+    if imported is not None:
+        write_files(folder / "campaign", {IMPORT_NAME: layout_to_toml(imported.layout)})
+    records = {}
+    for name, result_or_reason in (
+        ("comparison.json", analyses.comparison),
+        ("design.json", analyses.design()),
+    ):
+        if not isinstance(result_or_reason, str):
+            records[name] = {"schema": 1, **lb.with_words(result_or_reason)}
+    write_files(folder, records)
+
+
+def _printed_parts(
+    source: SourceCampaign, fit: xr.DataTree, result: dict[str, Any], analyses: _Analyses
+) -> tuple[Any, ...]:
+    """Return assumptions, remarks, results without slopes, comparison, and what to run next."""
+    campaign = campaign_of(fit)
+    constant_names = model_of(fit).with_degree(0).bind(campaign).names
+    parameters = {
+        name: summary for name, summary in result["parameters"].items() if name in constant_names
+    }
+    heading = "Averaged over constant and linear compliance:"
+    if analyses.averaged is None:
+        heading = "Linear compliance:"
+    parts: list[Any] = [
+        *_assumed_parts(campaign, source.imported),
+        *wording.preview_sentences(lb.preview(campaign)),
+        heading,
+        text.results_table(result | {"parameters": parameters}, lb.verdicts(fit)),
+    ]
+    if "conformity" in result:
+        parts.append(text.conformity_table(result["conformity"]))
+
+    comparison = analyses.comparison
+    if isinstance(comparison, str):
+        parts.append(comparison)
+    else:
+        parts.append(wording.comparison_sentences(comparison)[0])
+    design = analyses.design()
+    if isinstance(design, str):
+        parts.append(design)
+    else:
+        parts.append(f"Run next: {', '.join(test.name for test in design.plan().tests)}")
+    return tuple(parts)
+
+
+def _assumed_parts(campaign: lb.Campaign, imported: lb.Imported | None) -> tuple[Any, ...]:
+    """Return what was assumed of files and balls."""
+    assumptions: tuple[Assumption, ...] = ()
+    if imported is not None:
+        assumptions = imported.assumptions
+    if has_unstated_balls(campaign):
+        balls = Assumption(
+            "",
+            "balls",
+            "as the model assumes",
+            "nothing says otherwise",
+            "--balls, --work-ball, --tool-ball",
+        )
+        assumptions = (*assumptions, balls)
+    if imported is None:
+        return tuple(wording.assumption_words(assumption) for assumption in assumptions)
+    return tuple(text.parts_of(replace(imported, assumptions=assumptions)))

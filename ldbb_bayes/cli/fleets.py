@@ -1,0 +1,166 @@
+"""``ldbb-bayes batch``, ``trend``, ``population``: many campaigns."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import ldbb_bayes as lb
+from ldbb_bayes.cli import arguments
+from ldbb_bayes.cli.options import (
+    EXIT_INTERRUPTED,
+    EXIT_MISSED,
+    REQUIRED,
+    command,
+    fail,
+    group,
+    option,
+    options_of,
+)
+from ldbb_bayes.cli.output import Output
+from ldbb_bayes.cli.progress import counting_progress
+from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, JOURNAL, read_batch
+from ldbb_bayes.parallel import executor_named
+from ldbb_bayes.results import Table
+
+__all__ = ["batch", "population", "trend"]
+
+_LISTED = 10  # failures, and campaigns to look at, that are printed
+
+_CAMPAIGNS_HELP = (
+    "Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, or lists of any of"
+    " them, one a line: @FILE or a .txt file."
+)
+_BatchesArgument = Annotated[
+    list[Path], typer.Argument(help="Folders that ldbb-bayes batch wrote.", metavar="BATCH...")
+]
+
+
+@command
+def batch(
+    campaigns: Annotated[
+        list[str], typer.Argument(help=_CAMPAIGNS_HELP, metavar="CAMPAIGNS...", show_default=False)
+    ],
+    out: Annotated[
+        Path, option(Path, "Folder for the journal and the table.", REQUIRED, metavar="DIR")
+    ],
+    model: arguments.ChosenModel,
+    table: arguments.TableFields,
+    certificates: arguments.Certificates,
+    tolerances: arguments.Tolerances,
+    settings: Annotated[dict[str, Any], group(**options_of("batch"))],
+    pool: arguments.PoolOptions,
+    as_json: Annotated[bool, arguments.JSON],
+    quiet: Annotated[bool, arguments.QUIET],
+) -> None:
+    """Fit many campaigns, each by itself, into one table with a row per campaign (Parquet).
+
+    lb.read_batch reads the table. A campaign that cannot be fitted is a row that says why.
+    Whatever stops a batch, the same command with --resume goes on to the very same table. Exit code
+    0 also when campaigns failed, 1 when one missed its sampling target. The options for tidy CSVs
+    apply to those among the campaigns.
+    """
+    if settings["resume"] and not (out / JOURNAL).exists():
+        typer.echo(f"{out} holds no unfinished batch: this one begins anew.", err=True)
+    try:
+        with counting_progress(quiet, "campaigns") as progress:
+            result = lb.batch(
+                campaigns,
+                out,
+                executor=partial(executor_named, **pool),
+                model=model,
+                table=table,
+                certificates=certificates,
+                tolerances=tolerances,
+                **settings,
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        if not (out / JOURNAL).exists():
+            raise
+        fail(
+            f"interrupted; {out} keeps what is done. The same command with --resume goes on"
+            " with it.",
+            EXIT_INTERRUPTED,
+        )
+    Output(as_json=as_json).deliver({"schema": 1, **lb.with_words(result)}, _batch_parts(result))
+    if result.not_converged:
+        raise typer.Exit(EXIT_MISSED)
+
+
+def _batch_parts(result: lb.Batch) -> tuple[Table | str, ...]:
+    """Return counts, the first failures and doubts with their reasons, and where the table is."""
+    counts = (
+        ("fitted", result.done),
+        ("… not converged: do not use their numbers", result.not_converged),
+        ("… with doubts: see their verdict", result.doubtful),
+        ("failed", result.failed),
+        ("in all", result.campaigns),
+    )
+    remarks: list[str] = []
+    for heading, entries in (("Failed", result.failures), ("To look at", result.doubts)):
+        if entries:
+            remarks.append(f"{heading}:")
+        for entry in entries[:_LISTED]:
+            campaign, reason = entry.values()
+            remarks.append(f"  {campaign}: {reason}")
+    if remarks:
+        remarks.append(
+            "Each is a row too. What has been mended is done again with --resume --retry."
+        )
+    ending = "Nothing was left to do."
+    if result.fitted:
+        per_second = result.fitted / max(result.seconds, 1e-9)
+        ending = f"{result.fitted} campaigns in {result.seconds:.1f} s: {per_second:.3g} a second."
+    table = Table.of("", ("campaigns", "number"), counts)
+    return (table, *remarks, ending, f"Written: {result.dataset}")
+
+
+@command
+def trend(
+    batches: _BatchesArgument,
+    output: arguments.OutputOptions,
+    tolerances: arguments.Tolerances,
+    settings: Annotated[dict[str, Any], group(**options_of("whose", "rows", "trend"))],
+) -> None:
+    """Follow one machine over time: control chart, and the probability that a parameter changed.
+
+    Says which parameter changed, when and by how much. One lasting step of one parameter is looked
+    for. Exit code 0 whatever is found.
+    """
+    output.check("trend.json", "trend.csv", figures=["control_chart"])
+    rows = read_batch(batches, FLEET_COLUMNS)
+    result = lb.trend(rows, tolerances=tolerances, **settings)
+    record = {"schema": 1, **lb.with_words(result)}
+    output.deliver(
+        record,
+        result,
+        {"trend.json": record, "trend.csv": result.estimates},
+        {"control_chart": partial(lb.control_chart, result)},
+    )
+
+
+@command
+def population(
+    batches: _BatchesArgument,
+    output: arguments.OutputOptions,
+    settings: Annotated[dict[str, Any], group(**options_of("rows", "population"))],
+) -> None:
+    """Estimate the population of machines that a batch comes from: mean, spread, the next machine.
+
+    Names machines that do not belong. Campaigns of one machine (machine_id in campaign.toml) are
+    taken together; each machine is compared with the others.
+    """
+    output.check("population.json", "machines.csv")
+    rows = read_batch(batches, FLEET_COLUMNS)
+    with counting_progress(output.quiet, "machines left out") as progress:
+        result = lb.population(rows, **settings, progress=progress)
+    record = lb.with_words(result)
+    contents = {
+        "population.json": record,
+        "machines.csv": result.machines_table().rename_axis("machine").reset_index(),
+    }
+    output.deliver(record, result, contents)

@@ -1,0 +1,116 @@
+"""What ``ldbb-bayes report`` asks where a terminal can answer: machine, mount, balls."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import typer
+
+import ldbb_bayes as lb
+from ldbb_bayes.cli.options import CATALOGUE
+from ldbb_bayes.cli.values import ball_in
+from ldbb_bayes.errors import InputError, require
+
+__all__ = ["MACHINES", "MachineType", "can_ask", "complete_campaign"]
+
+
+class MachineType(NamedTuple):
+    """A kind of machine in words, the chain of its joints, and what moves what."""
+
+    #: In words.
+    name: str
+    #: Chain of its joints, from workpiece to tool.
+    topology: str
+    #: Which joints move workpiece and tool.
+    looks: str
+
+
+MACHINES = tuple(MachineType(**entry) for entry in CATALOGUE["machines"])
+_ANSWERS = {"y": True, "yes": True, "j": True, "ja": True, "n": False, "no": False, "nein": False}
+
+
+def can_ask() -> bool:
+    """Return whether a terminal can answer questions."""
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Campaign:
+    """Return a campaign with what its user answers about machine, mount and balls.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    unstated
+        Which of ``topology``, ``mount`` and ``balls`` neither files nor options state; only these
+        are asked for.
+
+    Returns
+    -------
+    Campaign
+    """
+    if "topology" in unstated:
+        topology = _ask_topology(campaign.machine().plane)
+        if topology != campaign.topology:
+            campaign = replace(campaign, topology=topology, frames_mm={})
+    if "mount" in unstated:
+        question = "Are the readings compensated for the mount of the work ball? (y/n)"
+        if not _ask(question, "y", _read_yes_or_no):
+            campaign = replace(campaign, mount=replace(campaign.mount, compensated=False))
+    if "balls" in unstated:
+        question = (
+            "Grade of the balls, G3 to G200, or deviation from sphericity, for example 0.5um"
+            " (Enter: not known)"
+        )
+        ball = _ask(question, "", _read_ball)
+        if ball is not None:
+            instrument = replace(campaign.instrument, work=ball, tool=ball)
+            campaign = replace(campaign, instrument=instrument)
+    return campaign
+
+
+def _ask_topology(plane: str) -> str:
+    typer.echo("What does the machine look like?", err=True)
+    for number, machine in enumerate(MACHINES, start=1):
+        typer.echo(f"  {number}  {machine.name} ({machine.topology}): {machine.looks}", err=True)
+    question = f"Its number, or its joints from workpiece to tool (plane {plane})"
+    topology: str = _ask(question, "1", _read_topology)
+    return topology
+
+
+def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
+    """Return the answer as ``read`` understands it; ask again where it does not."""
+    while True:
+        answer = typer.prompt(question, default=default, err=True, show_default=bool(default))
+        try:
+            return read(str(answer).strip())
+        except InputError as error:
+            typer.echo(str(error), err=True)
+
+
+def _read_topology(answer: str) -> str:
+    if not answer.isdecimal():
+        return lb.Machine(answer).topology
+    number = int(answer)
+    require(
+        1 <= number <= len(MACHINES),
+        f"a number must be 1 to {len(MACHINES)}, got {answer}. Or type the joints.",
+    )
+    return MACHINES[number - 1].topology
+
+
+def _read_yes_or_no(answer: str) -> bool:
+    require(
+        answer.casefold() in _ANSWERS,
+        f"the answer must be y or n, got {answer!r}. Type one of them.",
+    )
+    return _ANSWERS[answer.casefold()]
+
+
+def _read_ball(answer: str) -> lb.Ball | None:
+    if not answer:
+        return None
+    return ball_in(answer, "the grade")

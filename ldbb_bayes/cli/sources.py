@@ -1,0 +1,179 @@
+"""What ``ldbb-bayes report`` is made of: files as they are found, a campaign, or fits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import ldbb_bayes as lb
+from ldbb_bayes.campaign.campaign import LABELS
+from ldbb_bayes.cli.questions import complete_campaign
+from ldbb_bayes.errors import require
+from ldbb_bayes.reading.importing import Imported
+
+__all__ = ["TOML_NAME", "ReportSource", "SourceCampaign", "has_unstated_balls"]
+
+TOML_NAME = "campaign.toml"
+
+
+class SourceCampaign(NamedTuple):
+    """A campaign, and where it was imported what was assumed."""
+
+    campaign: lb.Campaign
+    imported: Imported | None
+
+
+def has_unstated_balls(campaign: lb.Campaign) -> bool:
+    """Return whether nothing is stated about either ball.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+
+    Returns
+    -------
+    bool
+    """
+    return campaign.instrument.work == campaign.instrument.tool == lb.Ball()
+
+
+@dataclass(frozen=True)
+class ReportSource:
+    """Paths, and what options say of tables, of their campaign and of the instrument.
+
+    Parameters
+    ----------
+    files
+        As they were typed.
+    paths
+        The same with ``*`` and ``?`` expanded.
+    layout
+        What is stated about the tables.
+    table
+        Fields of the campaign.
+    certificates
+        Fields of the instrument.
+    """
+
+    files: Sequence[Path]
+    paths: Sequence[Path]
+    layout: lb.Layout
+    table: Mapping[str, Any]
+    certificates: Mapping[str, Any]
+
+    @property
+    def is_result(self) -> bool:
+        """Whether the first path is a fit."""
+        first = self.paths[0]
+        return first.suffix == ".nc" or (first.is_dir() and (first / "posterior.nc").exists())
+
+    @property
+    def is_campaign(self) -> bool:
+        """Whether the first path is a campaign already, not tables to be imported."""
+        first = self.paths[0]
+        return first.suffix.lower() == ".toml" or (first / TOML_NAME).is_file()
+
+    def refuse_table_options(self) -> None:
+        """Refuse options that go with an import, beside a fit.
+
+        Raises
+        ------
+        InputError
+            An option of tables, machine or instrument is given.
+        """
+        stated = self.layout != lb.Layout() or self.table or self.certificates
+        require(
+            not stated,
+            "options of tables, machine and instrument must go with files, got a fit,"
+            f" {self.paths[0]}. Fit again with them.",
+        )
+
+    def report_folder(self) -> Path:
+        """Return where the report goes by default: beside the first path."""
+        first = self.paths[0]
+        if first.name == TOML_NAME:
+            first = first.parent
+        if first.is_dir():
+            first = first.resolve()
+            return first.parent / f"{first.name}_report"
+        return first.parent / f"{first.stem}_report"
+
+    def read(self, *, ask: bool) -> SourceCampaign:
+        """Read or import the campaign.
+
+        Parameters
+        ----------
+        ask
+            Whether what nothing states about machine, mount and balls is asked for.
+
+        Returns
+        -------
+        SourceCampaign
+
+        Raises
+        ------
+        InputError
+            The files cannot be read, options do not go with them, or they hold no readings.
+        """
+        if self.is_campaign:
+            campaign = self._read_campaign()
+            imported = None
+            unstated = set()
+        else:
+            imported = self._import_tables()
+            campaign = imported.campaign
+            unstated = set(imported.unsaid)
+        require(
+            not campaign.is_plan,
+            f"{self.paths[0]} must have readings to be reported, got a plan. Ask ldbb-bayes"
+            " identify or design, or run it.",
+        )
+        if not ask:
+            return SourceCampaign(campaign, imported)
+
+        if has_unstated_balls(campaign):
+            unstated.add("balls")
+        campaign = complete_campaign(campaign, unstated)
+        if imported is not None:
+            answered = unstated & {"topology", "mount"}
+            assumptions = [
+                assumption for assumption in imported.assumptions if assumption.what not in answered
+            ]
+            imported = replace(imported, campaign=campaign, assumptions=tuple(assumptions))
+        return SourceCampaign(campaign, imported)
+
+    def _read_campaign(self) -> lb.Campaign:
+        first = self.paths[0]
+        require(
+            len(self.paths) == 1,
+            f"report must have one campaign, got {len(self.paths)}. Report each by itself; several"
+            " fits go side by side.",
+        )
+        require(
+            self.layout == lb.Layout(),
+            f"options of an import must go with tables, got a campaign, {first}. Leave them out.",
+        )
+        labels = {}
+        fields = {}
+        for name, value in self.table.items():
+            if name == "name" or name in LABELS:
+                labels[name] = value
+            else:
+                fields[name] = value
+        campaign = lb.read_campaign(first, certificates=self.certificates, **fields)
+        return replace(campaign, **labels)
+
+    def _import_tables(self) -> Imported:
+        first = self.paths[0]
+        require(
+            not first.is_dir(),
+            f"{first} must hold {TOML_NAME} or posterior.nc, got neither. Name the tables in it:"
+            f" {first}/*",
+        )
+        instrument = lb.Instrument(**self.certificates)
+        return lb.import_campaign(
+            self.files, layout=self.layout, **self.table, instrument=instrument
+        )

@@ -1,0 +1,160 @@
+"""Values of options as they are typed: names, numbers, points, pairs, balls."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+
+import ldbb_bayes as lb
+from ldbb_bayes.errors import InputError, placed, require
+
+__all__ = ["ball_in", "names_in", "numbers_in", "pairs_in", "points_in"]
+
+
+def names_in(text: str) -> tuple[str, ...]:
+    """Return comma-separated names.
+
+    Parameters
+    ----------
+    text
+        What was typed, for example ``"C_XXX, C_YYY"``.
+
+    Returns
+    -------
+    tuple of str
+        The names, in their order; empty ones are left out.
+    """
+    names = [name.strip() for name in text.split(",")]
+    return tuple(name for name in names if name)
+
+
+def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
+    """Return values by name from an option that may be repeated, each time NAME=VALUE.
+
+    Parameters
+    ----------
+    entries
+        What was typed, for example ``["G=20 µm"]``.
+    flag
+        The option, for messages.
+    form
+        How an entry is to be written, for messages.
+
+    Returns
+    -------
+    dict
+        Values by name.
+
+    Raises
+    ------
+    InputError
+        An entry has no name, no value or no equals sign, or a name comes twice.
+    """
+    values: dict[str, str] = {}
+    for entry in entries:
+        name, sign, value = entry.partition("=")
+        if not (name and sign and value):
+            raise InputError(
+                f"{flag} must be {form}, got {entry!r}. Put a name, '=' and what belongs to it."
+            )
+        if name in values:
+            raise InputError(f"{flag} must give each name once, got {name!r} again. Remove one.")
+        values[name] = value
+    return values
+
+
+def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
+    """Return finite numbers between separators.
+
+    Parameters
+    ----------
+    text
+        What was typed, for example ``"36,742"``.
+    flag
+        The option, for messages.
+    separator
+        What stands between two numbers.
+
+    Returns
+    -------
+    tuple of float
+        The numbers, in their order.
+
+    Raises
+    ------
+    InputError
+        An entry is no finite number.
+    """
+    try:
+        numbers = tuple(float(entry) for entry in text.split(separator))
+    except ValueError:
+        numbers = (math.nan,)
+    require(
+        all(math.isfinite(number) for number in numbers),
+        f"{flag} must hold numbers, got {text!r}. Write them like 36{separator}2e-6.",
+    )
+    return numbers
+
+
+def points_in(entries: Iterable[str], flag: str) -> list[tuple[float, ...]]:
+    """Return points from an option that may be repeated, each time X,Y,Z.
+
+    Parameters
+    ----------
+    entries
+        What was typed, coordinates in mm, for example ``["0,-200,350"]``.
+    flag
+        The option, for messages.
+
+    Returns
+    -------
+    list of tuple of float
+        Three coordinates a point [mm].
+
+    Raises
+    ------
+    InputError
+        An entry holds no three numbers.
+    """
+    points = [numbers_in(text, flag) for text in entries]
+    for point in points:
+        require(
+            len(point) == 3,
+            f"{flag} must hold three numbers X,Y,Z in mm, got {len(point)}. For example"
+            " 0,-200,350.",
+        )
+    return points
+
+
+def ball_in(text: str, flag: str) -> lb.Ball:
+    """Return a ball by its grade, or by its deviation from sphericity with a unit.
+
+    Parameters
+    ----------
+    text
+        What was typed, for example ``"G20"`` or ``"0.5um"``.
+    flag
+        The option, for messages.
+
+    Returns
+    -------
+    Ball
+        A ball that is known by grade or by sphericity.
+
+    Raises
+    ------
+    InputError
+        The text is neither, or the grade is unknown.
+    """
+    sphericity = re.fullmatch(r"(\d*\.?\d+) ?[uµμ]m", text.replace(",", "."))
+    starts_like_number = text[:1] in set("+-.0123456789")
+    if sphericity is None and starts_like_number:
+        raise InputError(
+            f"{flag} must be a grade like G20, or a deviation from sphericity like 0.5um, got"
+            f" {text!r}. Correct it."
+        )
+    with placed(flag):
+        if sphericity is None:
+            return lb.Ball(grade=text)
+        return lb.Ball(sphericity_um=float(sphericity[1]))
