@@ -10,30 +10,31 @@ hyper-parameters included; without these they are the GUM's u_s²(y) / u²(y).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.model.hybrid import BoundModel, information_of
+from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms import NOISE, BasisNoise, Columns, Term
 from ldbb_bayes.parallel import one_blas_thread
-from ldbb_bayes.results import ByName, Result
+from ldbb_bayes.results import Array, ByName, Result
 from ldbb_bayes.units import ranked
-
-__all__ = ["Budget", "Contribution", "budgets"]
 
 if TYPE_CHECKING:
     import xarray as xr
 
+__all__ = ["Budget", "Contribution", "budgets"]
 
 Kind = Literal["A", "B"]
 
-
-_LISTED = 1e-3
-_HALF = 0.5
+# A nuisance coefficient with a smaller share of the variance has no line of its own.
+_LISTED_SHARE = 1e-3
+# Terms of type B with more than this share of the variance count as what holds it.
+_MAJORITY = 0.5
 
 
 @dataclass(frozen=True)
@@ -48,19 +49,19 @@ class Contribution:
     #: its own standard uncertainty [``unit``]; None for several coefficients together
     u: float | None
     unit: str
-    sensitivity: (
-        float | None
-        #: of the parameter's estimate, per unit of the source; for noise the effective one, without
-        #: sign
-    )
+    #: of the parameter's estimate, per unit of the source; for noise the effective one, without
+    #: sign
+    sensitivity: float | None
     contribution: float  #: its part of the parameter's standard uncertainty [unit of the parameter]
     share: float  #: of the parameter's variance
 
 
 @dataclass(frozen=True)
 class Budget(Result):
-    """The budget of one parameter; shares of its ``contributions``, the largest first, sum to
-    one."""
+    """The budget of one parameter.
+
+    Shares of its ``contributions``, the largest first, sum to one.
+    """
 
     parameter: str
     unit: str
@@ -68,111 +69,192 @@ class Budget(Result):
     contributions: tuple[Contribution, ...]
     #: the term with the largest share, of those of type B where these hold more than half
     heaviest: str
-    #: Standard uncertainty left if the heaviest term were known exactly; None for noise of the readings and for the parameters'
-    #: own priors, which nothing makes known.
+    #: standard uncertainty left if the heaviest term were known exactly; None for noise of the
+    #: readings and for the parameters' own priors, which nothing makes known
     u_if_known: float | None
 
     def share(self, term: str) -> float:
-        """Share of a whole term."""
+        """Return the share of a whole term."""
         return sum(line.share for line in self.contributions if line.term == term)
+
+
+@dataclass(frozen=True)
+class _PosteriorVariance:
+    """The variance of all parameters of a posterior, and where it comes from.
+
+    ``covariance`` (m, m) is that of all coefficients at the mean hyper-parameters, in units of the
+    prior sd; ``shares`` (p,) by source and term; ``variance_if_known`` (p,) by term; ``phi`` the
+    mean hyper-parameters [mm].
+    """
+
+    bound: BoundModel
+    information: Information
+    covariance: Array
+    shares: Mapping[tuple[str, str], Array]
+    variance_if_known: Mapping[str, Array]
+    phi: Mapping[Any, float]
+
+
+class _NoiseSource(NamedTuple):
+    """Type, standard uncertainty and unit of a noise; no uncertainty for several together."""
+
+    kind: Kind
+    u: float | None
+    unit: str
 
 
 @one_blas_thread
 def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
-    """The budget of every parameter of a posterior, at its mean hyper-parameters; the variance is
-    the draws' own."""
+    """Return the uncertainty budget of every parameter of a posterior.
+
+    Parameters
+    ----------
+    posterior : xarray.DataTree
+        From `sample`, `load` or `average`. Sources are compared at its mean hyper-parameters; the
+        variance they share is that of the draws.
+
+    Returns
+    -------
+    dict of Budget
+        By parameter, in inside units (mm, N, rad).
+
+    Examples
+    --------
+    >>> print(lb.budgets(posterior)["C_XXX"])
+    """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)
-    information = information_of(bound, phi.mean(axis=0))
-    own = information.interest
-    joint = information.covariance()
-    scale = information.scale[own]
+    mean_phi = phi.mean(axis=0)
+    information = information_of(bound, mean_phi)
+    scale = information.scale[information.interest]
     covariance = np.atleast_2d(np.cov(beta.T)) / np.outer(scale, scale)
-    shares = information.shares(covariance)
-    known = {term: information.variances([term]) for term in information.terms}
-    value = dict(zip(bound.hyper_prior.names, phi.mean(axis=0).tolist(), strict=True))
-    found = ByName[Budget]()
+    variance = _PosteriorVariance(
+        bound=bound,
+        information=information,
+        covariance=information.covariance(),
+        shares=information.shares(covariance),
+        variance_if_known={term: information.variances([term]) for term in information.terms},
+        phi=dict(zip(bound.hyper_prior.names, mean_phi.tolist(), strict=True)),
+    )
+    budgets_by_name = ByName[Budget]()
     for i, parameter in enumerate(bound.parameters):
         u = float(np.sqrt(covariance[i, i]) * scale[i])
-        lines = []
-        rest = dict[str, float]()
-        for (source, term), values in shares.items():
-            share = float(values[i])
-            if source == term:
-                lines.append(_noise_line(bound, term, value, share, u))
-            elif abs(share) < _LISTED:
-                rest[term] = rest.get(term, 0.0) + share
-            else:
-                j = information.names.index(source)
-                # More of the nuisance than its prior mean moves the estimate the other way than
-                # their covariance.
-                sign = -float(np.sign(joint[own[i], j]))
-                size = float(information.scale[j])
-                lines.append(
-                    _line(
-                        source,
-                        term,
-                        "B",
-                        size,
-                        Term.owner(source).unit_of(source).inside,
-                        share,
-                        u,
-                        sign,
-                    )
-                )
-        lines += [
-            _line(f"other {term}", term, "B", None, "", share, u) for term, share in rest.items()
-        ]
-        ordered = tuple(ranked(lines, lambda line: line.share))
-        by_term: dict[str, float] = {}
-        for line in ordered:
-            by_term[line.term] = by_term.get(line.term, 0.0) + line.share
-        # More circles are no help where what all circles share holds the variance.
-        of_circles = {line.term for line in ordered if line.kind == "A"}
-        shared = {term: by_term[term] for term in by_term if term not in of_circles}
-        heaviest = ranked(shared if sum(shared.values()) > _HALF else by_term, by_term.__getitem__)[
-            0
-        ]
-        left = (
-            u * float(np.sqrt(known[heaviest][i] / joint[own[i], own[i]]))
-            if heaviest in known
-            else None
+        contributions = _contributions(variance, i, u)
+        heaviest = _heaviest_term(contributions)
+        budgets_by_name[parameter.name] = Budget(
+            parameter=parameter.name,
+            unit=parameter.unit,
+            u=u,
+            contributions=contributions,
+            heaviest=heaviest,
+            u_if_known=_uncertainty_if_known(variance, i, heaviest, u),
         )
-        found[parameter.name] = Budget(parameter.name, parameter.unit, u, ordered, heaviest, left)
-    return found
+    return budgets_by_name
 
 
-def _line(
+def _contributions(variance: _PosteriorVariance, i: int, u: float) -> tuple[Contribution, ...]:
+    """Return the lines of the budget of parameter i, the largest share first."""
+    lines = []
+    unlisted_shares: dict[str, float] = {}
+    for (source, term), shares in variance.shares.items():
+        share = float(shares[i])
+        if source == term:
+            noise = _noise_source(variance.bound, term, variance.phi)
+            line = _contribution(source, term, noise.kind, share, u, noise.u, noise.unit)
+            lines.append(line)
+        elif abs(share) < _LISTED_SHARE:
+            unlisted_shares[term] = unlisted_shares.get(term, 0.0) + share
+        else:
+            lines.append(_coefficient_line(variance, i, source, term, share, u))
+    for term, share in unlisted_shares.items():
+        lines.append(_contribution(f"other {term}", term, "B", share, u))
+    return tuple(ranked(lines, lambda line: line.share))
+
+
+def _coefficient_line(
+    variance: _PosteriorVariance, i: int, source: str, term: str, share: float, u: float
+) -> Contribution:
+    """Return the line of one nuisance coefficient."""
+    information = variance.information
+    row = information.interest[i]
+    column = information.names.index(source)
+    # More of the nuisance than its prior mean moves the estimate the other way than their
+    # covariance.
+    sign = -float(np.sign(variance.covariance[row, column]))
+    source_u = float(information.scale[column])
+    unit = Term.owner(source).unit_of(source).inside
+    return _contribution(source, term, "B", share, u, source_u, unit, sign)
+
+
+def _contribution(
     source: str,
     term: str,
     kind: Kind,
-    own_u: float | None,
-    unit: str,
     share: float,
     u: float,
+    source_u: float | None = None,
+    unit: str = "",
     sign: float = 1.0,
 ) -> Contribution:
-    part = float(np.sqrt(max(share, 0.0))) * u
+    """Return the line of a source with this share in the standard uncertainty u of a parameter."""
+    contribution = float(np.sqrt(max(share, 0.0))) * u
+    sensitivity = None
+    if source_u is not None:
+        sensitivity = sign * contribution / source_u
     return Contribution(
-        source, term, kind, own_u, unit, None if own_u is None else sign * part / own_u, part, share
+        source=source,
+        term=term,
+        kind=kind,
+        u=source_u,
+        unit=unit,
+        sensitivity=sensitivity,
+        contribution=contribution,
+        share=share,
     )
 
 
-def _noise_line(
-    bound: BoundModel, term: str, value: Mapping[Any, float], share: float, u: float
-) -> Contribution:
-    """A noise of the readings, or the parameters' own priors."""
-    columns = bound.columns_of.get(Term.kinds[term], ()) if term in Term.kinds else ()
-    parts = [part for part in columns if isinstance(part, BasisNoise) or part.private]
-    kind: Kind = (
-        "A"
-        if term == NOISE or (parts and all(isinstance(part, BasisNoise) for part in parts))
-        else "B"
-    )
-    hyper = "sigma" if term == NOISE else parts[0].hyper if len(parts) == 1 else None
-    if hyper is not None:
-        return _line(term, term, kind, value[hyper], "mm", share, u)
-    if len(parts) == 1 and isinstance(parts[0], Columns) and len(parts[0].names) == 1:
-        unit = Term.kinds[term].unit_of(parts[0].names[0]).inside
-        return _line(term, term, kind, float(parts[0].sd[0]), unit, share, u)
-    return _line(term, term, kind, None, "", share, u)
+def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
+    """Return what is known of a noise of the readings, or of the parameters' own priors."""
+    if term == NOISE:
+        return _NoiseSource("A", phi["sigma"], "mm")
+    columns: Sequence[Columns | BasisNoise] = ()
+    if term in Term.kinds:
+        columns = bound.columns_of.get(Term.kinds[term], ())
+    noises = [block for block in columns if isinstance(block, BasisNoise) or block.private]
+    is_scatter = len(noises) > 0 and all(isinstance(block, BasisNoise) for block in noises)
+    kind: Kind = "A" if is_scatter else "B"
+    if len(noises) != 1:
+        return _NoiseSource(kind, None, "")
+    (noise,) = noises
+    if noise.hyper is not None:
+        return _NoiseSource(kind, phi[noise.hyper], "mm")
+    if isinstance(noise, Columns) and len(noise.names) == 1:
+        unit = Term.kinds[term].unit_of(noise.names[0]).inside
+        return _NoiseSource(kind, float(noise.sd[0]), unit)
+    return _NoiseSource(kind, None, "")
+
+
+def _heaviest_term(contributions: Sequence[Contribution]) -> str:
+    """Return the term with the largest share.
+
+    Where sources that all circles share hold more than half of the variance, it is one of them:
+    more circles are no help then.
+    """
+    shares: dict[str, float] = {}
+    for line in contributions:
+        shares[line.term] = shares.get(line.term, 0.0) + line.share
+    scatter = {line.term for line in contributions if line.kind == "A"}
+    shared = {term: share for term, share in shares.items() if term not in scatter}
+    candidates = shared if sum(shared.values()) > _MAJORITY else shares
+    return ranked(candidates, shares.__getitem__)[0]
+
+
+def _uncertainty_if_known(
+    variance: _PosteriorVariance, i: int, term: str, u: float
+) -> float | None:
+    """Return the standard uncertainty left if a term were known; None if nothing makes it known."""
+    if term not in variance.variance_if_known:
+        return None
+    row = variance.information.interest[i]
+    remaining = variance.variance_if_known[term][i] / variance.covariance[row, row]
+    return u * float(np.sqrt(remaining))

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from ldbb_bayes.analysis import sensitivity
-from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, outliers
+from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, judge_tests
 from ldbb_bayes.analysis.sensitivity import (
     WHITE_NOISE,
     Assumed,
@@ -113,7 +113,7 @@ class ComparedModel:
 
 @dataclass(frozen=True, eq=False)
 class ComparedTest:
-    """One test, left out; p-values, worst order and flag as in `Outlier`."""
+    """One test, left out; p-values, worst order and flag as in `JudgedTest`."""
 
     force_N: float
     lofo_log_density: dict[str, float]  #: by model: ln p(y_r | y_−r), exact [nat]
@@ -475,7 +475,7 @@ def _tests(
     tolerance: float,
 ) -> dict[str, ComparedTest]:
     """Every test against the others; none where none was left out."""
-    odd = outliers(weighed, left, seed=seed, tolerance=tolerance) if left else {}
+    odd = judge_tests(weighed, left, seed=seed, tolerance=tolerance) if left else {}
     forces = next(iter(weighed.values())).bound.setting.force_N
     return {
         name: ComparedTest(

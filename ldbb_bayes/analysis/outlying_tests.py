@@ -1,12 +1,11 @@
 """Find tests that do not belong with the others.
 
-Does every test belong with the others? Each is compared with circles that the others expect in its
-place. p-values are exact under the models compared: replicates come from p(y_r | y_−r), the models
-weighted by what the other tests say of them; the distance of a circle is measured alike for
-readings and replicates, order by order, and the smallest p-value of a test is judged by how small
-the replicates' smallest are. Over the tests the family-wise error is held by Holm's method, step by
-step: a flagged test is taken out before the rest is looked at again, or it would make its
-neighbours look odd.
+Each test is compared with circles that the other tests expect in its place. p-values are exact
+under the models compared: replicates come from p(y_r | y_−r), the models weighted by what the other
+tests say of them. The distance of a circle is measured alike for readings and replicates, order by
+order, and the smallest p-value of a test is judged by how small the replicates' smallest are. Over
+the tests Holm's method holds the family-wise error, step by step: a flagged test is taken out
+before the remaining ones are looked at again, or it would make its neighbours look odd.
 """
 
 from __future__ import annotations
@@ -21,11 +20,7 @@ from scipy import special
 from ldbb_bayes.analysis.multiple_testing import holm
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference.evidence import (
-    Evidences,
-    leave_one_out,
-    probabilities,
-)
+from ldbb_bayes.inference.evidence import Evidences, leave_one_out, probabilities
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.prediction import replicate_left_out
 from ldbb_bayes.inference.residuals import harmonics_of
@@ -34,43 +29,39 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
 
-__all__ = ["FALSE_ALARMS", "Outlier", "belonging", "outliers"]
+__all__ = ["FALSE_ALARMS", "JudgedTest", "belonging", "judge_circle", "judge_tests"]
 
-
-FALSE_ALARMS = 0.02  # of which a test is flagged, over all tests
-
-
+# Probability that any test is flagged where all belong, over all tests.
+FALSE_ALARMS = 0.02
+# Fewest replicates of a test, and as many per test of the campaign: a p-value can then be so small
+# that Holm's method flags it.
 _REPLICATES = 20_000
-
-
-_EACH = 400
-
-
-_CLOSER = 0.05
-
-
-_TOGETHER = 5
-
-
-_MORE = 2
-
-
-_FEWER_TOGETHER = 2
+_REPLICATES_PER_TEST = 400
+# Replicates that share one posterior draw in the first look.
+_CIRCLES_PER_DRAW = 5
+# A test with a smaller p-value is looked at again, with as many times the replicates, of which
+# fewer share a draw: circles of one draw lie out together, so that small p-values need many draws.
+_SMALL_P_VALUE = 0.05
+_MORE_REPLICATES = 2
+_CIRCLES_PER_DRAW_AGAIN = 2
 
 
 @dataclass(frozen=True)
-class Outlier:
-    """One test against what the others, flagged ones aside, expect. Two tests that disagree with
-    one another have a small p-value both, and no flag: nothing says which of them is wrong."""
+class JudgedTest:
+    """One test against what the others, flagged ones aside, expect.
 
-    # probability that a circle of the same machine stands out so much in any Fourier order
+    Two tests that disagree with one another have a small p-value both, and no flag: nothing says
+    which of them is wrong.
+    """
+
+    #: probability that a circle of the same machine stands out so much in any Fourier order
     p_value: float
-    family_wise_p_value: float  # the same, allowing for all tests (Holm)
-    order_p_values: tuple[float, ...]  # of orders 0 … 12, each by itself
+    family_wise_p_value: float  #: the same, allowing for all tests (Holm)
+    order_p_values: tuple[float, ...]  #: of orders 0 … 12, each by itself
     worst_order: int
-    # the family-wise p-value is below 2 %, and more than half of the tests agree without it
+    #: the family-wise p-value is below 2 %, and more than half of the tests agree without it
     flag: bool
-    distance: float  # in the worst order [−ln of a χ² tail]; it breaks ties of p
+    distance: float  #: in the worst order [−ln of a χ² tail]; it breaks ties of p
 
 
 @one_blas_thread
@@ -82,152 +73,241 @@ def belonging(
     tolerance: float = 1e-2,
     replicates: int | None = None,
 ) -> pd.DataFrame:
-    """Which tests do not belong with the others, under one or several models of a campaign of at
-    least two tests.
-
-    InputError for fewer than two tests, a plan, or an improper prior.
+    """Return which tests do not belong with the others, under one or several models.
 
     Parameters
     ----------
     models : mapping of name to HybridModel
         Weighted by what the other tests say of them.
-    seed : of the replicates.
-    tolerance : error of every log evidence [nat].
-    replicates : circles drawn in the place of each test; no p-value is below one over their number.
-        Default 20,000, or more.
+    campaign : Campaign
+        With readings of at least two tests.
+    seed : int
+        Seed of the replicates.
+    tolerance : float
+        Error of every log evidence [nat].
+    replicates : int, optional
+        Circles drawn in the place of each test; no p-value is below one over their number. Default
+        20,000, or more for many tests.
 
     Returns
     -------
-    One row per test: force_N, p_value, family_wise_p_value, flag, and order_0 … order_12, the
-    p-values by Fourier order.
+    DataFrame
+        One row per test: force_N, p_value, family_wise_p_value, flag, and order_0 … order_12, the
+        p-values by Fourier order.
+
+    Raises
+    ------
+    InputError
+        For fewer than two tests, a plan, an improper prior, or too few replicates.
+
+    Examples
+    --------
+    >>> model = lb.HybridModel.default(degree=1)
+    >>> print(lb.belonging({"linear": model}, campaign))
     """
     check_campaign(campaign)
+    tests = len(campaign.tests)
     require(
-        len(campaign.tests) > 1,
-        "a campaign must have at least two tests to compare them, got one. Add tests.",
+        tests > 1, "a campaign must have at least two tests to compare them, got one. Add tests."
     )
-    least = int(len(campaign.tests) / (_MORE * FALSE_ALARMS)) + 1
-    few = replicates is not None and replicates < least
+    fewest = int(tests / (_MORE_REPLICATES * FALSE_ALARMS)) + 1
     require(
-        not few,
-        f"replicates must be at least {least} to judge {len(campaign.tests)} tests, got"
-        f" {replicates}. Leave them out.",
+        replicates is None or replicates >= fewest,
+        f"replicates must be at least {fewest} to judge {tests} tests, got {replicates}. Leave them"
+        " out.",
     )
     evidences = Evidences(campaign, tolerance=tolerance)
-    weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
-    left = leave_one_out(weighed, tolerance=tolerance)
-    judged = outliers(weighed, left, seed=seed, tolerance=tolerance, replicates=replicates)
+    nodes_by_model = dict(zip(models, evidences.of(*models.values()), strict=True))
+    left_out_nodes = leave_one_out(nodes_by_model, tolerance=tolerance)
+    judged = judge_tests(
+        nodes_by_model, left_out_nodes, seed=seed, tolerance=tolerance, replicates=replicates
+    )
     rows = {}
     for test in campaign.tests:
-        own = judged[test.name]
-        seen = {
+        judged_test = judged[test.name]
+        row = {
             "force_N": test.force_N,
-            "p_value": own.p_value,
-            "family_wise_p_value": own.family_wise_p_value,
-            "flag": own.flag,
+            "p_value": judged_test.p_value,
+            "family_wise_p_value": judged_test.family_wise_p_value,
+            "flag": judged_test.flag,
         }
-        rows[test.name] = seen | {f"order_{n}": p for n, p in enumerate(own.order_p_values)}
+        for order, p_value in enumerate(judged_test.order_p_values):
+            row[f"order_{order}"] = p_value
+        rows[test.name] = row
     return readable(pd.DataFrame.from_dict(rows, orient="index"), "Which tests do not belong")
 
 
-def outliers(
-    models: Mapping[str, Nodes],
-    left: Mapping[str, Mapping[str, Nodes]],
+def judge_tests(
+    nodes_by_model: Mapping[str, Nodes],
+    left_out_nodes: Mapping[str, Mapping[str, Nodes]],
     *,
     seed: int,
     tolerance: float,
     replicates: int | None = None,
-) -> dict[str, Outlier]:
-    """Return every test against the others, from the nodes of all tests by model, and of all but
-    one by model and test."""
+) -> dict[str, JudgedTest]:
+    """Return every test against the others.
+
+    Parameters
+    ----------
+    nodes_by_model
+        Nodes of the posterior of all tests, by model.
+    left_out_nodes
+        Nodes of the posterior of all tests but one, by model and test; as of `leave_one_out`.
+    seed, tolerance, replicates
+        As of `belonging`.
+    """
     rng = np.random.default_rng(seed)
-    names = next(iter(models.values())).bound.test_names
-    size = replicates or max(_REPLICATES, _EACH * len(names))
-    flagged: dict[str, Outlier] = {}
-    reached = 0.0
+    names = _any_nodes(nodes_by_model).bound.test_names
+    size = replicates or max(_REPLICATES, _REPLICATES_PER_TEST * len(names))
+    flagged: dict[str, JudgedTest] = {}
+    largest_flagged_p_value = 0.0
     while True:
-        rest = {
-            name: _against_the_others(models, left, name, size, rng)
-            for name in names
-            if name not in flagged
-        }
-        worst = min(rest, key=lambda name: (rest[name].p_value, -rest[name].distance))
-        family = max(reached, min(1.0, len(rest) * rest[worst].p_value))
-        if family >= FALSE_ALARMS or 2 * (len(flagged) + 1) >= len(names):
+        judged = {}
+        for name in names:
+            if name not in flagged:
+                judged[name] = _judge_left_out(nodes_by_model, left_out_nodes, name, size, rng)
+        worst = _most_outlying(judged)
+        adjusted = min(1.0, len(judged) * judged[worst].p_value)
+        family_wise = max(largest_flagged_p_value, adjusted)
+        majority_agrees = 2 * (len(flagged) + 1) < len(names)
+        if family_wise >= FALSE_ALARMS or not majority_agrees:
             break
-        flagged[worst], reached = (
-            replace(rest[worst], family_wise_p_value=family, flag=True),
-            family,
-        )
-        models = {model: by_test[worst] for model, by_test in left.items()}
-        left = leave_one_out(models, tolerance=tolerance)
-    adjusted = np.maximum(holm(np.array([own.p_value for own in rest.values()])), reached)
-    rest = {
-        name: replace(own, family_wise_p_value=float(p))
-        for (name, own), p in zip(rest.items(), adjusted, strict=True)
-    }
-    return {name: (flagged | rest)[name] for name in names}
+        flagged[worst] = replace(judged[worst], family_wise_p_value=family_wise, flag=True)
+        largest_flagged_p_value = family_wise
+        nodes_by_model = {model: by_test[worst] for model, by_test in left_out_nodes.items()}
+        left_out_nodes = leave_one_out(nodes_by_model, tolerance=tolerance)
+    judged = _adjust_p_values(judged, largest_flagged_p_value)
+    return {name: flagged[name] if name in flagged else judged[name] for name in names}
 
 
-def _against_the_others(
-    models: Mapping[str, Nodes],
-    left: Mapping[str, Mapping[str, Nodes]],
+def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
+    """Return the nodes of the first model, for what all models share."""
+    return next(iter(nodes_by_model.values()))
+
+
+def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
+    """Return the test with the smallest p-value; of equal ones that with the largest distance."""
+    return min(judged, key=lambda name: (judged[name].p_value, -judged[name].distance))
+
+
+def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[str, JudgedTest]:
+    """Return tests with family-wise p-values by Holm's method, none below those flagged before."""
+    p_values = np.array([judged_test.p_value for judged_test in judged.values()])
+    family_wise = np.maximum(holm(p_values), lowest)
+    adjusted = {}
+    for (name, judged_test), p_value in zip(judged.items(), family_wise, strict=True):
+        adjusted[name] = replace(judged_test, family_wise_p_value=float(p_value))
+    return adjusted
+
+
+def _judge_left_out(
+    nodes_by_model: Mapping[str, Nodes],
+    left_out_nodes: Mapping[str, Mapping[str, Nodes]],
     name: str,
     size: int,
     rng: np.random.Generator,
-) -> Outlier:
-    """One test against circles that the others expect in its place; a closer look where few lie as
-    far out. Circles of one posterior draw lie out together, so that small p-values need many
-    draws."""
-    bound = next(iter(models.values())).bound
+) -> JudgedTest:
+    """Return one test against circles that the others expect in its place.
+
+    There is a closer look where few circles lie as far out.
+    """
+    bound = _any_nodes(nodes_by_model).bound
     r = bound.test_names.index(name)
     observed = harmonics_of(bound, r) @ np.asarray(bound.reduced[r].projection)
-    share = probabilities(np.array([by_test[name].evidence.log_value for by_test in left.values()]))
-
-    def seen(size: int, each: int) -> Outlier:
-        counts = np.round(share * size).astype(int)
-        circles = [
-            replicate_left_out(nodes.bound, left[model][name], name, int(count), rng, each=each)
-            for (model, nodes), count in zip(models.items(), counts, strict=True)
-            if count
-        ]
-        return _compared(observed, np.concatenate(circles))
-
-    first = seen(size, _TOGETHER)
-    return first if first.p_value > _CLOSER else seen(_MORE * size, _FEWER_TOGETHER)
-
-
-def _compared(observed: Array, replicates: Array) -> Outlier:
-    """Harmonics of a test, (25,), against those of replicates, (n, 25), other tests not yet allowed
-    for."""
-    n = len(replicates)
-    centred = replicates - replicates.mean(axis=0)
-    own = observed - replicates.mean(axis=0)
-    nearer = []
-    distances = []
-    every = []
-    for order in range(MAX_ORDER + 1):
-        part = centred[:, order == ORDERS]
-        root = np.linalg.cholesky(np.cov(part, rowvar=False).reshape(part.shape[1], -1))
-        theirs = _distance(part, root)
-        mine = _distance(own[None, order == ORDERS], root)[0]
-        nearer.append(int(np.sum(theirs < mine)))
-        every.append(theirs)
-        distances.append(
-            0.5 * float(mine)
-            if part.shape[1] == 2
-            else -float(special.log_ndtr(-np.sqrt(mine)) + np.log(2.0))
-        )
-    # Replicates that have in any order as many of the others nearer as the test has in its worst.
-    most = max(nearer)
-    edge = np.partition(every, most - 1, axis=1)[:, most - 1, None] if most else -np.inf
-    further = (np.array(every) > edge).any(axis=0)
-    p_value, *p_order = (
-        (1.0 + k) / (n + 1.0) for k in (int(further.sum()), *(n - k for k in nearer))
+    judged = judge_circle(
+        observed, _replicates(nodes_by_model, left_out_nodes, name, size, _CIRCLES_PER_DRAW, rng)
     )
-    return Outlier(p_value, 1.0, tuple(p_order), int(np.argmax(distances)), False, max(distances))
+    if judged.p_value > _SMALL_P_VALUE:
+        return judged
+    larger_size = _MORE_REPLICATES * size
+    return judge_circle(
+        observed,
+        _replicates(
+            nodes_by_model, left_out_nodes, name, larger_size, _CIRCLES_PER_DRAW_AGAIN, rng
+        ),
+    )
 
 
-def _distance(harmonics: Array, root: Array) -> Array:
-    """Squared Mahalanobis distance of (n, k), shape (n,)."""
+def _replicates(
+    nodes_by_model: Mapping[str, Nodes],
+    left_out_nodes: Mapping[str, Mapping[str, Nodes]],
+    name: str,
+    size: int,
+    circles_per_draw: int,
+    rng: np.random.Generator,
+) -> Array:
+    """Return harmonics of circles in the place of a test, shape (about size, 25) [mm].
+
+    Models have their share of them by what the other tests say.
+    """
+    log_evidence = [by_test[name].evidence.log_value for by_test in left_out_nodes.values()]
+    counts = np.round(probabilities(np.array(log_evidence)) * size).astype(int)
+    circles = []
+    for (model, nodes), count in zip(nodes_by_model.items(), counts, strict=True):
+        if count:
+            replicates = replicate_left_out(
+                nodes.bound,
+                left_out_nodes[model][name],
+                name,
+                int(count),
+                rng,
+                each=circles_per_draw,
+            )
+            circles.append(replicates)
+    return np.concatenate(circles)
+
+
+def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
+    """Return a circle against replicates, other tests not yet allowed for.
+
+    Parameters
+    ----------
+    observed
+        Harmonics of the circle, shape (25,).
+    replicates
+        Harmonics of the replicates, shape (n, 25).
+    """
+    n = len(replicates)
+    centre = replicates.mean(axis=0)
+    scatter = replicates - centre
+    deviation = observed - centre
+    nearer_counts = []
+    replicate_distances = []
+    tails = []
+    for order in range(MAX_ORDER + 1):
+        in_order = order == ORDERS
+        harmonics = scatter[:, in_order]
+        components = harmonics.shape[1]
+        covariance = np.cov(harmonics, rowvar=False).reshape(components, -1)
+        root = np.linalg.cholesky(covariance)
+        distances = _squared_distance(harmonics, root)
+        distance = _squared_distance(deviation[None, in_order], root)[0]
+        nearer_counts.append(int(np.sum(distances < distance)))
+        replicate_distances.append(distances)
+        tails.append(_minus_log_tail(float(distance), components))
+    # The replicates that have in any order as many others nearer as the circle in its worst order.
+    most_nearer = max(nearer_counts)
+    edge = np.full((MAX_ORDER + 1, 1), -np.inf)
+    if most_nearer:
+        edge = np.partition(replicate_distances, most_nearer - 1, axis=1)[:, [most_nearer - 1]]
+    is_further = (np.array(replicate_distances) > edge).any(axis=0)
+    return JudgedTest(
+        p_value=(1.0 + int(is_further.sum())) / (n + 1.0),
+        family_wise_p_value=1.0,
+        order_p_values=tuple((1.0 + n - nearer) / (n + 1.0) for nearer in nearer_counts),
+        worst_order=int(np.argmax(tails)),
+        flag=False,
+        distance=max(tails),
+    )
+
+
+def _squared_distance(harmonics: Array, root: Array) -> Array:
+    """Return squared Mahalanobis distances of (n, k), shape (n,)."""
     return np.asarray((np.linalg.solve(root, harmonics.T) ** 2).sum(axis=0))
+
+
+def _minus_log_tail(squared_distance: float, components: int) -> float:
+    """Return −ln of the tail of χ² with one or two degrees of freedom."""
+    if components == 2:
+        return 0.5 * squared_distance
+    return -float(special.log_ndtr(-np.sqrt(squared_distance)) + np.log(2.0))

@@ -19,7 +19,7 @@ from scipy import stats
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import comparison, outlying_tests, sensitivity
 from ldbb_bayes.analysis.comparison import SLOPE_SCALES, Comparison, Sign
-from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, _compared
+from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, judge_circle
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
 from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -607,16 +607,16 @@ def test_p_values_of_what_the_replicates_are_made_of(rng: np.random.Generator) -
     """Uniform, by order and as a whole, for any covariance; −∞ never comes out."""
     root = np.tril(rng.normal(size=(25, 25))) + 3.0 * np.eye(25)
     replicates = rng.standard_normal((1500, 25)) @ root.T + 1.0
-    seen = [_compared(rng.standard_normal(25) @ root.T + 1.0, replicates) for _ in range(300)]
+    seen = [judge_circle(rng.standard_normal(25) @ root.T + 1.0, replicates) for _ in range(300)]
     assert stats.kstest([one.p_value for one in seen], "uniform").pvalue > 1e-3
     assert stats.kstest([one.order_p_values[3] for one in seen], "uniform").pvalue > 1e-3
-    far = _compared(np.full(25, 1e3), replicates)
+    far = judge_circle(np.full(25, 1e3), replicates)
     assert far.p_value == pytest.approx(1.0 / 1501.0)
     assert np.isfinite(far.distance)
     assert far.distance > max(one.distance for one in seen)
     odd = np.zeros(25)
     odd[3], odd[9] = 20.0, 200.0
-    assert _compared(odd, rng.standard_normal((1500, 25))).worst_order == 5, (
+    assert judge_circle(odd, rng.standard_normal((1500, 25))).worst_order == 5, (
         "the farthest of those beyond all replicates"
     )
 
