@@ -73,7 +73,7 @@ class StructuredGaussian:
     columns
         Nuisance terms; coefficients that tests share keep their order in `conditional`.
     offset
-        Known batch of the readings in the basis, shape (tests, 25) [mm]; it is subtracted.
+        Known part of the readings in the basis, shape (tests, 25) [mm]; it is subtracted.
     hypers
         Names of the hyper-parameters, in the order of φ.
     interest

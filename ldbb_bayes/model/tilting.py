@@ -1,4 +1,14 @@
-"""Minimax tilting of Gaussian vectors truncated to an orthant (Botev 2017)."""
+"""Minimax tilting of Gaussian vectors that are truncated to an orthant.
+
+u = L (x − x₀) row by row, x standard normal: each x_j is drawn beyond its edge from a normal
+shifted by a tilt μ_j. Its weight
+
+    ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
+
+is bounded by its value at the saddle point, which makes rejection exact and sums efficient however
+small the probability is (Botev, J. R. Statist. Soc. B 79, 125-148, 2017). Rows beyond the rank
+narrow the last x that they depend on to an interval: weights only fall.
+"""
 
 from __future__ import annotations
 
@@ -6,210 +16,309 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 from scipy.special import erfcx, log_ndtr, ndtri_exp
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.results import Array
 
-DEPENDENT = 1e-7
+__all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_distance_forces"]
 
-
-_ITERATIONS = 60
-
-
-_HALVINGS = 20
-
-
+# Relative size of the gradient at which the saddle point is found.
 ROUNDING = 1e-10
+# Steps of Newton's method for the saddle point, and halvings of one step.
+_ITERATIONS = 60
+_HALVINGS = 20
+# Beyond ln P = −1e7 nothing is decided any more.
+_NEGLIGIBLE_LOG_PROBABILITY = 1e7
+# Smallest uniform number: its logarithm is finite.
+_LEAST_UNIFORM = 1e-300
 
 
-_NOWHERE = 1e7
+class SaddlePoint(NamedTuple):
+    """Point x and tilt of the saddle, each (w, d); the last of each is zero."""
+
+    x: Array
+    tilt: Array
+
+
+class Proposal(NamedTuple):
+    """Log weights (s, w) and tilted draws x (d, s, w)."""
+
+    log_weight: Array
+    x: Array
+
+
+class _Interval(NamedTuple):
+    """Probability of a standard normal between two edges, and how to draw inside."""
+
+    #: ln (Φ(high) − Φ(low)).
+    log_mass: Array
+    #: Logarithm of the larger of the two tails beyond the edges.
+    log_tail: Array
+    #: The smaller tail over the larger one; None where there is no upper edge.
+    tail_ratio: Array | None
+    #: −1 where the tails are to the left, else 1.
+    direction: Array | float
+
+
+class _Merit(NamedTuple):
+    """The convex function of the saddle point, and its derivatives, of every member."""
+
+    #: ½ mᵀ (K − I) m − boundᵀ m + Σ (edge m + ln Φ(−edge)), shape (w,).
+    value: Array
+    #: Gradient in m, shape (w, d).
+    gradient: Array
+    #: dm / d edge, shape (w, d).
+    slope: Array
+    #: Size of the gradient relative to that of its terms, shape (w,).
+    error: Array
+
+
+class _Edges(NamedTuple):
+    """Edges (w, d), where they solve the problem (w,), and the convex function there (w,)."""
+
+    edge: Array
+    solved: NDArray[np.bool_]
+    value: Array
 
 
 class Tilted(NamedTuple):
-    """Independent rows, tightest first, in units of their own x: L_jk / L_jj (d, d, w), bounds (d,
-    w); the saddle point x and its tilt (d, w), the last of each zero; rows beyond the rank as unit
-    combinations of x (k, d, w), their means, and the last x that each of them depends on, (k,
-    w)."""
+    """Tilted problems of a batch of w: independent rows, tightest first, and rows beyond the rank.
 
+    Rows are in units of their own x.
+    """
+
+    #: L_jk / L_jj, shape (d, d, w).
     unit: Array
+    #: Bounds, shape (d, w).
     bound: Array
+    #: Saddle point x and its tilt, shape (d, w); the last of each is zero.
     x: Array
     tilt: Array
-    rest: Array
-    rest_mean: Array
+    #: Rows beyond the rank as unit combinations of x, shape (k, d, w).
+    dependent: Array
+    #: Means of the rows beyond the rank, shape (k, w).
+    dependent_mean: Array
+    #: Number of the last x that each of these depends on, shape (k, w).
     last: Array
 
-    def take(self, index: Array) -> Tilted:
-        """Some of the batch."""
-        return Tilted(*(part[..., index] for part in self))
+    def select(self, members: NDArray[np.intp]) -> Tilted:
+        """Return the problems of some members of the batch."""
+        return Tilted(
+            self.unit[..., members],
+            self.bound[..., members],
+            self.x[..., members],
+            self.tilt[..., members],
+            self.dependent[..., members],
+            self.dependent_mean[..., members],
+            self.last[..., members],
+        )
 
     @property
     def log_bound(self) -> Array:
-        """ψ at the saddle point, shape (w,)."""
-        return self._replace(last=np.full_like(self.last, -1)).log_weight(self.x[:, None])[0]
+        """Upper bound of ln P: ψ at the saddle point without rows beyond the rank, shape (w,)."""
+        independent = self._replace(last=np.full_like(self.last, -1))
+        return independent.log_weight(self.x[:, None])[0]
 
-    def propose(self, uniform: Array, *, last: bool = True) -> tuple[Array, Array]:
-        """Log weights (s, w) and tilted draws x (d, s, w) from uniform numbers (d, s, w or 1), the
-        last of which may be left out: weights do not depend on it."""
+    def propose(self, uniform: Array, *, draw_last: bool = True) -> Proposal:
+        """Draw x by tilting, with their log weights.
+
+        Parameters
+        ----------
+        uniform
+            Uniform numbers, shape (d, s, w) or (d, s, 1).
+        draw_last
+            Whether the last x is drawn; weights do not depend on it.
+        """
         d, w = self.bound.shape
         x = np.zeros((d, uniform.shape[1], w))
         log_weight = np.zeros((uniform.shape[1], w))
         for j in range(d):
-            edge, far = self._interval(j, x)
-            log_mass, log_tail, ratio, turn = _mass(edge, far)
-            log_weight += log_mass
-            if last or j < d - 1:
-                u = np.clip(uniform[j], 1e-300, 1.0)
-                x[j] = self.tilt[j] - turn * ndtri_exp(
-                    np.log(u if ratio is None else u + (1.0 - u) * ratio) + log_tail
-                )
-                log_weight += self.tilt[j] * (0.5 * self.tilt[j] - x[j])
-        return log_weight, x
+            interval = _measure_interval(*self._edges(j, x))
+            log_weight += interval.log_mass
+            if draw_last or j < d - 1:
+                tilt = self.tilt[j]
+                x[j] = tilt - interval.direction * ndtri_exp(_log_tail_share(interval, uniform[j]))
+                log_weight += tilt * (0.5 * tilt - x[j])
+        return Proposal(log_weight, x)
 
     def log_weight(self, x: Array) -> Array:
-        """ψ of given x (d, s, w), shape (s, w)."""
-        log_mass = [_mass(*self._interval(j, x))[0] for j in range(len(x))]
+        """Return ψ of points x (d, s, w), shape (s, w)."""
+        log_mass = np.zeros(x.shape[1:])
+        for j in range(len(x)):
+            log_mass = log_mass + _measure_interval(*self._edges(j, x)).log_mass
         tilt = self.tilt[:, None]
-        return np.asarray(
-            sum(log_mass, np.zeros(x.shape[1:])) + (tilt * (0.5 * tilt - x)).sum(axis=0)
-        )
+        return np.asarray(log_mass + (tilt * (0.5 * tilt - x)).sum(axis=0))
 
-    def _interval(self, j: int, x: Array) -> tuple[Array, Array | None]:
-        """Edges (s, w) between which x_j, less its tilt, must lie given those before; None where
-        there is no upper one."""
+    def _edges(self, j: int, x: Array) -> tuple[Array, Array | None]:
+        """Return the edges (s, w) of x_j less its tilt, given the x before it.
+
+        There may be no upper edge.
+        """
         # The first row depends on no other: one value for all points.
-        before = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j else 0.0
-        edge = np.atleast_2d(self.bound[j] - before - self.tilt[j])
+        explained = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j > 0 else 0.0
+        low = np.atleast_2d(self.bound[j] - explained - self.tilt[j])
         rows = np.flatnonzero((self.last == j).any(axis=1))
         if not rows.size:
-            return edge, None
-        far = np.full(x.shape[1:], np.inf)
-        for mean, along, last in zip(
-            self.rest_mean[rows], self.rest[rows], self.last[rows], strict=True
-        ):
+            return low, None
+        high = np.full(x.shape[1:], np.inf)
+        for row in rows:
+            coefficients = self.dependent[row]
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                place = (
-                    -(mean + np.einsum("kw,ksw->sw", along[:j], x[:j])) / along[j] - self.tilt[j]
-                )
-            edge = np.where((last == j) & (along[j] > 0.0), np.maximum(edge, place), edge)
-            far = np.where((last == j) & (along[j] < 0.0), np.minimum(far, place), far)
-        return edge, far
+                value = self.dependent_mean[row] + np.einsum("kw,ksw->sw", coefficients[:j], x[:j])
+                edge = -value / coefficients[j] - self.tilt[j]
+            ends_here = self.last[row] == j
+            from_below = ends_here & (coefficients[j] > 0.0)
+            from_above = ends_here & (coefficients[j] < 0.0)
+            low = np.where(from_below, np.maximum(low, edge), low)
+            high = np.where(from_above, np.minimum(high, edge), high)
+        return low, high
 
 
-def _mass(low: Array, high: Array | None) -> tuple[Array, Array, Array | None, Array | float]:
-    """ln (Φ(high) − Φ(low)); ln of the larger tail beyond, the other over it, and −1 where tails
-    are to the left, 1 else."""
+def _measure_interval(low: Array, high: Array | None) -> _Interval:
+    """Return the probability of a standard normal between two edges."""
     if high is None:
         log_tail = log_ndtr(-low)
-        return log_tail, log_tail, None, 1.0
-    left = low + high < 0.0
-    log_tail = log_ndtr(np.where(left, high, -low))
+        return _Interval(log_tail, log_tail, None, 1.0)
+    to_the_left = low + high < 0.0
+    log_tail = log_ndtr(np.where(to_the_left, high, -low))
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        ratio = np.where(high > low, np.exp(log_ndtr(np.where(left, low, -high)) - log_tail), 1.0)
-        return (
-            log_tail + np.log1p(-np.minimum(ratio, 1.0)),
-            log_tail,
-            np.minimum(ratio, 1.0),
-            np.where(left, -1.0, 1.0),
-        )
+        log_far_tail = log_ndtr(np.where(to_the_left, low, -high))
+        ratio = np.where(high > low, np.exp(log_far_tail - log_tail), 1.0)
+        ratio = np.minimum(ratio, 1.0)
+        log_mass = log_tail + np.log1p(-ratio)
+    return _Interval(log_mass, log_tail, ratio, np.where(to_the_left, -1.0, 1.0))
 
 
-def least_distance(unit: Array, bound: Array) -> Array:
-    """Forces, up to a factor, with which the rows ``unit`` · x ≥ bound hold the point nearest to
-    zero."""
-    from scipy.optimize import nnls
-
-    force, _ = nnls(
-        np.vstack([unit.T, bound / max(1.0, float(np.abs(bound).max()))]),
-        np.append(np.zeros(unit.shape[1]), 1.0),
-    )
-    return np.asarray(force)
+def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
+    """Return the logarithm of a uniform share of an interval's tail."""
+    share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
+    if interval.tail_ratio is not None:
+        share = share + (1.0 - share) * interval.tail_ratio
+    return np.asarray(np.log(share) + interval.log_tail)
 
 
-def saddle_point(unit: Array, bound: Array) -> tuple[Array, Array]:
-    """x and tilt of the saddle, each (w, d), the last of each zero. Beyond ln P = −1e7, where
-    nothing is decided any more, the best that Newton's method found."""
+def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
+    """Return the saddle points of a batch.
+
+    Beyond ln P = −1e7, where nothing is decided any more, the best that Newton's method reaches.
+
+    Parameters
+    ----------
+    unit
+        L_jk / L_jj, shape (w, d, d).
+    bound
+        Bounds, shape (w, d).
+
+    Raises
+    ------
+    InputError
+        Where a saddle point is out of reach of double precision.
+    """
     w, d = bound.shape
     if d <= 1:
-        return np.zeros((w, d)), np.zeros((w, d))
+        return SaddlePoint(np.zeros((w, d)), np.zeros((w, d)))
     coupling = unit @ np.swapaxes(unit, 1, 2) - np.eye(d)
-    edge, solved, _ = _newton(coupling, bound, bound)
+    edge, solved, _ = _solve_edges(coupling, bound, bound)
     hard = np.flatnonzero(~solved)
     if hard.size:
-        starts = np.array([_held_edges(coupling[k], unit[k], bound[k]) for k in hard])
-        edge[hard], solved[hard], value = _newton(coupling[hard], bound[hard], starts)
-        solved[hard] |= np.abs(value) > _NOWHERE
+        starts = [_edges_of_nearest_point(coupling[k], unit[k], bound[k]) for k in hard]
+        retried = _solve_edges(coupling[hard], bound[hard], np.array(starts))
+        edge[hard] = retried.edge
+        negligible = np.abs(retried.value) > _NEGLIGIBLE_LOG_PROBABILITY
+        solved[hard] = retried.solved | negligible
     if not solved.all():
         raise InputError(
             "the probability of physical compliances must be within reach of double precision, got"
             " readings too far from them. Check the sign of the readings, the mount compensation"
             " and the forces, or fit --without truncation."
         )
-    free = _mills(edge)
-    x = np.einsum("wij,wi->wj", unit, free)
-    tilt = np.einsum("wij,wi->wj", np.tril(unit, -1), free)
-    x[:, -1] = tilt[:, -1] = 0.0
-    return x, tilt
+    mills = _inverse_mills(edge)
+    x = np.einsum("wij,wi->wj", unit, mills)
+    tilt = np.einsum("wij,wi->wj", np.tril(unit, -1), mills)
+    x[:, -1] = 0.0
+    tilt[:, -1] = 0.0
+    return SaddlePoint(x, tilt)
 
 
-def _newton(coupling: Array, bound: Array, start: Array) -> tuple[Array, NDArray[np.bool_], Array]:
-    """Edges from a start, where found, and the convex function there; steps are halved until it or
-    the residual falls."""
+def _solve_edges(coupling: Array, bound: Array, start: Array) -> _Edges:
+    """Solve for the edges of the saddle point by Newton's method.
+
+    Steps are halved until the convex function or the gradient falls.
+    """
     edge = np.array(start)
-    value, residual, slope, error = _merit(coupling, bound, edge)
+    current = _merit(coupling, bound, edge)
     for _ in range(_ITERATIONS):
-        active = error > ROUNDING
+        active = current.error > ROUNDING
         if not active.any():
             break
-        system = np.eye(bound.shape[1]) + coupling * slope[:, None, :]
-        step = -np.linalg.solve(system, residual[..., None])[..., 0]
-        open_ = active.copy()
+        system = np.eye(bound.shape[1]) + coupling * current.slope[:, None, :]
+        step = -np.linalg.solve(system, current.gradient[..., None])[..., 0]
+        searching = active.copy()
         for k in range(_HALVINGS):
-            trial = np.where(open_[:, None], edge + 0.5**k * step, edge)
-            new = _merit(coupling, bound, trial)
-            good = open_ & ((new[0] < value) | (new[3] < error))
-            edge = np.where(good[:, None], trial, edge)
-            value = np.where(good, new[0], value)
-            error = np.where(good, new[3], error)
-            residual, slope = (
-                np.where(good[:, None], one, old)
-                for one, old in zip(new[1:3], (residual, slope), strict=True)
+            trial_edge = np.where(searching[:, None], edge + 0.5**k * step, edge)
+            trial = _merit(coupling, bound, trial_edge)
+            falls = (trial.value < current.value) | (trial.error < current.error)
+            good = searching & falls
+            edge = np.where(good[:, None], trial_edge, edge)
+            current = _Merit(
+                value=np.where(good, trial.value, current.value),
+                gradient=np.where(good[:, None], trial.gradient, current.gradient),
+                slope=np.where(good[:, None], trial.slope, current.slope),
+                error=np.where(good, trial.error, current.error),
             )
-            open_ &= ~good
-            if not open_.any():
+            searching &= ~good
+            if not searching.any():
                 break
-        if open_[active].all():
+        if searching[active].all():
             break
-    return edge, error <= ROUNDING, value
+    return _Edges(edge, current.error <= ROUNDING, current.value)
 
 
-def _held_edges(coupling: Array, unit: Array, bound: Array) -> Array:
-    """Edges at the most probable point inside."""
-    held = np.flatnonzero(least_distance(unit, bound))
+def _edges_of_nearest_point(coupling: Array, unit: Array, bound: Array) -> Array:
+    """Return the edges (d,) at the most probable point inside, where to start from."""
+    binding = np.flatnonzero(least_distance_forces(unit, bound))
+    block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
     mills = np.zeros(len(bound))
-    mills[held] = np.linalg.solve(coupling[np.ix_(held, held)] + np.eye(len(held)), bound[held])
+    mills[binding] = np.linalg.solve(block, bound[binding])
     # Far out the inverse Mills ratio is its argument and 1 / argument more.
-    return np.where(mills > 1.0, mills - 1.0 / np.maximum(mills, 1.0), bound - coupling @ mills)
+    far = mills - 1.0 / np.maximum(mills, 1.0)
+    return np.where(mills > 1.0, far, bound - coupling @ mills)
 
 
-def _merit(coupling: Array, bound: Array, edge: Array) -> tuple[Array, Array, Array, Array]:
-    """½ mᵀ (K − I) m − boundᵀ m + Σ (edge m + ln Φ(−edge)); its gradient in m; dm / d edge; the
-    gradient's relative size."""
-    mills = _mills(edge)
+def _merit(coupling: Array, bound: Array, edge: Array) -> _Merit:
+    """Return the convex function whose minimum is the saddle point, m the inverse Mills ratio."""
+    mills = _inverse_mills(edge)
     pulled = np.einsum("wij,wj->wi", coupling, mills)
     value = (mills * (0.5 * pulled - bound + edge) + log_ndtr(-edge)).sum(axis=1)
-    size = 1.0 + np.abs(bound) + np.abs(edge) + np.einsum("wij,wj->wi", np.abs(coupling), mills)
-    residual = edge + pulled - bound
-    return (
-        value,
-        residual,
-        np.clip(mills * (mills - edge), 0.0, 1.0),
-        np.abs(residual / size).max(axis=1),
-    )
+    largest_pull = np.einsum("wij,wj->wi", np.abs(coupling), mills)
+    size = 1.0 + np.abs(bound) + np.abs(edge) + largest_pull
+    gradient = edge + pulled - bound
+    slope = np.clip(mills * (mills - edge), 0.0, 1.0)
+    return _Merit(value, gradient, slope, np.abs(gradient / size).max(axis=1))
 
 
-def _mills(edge: Array) -> Array:
-    """φ(edge) / Φ(−edge)."""
+def _inverse_mills(edge: Array) -> Array:
+    """Return the inverse Mills ratio φ(edge) / Φ(−edge)."""
     with np.errstate(over="ignore"):
         return np.asarray(np.sqrt(2.0 / np.pi) / erfcx(edge / np.sqrt(2.0)))
+
+
+def least_distance_forces(unit: Array, bound: Array) -> Array:
+    """Return forces, up to a factor, that hold the point nearest to zero inside, shape (d,).
+
+    A least-distance problem, solved by non-negative least squares (Lawson and Hanson, Solving
+    Least Squares Problems, ch. 23).
+
+    Parameters
+    ----------
+    unit
+        Rows of unit length, shape (d, q), of unit · x ≥ bound.
+    bound
+        Bounds, shape (d,).
+    """
+    largest_bound = max(1.0, float(np.abs(bound).max()))
+    rows = np.vstack([unit.T, bound / largest_bound])
+    forces, _ = nnls(rows, np.append(np.zeros(unit.shape[1]), 1.0))
+    return np.asarray(forces)
