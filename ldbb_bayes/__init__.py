@@ -20,6 +20,7 @@ def __getattr__(name: str) -> Any:
     """Return a public name; the first use also loads the words in which results print."""
     value = _import_public_name(name)
     import ldbb_bayes.report.text  # noqa: F401 - it registers how results are printed
+
     return value
 
 

@@ -30,7 +30,10 @@ from campaigns import Invoke
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.candidates import DECISIVE
-from ldbb_bayes.app import server, worker
+from ldbb_bayes.app import fields, planning, server, templates, understanding, worker
+from ldbb_bayes.app.desk import Desk
+from ldbb_bayes.app.session import Session
+from ldbb_bayes.app.worth import worth
 
 TOKEN = "a-token-of-the-tests"
 RECOVERED = Path(lb.embedded_campaign())
@@ -81,11 +84,11 @@ class Tab:
 def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Tab, Path]]:
     """A server, and the folder that holds the files of its sessions."""
     folder = tmp_path_factory.mktemp("sessions")
-    with pytest.MonkeyPatch.context() as patch, server._listening(0) as listener:
+    with pytest.MonkeyPatch.context() as patch, server.listening(0) as listener:
         patch.setattr(server.tempfile, "tempdir", str(folder))
-        patch.setattr(server, "CLOSED_S", 0.4)
-        patch.setattr(server, "LOOK_S", 0.1)
-        patch.setattr(server, "MOST_SESSIONS", 60)
+        patch.setattr("ldbb_bayes.app.session.CLOSED_S", 0.4)
+        patch.setattr("ldbb_bayes.app.house.LOOK_S", 0.1)
+        patch.setattr("ldbb_bayes.app.house.MOST_SESSIONS", 60)
         port = listener.getsockname()[1]
         settings = uvicorn.Config(
             server.application(TOKEN, port),
@@ -200,7 +203,7 @@ def test_what_cannot_be_is_refused_with_the_cure(
 def test_certificates_are_worth_what_identify_says(house: tuple[Tab, Path], tab: Tab) -> None:
     tab.ask("POST", "example")
     folder = house[1] / tab.base.split("/")[-2]
-    found = worker.answer(worker.worth, str(folder), {})
+    found = worker.answer(worth, str(folder), {})
     asked = lb.identify(lb.HybridModel.default(degree=1), lb.read_campaign(RECOVERED)).certificates
     row = next(own for own in found["effects"]["bar"]["rows"] if own["name"] == "E_XX1")
     assert row["share"] == pytest.approx(
@@ -214,17 +217,17 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session's folder as a fit leaves it, as far as a plan needs it: the campaign, and
     uncertainties of its fit."""
     folder = tmp_path_factory.mktemp("fitted")
-    (folder / worker.RESULT).mkdir()
+    (folder / fields.RESULT).mkdir()
     campaign = replace(lb.read_campaign(RECOVERED), date="2026-11-20", operator="A")
-    lb.write_campaign(campaign, folder / worker.RESULT / "campaign")
-    (folder / worker.RESULT / "summary.json").write_text(
+    lb.write_campaign(campaign, folder / fields.RESULT / "campaign")
+    (folder / fields.RESULT / "summary.json").write_text(
         json.dumps({"parameters": {"C_XXX": {"sd": 3.4e-6}}})
     )
     return folder
 
 
 def test_a_plan_expects_what_a_design_expects_of_the_same_circles(fitted: Path) -> None:
-    found = worker.answer(worker.forecast, str(fitted), {"circles": 6, "levels": 6})
+    found = worker.answer(planning.forecast, str(fitted), {"circles": 6, "levels": 6})
     pilot = lb.read_campaign(RECOVERED)
     designed = lb.design(lb.HybridModel.default(degree=1), pilot=pilot, tests=6)
     assert sorted(float(own["force"]) for own in found["tests"]) == [36, 177, 318, 460, 601, 742]
@@ -236,9 +239,11 @@ def test_a_plan_expects_what_a_design_expects_of_the_same_circles(fitted: Path) 
         DECISIVE,
         pytest.approx(settled.decisive_with),
     )
-    quick = worker.answer(worker.forecast, str(fitted), {"circles": 6, "levels": 6, "fine": False})
+    quick = worker.answer(
+        planning.forecast, str(fitted), {"circles": 6, "levels": 6, "fine": False}
+    )
     assert quick["settle"]["linear"] == pytest.approx(found["settle"]["linear"], abs=0.05)
-    best = worker.answer(worker.forecast, str(fitted), {"circles": 6, "best": True})
+    best = worker.answer(planning.forecast, str(fitted), {"circles": 6, "best": True})
     assert sorted(float(own["force"]) for own in best["tests"]) != [36, 177, 318, 460, 601, 742]
 
 
@@ -253,11 +258,11 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
         "radius_minutes": 20,
         "hourly": 60,
     }
-    found = worker.answer(worker.plan, str(fitted), asked)
+    found = worker.answer(planning.plan, str(fitted), asked)
     assert {(own["work"], own["radius"]) for own in found["tests"]} == {
         (w, r) for w in ("0", "45") for r in ("100", "150")
     }
-    every = worker.answer(worker.forecast, str(fitted), asked | {"circles": 24})["tests"]
+    every = worker.answer(planning.forecast, str(fitted), asked | {"circles": 24})["tests"]
     assert (
         len({(own["force"], own["work"], own["radius"]) for own in every}) == 24
     )  # each force with each kind
@@ -272,7 +277,7 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
         own["force"] for own in found["tests"]
     ]
     one = worker.answer(
-        worker.forecast, str(fitted), {"circles": 3, "levels": 1, "work": 3, "tool": 3}
+        planning.forecast, str(fitted), {"circles": 3, "levels": 1, "work": 3, "tool": 3}
     )
     assert {own["force"] for own in one["tests"]} == {"742"}
     assert {(own["work"], own["tool"]) for own in one["tests"]} == {
@@ -281,21 +286,21 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
         ("90", "90"),
     }
     assert one["turns"] == 4
-    few = worker.answer(worker.forecast, str(fitted), {"circles": 6, "work": 6, "radius": 100})
+    few = worker.answer(planning.forecast, str(fitted), {"circles": 6, "work": 6, "radius": 100})
     assert {own["radius"] for own in few["tests"]} == {
         "100",
         "150",
     }  # not one radius with every position first
     refused = {"circles": 0}, {"low": 700, "high": 100}, {"turn": "x"}
     assert all(
-        "Move its slider" in (own := worker.answer(worker.plan, str(fitted), asked)["refused"])
+        "Move its slider" in (own := worker.answer(planning.plan, str(fitted), asked)["refused"])
         or "Lower it" in own
         for asked in refused
     )
 
 
 def test_both_languages_say_the_same_things() -> None:
-    english, german = (server.words_of_page(own) for own in server.LANGUAGES)
+    english, german = (templates.words_of_page(own) for own in templates.LANGUAGES)
     free = {"labels", "what", "phrases", "instrument", "choices"}
     assert english.keys() == german.keys()
     for key in english.keys() - free - {"decimal"}:
@@ -306,8 +311,8 @@ def test_both_languages_say_the_same_things() -> None:
         )
         for one, other in pairs:
             assert set(re.findall(r"\{\w+\}", one)) == set(re.findall(r"\{\w+\}", other))
-    assert worker.FIELDS.keys() - {"language"} <= german["labels"].keys()
-    assert {value for value, _ in worker.FIELDS["topology"].choices} < german["choices"].keys()
+    assert fields.FIELDS.keys() - {"language"} <= german["labels"].keys()
+    assert {value for value, _ in fields.FIELDS["topology"].choices} < german["choices"].keys()
 
 
 # ---- who may ask, and for what
@@ -412,7 +417,9 @@ def test_forces_are_given_in_the_order_that_is_shown(house: tuple[Tab, Path], ta
         tab.ask("PUT", f"files/{name}", (RECOVERED / "f036.csv").read_bytes())
     listed = re.findall(r'data-remove="([^*"]+)"', tab.ask("GET", "part/files")[1])
     found = worker.answer(
-        worker.understand, str(house[1] / tab.base.split("/")[-2]), {"forces_N": "10;20,5;30;40"}
+        understanding.understand,
+        str(house[1] / tab.base.split("/")[-2]),
+        {"forces_N": "10;20,5;30;40"},
     )
     shown = [(own["name"], own["force"]) for own in found["tests"]]
     assert shown == [
@@ -458,11 +465,11 @@ def test_a_question_that_hangs_takes_no_other_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The time of an answer counts from where it begins."""
-    monkeypatch.setattr(server, "ANSWER_S", 8.0)
+    monkeypatch.setattr("ldbb_bayes.app.desk.ANSWER_S", 8.0)
 
     async def asked() -> list[dict[str, Any]]:
-        desk = server.Desk()
-        session = server.Session("key", tmp_path, "en")
+        desk = Desk()
+        session = Session("key", tmp_path, "en")
         try:
             works = [partial(pause, 60.0), *[partial(pause, 1.8)] * 5]
             return await asyncio.gather(*(desk.ask(work, session) for work in works))
@@ -499,7 +506,7 @@ def test_no_text_becomes_code(tab: Tab) -> None:
     tab.ask("PUT", "files/x.csv", (head + rows).encode())
     tab.ask("POST", "say", {"forces_N": "100"})
     pages = [tab.ask("GET", f"part/{own}")[1] for own in ("files", "understood")]
-    for name, field in worker.FIELDS.items():
+    for name, field in fields.FIELDS.items():
         if field.kind != "choice":
             tab.ask("POST", "say", {name: script})
             pages += [tab.ask("GET", "part/understood")[1]]
@@ -567,7 +574,7 @@ def test_a_killed_worker_loses_nothing(house: tuple[Tab, Path], tab: Tab) -> Non
 def test_a_fit_of_a_silent_page_gives_way(
     house: tuple[Tab, Path], tab: Tab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server, "ABANDONED_S", 1.0)
+    monkeypatch.setattr("ldbb_bayes.app.house.ABANDONED_S", 1.0)
     other = house[0].opened()
     for own in (tab, other):
         own.ask("POST", "example")
@@ -620,7 +627,7 @@ def test_the_command_prints_an_address_and_leaves_nothing(tmp_path: Path) -> Non
 def test_a_port_in_use_and_a_missing_library_are_said(
     invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with server._listening(0) as listener:
+    with server.listening(0) as listener:
         code, _, said = invoke("app", "--no-browser", "--port", listener.getsockname()[1])
     assert (code, "Choose another" in said) == (2, True)
     monkeypatch.setitem(sys.modules, "ldbb_bayes.app.server", None)
@@ -633,7 +640,7 @@ def test_a_port_in_use_and_a_missing_library_are_said(
 
 @pytest.mark.slow
 def test_the_sheets_are_those_of_the_command(tab: Tab, invoke: Invoke, tmp_path: Path) -> None:
-    folder = tmp_path / worker.FILES
+    folder = tmp_path / fields.FILES
     folder.mkdir()
     for path in RECOVERED.glob("f*.csv"):
         (folder / path.name).write_bytes(path.read_bytes())

@@ -1,0 +1,302 @@
+"""Entries of the page: the options of ``ldbb-bayes report``, and what is made of what was typed."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.conformity import check_force
+from ldbb_bayes.cli.arguments import (
+    LAYOUT_OPTIONS,
+    campaign_fields,
+    instrument_fields,
+    model_from,
+)
+from ldbb_bayes.cli.fits import with_tolerances
+from ldbb_bayes.cli.options import NUMBERS, Kind, Option, group, option, options_of
+from ldbb_bayes.cli.questions import MACHINES
+from ldbb_bayes.cli.reporting import REPORT_OPTIONS
+from ldbb_bayes.cli.sources import ReportSource, SourceCampaign
+from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.reading.importing import matching
+
+__all__ = [
+    "FIELDS",
+    "FILES",
+    "RESULT",
+    "TOML",
+    "Field",
+    "linear_model",
+    "read_files",
+    "report_settings",
+    "source_from",
+]
+
+FILES = "campaign"  # folder of a session that holds the files that were added
+RESULT = "result"  # folder of a session that holds the report
+TOML = "campaign.toml"
+_DCC_SUFFIX = ".xml"
+
+
+class Field(NamedTuple):
+    """One entry of the page: an option of ``ldbb-bayes report``."""
+
+    name: str
+    group: str
+    #: What one would type at a terminal.
+    flag: str
+    help: str
+    #: text, number, lines, choice, or file: the name of one that was added.
+    kind: str
+    #: Values to choose from, each with its words.
+    choices: tuple[tuple[str, str], ...] = ()
+
+
+_GROUPS: Mapping[str, Mapping[str, Option]] = {
+    "name": {"name": option(str, "Name of the campaign. Default: of the file or its folder.")},
+    "table": options_of("table"),
+    "certificates": options_of("certificates"),
+    "labels": options_of("labels"),
+    "layout": {
+        name: layout_option
+        for name, layout_option in LAYOUT_OPTIONS.options.items()
+        if name != "layout"
+    },
+    "report": REPORT_OPTIONS.options,
+}
+# Of the options of a report the page has these; the others it decides itself.
+_REPORT_FIELDS = ("force_N", "tolerance", "language")
+_CHOICES: Mapping[str, tuple[str, ...]] = {
+    "plane": ("XY", "YZ", "ZX"),
+    "direction": ("CW", "CCW"),
+    "zero": ("deviation", "distance"),
+    "laps": ("keep", "average"),
+    "sign": ("1", "-1"),
+    "angle_sign": ("1", "-1"),
+    "decimal": (".", ","),
+    "raw": ("yes",),
+}
+_KINDS_OF_ENTRY: Mapping[Any, str] = {
+    int: "number",
+    float: "number",
+    Path: "file",
+    list[str]: "lines",
+}
+
+
+def _type_read(field_option: Option) -> Any:
+    """Return the type that is typed."""
+    kind = field_option.kind
+    return kind.typed if isinstance(kind, Kind) else kind
+
+
+def _field(name: str, group_name: str, field_option: Option) -> Field:
+    choices = tuple((value, value) for value in _CHOICES.get(name, ()))
+    if name == "topology":
+        choices = tuple(
+            (machine.topology, f"{machine.name} ({machine.topology}): {machine.looks}")
+            for machine in MACHINES
+        )
+    kind = "choice"
+    if not choices:
+        kind = _KINDS_OF_ENTRY.get(_type_read(field_option), "text")
+    flag = field_option.flag(name)
+    return Field(name, group_name, flag, field_option.help, kind, choices)
+
+
+def _all_fields() -> dict[str, Field]:
+    fields = {}
+    for group_name, options in _GROUPS.items():
+        for name, field_option in options.items():
+            if group_name != "report" or name in _REPORT_FIELDS:
+                fields[name] = _field(name, group_name, field_option)
+    return fields
+
+
+FIELDS: Mapping[str, Field] = _all_fields()
+
+
+# ---- what was typed
+
+
+def _value(field_option: Option, name: str, text: str, folder: Path) -> Any:
+    """Return what was typed as typer would read it."""
+    typed = _type_read(field_option)
+    flag = field_option.flag(name)
+    if typed is bool:
+        return text == "yes"
+    if typed is Path:
+        return _added_file(text, flag, folder)
+    if typed == list[str]:
+        return _lines(name, text)
+    if typed in (int, float):
+        return _number(field_option, flag, text)
+    if field_option.kind is NUMBERS and ";" in text:
+        # Decimal commas, and semicolons between numbers.
+        return text.replace(",", ".").replace(";", ",")
+    return text
+
+
+def _added_file(name: str, flag: str, folder: Path) -> Path:
+    names = [path.name for path in (folder / FILES).iterdir()]
+    require(
+        name in names,
+        f"{flag} must be a file that was added, got {name!r}. Add it, or choose none.",
+    )
+    return folder / FILES / name
+
+
+def _lines(name: str, text: str) -> list[str]:
+    lines = [line.strip() for line in text.splitlines()]
+    lines = [line for line in lines if line]
+    if name == "tolerance":
+        return [re.sub(r"(?<=\d),(?=\d)", ".", line) for line in lines]
+    return lines
+
+
+def _number(field_option: Option, flag: str, text: str) -> float:
+    typed = _type_read(field_option)
+    has_thousands = re.fullmatch(r"[-−]?[1-9]\d{0,2}([.,]\d{3})+", text) or "_" in text
+    require(
+        not has_thousands,
+        f"{flag} must be a number without marks between thousands, got {text!r}. Write it like 1000"
+        " or 1.5.",
+    )
+    try:
+        number: float = typed(text.replace(",", ".").replace("−", "-"))
+    except ValueError:
+        wanted = "whole number" if typed is int else "number"
+        raise InputError(f"{flag} must be a {wanted}, got {text!r}. Correct it.") from None
+
+    low = field_option.settings.get("min", -math.inf)
+    high = field_option.settings.get("max", math.inf)
+    limits = []
+    if low > -math.inf:
+        limits.append(f"at least {low:g}")
+    if high < math.inf:
+        limits.append(f"at most {high:g}")
+    require(
+        math.isfinite(number) and low <= number <= high,
+        f"{flag} must be {' and '.join(limits) or 'finite'}, got {number:g}. Correct it.",
+    )
+    return number
+
+
+def _argument(
+    group_name: str, make: Callable[..., Any], choices: Mapping[str, str], folder: Path
+) -> Any:
+    """Return what a command would make of the options of a group."""
+    options = _GROUPS[group_name]
+    typed = {}
+    for name, field_option in options.items():
+        text = choices.get(name, "").strip() if name in FIELDS else ""
+        typed[name] = field_option.default
+        if text:
+            typed[name] = _value(field_option, name, text, folder)
+    return group(make, **options).take_from(typed)
+
+
+def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+    """Return the options of the report, as the command has them.
+
+    Parameters
+    ----------
+    folder
+        Of the session.
+    choices
+        What was typed, by the name of the entry.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        An entry cannot be read.
+    """
+    settings: dict[str, Any] = _argument("report", dict, choices, folder)
+    return settings
+
+
+def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
+    """Return the files of a session and what is stated about them, as the command has them.
+
+    Parameters
+    ----------
+    folder
+        Of the session.
+    choices
+        What was typed, by the name of the entry.
+
+    Returns
+    -------
+    ReportSource
+
+    Raises
+    ------
+    InputError
+        There are no files with readings, or an entry cannot be read.
+    """
+    paths = sorted((folder / FILES).iterdir())
+    paths = [path for path in paths if path.suffix.lower() != _DCC_SUFFIX]
+    require(
+        paths,
+        "files with readings must be given, got none. Drop a workbook, CSV or text files, or take"
+        " the example.",
+    )
+    files = paths
+    if any(path.name == TOML for path in paths):
+        files = [folder / FILES]
+    elif len(paths) > 1:
+        # As where * is typed: of several files some may hold no readings.
+        suffixes = sorted({path.suffix for path in paths} - {""})
+        files = [folder / FILES / f"*{suffix}" for suffix in suffixes]
+        files += [path for path in paths if not path.suffix]
+
+    stated: dict[str, Any] = {}
+    for group_name in ("name", "table", "labels"):
+        stated |= _argument(group_name, dict, choices, folder)
+    return ReportSource(
+        files=files,
+        paths=matching(files),
+        layout=_argument("layout", LAYOUT_OPTIONS.make, choices, folder),
+        table=campaign_fields(**stated),
+        certificates=_argument("certificates", instrument_fields, choices, folder),
+    )
+
+
+def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
+    """Read the files of a session as the report will.
+
+    Parameters
+    ----------
+    folder
+        Of the session.
+    choices
+        What was typed, by the name of the entry.
+
+    Returns
+    -------
+    SourceCampaign
+        The campaign, and what was assumed.
+
+    Raises
+    ------
+    InputError
+        Files or entries do not do.
+    """
+    campaign, imported = source_from(folder, choices).read(ask=False)
+    settings = report_settings(folder, choices)
+    check_force(campaign, settings.get("force_N"))
+    campaign = with_tolerances(campaign, model_from(), settings.get("tolerances", {}))
+    return SourceCampaign(campaign, imported)
+
+
+def linear_model() -> lb.HybridModel:
+    """Return the model that the page fits: compliance linear in force."""
+    return model_from()

@@ -1,0 +1,105 @@
+"""Who may ask: this machine's own browser, at the address that holds the token."""
+
+from __future__ import annotations
+
+import secrets
+from typing import NamedTuple
+
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from ldbb_bayes.app.templates import LARGEST_FILE
+
+__all__ = ["LOOPBACK", "Guard"]
+
+LOOPBACK = "127.0.0.1"
+_PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src"
+    " 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    b"x-content-type-options": b"nosniff",
+    b"referrer-policy": b"same-origin",
+    b"cache-control": b"no-store",
+    b"cross-origin-opener-policy": b"same-origin",
+    b"cross-origin-resource-policy": b"same-origin",
+    b"content-security-policy": _PAGE_POLICY.encode(),
+}
+
+
+class _Refusal(NamedTuple):
+    status: int
+    reason: str
+
+
+class Guard:
+    """Lets in what was sent to this server's own address, with the token, by its own page.
+
+    Parameters
+    ----------
+    app
+        Answers what is let in.
+    token
+        First element of every path.
+    port
+        Of the server.
+    """
+
+    def __init__(self, app: ASGIApp, token: str, port: int) -> None:
+        self._app = app
+        self._token = token
+        self._hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or refuse it."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                names = {name.lower() for name, _ in message["headers"]}
+                for name, value in _HEADERS.items():
+                    if name not in names:
+                        message["headers"] = [*message["headers"], (name, value)]
+            await send(message)
+
+        refusal = self._refusal(Request(scope))
+        if refusal is None:
+            await self._app(scope, receive, send_with_headers)
+            return
+        response = Response(f"{refusal.reason}\n", refusal.status, media_type="text/plain")
+        await response(scope, receive, send_with_headers)
+
+    def _refusal(self, request: Request) -> _Refusal | None:
+        """Return why a request is not let in; None where it is."""
+        if request.headers.get("host", "") not in self._hosts:
+            return _Refusal(
+                421,
+                "This page answers at its own address alone. Open the one that ldbb-bayes app"
+                " printed.",
+            )
+        if not self._is_from_page(request):
+            return _Refusal(403, "Only the page itself may ask for this.")
+        token = str(request.scope["path"]).lstrip("/").partition("/")[0]
+        if not secrets.compare_digest(token.encode(), self._token.encode()):
+            return _Refusal(
+                403,
+                "The address must hold its token. Open the one that ldbb-bayes app printed, whole.",
+            )
+        length = request.headers.get("content-length", "0")
+        if length.isdecimal() and int(length) > LARGEST_FILE:
+            return _Refusal(413, f"A file must have at most {LARGEST_FILE // 2**20} MB.")
+        return None
+
+    def _is_from_page(self, request: Request) -> bool:
+        """Return whether no other page has sent a request; what changes things has an origin."""
+        if request.headers.get("sec-fetch-site") in ("cross-site", "same-site"):
+            return False
+        origin = request.headers.get("origin")
+        if origin is None:
+            return request.method in ("GET", "HEAD")
+        return origin.partition("://")[2] in self._hosts

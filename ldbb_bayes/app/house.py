@@ -1,0 +1,126 @@
+"""All sessions of the page: how they begin, end, and take turns with their fits."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import secrets
+import shutil
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ldbb_bayes.app.desk import Desk
+from ldbb_bayes.app.fields import FILES, RESULT
+from ldbb_bayes.app.session import JOB, Session, kill_process
+from ldbb_bayes.app.templates import Templates
+from ldbb_bayes.app.worker import CHOICES_NAME, OUTCOME_NAME
+from ldbb_bayes.parallel import ONE_THREAD
+
+__all__ = ["House"]
+
+MOST_SESSIONS = 32
+LOOK_S = 1.0  # between looks at which sessions are over
+# Until the fit of a page that asks for nothing any more gives way to one that waits.
+ABANDONED_S = 150.0
+_FIT = "from ldbb_bayes.app.worker import main; main()"
+
+
+@dataclass(eq=False)
+class House:
+    """All sessions, the desk, and the folder that holds the files of both."""
+
+    folder: Path
+    desk: Desk
+    templates: Templates = field(default_factory=Templates)
+    sessions: dict[str, Session] = field(default_factory=dict)
+    #: One fit at a time has all cores.
+    turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
+
+    def begin(self, language: str) -> Session | None:
+        """Return a new session; None where there are too many."""
+        if len(self.sessions) >= MOST_SESSIONS:
+            return None
+        key = secrets.token_urlsafe(12)
+        session = Session(key, self.folder / key, language)
+        (session.folder / FILES).mkdir(parents=True)
+        self.sessions[key] = session
+        return session
+
+    def end(self, session: Session) -> None:
+        """Stop the work of a session and delete its files."""
+        self.sessions.pop(session.key, None)
+        session.stop()
+        shutil.rmtree(session.folder, ignore_errors=True)
+
+    async def look_after(self) -> None:
+        """End sessions that are over, again and again."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            for session in list(self.sessions.values()):
+                if session.is_over:
+                    self.end(session)
+            self._stop_abandoned_fits()
+            for folder in self.folder.iterdir():
+                # Work that was under way may have written after the end of its session.
+                if folder.name not in self.sessions:
+                    shutil.rmtree(folder, ignore_errors=True)
+
+    def _stop_abandoned_fits(self) -> None:
+        """Stop fits whose page asks for nothing any more, where another waits for its turn."""
+        sessions = self.sessions.values()
+        if not any(session.running and session.process is None for session in sessions):
+            return
+        for session in sessions:
+            silence_s = time.monotonic() - session.last_request_s
+            if session.process is not None and silence_s > ABANDONED_S:
+                session.stop()
+                session.outcome = {"refused": session.word("gave_way")}
+
+    async def fit(self, session: Session) -> None:
+        """Write the report of a session, in a process of its own, on a copy of its files."""
+        job = session.folder / JOB
+        try:
+            async with self.turn:
+                edition = session.edition
+                shutil.rmtree(job, ignore_errors=True)
+                await asyncio.to_thread(shutil.copytree, session.folder / FILES, job / FILES)
+                choices = json.dumps(session.said())
+                (job / CHOICES_NAME).write_text(choices, encoding="utf-8")
+                session.process = await _start_fit(job)
+                await session.process.wait()
+            session.outcome = {"refused": session.word("fit_died")}
+            with suppress(OSError, ValueError):
+                session.outcome = json.loads((job / OUTCOME_NAME).read_text(encoding="utf-8"))
+            if "refused" not in session.outcome:
+                # Only a complete report takes the place of the one before.
+                shutil.rmtree(session.folder / RESULT, ignore_errors=True)
+                (job / RESULT).rename(session.folder / RESULT)
+                session.fitted = edition
+                session.asked = {}
+        except OSError as error:
+            reason = error.strerror or "a file could not be copied"
+            session.outcome = {"refused": session.word("unexpected", error=reason)}
+        finally:
+            kill_process(session.process)
+            session.process = None
+
+
+async def _start_fit(job: Path) -> asyncio.subprocess.Process:
+    nowhere = asyncio.subprocess.DEVNULL
+    return await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-P",
+        "-c",
+        _FIT,
+        str(job),
+        str(os.getpid()),
+        stdin=nowhere,
+        stdout=nowhere,
+        stderr=nowhere,
+        env={**os.environ, **ONE_THREAD},
+        start_new_session=True,
+    )

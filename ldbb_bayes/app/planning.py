@@ -1,0 +1,419 @@
+"""Which circles next: what the sliders of the page describe, and what to expect of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.candidates import Space, grid_of_tests, running_order, states_before
+from ldbb_bayes.analysis.optimal import efficient_rounding
+from ldbb_bayes.app.fields import RESULT, linear_model
+from ldbb_bayes.app.worth import uncertainty_change
+from ldbb_bayes.campaign.campaign import Direction
+from ldbb_bayes.errors import require
+
+__all__ = ["PLAN", "forecast", "plan"]
+
+PLAN = "plan"  # folder of a session that holds the plan
+_DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
+    "both": ("CW", "CCW"),
+    "CW": ("CW",),
+    "CCW": ("CCW",),
+}
+_MOST_CIRCLES = 60
+_MOST_CANDIDATES = 720  # tests to choose the best from
+_MOST_EXCHANGED_CIRCLES = 12  # so many circles are chosen whole; of more the shares are rounded
+_MOST_EXCHANGED_KINDS = 4  # of clocking, radius and direction; of more the shares are rounded
+_QUICK_STATES = 32  # values of the hyper-parameters to average over while a slider moves
+
+
+class _Slider(NamedTuple):
+    default: float
+    lowest: float
+    highest: float
+
+
+_COSTS = {
+    "minutes": _Slider(6, 0, 600),
+    "turn_minutes": _Slider(5, 0, 600),
+    "radius_minutes": _Slider(20, 0, 600),
+    "hourly": _Slider(0, 0, 1e5),
+}
+
+
+def _slider_values(settings: Mapping[str, Any], sliders: Mapping[str, _Slider]) -> dict[str, float]:
+    values = {}
+    for name, slider in sliders.items():
+        value = settings.get(name, slider.default)
+        is_number = isinstance(value, int | float) and math.isfinite(value)
+        require(
+            is_number and slider.lowest <= value <= slider.highest,
+            f"{name} must be between {slider.lowest:g} and {slider.highest:g}, got {value!r}. Move"
+            " its slider.",
+        )
+        values[name] = float(value)
+    return values
+
+
+def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
+    lowest_force = float(pilot.forces_N.min())
+    highest_force = float(pilot.forces_N.max())
+    from_force = min(1.0, lowest_force)
+    to_force = 5 * highest_force
+    circles = min(len(pilot.tests), _MOST_CIRCLES)
+    values = _slider_values(
+        settings,
+        {
+            "circles": _Slider(circles, 1, _MOST_CIRCLES),
+            "levels": _Slider(min(circles, 6), 1, _MOST_CIRCLES),
+            "low": _Slider(lowest_force, from_force, to_force),
+            "high": _Slider(highest_force, from_force, to_force),
+            "work": _Slider(1, 1, 6),
+            "tool": _Slider(1, 1, 6),
+            "turn": _Slider(45, 1, 180),
+            "radius": _Slider(0, 0, 2000),
+        },
+    )
+    require(
+        values["low"] <= values["high"],
+        f"the lowest force must not exceed the highest, got {values['low']:g} N. Lower it.",
+    )
+    return values
+
+
+# ---- what the sliders follow on
+
+
+class _Report(NamedTuple):
+    """Which report of a session: a key, so that nothing is worked out twice."""
+
+    folder: Path
+    #: When the report was written [ns].
+    time_ns: int
+
+
+class _Pilot(NamedTuple):
+    campaign: lb.Campaign
+    #: Standard uncertainty of every parameter of the linear fit.
+    sd: Mapping[str, float]
+
+
+@lru_cache(maxsize=12)
+def _pilot_of(report: _Report) -> _Pilot:
+    result = report.folder / RESULT
+    summary = json.loads((result / "summary.json").read_text(encoding="utf-8"))
+    sd = {name: entry["sd"] for name, entry in summary["parameters"].items()}
+    return _Pilot(lb.read_campaign(result / "campaign"), sd)
+
+
+def _report_of(folder: Path) -> _Report:
+    path = folder / RESULT / "summary.json"
+    require(path.is_file(), "a plan must follow a fit, got none yet. Fit first.")
+    return _Report(folder, path.stat().st_mtime_ns)
+
+
+def _test_settings(settings: Mapping[str, Any]) -> str:
+    """Return what the sliders say of the tests, as a key."""
+    not_of_tests = ("fine", *_COSTS)
+    stated = {name: value for name, value in sorted(settings.items()) if name not in not_of_tests}
+    return json.dumps(stated)
+
+
+@lru_cache(maxsize=6)
+def _space_of(
+    report: _Report,
+    clockings_deg: tuple[tuple[float, float], ...],
+    radii_mm: tuple[float, ...],
+    directions: tuple[Direction, ...],
+    augment: bool,
+) -> Space:
+    """Return what all tests have in common, whatever their forces and their number."""
+    pilot = _pilot_of(report).campaign
+    forces_N = sorted({float(force) for force in pilot.forces_N})
+    return Space(
+        linear_model(), pilot, forces_N, clockings_deg, radii_mm, directions, augment=augment
+    )
+
+
+# ---- the tests that the sliders describe
+
+
+class _PlannedTests(NamedTuple):
+    space: Space
+    #: In the order in which to run them.
+    tests: tuple[lb.CircularTest, ...]
+    sliders: Mapping[str, float]
+
+
+@lru_cache(maxsize=32)
+def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
+    """Return the tests that the sliders describe.
+
+    Levels of force in equal steps over clockings, radii and directions in turn; where the best are
+    wanted, those of the most expected information.
+    """
+    settings = json.loads(settings_json)
+    pilot = _pilot_of(report).campaign
+    sliders = _test_sliders(settings, pilot)
+    space = _space_from(report, settings, sliders)
+    kinds = _kinds_of_test(space, sliders["low"])
+    number = int(sliders["circles"])
+    if settings.get("best"):
+        tests = _best_tests(space, kinds, sliders)
+    else:
+        levels = _force_levels(sliders["low"], sliders["high"], int(min(sliders["levels"], number)))
+        tests = tuple(
+            replace(kind, force_N=force) for force, kind in _pairs_in_turn(levels, kinds, number)
+        )
+    ordered = running_order(tests, np.random.default_rng(1))
+    return _PlannedTests(space, ordered, sliders)
+
+
+def _space_from(
+    report: _Report, settings: Mapping[str, Any], sliders: Mapping[str, float]
+) -> Space:
+    work_deg = [sliders["turn"] * k for k in range(int(sliders["work"]))]
+    tool_deg = [sliders["turn"] * k for k in range(int(sliders["tool"]))]
+    clockings_deg = _pairs_in_turn(work_deg, tool_deg, len(work_deg) * len(tool_deg))
+    pilot = _pilot_of(report).campaign
+    radii_mm = {test.circle.radius_mm for test in pilot.tests}
+    if sliders["radius"] > 0.0:
+        radii_mm.add(sliders["radius"])
+    return _space_of(
+        report,
+        tuple(clockings_deg),
+        tuple(sorted(radii_mm)),
+        _DIRECTIONS.get(str(settings.get("directions")), ()),
+        bool(settings.get("augment")),
+    )
+
+
+def _kinds_of_test(space: Space, force_N: float) -> list[lb.CircularTest]:
+    """Return one test of every clocking, radius and direction."""
+    settings = grid_of_tests(space.templates, [force_N], [(0.0, 0.0)], space.radii_mm)
+    number = len(settings) * len(space.clockings_deg)
+    kinds = []
+    for test, (work_deg, tool_deg) in _pairs_in_turn(settings, space.clockings_deg, number):
+        kinds.append(replace(test, work_ball_deg=work_deg, tool_ball_deg=tool_deg))
+    return kinds
+
+
+def _best_tests(
+    space: Space, kinds: Sequence[lb.CircularTest], sliders: Mapping[str, float]
+) -> tuple[lb.CircularTest, ...]:
+    """Return the tests of the most expected information, among forces in equal steps."""
+    low = sliders["low"]
+    high = sliders["high"]
+    # Of one kind in whole newtons, as a report has them.
+    most_levels = _MOST_CANDIDATES
+    if len(kinds) > 1:
+        most_levels = _MOST_CANDIDATES // 3 // len(kinds)
+    levels = _force_levels(low, high, max(2, min(round(high - low) + 1, most_levels)))
+    candidates = Space(
+        space.model,
+        space.pilot,
+        levels,
+        space.clockings_deg,
+        space.radii_mm,
+        space.directions,
+        augment=space.augment,
+    )
+    number = int(sliders["circles"])
+    if number <= _MOST_EXCHANGED_CIRCLES and len(kinds) <= _MOST_EXCHANGED_KINDS:
+        return candidates.tests_of(candidates.search.of_number(number))
+    shares = candidates.search.shares(float(number)).share
+    counts = efficient_rounding(shares, number)
+    repeated = np.repeat(np.arange(len(counts)), counts)
+    return tuple(candidates.tests[k] for k in repeated)
+
+
+def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> list[Any]:
+    """Return pairs as in a Latin square.
+
+    Each time that one of the first comes round it meets the next of the second.
+    """
+    pairs = []
+    for k in range(number):
+        turn, position = divmod(k, len(first))
+        pairs.append((first[position], second[(turn + position) % len(second)]))
+    return pairs
+
+
+def _force_levels(low: float, high: float, number: int) -> list[float]:
+    """Return forces in equal steps, in whole newtons where these differ [N].
+
+    A single level is the highest, which shows most.
+    """
+    if number == 1:
+        levels = [high]
+    else:
+        levels = [low + (high - low) * k / (number - 1) for k in range(number)]
+    rounded = sorted({float(round(level)) for level in levels})
+    if len(rounded) == number and rounded[0] > 0.0:
+        return rounded
+    return sorted({round(level, 1) for level in levels})
+
+
+# ---- what to expect
+
+
+def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what to expect of the tests that the sliders describe.
+
+    Parameters
+    ----------
+    folder
+        Of the session.
+    settings
+        Values of the sliders, by name.
+
+    Returns
+    -------
+    dict
+        U (k = 2) of every parameter beside today's, the chances that the evidence settles constant
+        or linear compliance, time and cost, and the tests in their order.
+
+    Raises
+    ------
+    InputError
+        There is no fit yet, or a slider has no such value.
+    """
+    costs = _slider_values(settings, _COSTS)
+    report = _report_of(folder)
+    settings_json = _test_settings(settings)
+    planned = _planned_tests(report, settings_json)
+    expected = _expected_uncertainties(report, settings_json, fine=bool(settings.get("fine", True)))
+    turns = 0
+    radius_changes = 0
+    for test, following in pairwise(planned.tests):
+        turns += test.work_ball_deg != following.work_ball_deg
+        turns += test.tool_ball_deg != following.tool_ball_deg
+        radius_changes += test.radius_mm != following.radius_mm
+    minutes = (
+        costs["minutes"] * len(planned.tests)
+        + costs["turn_minutes"] * turns
+        + costs["radius_minutes"] * radius_changes
+    )
+    stated = {
+        **planned.sliders,
+        **costs,
+        "directions": str(settings.get("directions") or ""),
+        "augment": planned.space.augment,
+    }
+    pilot = planned.space.pilot
+    return {
+        **expected,
+        "asked": stated,
+        "best": bool(settings.get("best")),
+        "turns": turns,
+        "changes": radius_changes,
+        "minutes": round(minutes),
+        "cost": round(minutes / 60.0 * costs["hourly"]),
+        "pilot": _pilot_row(pilot),
+        "tests": [_test_row(test, pilot) for test in planned.tests],
+    }
+
+
+@lru_cache(maxsize=128)
+def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) -> dict[str, Any]:
+    space, tests, _ = _planned_tests(report, settings_json)
+    sd_today = _pilot_of(report).sd
+    states = None
+    if not fine:
+        states = states_before(
+            space.model, space.pilot, _QUICK_STATES, space.seed, augment=space.augment
+        )
+    expectation = space.forecast(tests, states=states)
+    rows = []
+    for parameter in space.bound.parameters:
+        if parameter.group != "slope":
+            name = parameter.name
+            expected = expectation.expected[name]
+            sd_before = sd_today.get(name, math.inf)
+            rows.append(uncertainty_change(name, sd_before, expected.sd, expected.unit))
+    settle = None
+    if expectation.discrimination is not None:
+        settle = {
+            "linear": expectation.discrimination.decisive_with,
+            "constant": expectation.discrimination.decisive_without,
+        }
+    return {"rows": rows, "settle": settle}
+
+
+def _test_row(test: lb.CircularTest, pilot: lb.Campaign) -> dict[str, Any]:
+    force = float(test.force_N or 0.0)
+    return {
+        "force": f"{force:.4g}",
+        "pressure": f"{pilot.force_law.pressure_bar(force):.3g}",
+        "plane": test.plane,
+        "direction": test.direction or "",
+        "radius": f"{test.radius_mm:g}",
+        "work": f"{test.work_ball_deg or 0:g}",
+        "tool": f"{test.tool_ball_deg or 0:g}",
+    }
+
+
+_PILOT_LABELS = (
+    "name",
+    "machine_type",
+    "serial_number",
+    "place",
+    "ball_bar",
+    "force_device",
+    "topology",
+)
+
+
+def _pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
+    row: dict[str, Any] = {name: getattr(pilot, name) or "" for name in _PILOT_LABELS}
+    row["feed"] = ""
+    if pilot.feed_mm_per_min is not None:
+        row["feed"] = f"{pilot.feed_mm_per_min:g}"
+    row["low"] = float(pilot.forces_N.min())
+    row["high"] = float(pilot.forces_N.max())
+    row["tests"] = len(pilot.tests)
+    return row
+
+
+def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Write the tests as a plan, a campaign folder without readings.
+
+    Parameters
+    ----------
+    folder
+        Of the session; the plan goes into its folder ``plan``.
+    settings
+        Values of the sliders, by name.
+
+    Returns
+    -------
+    dict
+        As of `forecast`.
+
+    Raises
+    ------
+    InputError
+        There is no fit yet, or a slider has no such value.
+    """
+    expected = forecast(folder, settings)
+    space, tests, _ = _planned_tests(_report_of(folder), _test_settings(settings))
+    campaign = replace(
+        space.pilot,
+        tests=tests,
+        foreseen=(),
+        name=f"{space.pilot.name}, next campaign",
+        tolerances={},
+        date=None,
+        operator=None,
+    )
+    lb.write_campaign(campaign, folder / PLAN, force=True)
+    return expected

@@ -1,0 +1,330 @@
+"""Answers to the requests of a page that has a session."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+import re
+import secrets
+import shutil
+import zipfile
+from collections.abc import Awaitable, Callable
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
+
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
+
+import ldbb_bayes as lb
+from ldbb_bayes.app.fields import FIELDS, FILES, RESULT
+from ldbb_bayes.app.house import House
+from ldbb_bayes.app.planning import PLAN, forecast, plan
+from ldbb_bayes.app.session import Session
+from ldbb_bayes.app.templates import LANGUAGES, LARGEST_FILE, MOST_FILES
+from ldbb_bayes.app.understanding import understand
+from ldbb_bayes.app.worth import worth
+
+__all__ = ["ROUTES", "Answer", "file_name", "refused"]
+
+LARGEST_SESSION = 4 * 2**26  # bytes of all files together
+LARGEST_FORM = 2**17  # bytes
+_LONGEST_ENTRY = 20_000  # characters
+_LONGEST_NAME = 120  # bytes
+# The report brings its own style and no script.
+_REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action"
+    " 'none'; frame-ancestors 'self'"
+)
+_SHOWN_FILES = {"report.html": "text/html", "report.pdf": "application/pdf"}
+# Files to save, by where they are in the folder of the report.
+_SAVED_FILES = {
+    "report.json": "report.json",
+    "dcc.xml": "dcc.xml",
+    "posterior.nc": "posterior.nc",
+    "parameters.csv": "tables/averaged.csv",
+}
+# Where nothing could be averaged over, the sheets state the fit itself.
+_FIT_TABLE = "tables/results.csv"
+_ZIPPED_FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
+
+Answer = Callable[[House, Session, Request], Awaitable[Response]]
+
+
+def refused(message: str, status: int) -> Response:
+    """Return a refusal that the page shows.
+
+    Parameters
+    ----------
+    message
+        Why.
+    status
+        Of HTTP.
+
+    Returns
+    -------
+    Response
+    """
+    return JSONResponse({"refused": message}, status)
+
+
+# ---- the page and its sections
+
+
+async def _show_page(house: House, session: Session, request: Request) -> Response:
+    page = house.templates.show(
+        "page.html.j2", session.language, session=session, languages=LANGUAGES
+    )
+    return HTMLResponse(page)
+
+
+async def _show_section(house: House, session: Session, request: Request) -> Response:
+    """Return one step of the page, as it stands."""
+    name = request.path_params["name"]
+    values: dict[str, Any] = {}
+    if name == "understood":
+        understood = await house.desk.ask(understand, session, session.said())
+        session.wrong = understood.get("wrong", [])
+        values["found"] = understood
+    elif name == "worth":
+        values["found"] = await house.desk.ask(worth, session, session.said())
+    elif name == "plan":
+        values["found"] = await house.desk.ask(forecast, session, session.asked)
+    elif name not in ("files", "fit", "sheets"):
+        return refused(session.word("nothing"), 404)
+    section = house.templates.show(f"{name}.html.j2", session.language, session=session, **values)
+    return HTMLResponse(section)
+
+
+async def _state(house: House, session: Session, request: Request) -> Response:
+    tabs = session.tabs or set()
+    session.tabs = (tabs | {request.query_params.get("tab", "")}) - session.closed
+    return JSONResponse(session.state())
+
+
+async def _leave(house: House, session: Session, request: Request) -> Response:
+    """Note that a tab was closed, or is loaded anew: then it asks again before long."""
+    session.closed.add(request.query_params.get("tab", ""))
+    session.tabs = (session.tabs or set()) - session.closed
+    return Response(status_code=204)
+
+
+# ---- files
+
+
+async def _read_json(request: Request) -> dict[str, Any] | None:
+    """Return the object that was sent; None where it is none, or too large."""
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > LARGEST_FORM:
+            return None
+    try:
+        sent = json.loads(bytes(body) or b"{}")
+    except (ValueError, RecursionError):
+        return None
+    return sent if isinstance(sent, dict) else None
+
+
+def file_name(sent: str) -> str:
+    """Return the name by which a file is stored.
+
+    Parameters
+    ----------
+    sent
+        Name or path, as the browser sends it.
+
+    Returns
+    -------
+    str
+        The last element of the path, of plain signs; empty where none is left.
+    """
+    name = PureWindowsPath(PurePosixPath(sent).name).name
+    name = re.sub(r"[^\w+\-.,()\[\] ]", "_", name).strip(" .")
+    name = name.encode()[-_LONGEST_NAME:].decode(errors="ignore").lstrip(" .")
+    # Names of devices on Windows.
+    return re.sub(r"(?i)^(?=(con|prn|aux|nul|com\d|lpt\d)(\.|$))", "_", name)
+
+
+async def _add_file(house: House, session: Session, request: Request) -> Response:
+    """Store a file: all of it, or nothing."""
+    sent_name = request.path_params["name"]
+    name = file_name(sent_name)
+    if not name or not session.folder.exists():
+        return refused(session.word("name"), 422)
+    async with session.adding:
+        sizes = session.held
+        if name in sizes and session.names.get(name, sent_name) != sent_name:
+            message = session.word("same_name", name=sent_name, other=session.names[name])
+            return refused(message, 409)
+        if name not in sizes and len(sizes) >= MOST_FILES:
+            return refused(session.word("too_many", most=MOST_FILES), 413)
+        other_sizes = sum(size for other, size in sizes.items() if other != name)
+        most_bytes = min(LARGEST_FILE, LARGEST_SESSION - other_sizes)
+        too_large = session.word("too_large", name=name, most=max(most_bytes, 0) // 2**20)
+        if int(request.headers.get("content-length", 0)) > most_bytes:
+            return refused(too_large, 413)
+        path = session.folder / f"{secrets.token_hex(8)}.part"
+        try:
+            if not await _receive(request, path, most_bytes):
+                return refused(too_large, 413)
+            path.replace(session.folder / FILES / name)
+            session.names[name] = sent_name
+            session.changed()
+        except (ClientDisconnect, OSError):  # or its session has ended
+            return refused(session.word("broken_off", name=name), 400)
+        finally:
+            path.unlink(missing_ok=True)
+    return JSONResponse({"name": name})
+
+
+async def _receive(request: Request, path: Path, most_bytes: int) -> bool:
+    """Write what is sent into a file, and return whether it was not too much."""
+    size = 0
+    with path.open("wb") as file:
+        async for chunk in request.stream():
+            size += len(chunk)
+            if size > most_bytes:
+                return False
+            file.write(chunk)
+    return True
+
+
+async def _remove_file(house: House, session: Session, request: Request) -> Response:
+    """Drop one file, or all (``*``)."""
+    session.drop(request.path_params["name"])
+    return JSONResponse({})
+
+
+async def _take_example(house: House, session: Session, request: Request) -> Response:
+    """Put the published experiment in place of the files."""
+    session.drop()
+    for path in Path(lb.embedded_campaign()).iterdir():
+        if path.suffix in (".csv", ".toml"):
+            shutil.copyfile(path, session.folder / FILES / path.name)
+    session.choices.clear()
+    session.changed()
+    return JSONResponse({})
+
+
+# ---- what is typed, and the fit
+
+
+async def _take_choices(house: House, session: Session, request: Request) -> Response:
+    """Take what the form says, or the language."""
+    sent = await _read_json(request)
+    if sent is None or not all(_is_entry(text) for text in sent.values()):
+        return refused(session.word("form"), 422)
+    if "language" in sent:
+        if sent["language"] in LANGUAGES and sent["language"] != session.language:
+            session.language = sent["language"]
+            session.edition += 1  # the sheets are in the other language
+        return JSONResponse({})
+    choices = {}
+    for name, text in sent.items():
+        if name in FIELDS and text.strip():
+            choices[name] = text.strip()
+    if choices != session.choices:
+        session.edition += 1
+    session.choices = choices
+    return JSONResponse({})
+
+
+def _is_entry(text: object) -> bool:
+    return isinstance(text, str) and len(text) < _LONGEST_ENTRY
+
+
+async def _fit(house: House, session: Session, request: Request) -> Response:
+    if not session.running:
+        session.outcome = {}
+        session.task = asyncio.create_task(house.fit(session))
+    return JSONResponse(session.state())
+
+
+async def _cancel_fit(house: House, session: Session, request: Request) -> Response:
+    if session.running and session.task is not None:
+        session.stop()
+        await asyncio.wait([session.task])
+        session.outcome = {"cancelled": True}
+    return JSONResponse(session.state())
+
+
+async def _show_forecast(house: House, session: Session, request: Request) -> Response:
+    sent = await _read_json(request)
+    if sent is None:
+        return refused(session.word("form"), 422)
+    expected = await house.desk.ask(forecast, session, sent)
+    if "refused" not in expected:
+        session.asked = sent
+    section = house.templates.show("forecast.html.j2", session.language, found=expected)
+    return HTMLResponse(section)
+
+
+# ---- results
+
+
+async def _send_result(house: House, session: Session, request: Request) -> Response:
+    """Return one of the files that a fit, or a plan, has left."""
+    name = request.path_params["name"]
+    folder = session.folder / RESULT
+    if name in ("plan.html", "plan.zip"):
+        return await _send_plan(house, session, name)
+    if name in _ZIPPED_FOLDERS and folder.is_dir():
+        return await _send_zipped(folder / _ZIPPED_FOLDERS[name], name)
+    path = folder / _SAVED_FILES.get(name, name)
+    if name == "parameters.csv" and not path.is_file():
+        path = folder / _FIT_TABLE
+    if name not in (*_SHOWN_FILES, *_SAVED_FILES) or not path.is_file():
+        return refused(session.word("nothing"), 404)
+    headers = {}
+    if name == "report.html":
+        headers["content-security-policy"] = _REPORT_POLICY
+    return FileResponse(
+        path,
+        filename=name,
+        headers=headers,
+        media_type=_SHOWN_FILES.get(name),
+        content_disposition_type="inline" if name in _SHOWN_FILES else "attachment",
+    )
+
+
+async def _send_plan(house: House, session: Session, name: str) -> Response:
+    planned = await house.desk.ask(plan, session, session.asked)
+    if "refused" in planned:
+        return refused(planned["refused"], 422)
+    if name == "plan.html":
+        sheet = house.templates.show("operator.html.j2", session.language, found=planned)
+        return HTMLResponse(sheet)
+    return await _send_zipped(session.folder / PLAN, name)
+
+
+async def _send_zipped(folder: Path, name: str) -> Response:
+    archive = await asyncio.to_thread(_zip_folder, folder)
+    headers = {"content-disposition": f'attachment; filename="{name}"'}
+    return Response(archive, media_type="application/zip", headers=headers)
+
+
+def _zip_folder(folder: Path) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(folder.rglob("*")):
+            if path.is_file():
+                archive.write(path, str(path.relative_to(folder)))
+    return buffer.getvalue()
+
+
+#: Method and path of every request that a session answers.
+ROUTES: tuple[tuple[str, str, Answer], ...] = (
+    ("GET", "/", _show_page),
+    ("GET", "/part/{name}", _show_section),
+    ("GET", "/state", _state),
+    ("PUT", "/files/{name:path}", _add_file),
+    ("DELETE", "/files/{name}", _remove_file),
+    ("POST", "/example", _take_example),
+    ("POST", "/say", _take_choices),
+    ("POST", "/fit", _fit),
+    ("POST", "/cancel", _cancel_fit),
+    ("POST", "/leave", _leave),
+    ("POST", "/plan", _show_forecast),
+    ("GET", "/result/{name}", _send_result),
+)

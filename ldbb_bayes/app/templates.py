@@ -1,0 +1,91 @@
+"""What the page shows: templates, filled in the language of a session."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import jinja2
+
+from ldbb_bayes.app.fields import FIELDS
+from ldbb_bayes.files import LARGEST_TABLE_BYTES
+
+__all__ = ["LANGUAGES", "LARGEST_FILE", "MOST_FILES", "PAGES", "Templates", "words_of_page"]
+
+LANGUAGES = ("en", "de")
+MOST_FILES = 400  # of a session
+LARGEST_FILE = LARGEST_TABLE_BYTES
+PAGES = files("ldbb_bayes.app") / "pages"
+
+
+@cache
+def words_of_page(language: str) -> Mapping[str, Any]:
+    """Return the words of the page in a language.
+
+    Parameters
+    ----------
+    language
+        One of `LANGUAGES`.
+
+    Returns
+    -------
+    dict
+        Texts by place on the page.
+    """
+    return tomllib.loads((PAGES / f"words_{language}.toml").read_text(encoding="utf-8"))
+
+
+@jinja2.pass_context
+def _with_decimal_mark(context: jinja2.runtime.Context, value: object) -> str:
+    """Return a number with the decimal mark of the language."""
+    return re.sub(r"(?<=\d)\.(?=\d)", str(context["w"]["decimal"]), str(value))
+
+
+@jinja2.pass_context
+def _translate_phrases(context: jinja2.runtime.Context, text: str) -> str:
+    """Return what an import says, in the language as far as its phrases are listed there."""
+    for pattern, translation in context["w"]["phrases"].items():
+        text = re.sub(pattern, translation, text)
+    return text
+
+
+class Templates:
+    """The page and its sections; all text is escaped."""
+
+    def __init__(self) -> None:
+        self._environment = jinja2.Environment(
+            loader=jinja2.PackageLoader("ldbb_bayes.app", "pages"),
+            autoescape=True,
+            undefined=jinja2.StrictUndefined,
+        )
+        self._environment.filters["number"] = _with_decimal_mark
+        self._environment.filters["phrase"] = _translate_phrases
+
+    def show(self, name: str, language: str, **values: Any) -> str:
+        """Return the page, or a section of it, as HTML.
+
+        Parameters
+        ----------
+        name
+            File of the template.
+        language
+            One of `LANGUAGES`.
+        **values
+            What the template shows.
+
+        Returns
+        -------
+        str
+        """
+        template = self._environment.get_template(name)
+        return template.render(
+            w=words_of_page(language),
+            language=language,
+            fields=FIELDS,
+            most={"files": MOST_FILES, "bytes": LARGEST_FILE},
+            **values,
+        )

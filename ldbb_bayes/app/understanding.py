@@ -1,0 +1,261 @@
+"""What the page shows of files before the fit: tests, traces, assumptions, the instrument."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ldbb_bayes as lb
+from ldbb_bayes.app.fields import FIELDS, FILES, read_files
+from ldbb_bayes.errors import InputError, plain_reason
+from ldbb_bayes.reading.headers import Assumption
+from ldbb_bayes.report import wording
+from ldbb_bayes.report.text import two_digits
+
+__all__ = ["refusal", "understand"]
+
+_MOST_POINTS = 360  # of a trace; more cannot be seen
+_INNER_RADIUS = 22.0  # of a trace at its lowest reading, in units of the drawing
+_WIDTH = 78.0  # from the lowest to the highest reading, which lies at a radius of 100
+_RINGS = 4  # about as many lie between the lowest and the highest reading
+_SMALLEST_RANGE_UM = 1e-3
+
+
+def refusal(error: Exception, folder: Path) -> str:
+    """Return why a session's question cannot be answered.
+
+    Parameters
+    ----------
+    error
+        What was raised.
+    folder
+        Of the session.
+
+    Returns
+    -------
+    str
+        One message, in which files have the names by which they were added.
+
+    Raises
+    ------
+    Exception
+        The error itself, where neither input nor files nor numbers caused it.
+    """
+    reason = plain_reason(error)
+    if reason is None:
+        raise error
+    return _without_folder(reason, folder)
+
+
+def _without_folder(text: str, folder: Path) -> str:
+    path = str(folder / FILES)
+    text = re.sub(re.escape(path) + r"[/\\]", "", text)
+    return text.replace(path, "the folder")
+
+
+def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+    """Return what is understood of the files of a session.
+
+    Parameters
+    ----------
+    folder
+        Of the session.
+    choices
+        What was typed, by the name of the entry.
+
+    Returns
+    -------
+    dict
+        Tests, traces, what was assumed and what looks odd; or the refusal, and the entries that are
+        wrong.
+    """
+    try:
+        campaign, imported = read_files(folder, choices)
+    except InputError as error:
+        return {
+            "refused": refusal(error, folder),
+            "wrong": _wrong_entries(folder, choices, error),
+        }
+    preview = lb.preview(campaign)
+    traces = [_trace(campaign, plane) for plane in campaign.machine().planes]
+    assumptions: Sequence[Assumption] = ()
+    if imported is not None:
+        assumptions = imported.assumptions
+    return {
+        "name": campaign.name,
+        "topology": campaign.topology,
+        "planes": campaign.machine().plane,
+        "tests": _test_rows(preview, traces),
+        "readings": campaign.readings,
+        "assumptions": [_assumption_row(assumption, folder) for assumption in assumptions],
+        "remarks": [wording.remark_words(remark) for remark in preview.remarks],
+        "fit": [wording.remark_words(remark) for remark in preview.assumptions],
+        "traces": traces,
+        "instrument": _instrument(campaign),
+    }
+
+
+def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) -> list[str]:
+    """Return the entries without which nothing is refused.
+
+    Where no single one is to blame: those without which the refusal is another.
+    """
+    to_blame = []
+    involved = []
+    for name in choices.keys() & FIELDS.keys() - {"language"}:
+        other_choices = {key: text for key, text in choices.items() if key != name}
+        try:
+            read_files(folder, other_choices)
+            to_blame.append(name)
+        except InputError as error_of_others:
+            if str(error_of_others) != str(error):
+                involved.append(name)
+    return sorted(to_blame or involved)
+
+
+def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    hues = {}
+    for trace in traces:
+        for path in trace["paths"]:
+            hues[path["name"]] = path["hue"]
+    rows = []
+    for test in preview.tests:
+        noise = "–" if test.noise_um is None else f"{test.noise_um:.2g}"
+        rows.append(
+            {
+                "name": test.name,
+                "force": f"{test.force_N:.4g}",
+                "pressure": f"{test.pressure_bar:.3g}",
+                "readings": test.readings,
+                "arc": f"{test.arc_deg:.0f}",
+                "direction": test.direction or test.travel or "–",
+                "plane": test.plane,
+                "radius": f"{test.radius_mm:g}",
+                "balls": f"{test.work_ball_deg:g} / {test.tool_ball_deg:g}",
+                "noise": noise,
+                "peak": f"{test.peak_to_peak_um or 0.0:.3g}",
+                "remarks": [wording.remark_words(remark) for remark in test.remarks],
+                "hue": hues[test.name],
+            }
+        )
+    return rows
+
+
+def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
+    flags = assumption.option.split(", ")
+    return {
+        "place": _without_folder(str(assumption.place), folder),
+        "what": _without_folder(str(assumption.what), folder),
+        "value": _without_folder(str(assumption.value), folder),
+        "because": _without_folder(str(assumption.because), folder),
+        "fields": [field.name for field in FIELDS.values() if field.flag in flags],
+        "option": assumption.option,
+    }
+
+
+# ---- the instrument
+
+
+def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
+    """Return what is assumed of each piece of the instrument, and whether a certificate says so."""
+    entries_by_piece: dict[str, list[dict[str, Any]]] = {}
+    for assumed in lb.uncertainties(campaign).assumed:
+        piece = assumed.certificate.partition("_")[0] or assumed.name.partition("_")[0]
+        if piece in ("work", "tool"):
+            entry = _ball_entry(campaign, assumed, piece)
+            piece = "balls"
+        else:
+            entry = _instrument_entry(campaign, assumed, piece)
+        entries = entries_by_piece.setdefault(piece, [])
+        if entry not in entries:
+            entries.append(entry)
+    return entries_by_piece
+
+
+def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str, Any]:
+    ball: lb.Ball = getattr(campaign.instrument, ball_name)
+    # Two and three lobes share the deviation from sphericity: S² / 24 each.
+    sphericity_um = math.sqrt(24.0) * assumed.sd * 1e3
+    return {
+        "words": ball_name,
+        "size": ball.grade or f"{sphericity_um:.3g} µm",
+        "is_sphericity": not ball.grade,
+        "stated": assumed.stated,
+    }
+
+
+_LABELS = {"1": "%", "rad": "°", "N": "N"}
+_FACTORS = {"1": 100.0, "rad": 180.0 / math.pi, "N": 1.0}
+
+
+def _instrument_entry(campaign: lb.Campaign, assumed: Any, piece: str) -> dict[str, Any]:
+    factor = _FACTORS.get(assumed.unit, 1e3)
+    label = _LABELS.get(assumed.unit, "µm")
+    if assumed.unit.endswith("/bar"):
+        label = "µm/bar"
+    size = f"± {two_digits(2.0 * assumed.sd, factor)} {label}"
+    error_um = campaign.instrument.bar_length_error_um
+    if piece == "bar" and error_um:
+        size = f"{error_um:g} ".replace("-", "−") + size
+    return {
+        "words": wording.assumed_words(assumed)[0],
+        "size": size,
+        "is_sphericity": False,
+        "stated": assumed.stated,
+    }
+
+
+# ---- traces
+
+
+def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
+    """Return the polar traces of a plane as paths of an SVG, with rings in µm.
+
+    The outermost reading lies at a radius of 100.
+    """
+    forces = campaign.forces_N
+    force_shares = (forces - forces.min()) / max(float(np.ptp(forces)), 1e-9)
+    indices = [k for k, test in enumerate(campaign.tests) if test.plane == plane]
+    readings_um = [np.asarray(campaign.tests[k].reading_um) for k in indices]
+    low = min(readings.min() for readings in readings_um)
+    high = max(readings.max() for readings in readings_um)
+    spread = max(high - low, _SMALLEST_RANGE_UM)
+    scale = _WIDTH / spread
+
+    paths = []
+    for k, readings in zip(indices, readings_um, strict=True):
+        test = campaign.tests[k]
+        stride = max(1, len(readings) // _MOST_POINTS)
+        angle = test.angles_rad()[::stride]
+        radius = _INNER_RADIUS + scale * (readings[::stride] - low)
+        if test.arc_deg == 360.0:
+            angle = np.append(angle, angle[0])
+            radius = np.append(radius, radius[0])
+        x = radius * np.cos(angle)
+        y = -radius * np.sin(angle)
+        points = [f"{x[n]:.1f},{y[n]:.1f}" for n in range(len(x))]
+        # From blue at the lowest force to red at the highest.
+        hue = round(215 - 205 * float(force_shares[k]))
+        paths.append({"points": " ".join(points), "hue": hue, "name": test.name})
+
+    rings = []
+    for ring in _ring_readings(low, high, spread):
+        ring_radius = _INNER_RADIUS + scale * (ring - low)
+        rings.append({"r": f"{ring_radius:.1f}", "um": f"{ring:g}".replace("-", "−")})
+    return {"plane": plane, "paths": paths, "rings": rings}
+
+
+def _ring_readings(low: float, high: float, spread: float) -> list[float]:
+    """Return the multiples of a round step that lie between two readings [µm]."""
+    power = 10.0 ** np.floor(np.log10(spread / _RINGS))
+    wanted = (high - low) / _RINGS
+    steps = [multiple * power for multiple in (1.0, 2.0, 5.0, 10.0)]
+    distances = [abs(step - wanted) for step in steps]
+    step = steps[int(np.argmin(distances))]
+    multiples = np.arange(np.ceil(low / step), np.floor(high / step) + 1)
+    return [float(multiple * step) + 0.0 for multiple in multiples]
