@@ -1,8 +1,8 @@
-"""ln p(β, φ | y), nuisances integrated out: the one definition that every sampler uses, ours and
-others.
+"""The log posterior density ln p(β, φ | y) that every sampler uses, up to the evidence.
 
 ln p(y | β, φ) + ln p(β) + ln p(φ), each normalised: β ~ N(m, S) inside the truncation A β ≥ 0, φ by
-its laws, independent of β. The integral over all x = (β, φ) is the evidence of `log_evidence`.
+its laws, independent of β; the nuisances are integrated out. The integral over all x = (β, φ) is
+the evidence of `log_evidence`.
 """
 
 from __future__ import annotations
@@ -16,27 +16,46 @@ import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import require
+from ldbb_bayes.inference.mcmc import WeightedPoints
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
+# Starting points are spread over the posterior tempered to this, a little wider than it is.
 _START_TEMPERATURE = 1.5
-_TRIES = 2
-_EDGE = 1e-15
+# Starting points drawn for each that is needed; those outside the truncation are dropped.
+_DRAWS_PER_START = 2
+# Prior probabilities stay so far from 0 and 1, where quantiles are infinite.
+_SMALLEST_PROBABILITY = 1e-15
 
 
 def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
     """Return the posterior's log density, for samplers and optimisers of your own.
 
-    InputError for a plan, or a model that the campaign cannot carry.
+    Parameters
+    ----------
+    model : HybridModel
+    campaign : Campaign
+        With readings.
+
+    Returns
+    -------
+    LogDensity
+        Of parameters and hyper-parameters, in mm, N and rad.
+
+    Raises
+    ------
+    InputError
+        For a plan, or a model that the campaign cannot carry.
 
     Examples
     --------
     >>> density = lb.log_density(lb.HybridModel.default(1), campaign)
-    >>> sampler = emcee.EnsembleSampler(4 * len(density.names), len(density.names), density.log_prob, vectorize=True)
-    >>> sampler.run_mcmc(density.initial(4 * len(density.names), seed=1), 5000)
+    >>> d = len(density.names)
+    >>> sampler = emcee.EnsembleSampler(4 * d, d, density.log_prob, vectorize=True)
+    >>> sampler.run_mcmc(density.initial(4 * d, seed=1), 5000)
     """
     require(
         not campaign.is_plan,
@@ -48,146 +67,160 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LogDensity(Shown):
-    """ln p(x, y) of a model and a campaign at x = (β, φ): parameters, then hyper-parameters; all
-    nuisances integrated out.
+    """ln p(x, y) of a model and a campaign at x = (β, φ), nuisances integrated out.
 
-    A point has shape (d,), a stack of points (n, d); densities are then a number, or of shape (n,).
-    Logarithms are natural and every density is normalised: the evidence of a nested sampler is that
-    of `log_evidence`.
+    x holds the parameters, then the hyper-parameters. A point has shape (d,), a stack of points
+    (n, d); densities are then a number, or of shape (n,). Logarithms are natural and every density
+    is normalised: the evidence of a nested sampler is that of `log_evidence`.
     """
 
     bound: BoundModel  #: the model of the campaign
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the d coordinates."""
+        """Return the names of the d coordinates."""
         return (*self.bound.names, *self.bound.hyper_prior.names)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Their units, those of a posterior: mm, N, rad; none of a number."""
-        return (
-            *(parameter.unit for parameter in self.bound.parameters),
-            *self.bound.hyper_prior.units,
-        )
+        """Return the units of the coordinates, those of a posterior: mm, N, rad; "" of a number."""
+        of_parameters = [parameter.unit for parameter in self.bound.parameters]
+        return (*of_parameters, *self.bound.hyper_prior.units)
 
     @cached_property
     def bounds(self) -> Array:
-        """The least and the greatest value of each coordinate, shape (d, 2). The truncation, C(F) ≥
-        0 at every tested force, is more than bounds; `log_prior` has all of it."""
+        """Return the least and the greatest value of each coordinate, shape (d, 2).
+
+        The truncation, C(F) ≥ 0 at every tested force, is more than bounds; `log_prior` has all of
+        it.
+        """
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 
     @property
     def scale(self) -> Array:
-        """Sizes in the prior, shape (d,), of parameters the sd. Optimisers want the posterior's:
-        the spread of `initial`."""
+        """Return sizes of the coordinates in the prior, shape (d,), of parameters the sd.
+
+        Optimisers want the posterior's: the spread of `initial`.
+        """
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
 
     def __repr__(self) -> str:
         campaign = self.bound.campaign.name
-        return (
-            f"LogDensity of {campaign!r}: {len(self.bound.names)} parameters,"
-            f" {len(self.bound.hyper_prior.names)} scales"
-        )
+        parameters = len(self.bound.names)
+        scales = len(self.bound.hyper_prior.names)
+        return f"LogDensity of {campaign!r}: {parameters} parameters, {scales} scales"
 
     def log_prob(self, x: Array) -> Any:
-        """ln p(y | x) + ln p(x); −inf outside the prior, never NaN."""
-
-        def both(beta: Array, phi: Array) -> Array:
-            return _log_joint(self.bound, beta, phi, self.bound.hyper_prior.log_density(phi))
-
-        return self._at(x, both)
+        """Return ln p(y | x) + ln p(x); −inf outside the prior, never NaN."""
+        return self._evaluate(x, self._log_joint)
 
     def log_prior(self, x: Array) -> Any:
-        """ln p(x), the truncation included; of flat priors that of the hyper-parameters alone."""
-        return self._at(
-            x,
-            lambda beta, phi: self.bound.log_prior(beta) + self.bound.hyper_prior.log_density(phi),
-        )
+        """Return ln p(x), the truncation included; of flat priors that of the hyper-parameters."""
+        return self._evaluate(x, self._log_prior)
 
     def log_likelihood(self, x: Array) -> Any:
-        """ln p(y | x) of the readings in mm; −inf where a hyper-parameter is out of its bounds."""
-        return self._at(x, lambda beta, phi: self.bound.log_likelihood(phi, beta))
+        """Return ln p(y | x) of the readings in mm; −inf where a hyper-parameter is out of bounds."""
+        return self._evaluate(x, self._log_likelihood)
 
     def prior_transform(self, u: Array) -> Array:
-        """Return the x whose prior probabilities, one coordinate after the other, are u in the unit
-        cube; inside the truncation.
+        """Return the x whose prior probabilities, coordinate by coordinate, are u.
 
-        InputError for flat priors, which have no such point, and for u outside the cube.
+        Each coordinate's probability is conditional on the coordinates before it, so that the unit
+        cube is mapped to the inside of the truncation.
+
+        Raises
+        ------
+        InputError
+            For flat priors, which have no such point, and for u outside the unit cube.
         """
-        bound, p = self.bound, len(self.bound.names)
+        bound = self.bound
         require(
             not bound.model.prior.flat,
             "a prior to transform to must be proper, got a flat one. Use the default preset.",
         )
-        levels = np.atleast_2d(self._checked(u, "u"))
-        beyond = levels[~((levels >= 0.0) & (levels <= 1.0))]
+        probability = np.atleast_2d(self._check_points(u, "u"))
+        outside = probability[~((probability >= 0.0) & (probability <= 1.0))]
         require(
-            not len(beyond),
-            f"u must lie between 0 and 1, got {beyond[:1].sum()}. Give prior probabilities, one"
+            not len(outside),
+            f"u must lie between 0 and 1, got {outside[:1].sum()}. Give prior probabilities, one"
             " each.",
         )
-        levels = np.clip(levels, _EDGE, 1.0 - _EDGE)
-        beta = bound.truncation.quantile(levels[:, :p], bound.prior_mean, bound.prior_sd)
-        return np.concatenate([beta, bound.hyper_prior.quantile(levels[:, p:])], axis=1).reshape(
-            np.shape(u)
-        )
+        probability = np.clip(probability, _SMALLEST_PROBABILITY, 1.0 - _SMALLEST_PROBABILITY)
+        of_beta, of_phi = np.split(probability, [len(bound.names)], axis=1)
+        beta = bound.truncation.quantile(of_beta, bound.prior_mean, bound.prior_sd)
+        phi = bound.hyper_prior.quantile(of_phi)
+        return np.concatenate([beta, phi], axis=1).reshape(np.shape(u))
 
     def split(self, x: Array) -> dict[str, dict[str, Any]]:
-        """Return ``{"parameters": {name: value}, "hyper": {name: value}}``; of a stack, values of
-        shape (n,)."""
-        values = np.moveaxis(self._checked(x), -1, 0)
-        p = len(self.bound.names)
-        by_name = dict(
-            zip(self.names, values.tolist() if values.ndim == 1 else values, strict=True)
-        )
+        """Return ``{"parameters": {name: value}, "hyper": {name: value}}``.
+
+        Values of a point are numbers, those of a stack of points have shape (n,).
+        """
+        points = self._check_points(x)
+        by_coordinate: Any = np.moveaxis(points, -1, 0)
+        if points.ndim == 1:
+            by_coordinate = points.tolist()
+        by_name = dict(zip(self.names, by_coordinate, strict=True))
         return {
-            "parameters": {n: by_name[n] for n in self.names[:p]},
-            "hyper": {n: by_name[n] for n in self.names[p:]},
+            "parameters": {name: by_name[name] for name in self.bound.names},
+            "hyper": {name: by_name[name] for name in self.bound.hyper_prior.names},
         }
 
     def initial(self, n: int, seed: int = 1) -> Array:
-        """Return starting points, shape (n, d): spread a little wider than the posterior, all of
-        them inside."""
+        """Return starting points, shape (n, d).
+
+        They spread a little wider than the posterior, all of them inside the truncation.
+        """
         joint = JointDensity(self.bound)
         random = np.random.RandomState(seed)
-        beta, free = joint.split(starting_points(LinearRedraw(joint, self._start), n, random))
+        points = starting_points(LinearRedraw(joint, self._hyper_posterior), n, random)
+        beta, free = joint.split(points)
         return np.concatenate([beta, self.bound.hyper_prior.phi(free)], axis=1)
 
     @cached_property
-    def _start(self) -> HyperPosterior:
+    def _hyper_posterior(self) -> HyperPosterior:
         return HyperPosterior(self.bound, truncated=self.bound.truncation.active)
 
-    def _checked(self, x: Array, what: str = "x") -> Array:
-        values = np.asarray(x, dtype=float)
+    def _log_joint(self, beta: Array, phi: Array) -> Array:
+        return _log_joint(self.bound, beta, phi, self.bound.hyper_prior.log_density(phi))
+
+    def _log_prior(self, beta: Array, phi: Array) -> Array:
+        return self.bound.log_prior(beta) + self.bound.hyper_prior.log_density(phi)
+
+    def _log_likelihood(self, beta: Array, phi: Array) -> Array:
+        return self.bound.log_likelihood(phi, beta)
+
+    def _check_points(self, x: Array, argument: str = "x") -> Array:
+        points = np.asarray(x, dtype=float)
         d = len(self.names)
-        fits = values.ndim in (1, 2) and values.shape[-1] == d
+        fits = points.ndim in (1, 2) and points.shape[-1] == d
         require(
             fits,
-            f"{what} must have shape ({d},) or (n, {d}), got {values.shape}. Order it as in names.",
+            f"{argument} must have shape ({d},) or (n, {d}), got {points.shape}. Order it as in"
+            " names.",
         )
-        return values
+        return points
 
-    def _at(self, x: Array, density: Callable[[Array, Array], Array]) -> Any:
-        """A density of β and φ at the points that are within the bounds of φ, −inf at the
-        others."""
-        values = self._checked(x)
-        p = len(self.bound.names)
+    def _evaluate(self, x: Array, density: Callable[[Array, Array], Array]) -> Any:
+        """Return a density of β and φ at x, −inf where a coordinate of φ is out of its bounds."""
+        values = self._check_points(x)
         points = values.reshape(-1, len(self.names))
-        low, high = self.bound.hyper_prior.bounds.T
-        inside = np.isfinite(points).all(axis=1) & (
-            (points[:, p:] >= low) & (points[:, p:] <= high)
-        ).all(axis=1)
-        total = np.full(len(points), -np.inf)
+        beta, phi = np.split(points, [len(self.bound.names)], axis=1)
+        lowest, highest = self.bound.hyper_prior.bounds.T
+        within_bounds = ((phi >= lowest) & (phi <= highest)).all(axis=1)
+        inside = np.isfinite(points).all(axis=1) & within_bounds
+        log_density = np.full(len(points), -np.inf)
         if inside.any():
-            total[inside] = density(points[inside, :p], points[inside, p:])
-        return float(total[0]) if values.ndim == 1 else total
+            log_density[inside] = density(beta[inside], phi[inside])
+        if values.ndim == 1:
+            return float(log_density[0])
+        return log_density
 
 
-def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper: Array) -> Array:
-    """ln p(y | β, φ) + ln p(β) + what is given of φ, shape (n,)."""
-    total = bound.log_prior(beta) + log_hyper
+def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Array) -> Array:
+    """Return ln p(y | β, φ) + ln p(β) + ln p(φ), shape (n,), with the last as it is handed in."""
+    total = bound.log_prior(beta) + log_hyper_prior
     inside = np.isfinite(total)
     if inside.any():
         total[inside] += bound.log_likelihood(phi[inside], beta[inside])
@@ -196,90 +229,90 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper: Array) -> 
 
 @dataclass(frozen=True, eq=False)
 class JointDensity:
-    """The same in coordinates for a random walk, ((β − centre) / scale, ln(φ − lower)); their
-    Jacobian but for a constant."""
+    """The log posterior density in coordinates for a random walk.
+
+    The coordinates are (β − centre) / scale and the free coordinates ln(φ − lower). Their Jacobian
+    is included but for a constant.
+    """
 
     bound: BoundModel
 
     def __call__(self, x: Array) -> Array:
-        """Log density of (n, p + h) points, shape (n,)."""
+        """Return the log density of (n, p + h) points, shape (n,)."""
         beta, free = self.split(x)
-        return _log_joint(
-            self.bound,
-            beta,
-            self.bound.hyper_prior.phi(free),
-            self.bound.hyper_prior.log_density_of_free(free),
-        )
+        prior = self.bound.hyper_prior
+        return _log_joint(self.bound, beta, prior.phi(free), prior.log_density_of_free(free))
 
     def split(self, x: Array) -> tuple[Array, Array]:
-        """x (..., p + h) → β (..., p), the free coordinates of φ (..., h)."""
+        """Return β (..., p) and the free coordinates of φ (..., h) of x (..., p + h)."""
         p = len(self.bound.names)
         return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
 
     def join(self, beta: Array, free: Array) -> Array:
-        """The reverse of `split`."""
+        """Return x (..., p + h), of which `split` makes β and the free coordinates."""
         return np.concatenate([(beta - self.bound.centre) / self.bound.scale, free], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class LinearRedraw:
-    """(β, φ) anew: φ from the proposal fitted to its nodes, β from its exact conditional Gaussian
-    given φ; inside the truncation from the tilted draws that are nearly that Gaussian's part
-    inside."""
+    """Independent draws of (β, φ) for a move of the walk.
+
+    φ is drawn from the proposal fitted to its nodes, β from its exact conditional Gaussian given φ;
+    inside the truncation from tilted draws, which nearly follow that Gaussian's restriction.
+    """
 
     density: JointDensity
     start: HyperPosterior
 
     def draw(
         self, size: int, random: np.random.RandomState, *, temperature: float = 1.0
-    ) -> tuple[Array, Array, Array]:
-        """Points (size, p + h), log weights, target over proposal, and log densities of the target,
-        (size,) each."""
+    ) -> WeightedPoints:
+        """Return points (size, p + h), their log weights, and log densities of the target."""
         bound = self.density.bound
         free = self.start.proposal.draw(size, random, temperature=temperature)
-        log_evidence, given = self.start.given(free)
-        white = random.standard_normal(given.mean.shape)
+        log_evidence, conditional = self.start.given(free)
+        standard = random.standard_normal(conditional.mean.shape)
         log_tilt = np.zeros(size)
         if bound.truncation.active:
             uniform = random.random_sample((size, len(bound.truncation.rows)))
-            white, log_tilt = given.orthant.propose_standard(uniform, white)
-        beta = given.from_standard(white)
+            standard, log_tilt = conditional.orthant.propose_standard(uniform, standard)
+        beta = conditional.from_standard(standard)
         log_marginal = bound.hyper_prior.log_density_of_free(free) + log_evidence
-        log_target = np.where(
-            bound.truncation.holds(beta), log_marginal + given.log_density(beta), -np.inf
-        )
-        log_weight = np.where(
-            np.isfinite(log_target),
-            log_marginal - self.start.proposal.log_proposal(free) + log_tilt,
-            -np.inf,
-        )
-        return (
+        log_joint = log_marginal + conditional.log_density(beta)
+        log_target = np.where(bound.truncation.holds(beta), log_joint, -np.inf)
+        log_weight = log_marginal - self.start.proposal.log_proposal(free) + log_tilt
+        return WeightedPoints(
             self.density.join(beta, free),
-            log_weight,
+            np.where(np.isfinite(log_target), log_weight, -np.inf),
             log_target - bound.log_prob_truncation_prior,
         )
 
     def log_weight(self, points: Array) -> Array:
-        """Log weights of points inside the truncation, shape (n,)."""
+        """Return log weights of points inside the truncation, shape (n,)."""
+        bound = self.density.bound
         beta, free = self.density.split(points)
-        log_evidence, given = self.start.given(free)
-        log_tilt = (
-            given.orthant.log_proposal_weight(given.standardize(beta))
-            if self.density.bound.truncation.active
-            else 0.0
-        )
-        log_marginal = self.density.bound.hyper_prior.log_density_of_free(free) + log_evidence
-        return np.asarray(log_marginal - self.start.proposal.log_proposal(free) + log_tilt)
+        log_evidence, conditional = self.start.given(free)
+        log_marginal = bound.hyper_prior.log_density_of_free(free) + log_evidence
+        log_weight = log_marginal - self.start.proposal.log_proposal(free)
+        if bound.truncation.active:
+            log_weight = log_weight + conditional.orthant.log_proposal_weight(
+                conditional.standardize(beta)
+            )
+        return np.asarray(log_weight)
 
 
 def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState) -> Array:
-    """Points (n, p + h) inside the truncation, φ drawn a little wider than its posterior, β from
-    its exact conditional Gaussian.
+    """Return points (n, p + h) inside the truncation.
 
-    InputError where the readings leave next to no room inside the truncation.
+    φ is drawn a little wider than its posterior, β from its exact conditional Gaussian.
+
+    Raises
+    ------
+    InputError
+        Where the readings leave next to no room inside the truncation.
     """
-    points, _, log_target = redraw.draw(_TRIES * n, random, temperature=_START_TEMPERATURE)
-    inside = points[np.isfinite(log_target)]
+    drawn = redraw.draw(_DRAWS_PER_START * n, random, temperature=_START_TEMPERATURE)
+    inside = drawn.points[np.isfinite(drawn.log_target)]
     require(
         len(inside) >= n,
         "the posterior must leave room where no compliance is negative, got almost none. The"

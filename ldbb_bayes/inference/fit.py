@@ -22,7 +22,7 @@ from ldbb_bayes.inference.checks import (
 )
 from ldbb_bayes.inference.coefficients import (
     ModelDraws,
-    pooled_draws,
+    pool_draws,
     shared_coefficients,
 )
 from ldbb_bayes.inference.diagnostics import power_sensitivity
@@ -200,7 +200,7 @@ def fit_of_parts(
         np.stack([group[str(name)] for name in names], axis=-1)
         for names in (bound.names, bound.hyper_prior.names)
     )
-    flat_beta, flat_phi = pooled_draws(beta, phi)
+    flat_beta, flat_phi = pool_draws(beta, phi)
     prior = groups["log_prior"]["parameters"]
     hyper_prior = groups["log_prior"]["hyper"]
     jacobian = bound.hyper_prior.log_density_of_free(bound.hyper_prior.free(phi)) - hyper_prior

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, stdtrit
 from scipy.stats import qmc
 
-from ldbb_bayes.inference.diagnostics import diagnose
+from ldbb_bayes.inference.diagnostics import diagnose, pareto_k
 from ldbb_bayes.inference.mcmc import StoppingRule, run_ensembles
 from ldbb_bayes.results import Array
 
@@ -134,7 +134,7 @@ class Integral:
     def pareto_k(self) -> float:
         """Shape of the tail of weights (Vehtari et al. 2024): above 0.6 trust neither integral nor
         error. −inf for a lattice."""
-        return -np.inf if self.proposal is None else _pareto_k(self._log_weight)
+        return -np.inf if self.proposal is None else pareto_k(self._log_weight)
 
     @property
     def trusted(self) -> bool:
@@ -667,8 +667,8 @@ def _chain(
         run = run_ensembles(log_density, starts, rule=rule, seed=sequence)
         chain = run.chain.reshape(_ENSEMBLES, walkers, -1, h)
         height = in_chunks(log_density, chain.reshape(-1, h)).reshape(chain.shape[:3]).mean(axis=1)
-        effective, _, apart = diagnose(height[..., None])[:, 0]
-        if run.converged and effective >= _WANDERED and apart <= _APART:
+        mixing = diagnose(height[..., None])
+        if run.converged and mixing.ess_bulk[0] >= _WANDERED and mixing.rhat[0] <= _APART:
             return chain
         starts = chain[:, :, -1]
     return None
@@ -689,7 +689,7 @@ def _bridge(
         in_chunks(log_density, own) - proposal.log_density(own) for own in (points, drawn)
     )
     share = 1.0 / (
-        1.0 + len(points) / diagnose(chain.reshape(len(chain), -1, chain.shape[3]))[0].min()
+        1.0 + len(points) / diagnose(chain.reshape(len(chain), -1, chain.shape[3])).ess_bulk.min()
     )
     value = float(np.median(here))
     before = np.inf
@@ -701,29 +701,9 @@ def _bridge(
         value = float(np.logaddexp.reduce(there + of_drawn) - np.logaddexp.reduce(of_chain))
     over_time = np.exp(of_chain + value).reshape(chain.shape[:3]).mean(axis=1)
     inside = np.exp(there + of_drawn)
-    variance = over_time.var() / over_time.mean() ** 2 / diagnose(over_time[..., None])[0, 0]
+    variance = over_time.var() / over_time.mean() ** 2 / diagnose(over_time[..., None]).ess_bulk[0]
     return (
         value,
         float(np.sqrt(variance + inside.var() / inside.mean() ** 2 / len(inside))),
         proposal,
     )
-
-
-def _pareto_k(log_weight: Array) -> float:
-    """Shape of the generalised Pareto tail of weights (Zhang and Stephens, Technometrics 51,
-    316-325, 2009), drawn towards 0.5 as ten more points would; −inf where they are equal."""
-    size = int(np.ceil(min(0.2 * len(log_weight), 3.0 * np.sqrt(len(log_weight)))))
-    ordered = np.exp(np.sort(log_weight)[-size - 1 :] - log_weight.max())
-    tail = ordered[1:] - ordered[0]
-    if size < 5 or tail[-1] < 1e-12:
-        return -np.inf if size >= 5 else np.inf
-    tail = np.maximum(tail, 1e-300)
-    count = 30 + int(np.sqrt(size))
-    theta = 1.0 / tail[-1] + (1.0 - np.sqrt(count / (np.arange(count) + 0.5))) / (
-        3.0 * tail[int(size / 4.0 + 0.5) - 1]
-    )
-    shape = np.log1p(-theta[:, None] * tail).mean(axis=1)
-    profile = size * (np.log(-theta / shape) - shape - 1.0)
-    weight = np.exp(profile - profile.max())
-    theta_mean = float(theta @ weight / weight.sum())
-    return float((size * np.log1p(-theta_mean * tail).mean() + 5.0) / (size + 10.0))

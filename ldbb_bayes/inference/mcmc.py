@@ -1,16 +1,16 @@
-"""Log densities sampled by ensembles of walkers, run until there is enough, knowing no circles. The
-only importer of emcee."""
+"""Log densities sampled by ensembles of walkers until there are enough draws.
+
+The only importer of emcee; it knows nothing of circles.
+"""
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache
-from importlib import import_module
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
 
+import emcee
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,27 +19,46 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = [
     "Assessment",
+    "BlockPlan",
     "EnsembleRun",
     "Progress",
     "Redraw",
     "StoppingRule",
+    "WeightedPoints",
     "assess",
     "run_ensembles",
 ]
 
-_BLOCKS_A_LEVEL = 4
-_MOST_DOUBLINGS = 5
+# Blocks double in length after so many of one length ...
+_BLOCKS_PER_LENGTH = 4
+# ... but at most so often,
+_LARGEST_DOUBLING = 5
+# and from the third doubling on the steps between stored draws double instead.
 _DOUBLINGS_STORED = 2
-_JUMP = 0.1
-_REDRAWN = 0.9
+# Share of differential-evolution moves of factor 1, which jump between modes.
+_JUMP_SHARE = 0.1
+# Share of moves that draw independent points, where there is something to draw them from.
+_REDRAW_SHARE = 0.9
+# So many draws of each ensemble are kept at most, unless the ESS asked for needs more.
 _MOST_DRAWS = 25_000
+# Independent points drawn at a time.
 _STOCK = 512
+
+
+class BlockPlan(NamedTuple):
+    """How a block of steps is stored."""
+
+    draws: int  #: stored draws
+    thin: int  #: steps between them
 
 
 @dataclass(frozen=True)
 class StoppingRule(Shown):
-    """When to stop: every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, or
-    ``max_steps`` are spent."""
+    """When to stop sampling.
+
+    Every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, or ``max_steps`` are
+    spent.
+    """
 
     ess: float = 1000.0
     rhat: float = 1.01
@@ -48,91 +67,88 @@ class StoppingRule(Shown):
     #: is stored
     block: int = 20
     discard: float = 0.25  #: share of the stored draws given up as burn-in at every look
-    #: The kept part must also be this many autocorrelation times long, as implied by the smallest bulk ESS: an ensemble that has
-    #: hardly moved can look well mixed.
+    #: The kept draws must also span this many autocorrelation times, as implied by the smallest
+    #: bulk ESS: an ensemble that has hardly moved can look well mixed.
     lengths: float = 6.0
 
-    def next_block(self, steps: int) -> tuple[int, int]:
-        """Draws stored in the block that follows so many steps, and steps between them. The target
-        does not enter."""
-        doublings = min(int(np.log2(1.0 + steps / (_BLOCKS_A_LEVEL * self.block))), _MOST_DOUBLINGS)
+    def next_block(self, steps: int) -> BlockPlan:
+        """Return how the block after so many steps is stored; the target does not enter."""
+        blocks = steps / (_BLOCKS_PER_LENGTH * self.block)
+        doublings = min(int(np.log2(1.0 + blocks)), _LARGEST_DOUBLING)
         thin = 2 ** max(doublings - _DOUBLINGS_STORED, 0)
-        return self.block * 2**doublings // thin, thin
+        return BlockPlan(self.block * 2**doublings // thin, thin)
 
 
 @dataclass(frozen=True)
 class Assessment:
-    """The worst ESS and R-hat over all parameters; ``worst`` is the number of the one with the
-    smallest ESS."""
+    """The worst ESS and R-hat over all parameters."""
 
     ess_bulk_min: float
     ess_tail_min: float
     rhat_max: float
-    worst: int = 0
+    worst: int = 0  #: position of the parameter with the smallest ESS
 
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:
-        """Whether the target is reached by this many walkers in all (0: independent draws); false
-        where one is not a number."""
+        """Return whether so many walkers in all (0: independent draws) reach the target.
+
+        False where a diagnostic is not a number.
+        """
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
-        """How much of the sample sizes asked for there is."""
-        shares = (self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess)
-        return (
-            min(shares)
-            if walkers == 0
-            else min(*shares, self.ess_bulk_min / (rule.lengths * walkers))
-        )
+        """Return the share reached of the sample sizes asked for."""
+        shares = [self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess]
+        if walkers > 0:
+            shares.append(self.ess_bulk_min / (rule.lengths * walkers))
+        return min(shares)
 
 
 @dataclass(frozen=True)
 class Progress:
-    """What a run reports at every look; ``seconds_left`` is an estimate, None while there is
-    nothing to go by."""
+    """What a run reports at every look."""
 
     steps: int
     max_steps: int
     target_ess: float
     assessment: Assessment
-    seconds_left: float | None = None
+    seconds_left: float | None = None  #: an estimate; None while there is nothing to go by
 
 
 @dataclass(frozen=True, eq=False)
 class EnsembleRun:
-    """A chain (ensembles, draws, d), walker-major; steps and walkers of each ensemble; and the mean
-    acceptance fraction."""
+    """Draws of a run, and how it went."""
 
-    chain: Array
+    chain: Array  #: (ensembles, draws, d), walker-major
     assessment: Assessment
     converged: bool
-    steps: int
-    walkers: int
-    acceptance: float
+    steps: int  #: of each ensemble
+    walkers: int  #: of each ensemble
+    acceptance: float  #: mean acceptance fraction
+
+
+class WeightedPoints(NamedTuple):
+    """Independent points with their importance weights."""
+
+    points: Array  #: (size, d)
+    log_weight: Array  #: ln of target over proposal, (size,)
+    log_target: Array  #: ln of the target density, (size,)
+
+
+class Redraw(Protocol):
+    """A source of independent points near the target."""
+
+    def draw(self, size: int, random: np.random.RandomState) -> WeightedPoints:
+        """Return so many independent points."""
+
+    def log_weight(self, points: Array) -> Array:
+        """Return ln of target over proposal at any points, shape (n,)."""
 
 
 def assess(chain: Array) -> Assessment:
-    """The worst diagnostics over the last axis of a chain (chains, draws, d)."""
+    """Return the worst diagnostics over the last axis of a chain (chains, draws, d)."""
     bulk, tail, rhat = diagnose(chain)
     worst = int(np.argmin(np.minimum(bulk, tail)))
     return Assessment(float(bulk.min()), float(tail.min()), float(rhat.max()), worst)
-
-
-@cache
-def _emcee() -> Any:
-    """emcee. It imports scipy.stats, a second, for a move that is not used here: that one gets it
-    when it is first called."""
-    if hidden := "scipy.stats" not in sys.modules:
-        sys.modules["scipy.stats"] = None  # type: ignore[assignment]
-    try:
-        import emcee
-    finally:
-        if hidden:
-            del sys.modules["scipy.stats"]
-    if hidden:
-        emcee.moves.kde.gaussian_kde = lambda *args, **options: import_module(
-            "scipy.stats"
-        ).gaussian_kde(*args, **options)
-    return emcee
 
 
 def run_ensembles(
@@ -144,132 +160,195 @@ def run_ensembles(
     progress: Callable[[Progress], None] | None = None,
     redraw: Redraw | None = None,
 ) -> EnsembleRun:
-    """Run one ensemble per start until the rule is met: differential evolution, mixed with
-    independent draws from ``redraw``. ``log_density`` maps (n, d) to (n,), where −inf is allowed,
-    NaN is not; ``starts`` are (ensembles, walkers, d). Most looks assess only the coordinate that
-    was worst at the last."""
-    twisters: Any = [
-        np.random.RandomState(child.generate_state(8)).get_state()
-        for child in seed.spawn(len(starts))
-    ]
-    states = [
-        _emcee().State(own, random_state=twister)
-        for own, twister in zip(starts, twisters, strict=True)
-    ]
-    samplers = [_sampler(log_density, starts.shape[1:], redraw) for _ in starts]
+    """Run one ensemble per start until the rule is met.
+
+    Moves are differential evolution, mixed with independent draws from ``redraw``.
+
+    Parameters
+    ----------
+    log_density : callable
+        Maps (n, d) to (n,); −inf is allowed, NaN is not.
+    starts : array, shape (ensembles, walkers, d)
+    rule : StoppingRule
+        Most looks assess only the coordinate that was worst at the look before.
+    seed : SeedSequence
+    progress : callable, optional
+        Called with a `Progress` at every look.
+    redraw : Redraw, optional
+        Source of independent points.
+
+    Returns
+    -------
+    EnsembleRun
+    """
     walkers = starts.shape[1]
-    count = len(starts) * walkers
+    all_walkers = len(starts) * walkers
+    ensembles = [
+        _Ensemble(log_density, start, child, redraw)
+        for start, child in zip(starts, seed.spawn(len(starts)), strict=True)
+    ]
     clock = time.perf_counter()
+    blocks: list[_StoredBlock] = []
+    acceptances: list[float] = []
     steps = 0
-    parts: list[tuple[int, Array]] = []
-    accepted: list[float] = []
     worst: int | None = None
     while True:
-        draws, thin = rule.next_block(steps)
-        blocks = [_run_block(*own, draws, thin) for own in zip(samplers, states, strict=True)]
-        chains, states, shares = map(list, zip(*blocks, strict=True))
-        parts.append((thin, np.stack(chains)))
-        accepted.append(float(np.mean(shares)))
-        steps += draws * thin
-        chain = _kept_draws(parts, rule)
-        last = steps + int(np.prod(rule.next_block(steps))) > rule.max_steps
-        assessment = None if worst is None or last else assess(chain[..., [worst]])
-        if assessment is None or assessment.meets(rule, walkers=count):
+        plan = rule.next_block(steps)
+        draws = np.stack([ensemble.run(plan) for ensemble in ensembles])
+        blocks.append(_StoredBlock(plan.thin, draws))
+        acceptances.append(float(np.mean([ensemble.acceptance for ensemble in ensembles])))
+        steps += plan.draws * plan.thin
+        following = rule.next_block(steps)
+        is_last = steps + following.draws * following.thin > rule.max_steps
+        chain = _kept_draws(blocks, rule)
+        assessment = None
+        if worst is not None and not is_last:
+            assessment = replace(assess(chain[..., [worst]]), worst=worst)
+        if assessment is None or assessment.meets(rule, walkers=all_walkers):
             assessment = assess(chain)
-            worst = assessment.worst
+        worst = assessment.worst
         if progress is not None:
-            share = assessment.share(rule, walkers=count)
-            needed = min(steps / share, rule.max_steps) - steps if share > 0.0 else None
-            left = (
-                None if needed is None else max(needed, 0.0) * (time.perf_counter() - clock) / steps
-            )
-            progress(Progress(steps, rule.max_steps, rule.ess, assessment, left))
-        converged = assessment.meets(rule, walkers=count)
-        if converged or last:
-            return EnsembleRun(
-                chain, assessment, converged, steps, walkers, float(np.mean(accepted))
-            )
+            elapsed = time.perf_counter() - clock
+            seconds_left = _seconds_left(assessment, rule, steps, all_walkers, elapsed)
+            progress(Progress(steps, rule.max_steps, rule.ess, assessment, seconds_left))
+        converged = assessment.meets(rule, walkers=all_walkers)
+        if converged or is_last:
+            acceptance = float(np.mean(acceptances))
+            return EnsembleRun(chain, assessment, converged, steps, walkers, acceptance)
 
 
-def _sampler(
-    log_density: Callable[[Array], Array], shape: tuple[int, int], redraw: Redraw | None
-) -> Any:
-    """One ensemble of so many walkers and dimensions."""
-    de = _emcee().moves.DEMove
-    moves = [(de(), 1.0 - _JUMP), (de(gamma0=1.0), _JUMP)]
-    if redraw is not None:
-        moves = [
-            (RedrawMove(redraw), _REDRAWN),
-            *((move, (1.0 - _REDRAWN) * share) for move, share in moves),
-        ]
-    sampler = _emcee().EnsembleSampler(*shape, log_density, vectorize=True, moves=moves)
-    sampler.log_prob_fn = (
-        log_density  # emcee's wrapper prints the walkers of a run that is interrupted
-    )
-    return sampler
+def _seconds_left(
+    assessment: Assessment, rule: StoppingRule, steps: int, walkers: int, elapsed: float
+) -> float | None:
+    """Return the time until the sample sizes are reached at the present pace, or the steps are spent."""
+    share = assessment.share(rule, walkers=walkers)
+    if not share > 0.0:
+        return None
+    steps_left = min(steps / share, rule.max_steps) - steps
+    return max(steps_left, 0.0) * elapsed / steps
 
 
-def _run_block(sampler: Any, state: Any, draws: int, thin: int) -> tuple[Array, Any, float]:
-    """The next stretch of one ensemble, shape (draws, walkers, d), the state it ends in, proposals
-    accepted per stored step."""
-    sampler.reset()
-    end = sampler.run_mcmc(state, draws, thin_by=thin, skip_initial_state_check=True)
-    return sampler.get_chain(), end, sampler.backend.accepted.sum() / (draws * sampler.nwalkers)
+class _Ensemble:
+    """One ensemble of walkers, run block by block."""
+
+    def __init__(
+        self,
+        log_density: Callable[[Array], Array],
+        start: Array,
+        seed: np.random.SeedSequence,
+        redraw: Redraw | None,
+    ) -> None:
+        walkers, dimensions = start.shape
+        self._sampler = emcee.EnsembleSampler(
+            walkers, dimensions, log_density, vectorize=True, moves=_moves(redraw)
+        )
+        # emcee wraps the function in one that prints all walkers when a run is interrupted.
+        self._sampler.log_prob_fn = log_density
+        twister: Any = np.random.RandomState(seed.generate_state(8)).get_state()
+        self._state = emcee.State(start, random_state=twister)
+        self.acceptance = 0.0  #: of the last block
+
+    def run(self, plan: BlockPlan) -> Array:
+        """Run the next block and return the stored draws, (draws, walkers, d)."""
+        self._sampler.reset()
+        self._state = self._sampler.run_mcmc(
+            self._state, plan.draws, thin_by=plan.thin, skip_initial_state_check=True
+        )
+        proposals = plan.draws * self._sampler.nwalkers
+        self.acceptance = self._sampler.backend.accepted.sum() / proposals
+        chain: Array = self._sampler.get_chain()
+        return chain
 
 
-def _kept_draws(parts: list[tuple[int, Array]], rule: StoppingRule) -> Array:
-    """Draws after burn-in, walker-major, at the spacing of the last block, wider where there are
-    very many."""
-    strides = [parts[-1][0] // thin for thin, _ in parts]
-    every = np.concatenate(
-        [own[:, stride - 1 :: stride] for stride, (_, own) in zip(strides, parts, strict=True)],
-        axis=1,
-    )
-    kept = every[:, int(rule.discard * every.shape[1]) :]
-    most = max(_MOST_DRAWS, int(2.0 * rule.ess / len(kept)))
-    stride = -(-kept.shape[1] * kept.shape[2] // most)
-    return np.swapaxes(kept[:, (kept.shape[1] - 1) % stride :: stride], 1, 2).reshape(
-        len(kept), -1, kept.shape[3]
-    )
+def _moves(redraw: Redraw | None) -> list[tuple[Any, float]]:
+    """Return the moves of an ensemble, each with its share."""
+    moves = [
+        (emcee.moves.DEMove(), 1.0 - _JUMP_SHARE),
+        (emcee.moves.DEMove(gamma0=1.0), _JUMP_SHARE),
+    ]
+    if redraw is None:
+        return moves
+    walks = [(move, (1.0 - _REDRAW_SHARE) * share) for move, share in moves]
+    return [(RedrawMove(redraw), _REDRAW_SHARE), *walks]
 
 
-class Redraw(Protocol):
-    """Independent points (size, d), their log weights, target over proposal, and log densities; and
-    log weights of any points."""
+class _StoredBlock(NamedTuple):
+    """Stored draws of all ensembles."""
 
-    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array, Array]: ...
-    def log_weight(self, points: Array) -> Array: ...
+    thin: int  #: steps between draws
+    draws: Array  #: (ensembles, draws, walkers, d)
+
+
+def _kept_draws(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
+    """Return the draws after burn-in, (ensembles, draws, d), walker-major.
+
+    Their spacing is that of the last block, wider where there are very many.
+    """
+    spacing = blocks[-1].thin
+    evenly_spaced = []
+    for block in blocks:
+        stride = spacing // block.thin
+        evenly_spaced.append(block.draws[:, stride - 1 :: stride])
+    draws = np.concatenate(evenly_spaced, axis=1)
+    after_burn_in = draws[:, int(rule.discard * draws.shape[1]) :]
+    ensembles, steps, walkers, dimensions = after_burn_in.shape
+    limit = max(_MOST_DRAWS, int(2.0 * rule.ess / ensembles))
+    stride = -(-steps * walkers // limit)
+    thinned = after_burn_in[:, (steps - 1) % stride :: stride]
+    return np.swapaxes(thinned, 1, 2).reshape(ensembles, -1, dimensions)
 
 
 class RedrawMove:
-    """Independent proposals for all walkers (Tierney 1994), accepted by weights, target over
-    proposal, there and here."""
+    """Independent proposals for all walkers (Tierney 1994).
+
+    A proposal is accepted with probability min(1, ratio of weights, there over here); a weight is
+    target over proposal.
+    """
 
     def __init__(self, redraw: Redraw) -> None:
         self._redraw = redraw
-        self._stock = list[Array]()
-        self._before = np.zeros(0)
-        self._weight = np.zeros(0)
+        self._stock: WeightedPoints | None = None
+        # Of the state after the last proposal: walkers, and their log weights.
+        self._last_coordinates = np.zeros(0)
+        self._last_log_weight = np.zeros(0)
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """The next state of the ensemble, and whose proposals were accepted; weights are kept of
-        walkers that stayed."""
-        size = len(state.coords)
-        moved = np.ones(len(state.coords), dtype=bool)
-        if self._before.size:
-            moved = (state.coords != self._before).any(axis=1)
-        here = np.resize(self._weight, size)
-        here[moved] = self._redraw.log_weight(state.coords[moved]) if moved.any() else 0.0
-        while not self._stock or len(self._stock[0]) < size:
-            drawn = self._redraw.draw(_STOCK, model.random)
-            self._stock = [
-                np.concatenate(own)
-                for own in zip(self._stock or [own[:0] for own in drawn], drawn, strict=True)
-            ]
-        points, log_weight, log_target = (own[:size] for own in self._stock)
-        self._stock = [own[size:] for own in self._stock]
-        accepted = np.log(model.random.random_sample(size)) < log_weight - here
-        state.coords[accepted], state.log_prob[accepted] = points[accepted], log_target[accepted]
-        self._before = state.coords.copy()
-        self._weight = np.where(accepted, log_weight, here)
+        """Return the next state of the ensemble, and whose proposals were accepted."""
+        walkers = len(state.coords)
+        log_weight = self._log_weight_of(state.coords)
+        proposed = self._take(walkers, model.random)
+        log_uniform = np.log(model.random.random_sample(walkers))
+        accepted = log_uniform < proposed.log_weight - log_weight
+        state.coords[accepted] = proposed.points[accepted]
+        state.log_prob[accepted] = proposed.log_target[accepted]
+        self._last_coordinates = state.coords.copy()
+        self._last_log_weight = np.where(accepted, proposed.log_weight, log_weight)
         return state, accepted
+
+    def _log_weight_of(self, coordinates: Array) -> Array:
+        """Return log weights of the walkers; new ones only where another move displaced them."""
+        displaced = np.ones(len(coordinates), dtype=bool)
+        if self._last_coordinates.size:
+            displaced = (coordinates != self._last_coordinates).any(axis=1)
+        log_weight = np.resize(self._last_log_weight, len(coordinates))
+        if displaced.any():
+            log_weight[displaced] = self._redraw.log_weight(coordinates[displaced])
+        return log_weight
+
+    def _take(self, size: int, random: np.random.RandomState) -> WeightedPoints:
+        """Return so many points from the stock, which is filled as needed."""
+        stock = self._stock
+        while stock is None or len(stock.points) < size:
+            fresh = self._redraw.draw(_STOCK, random)
+            if stock is None:
+                stock = fresh
+            else:
+                stock = WeightedPoints(
+                    np.concatenate([stock.points, fresh.points]),
+                    np.concatenate([stock.log_weight, fresh.log_weight]),
+                    np.concatenate([stock.log_target, fresh.log_target]),
+                )
+        self._stock = WeightedPoints(
+            stock.points[size:], stock.log_weight[size:], stock.log_target[size:]
+        )
+        return WeightedPoints(stock.points[:size], stock.log_weight[:size], stock.log_target[:size])

@@ -8,31 +8,26 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Mapping
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import pandas as pd
+import xarray as xr
+from arviz_base import from_dict
 from pydantic import ValidationError
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
-from ldbb_bayes.inference.coefficients import (
-    ModelDraws,
-    compliance_curves,
-)
+from ldbb_bayes.inference.coefficients import ModelDraws, compliance_curves, evenly_spaced
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_unit
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "bound_of",
@@ -43,23 +38,29 @@ __all__ = [
     "draws_of",
     "fit_of",
     "load",
-    "model_of",
     "model_draws_of",
+    "model_of",
     "record_of",
     "save",
     "to_units",
 ]
 
-_MOST_PER_BYTE = 20
-_REASON = 120
+# Groups without which a file is no posterior.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
-_OF_TESTS = ("force_N", "pressure_bar", "work_ball_deg", "tool_ball_deg", "radius_mm")
-_OF_READINGS = ("angle_rad", "angle_as_read_deg", "reading_as_read_um", "test_index", "reading_mm")
-_DIMS = (
-    {name: ["test"] for name in _OF_TESTS}
-    | {name: ["reading"] for name in _OF_READINGS}
-    | {"reference_force_N": []}
-)
+# Dimensions of variables that are not draws of numbers.
+_DIMENSIONS = {
+    "force_N": ["test"],
+    "pressure_bar": ["test"],
+    "work_ball_deg": ["test"],
+    "tool_ball_deg": ["test"],
+    "radius_mm": ["test"],
+    "angle_rad": ["reading"],
+    "angle_as_read_deg": ["reading"],
+    "reading_as_read_um": ["reading"],
+    "test_index": ["reading"],
+    "reading_mm": ["reading"],
+    "reference_force_N": [],
+}
 _UNITS = {
     "force_N": "N",
     "pressure_bar": "bar",
@@ -67,163 +68,197 @@ _UNITS = {
     "angle_rad": "rad",
     "radius_mm": "mm",
 }
-_ARRAYS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
+# Fields of a test that are arrays, kept in the group constant_data.
+_ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
+# A foreseen circle has no angles of its own; these stand for them.
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
+# A sound file holds at most so many numbers' bytes for each of its own ...
+_LARGEST_EXPANSION = 20
+# ... and so many bytes beyond.
+_SMALL_FILE_BYTES = 2**20
+# Characters quoted of a library's error.
+_LONGEST_REASON = 120
 
 
 def build_tree(
     groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, record: Mapping[str, Any]
 ) -> xr.DataTree:
-    """A DataTree of groups of arrays, those sampled (chain, draw, …), and ``record`` as JSON in the
-    group ``provenance``."""
-    import xarray as xr
-    from xarray.indexes import PandasIndex
+    """Return a DataTree of groups of arrays, the sampled ones (chain, draw, …).
 
-    units = _UNITS | {p.name: p.unit for p in bound.parameters}
-    units |= dict(zip(bound.hyper_prior.names, bound.hyper_prior.units, strict=True))
-    sets = {}
-    for group, arrays in groups.items():
-        sampled = () if group.endswith("_data") else ("chain", "draw")
-        # Made so, and read by .values, arrays do not have xarray import Dask to see whether they
-        # are its own.
-        variables = {
-            name: xr.Variable(
-                (*sampled, *_DIMS.get(name, ())),
-                values,
-                {"unit": units[name]} if name in units else {},
-                fastpath=True,
-            )
-            for name, values in arrays.items()
-        }
-        sizes = {
-            dim: size for variable in variables.values() for dim, size in variable.sizes.items()
-        }
-        values = {
-            dim: np.array(bound.test_names) if dim == "test" else np.arange(size)
-            for dim, size in sizes.items()
-        }
-        indexes = {
-            dim: PandasIndex(pd.Index(own), dim, coord_dtype=own.dtype)
-            for dim, own in values.items()
-        }
-        coords = {
-            name: own
-            for index in indexes.values()
-            for name, own in index.create_variables().items()
-        }
-        sets[group] = xr.Dataset(variables, xr.Coordinates(coords, indexes))
-    sets["provenance"] = xr.Dataset(attrs={"json": json.dumps(record, ensure_ascii=False)})
-    return xr.DataTree.from_dict(sets)
+    ``record`` is kept as JSON in the group ``provenance``.
+    """
+    coordinates: dict[str, Array] = {"test": np.array(bound.test_names)}
+    if "observed_data" in groups:
+        coordinates["reading"] = np.arange(len(groups["observed_data"]["reading_mm"]))
+    tree = from_dict(groups, dims=_DIMENSIONS, coords=coordinates)
+    units = dict(_UNITS)
+    units.update({parameter.name: parameter.unit for parameter in bound.parameters})
+    units.update(zip(bound.hyper_prior.names, bound.hyper_prior.units, strict=True))
+    for node in tree.children.values():
+        for name, variable in node.data_vars.items():
+            if name in units:
+                variable.attrs["unit"] = units[str(name)]
+    text = json.dumps(record, ensure_ascii=False)
+    tree["provenance"] = xr.DataTree(xr.Dataset(attrs={"json": text}))
+    return tree
 
 
 def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
-    """Write the tree to one netCDF file (h5netcdf), whole or not at all; made in memory: HDF5 does
-    not survive a full disk."""
+    """Write the tree to one netCDF file (h5netcdf), whole or not at all.
+
+    Parameters
+    ----------
+    tree : DataTree
+        From `sample` or `load`.
+    path : path
+        Of the file.
+
+    Returns
+    -------
+    Path
+        Of the file.
+    """
     target = Path(path)
     tree = tree.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
-    dask = sys.modules.get("dask")
-    # Within a job of Dask xarray would ask the cluster for a lock on what is in this process's
-    # memory.
-    with nullcontext() if dask is None else dask.config.set(scheduler="synchronous"):
-        write_whole(target, bytes(tree.to_netcdf(engine="h5netcdf")))
+    with _no_lock_of_dask():
+        # In memory first: HDF5 does not survive a full disk.
+        content = bytes(tree.to_netcdf(engine="h5netcdf"))
+    write_whole(target, content)
     return target
 
 
+def _no_lock_of_dask() -> AbstractContextManager[Any]:
+    """Keep xarray from asking a cluster of Dask for a lock on what is in this process's memory."""
+    try:
+        import dask.config  # an optional dependency
+    except ImportError:
+        return nullcontext()
+    return dask.config.set(scheduler="synchronous")
+
+
 def load(path: str | os.PathLike[str]) -> xr.DataTree:
-    """Read a posterior written by `save`; a folder means its posterior.nc. What is missing, damaged
-    (its digest tells), not one of ours, or of an earlier edition is refused."""
+    """Read a posterior that `save` wrote.
+
+    Parameters
+    ----------
+    path : path
+        Of the file, or of a folder with a posterior.nc.
+
+    Returns
+    -------
+    DataTree
+
+    Raises
+    ------
+    InputError
+        For a file that is missing, damaged (its digest tells), not one of ours, or of an earlier
+        edition.
+    """
     source = Path(path)
-    source = source / "posterior.nc" if source.is_dir() else source
+    if source.is_dir():
+        source = source / "posterior.nc"
     if not source.is_file():
         raise InputError(
             f"result must be a folder with posterior.nc or such a file, got {path}. Give the --out"
             " folder of a fit."
         )
-    opened = _opened(source)
-    missing = [group for group in _GROUPS if group not in opened.children]
-    if missing or "json" not in opened["provenance"].attrs:
+    tree = _read_tree(source)
+    missing = [group for group in _GROUPS if group not in tree.children]
+    if missing or "json" not in tree["provenance"].attrs:
         raise InputError(
             f"{source} must be a posterior written by ldbb-bayes, got a file without"
             f" {missing or 'provenance'}. Fit again."
         )
-    if opened["provenance"].attrs.pop("sha256", "") != _digest(opened):
+    if tree["provenance"].attrs.pop("sha256", "") != _digest(tree):
         raise InputError(
             f"{source} must be as ldbb-bayes wrote it, got numbers that are not those of its"
             " digest. Fit again."
         )
-    fit_of(opened)
-    return opened
+    fit_of(tree)
+    return tree
 
 
-def _opened(source: Path) -> xr.DataTree:
-    """The tree in a file; an `InputError` whatever a damaged file makes of the libraries."""
-    import xarray as xr
+def _read_tree(source: Path) -> xr.DataTree:
+    """Read the tree in a file; raise an `InputError` for whatever a damaged file makes happen."""
+    with _silent_finalizers(), warnings.catch_warnings(action="ignore"):
+        try:
+            with xr.open_datatree(source, engine="h5netcdf") as tree:
+                size = source.stat().st_size
+                promised = sum(node.nbytes for node in tree.subtree)
+                if promised > _LARGEST_EXPANSION * size + _SMALL_FILE_BYTES:
+                    raise ValueError(
+                        f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB"
+                    )
+                return tree.load()
+        except Exception as error:  # noqa: BLE001 - libraries raise anything on a damaged file
+            reason = " ".join(str(error).split())[:_LONGEST_REASON]
+    raise InputError(
+        f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({reason}). Fit"
+        " again."
+    )
 
-    loud = sys.unraisablehook
-    sys.unraisablehook = lambda _: None  # a file half opened complains once more when it is dropped
+
+@contextmanager
+def _silent_finalizers() -> Iterator[None]:
+    """Silence a file opened in vain, which complains once more when it is dropped."""
+    hook = sys.unraisablehook
+    sys.unraisablehook = _ignore_unraisable
     try:
-        with (
-            warnings.catch_warnings(action="ignore"),
-            xr.open_datatree(source, engine="h5netcdf") as opened,
-        ):
-            size = source.stat().st_size
-            promised = sum(node.nbytes for node in opened.subtree)
-            if promised > _MOST_PER_BYTE * size + 2**20:
-                raise ValueError(f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB")
-            return opened.load()
-    except Exception as error:  # whatever a damaged file makes of the libraries
-        gc.collect()
-        why = " ".join(str(error).split())[:_REASON]
-        raise InputError(
-            f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({why}). Fit"
-            " again."
-        ) from None
+        yield
     finally:
-        sys.unraisablehook = loud
+        gc.collect()
+        sys.unraisablehook = hook
+
+
+def _ignore_unraisable(_: sys.UnraisableHookArgs) -> None:
+    pass
 
 
 def _digest(tree: xr.DataTree) -> str:
-    """SHA-256 of every number, name, unit and record in a tree."""
+    """Return the SHA-256 of every number, name, unit and record in a tree."""
     digest = hashlib.sha256(str(tree["provenance"].attrs["json"]).encode())
-    for node in sorted(tree.subtree, key=lambda own: own.path):
+    for node in sorted(tree.subtree, key=_path_of):
         for name in sorted(map(str, node.variables)):
-            values = np.asarray(node[name].values)
-            digest.update(
-                f"{node.path}/{name} {values.shape} {node[name].attrs.get('unit', '')}".encode()
-            )
-            digest.update(
-                np.ascontiguousarray(values).tobytes()
-                if values.dtype.kind in "fiub"
-                else str(values.tolist()).encode()
-            )
+            variable = node[name]
+            values = np.asarray(variable.values)
+            head = f"{node.path}/{name} {values.shape} {variable.attrs.get('unit', '')}"
+            digest.update(head.encode())
+            if values.dtype.kind in "fiub":
+                digest.update(np.ascontiguousarray(values).tobytes())
+            else:
+                digest.update(str(values.tolist()).encode())
     return digest.hexdigest()
 
 
+def _path_of(node: xr.DataTree) -> str:
+    return node.path
+
+
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
-    """What the record keeps of a campaign; readings and angles stand in the group constant_data, as
-    read."""
-    nested = {
-        name: asdict(getattr(campaign, name)) for name in ("mount", "force_law", "instrument")
-    }
+    """Return what the record keeps of a campaign; readings and angles are in constant_data."""
+    campaign_fields = _fields(campaign, "name", "tests", "foreseen")
+    for name in ("mount", "force_law", "instrument"):
+        campaign_fields[name] = asdict(getattr(campaign, name))
     return {
         "name": campaign.name,
         "sha256": campaign.sha256,
         "tests": len(campaign.tests),
         "readings": campaign.readings,
         "forces_N": campaign.forces_N.tolist(),
-        "fields": _fields(campaign, "name", "tests", "foreseen") | nested,
-        "test_fields": [_fields(test, *_ARRAYS) for test in campaign.tests],
-        "foreseen": [_fields(test, *_ARRAYS) for test in campaign.foreseen],
+        "fields": campaign_fields,
+        "test_fields": [_fields(test, *_ARRAY_FIELDS) for test in campaign.tests],
+        "foreseen": [_fields(test, *_ARRAY_FIELDS) for test in campaign.foreseen],
     }
 
 
-def _fields(thing: Campaign | CircularTest, *without: str) -> dict[str, Any]:
-    return {own.name: getattr(thing, own.name) for own in fields(thing) if own.name not in without}
+def _fields(source: Campaign | CircularTest, *excluded: str) -> dict[str, Any]:
+    names = [field.name for field in fields(source) if field.name not in excluded]
+    return {name: getattr(source, name) for name in names}
 
 
 def record_of(posterior: xr.DataTree) -> dict[str, Any]:
-    """What was fitted, how, and how well: the JSON kept in the group ``provenance``."""
+    """Return the JSON in the group ``provenance``: what was fitted, how, and how well."""
     if "provenance" not in posterior.children:
         raise InputError(
             "the posterior must be one of sample or load, got one in units for reading (to_units)."
@@ -234,105 +269,135 @@ def record_of(posterior: xr.DataTree) -> dict[str, Any]:
 
 
 def fit_of(posterior: xr.DataTree) -> Fit:
-    """How well the model fits, and what to mind; a posterior of an earlier edition is refused."""
+    """Return how well the model fits, and what to mind; refuse one of an earlier edition."""
     try:
         return Fit.from_dict(record_of(posterior)["fit"])
     except ValidationError as error:
-        what = ".".join(map(str, error.errors()[0]["loc"]))
+        field = ".".join(map(str, error.errors()[0]["loc"]))
         raise InputError(
             "the posterior must be of this edition of ldbb-bayes, got a fit of another (its"
-            f" {what}). Fit again."
+            f" {field}). Fit again."
         ) from None
 
 
 def campaign_of(posterior: xr.DataTree) -> Campaign:
-    """The campaign, readings included."""
+    """Return the campaign, readings included."""
     record = record_of(posterior)["campaign"]
-    kept = posterior["constant_data"].dataset
-    owner, angle, reading = (
-        kept[name].values for name in ("test_index", "angle_as_read_deg", "reading_as_read_um")
-    )
-    tests = tuple(
-        CircularTest(angle_deg=angle[owner == i], reading_um=reading[owner == i], **own)
-        for i, own in enumerate(record["test_fields"])
-    )
-    foreseen = tuple(CircularTest(angle_deg=_ANY_CIRCLE_DEG, **own) for own in record["foreseen"])
-    return Campaign(tests, name=record["name"], foreseen=foreseen, **record["fields"])
+    constants = posterior["constant_data"].dataset
+    test_index = constants["test_index"].values
+    angle_deg = constants["angle_as_read_deg"].values
+    reading_um = constants["reading_as_read_um"].values
+    tests = []
+    for index, test_fields in enumerate(record["test_fields"]):
+        of_test = test_index == index
+        tests.append(
+            CircularTest(
+                angle_deg=angle_deg[of_test], reading_um=reading_um[of_test], **test_fields
+            )
+        )
+    foreseen = [
+        CircularTest(angle_deg=_ANY_CIRCLE_DEG, **test_fields) for test_fields in record["foreseen"]
+    ]
+    return Campaign(tuple(tests), name=record["name"], foreseen=tuple(foreseen), **record["fields"])
 
 
 def model_of(posterior: xr.DataTree) -> HybridModel:
-    """The model."""
+    """Return the model."""
     return model_from_toml(record_of(posterior)["model"]["toml"])
 
 
 def bound_of(posterior: xr.DataTree) -> BoundModel:
-    """The model bound to the campaign, as it was sampled."""
+    """Return the model bound to the campaign, as it was sampled."""
     return model_of(posterior).bind(campaign_of(posterior))
 
 
 def draws_of(
     posterior: xr.DataTree, bound: BoundModel, size: int | None = None
 ) -> tuple[Array, Array]:
-    """Posterior draws of β (size, p) and φ (size, h) [mm], evenly picked; default: all."""
+    """Return posterior draws of β (size, p) and φ (size, h) [mm], evenly picked; default: all."""
     group = posterior["posterior"].dataset
-    beta, phi = (
-        np.stack([group[str(name)].values.ravel() for name in names], axis=1)
-        for names in (bound.names, bound.hyper_prior.names)
-    )
-    _, phi, beta = ModelDraws(bound, phi, beta).thinned(size or len(beta))
-    return beta, phi
+    beta = _stack_draws(group, bound.names)
+    phi = _stack_draws(group, bound.hyper_prior.names)
+    draws = ModelDraws(bound, phi, beta)
+    if size is not None:
+        draws = draws.thinned(size)
+    return draws.beta, draws.phi
+
+
+def _stack_draws(group: Any, names: tuple[str, ...]) -> Array:
+    """Return draws of variables side by side, shape (chains × draws, variables)."""
+    return np.stack([group[str(name)].values.ravel() for name in names], axis=1)
 
 
 def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[ModelDraws]:
-    """Posterior draws as `draws_of`, those of an average apart by the rivals of slopes in their
-    model: what these add to the readings follows from β and φ of that model alone. Every part has
-    all parameters, zero where a model has none."""
+    """Return posterior draws as `draws_of`, those of an average by model.
+
+    Models of an average differ in the rivals of slopes that they have, and what these add to the
+    readings follows from β and φ of that model alone. Every item has all parameters, zero where
+    its model has none.
+    """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, size)
     averaged = record_of(posterior).get("averaged")
     if averaged is None:
         return [ModelDraws(bound, phi, beta)]
-    model = np.asarray(posterior["sample_stats"]["model"]).ravel()
-    model = model[np.linspace(0, len(model) - 1, len(beta)).astype(int)]
-    rivals = [tuple(own["rivals"]) for own in averaged["models"]]
-    parts = []
-    for names in dict.fromkeys(rivals[k] for k in model):
-        there = np.array([rivals[k] == names for k in model])
-        parts.append(
-            ModelDraws(
-                bound.model.with_rivals(*names).bind(bound.campaign), phi[there], beta[there]
-            )
-        )
-    return parts
+    model_index = np.asarray(posterior["sample_stats"]["model"]).ravel()
+    model_index = model_index[evenly_spaced(len(model_index), len(beta))]
+    rivals_of_model = [tuple(model["rivals"]) for model in averaged["models"]]
+    rivals_of_draw = [rivals_of_model[index] for index in model_index]
+    by_model = []
+    for rivals in dict.fromkeys(rivals_of_draw):
+        has_rivals = np.array([other == rivals for other in rivals_of_draw])
+        model = bound.model.with_rivals(*rivals).bind(bound.campaign)
+        by_model.append(ModelDraws(model, phi[has_rivals], beta[has_rivals]))
+    return by_model
 
 
 def curves_of(
     posterior: xr.DataTree, force_N: Array, size: int | None = None, *, seed: int = 0
 ) -> Array:
-    """C(F) of every kept compliance at forces (n,), see `compliance_curves`, shape (draws, n,
-    compliances); the draws of an average in the order of `model_draws_of`."""
+    """Return C(F) of every kept compliance at forces (n,), shape (draws, n, compliances).
+
+    See `compliance_curves`; the draws of an average are in the order of `model_draws_of`.
+    """
     rng = np.random.default_rng(seed)
-    return np.concatenate(
-        [compliance_curves(*part, force_N, rng) for part in model_draws_of(posterior, size)]
-    )
+    curves = [
+        compliance_curves(draws.bound, draws.phi, draws.beta, force_N, rng)
+        for draws in model_draws_of(posterior, size)
+    ]
+    return np.concatenate(curves)
 
 
 def to_units(posterior: xr.DataTree) -> xr.DataTree:
-    """The draws in units for reading, nm/N, nrad/N, µrad, µm/m, µm …, each with its attribute
-    ``units``.
+    """Return the draws in units for reading: nm/N, nrad/N, µrad, µm/m, µm and so on.
 
-    For plots and summaries of other libraries; analyses take the posterior itself. Readings, forces
-    and angles stay as they are.
+    For plots and summaries of other libraries; analyses take the posterior itself. Each variable
+    has its attribute ``units``. Readings, forces and angles stay as they are.
+
+    Parameters
+    ----------
+    posterior : DataTree
+        From `sample`, `load` or `average`.
+
+    Returns
+    -------
+    DataTree
+        Without the group ``provenance``.
     """
-    made = posterior.filter(lambda node: node.name != "provenance").map_over_datasets(
-        lambda own: own.copy()
-    )
-    for node in made.subtree:
-        for key, variable in node.data_vars.items():
-            if (unit := variable.attrs.get("unit")) is not None:
-                factor, label = (
-                    display_unit(unit) if node.name in ("posterior", "prior") else (1.0, unit)
-                )
-                node[str(key)] = variable.copy(data=variable.values * factor)
-                node[str(key)].attrs = {"units": label}
-    return made
+    converted = {}
+    for path, node in posterior.children.items():
+        if path == "provenance":
+            continue
+        dataset = node.to_dataset().copy()
+        for name, variable in dataset.data_vars.items():
+            unit = variable.attrs.get("unit")
+            if unit is None:
+                continue
+            factor = 1.0
+            label = unit
+            if path in ("posterior", "prior"):
+                factor, label = display_unit(unit)
+            dataset[name] = variable.copy(data=variable.values * factor)
+            dataset[name].attrs = {"units": label}
+        converted[path] = dataset
+    return xr.DataTree.from_dict(converted)

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import CircularTest
-from ldbb_bayes.inference.coefficients import (
-    shared_coefficients,
-)
+from ldbb_bayes.inference.coefficients import shared_coefficients
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
 __all__ = [
-    "FitQuality",
     "RANK_TOLERANCE",
+    "FitQuality",
     "fit_quality",
     "harmonics_of",
     "quality_of",
@@ -25,42 +23,13 @@ __all__ = [
     "tests_in_order",
 ]
 
-
+# Singular values of a basis at a test's angles below this share of the largest count as zero.
 RANK_TOLERANCE = 1e-6
-
-
-def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
-    """Reading minus prediction of every test, each of shape (n,) [mm]; predicted (tests, 25)."""
-    return [
-        test.readings_mm() - basis(test.angles_rad()) @ own
-        for test, own in zip(tests_in_order(bound), predicted, strict=True)
-    ]
-
-
-def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
-    """Reduced readings minus prediction, each of shape (m,) [mm]."""
-    return [
-        np.asarray(test.projection) - test.factor @ own
-        for test, own in zip(bound.reduced, predicted, strict=True)
-    ]
-
-
-def harmonics_of(bound: BoundModel, r: int) -> Array:
-    """Least-squares harmonics from the reduced readings of test r, shape (25, m); minimum norm
-    where readings are too few."""
-    return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=RANK_TOLERANCE))
-
-
-def tests_in_order(bound: BoundModel) -> list[CircularTest]:
-    """The tests of a bound model, in its order."""
-    by_name = {test.name: test for test in bound.campaign.tests}
-    return [by_name[name] for name in bound.test_names]
 
 
 @dataclass(frozen=True)
 class FitQuality:
-    """Root mean square error over all readings and by test [µm], and fitness by test [%] (Eq.
-    34-35)."""
+    """RMSE over all readings and by test [µm], and fitness by test [%] (Eq. 34-35)."""
 
     rmse_um: float
     rmse_by_test_um: dict[str, float]
@@ -68,25 +37,69 @@ class FitQuality:
 
 
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
-    """RMSE and fitness of the posterior mean prediction, machine plus shared nuisances, from φ
-    (draws, h) [mm], β (draws, p)."""
+    """Return RMSE and fitness of the posterior mean of machine plus shared nuisances.
+
+    From draws of φ (draws, h) [mm] and β (draws, p).
+    """
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
 
 
 def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
-    """The same of a prediction, basis coefficients (tests, 25) [mm]."""
-    misfits = reduced_residuals(bound, predicted)
+    """Return RMSE and fitness of a prediction, basis coefficients (tests, 25) [mm]."""
+    residuals = reduced_residuals(bound, predicted)
     squares = np.array(
-        [m @ m + test.residual_ss for m, test in zip(misfits, bound.reduced, strict=True)]
+        [
+            residual @ residual + reduced.residual_ss
+            for residual, reduced in zip(residuals, bound.reduced, strict=True)
+        ]
     )
-    n = np.array([test.readings for test in bound.reduced])
-    rmse = np.sqrt(squares / n) * 1e3
-    spans = [float(np.ptp(test.readings_mm())) for test in tests_in_order(bound)]
-    fitness = [
-        100.0 * (1.0 - e * 1e-3 / span) if span > 0 else np.nan
-        for e, span in zip(rmse, spans, strict=True)
+    readings = np.array([reduced.readings for reduced in bound.reduced])
+    rmse_um = np.sqrt(squares / readings) * 1e3
+    rmse_by_test = {}
+    fitness = {}
+    for test, test_rmse_um in zip(tests_in_order(bound), rmse_um, strict=True):
+        name = str(test.name)
+        rmse_by_test[name] = float(test_rmse_um)
+        fitness[name] = _fitness_percent(float(test_rmse_um), float(np.ptp(test.readings_mm())))
+    total_rmse_um = float(np.sqrt(squares.sum() / readings.sum()) * 1e3)
+    return FitQuality(total_rmse_um, rmse_by_test, fitness)
+
+
+def _fitness_percent(rmse_um: float, span_mm: float) -> float:
+    """Return Eq. 35; not a number where the readings are all the same."""
+    if span_mm <= 0:
+        return float("nan")
+    return 100.0 * (1.0 - rmse_um * 1e-3 / span_mm)
+
+
+def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
+    """Return reading minus prediction of every test, each of shape (n,) [mm].
+
+    ``predicted`` holds basis coefficients (tests, 25) [mm].
+    """
+    return [
+        test.readings_mm() - basis(test.angles_rad()) @ coefficients
+        for test, coefficients in zip(tests_in_order(bound), predicted, strict=True)
     ]
-    by_test, fit = (
-        dict(zip(bound.test_names, map(float, values), strict=True)) for values in (rmse, fitness)
-    )
-    return FitQuality(float(np.sqrt(squares.sum() / n.sum()) * 1e3), by_test, fit)
+
+
+def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
+    """Return reduced readings minus prediction, each of shape (m,) [mm]."""
+    return [
+        np.asarray(reduced.projection) - reduced.factor @ coefficients
+        for reduced, coefficients in zip(bound.reduced, predicted, strict=True)
+    ]
+
+
+def harmonics_of(bound: BoundModel, r: int) -> Array:
+    """Return what makes least-squares harmonics of the reduced readings of test r, (25, m).
+
+    The harmonics have minimum norm where readings are too few.
+    """
+    return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=RANK_TOLERANCE))
+
+
+def tests_in_order(bound: BoundModel) -> list[CircularTest]:
+    """Return the tests of a bound model, in its order."""
+    by_name = {test.name: test for test in bound.campaign.tests}
+    return [by_name[name] for name in bound.test_names]

@@ -17,7 +17,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, renamed, require
 from ldbb_bayes.inference.coefficients import (
     ModelDraws,
-    pooled_draws,
+    pool_draws,
 )
 from ldbb_bayes.inference.density import JointDensity, LinearRedraw, starting_points
 from ldbb_bayes.inference.evidence import log_prob_truncation
@@ -155,7 +155,7 @@ def draw(
         f"emcee must converge, got R-hat {run.assessment.rhat_max:.3f} after {run.steps} steps. Use"
         " --seed.",
     )
-    return *pooled_draws(beta, phi, size), True
+    return *pool_draws(beta, phi, size), True
 
 
 @one_blas_thread
@@ -227,7 +227,7 @@ def sample_from(
     sampling, *checking = np.random.SeedSequence(seed).spawn(3)
     start = inside if bound.truncation.active else inside.plain
     run, beta, phi = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
-    flat = ModelDraws(bound, *reversed(pooled_draws(beta, phi)))
+    flat = ModelDraws(bound, *reversed(pool_draws(beta, phi)))
     arrays = {
         name: own.reshape(*beta.shape[:2], *own.shape[1:])
         for name, own in densities_of(flat).items()

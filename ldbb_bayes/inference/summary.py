@@ -49,7 +49,7 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
     draws = [variable.transpose("chain", "draw").values for variable in variables.values()]
     rows = {}
     for (key, variable), own, quality in zip(
-        variables.items(), draws, diagnose(np.stack(draws, axis=2)).T, strict=True
+        variables.items(), draws, np.transpose(diagnose(np.stack(draws, axis=2))), strict=True
     ):
         prior = {"prior_mean": prior_mean.get(str(key), np.nan), "prior_sd": prior_sd[str(key)]}
         diagnostics = dict(zip(("ess_bulk", "ess_tail", "rhat"), quality, strict=True))

@@ -512,7 +512,7 @@ def bridged_log_evidence(bound: BoundModel, chain: Array, *, seed: int) -> tuple
     drawn = np.exp(of_draws - shift)
     proposed = np.exp(of_normal - shift)
     ratio = 1.0
-    effective = float(diagnose(of_draws.reshape(len(chain), -1, 1))[0, 0])
+    effective = float(diagnose(of_draws.reshape(len(chain), -1, 1)).ess_bulk[0])
     share = effective / (effective + len(white))
     for _ in range(1000):
         before = ratio
@@ -521,7 +521,7 @@ def bridged_log_evidence(bound: BoundModel, chain: Array, *, seed: int) -> tuple
         ratio = above.mean() / below.mean()
         if abs(np.log(ratio / before)) < 1e-10:
             break
-    effective = float(diagnose(below.reshape(len(chain), -1, 1))[0, 0])
+    effective = float(diagnose(below.reshape(len(chain), -1, 1)).ess_bulk[0])
     variance = (
         above.var() / above.mean() ** 2 / len(above) + below.var() / below.mean() ** 2 / effective
     )

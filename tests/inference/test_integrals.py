@@ -12,10 +12,10 @@ import pytest
 from scipy import stats
 from scipy.special import gammaln
 
+from ldbb_bayes.inference.diagnostics import pareto_k
 from ldbb_bayes.inference.integrals import (
     Integral,
     _key,
-    _pareto_k,
     bridge_sample,
     grow_lattice,
     importance_sample,
@@ -418,5 +418,5 @@ def test_nodes_of_a_nearby_density() -> None:
 def test_the_tail_of_weights_is_judged_as_arviz_does(shape: float) -> None:
     log_weight = np.log(stats.genpareto.rvs(shape, loc=1.0, size=4000, random_state=3))
     expected = float(arviz_stats.base.array_stats.psislw(-log_weight)[1])
-    assert _pareto_k(log_weight) == pytest.approx(expected, abs=0.02)
-    assert _pareto_k(np.zeros(100)) == -np.inf
+    assert pareto_k(log_weight) == pytest.approx(expected, abs=0.02)
+    assert pareto_k(np.zeros(100)) == -np.inf
