@@ -17,8 +17,8 @@ from campaigns import Invoke
 from hypothesis import HealthCheck, settings
 from reports import fitted
 
-from ldbb_bayes.analysis import candidates
 from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.analysis.design import space
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import read_campaign
 from ldbb_bayes.cli import app
@@ -49,8 +49,8 @@ def few_states() -> Iterator[None]:
     """Designs average over few values of the hyper-parameters: how they are chosen does not hang on
     it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(candidates, "_REPORTED", 16)
-        patch.setattr(candidates, "_SEARCHED", 4)
+        patch.setattr(space, "_REPORTED", 16)
+        patch.setattr(space, "_SEARCHED", 4)
         yield
 
 

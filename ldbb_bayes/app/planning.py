@@ -14,8 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.candidates import Space, grid_of_tests, running_order, states_before
-from ldbb_bayes.analysis.optimal import efficient_rounding
+from ldbb_bayes.analysis.design.candidates import grid_of_tests, running_order
+from ldbb_bayes.analysis.design.search import efficient_rounding
+from ldbb_bayes.analysis.design.space import Space
+from ldbb_bayes.analysis.design.states import states_before
 from ldbb_bayes.app.fields import RESULT, linear_model
 from ldbb_bayes.app.worth import uncertainty_change
 from ldbb_bayes.campaign.campaign import Direction

@@ -15,17 +15,18 @@ from campaigns import TRUTH, cases, plan, refuses, simulated
 from oracle import Oracle, OracleTest
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis import candidates
-from ldbb_bayes.analysis.candidates import (
-    Space,
-    States,
+from ldbb_bayes.analysis.design.campaign_design import _limits
+from ldbb_bayes.analysis.design.candidates import (
     bind_tests,
     foreseen_by,
     grid_of_tests,
     running_order,
     templates,
 )
-from ldbb_bayes.analysis.design import _limits
+from ldbb_bayes.analysis.design.discrimination import discrimination_of
+from ldbb_bayes.analysis.design.forecast import narrowed
+from ldbb_bayes.analysis.design.space import Space
+from ldbb_bayes.analysis.design.states import States, hyper_nodes
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import information_of
@@ -199,7 +200,7 @@ def test_the_search_and_the_forecast_agree(
         tests = (*space.tests[:3], space.tests[7])
         bound = bind_tests(LINEAR, campaign, tests, keep=augment)
         values = []
-        for value in candidates.hyper_nodes(LINEAR, campaign, 4, 1):
+        for value in hyper_nodes(LINEAR, campaign, 4, 1):
             information = information_of(bound, value)
             own = [information.names.index(name) for name in space.chosen]
             c = information.covariance()[np.ix_(own, own)]
@@ -342,7 +343,7 @@ def test_set_ups_are_run_one_after_the_other() -> None:
 
 def test_a_certificate_may_fail(pilot: lb.Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where half of the bound were asked for."""
-    monkeypatch.setattr("ldbb_bayes.analysis.design._HOLDS", -0.5)
+    monkeypatch.setattr("ldbb_bayes.analysis.design.campaign_design._HOLDS", -0.5)
     assert not lb.design(LINEAR, pilot, tests=4, forces_N=THREE).certificate.holds
 
 
@@ -582,7 +583,7 @@ def test_evidence_of_old_and_new_readings_together() -> None:
     run = three.observe(old, y).marginal([1, 2])
     before = Gaussian.of(run.mean[None], run.covariance[None])
     after = three.observe(every, np.zeros(11)).covariance[None, 1:, 1:]
-    found = candidates.discrimination_of(after, ("a", "b"), size=1.0, before=before, threshold=1.0)
+    found = discrimination_of(after, ("a", "b"), size=1.0, before=before, threshold=1.0)
     assert found.augmented
     for value, sample in (
         (found.expected_with, drawn[True]),
@@ -622,8 +623,8 @@ def test_intervals_inside_the_truncation_against_simulation() -> None:
         beta,
         Gaussian.of(np.zeros_like(beta), np.tile(bound.prior_sd**2, (states, 1))),
     )
-    expected, error = candidates.narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 1)
-    again, _ = candidates.narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 2)
+    expected, error = narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 1)
+    again, _ = narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 2)
     assert (np.abs(again - expected) <= 4.0 * np.sqrt(2.0) * error + 1e-12 * expected).all()
     assert (error < 0.1 * expected).all()
     np.testing.assert_allclose(np.sqrt(expected), np.sqrt(np.mean(found, axis=0)), rtol=0.05)

@@ -11,15 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ldbb_bayes.analysis import optimal
-from ldbb_bayes.analysis.optimal import (
-    Criterion,
-    Determinant,
-    LogBayesFactor,
-    Objective,
-    Search,
-    Variance,
-)
+from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
+from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.analysis.design.search import Search, efficient_rounding, exchange
+from ldbb_bayes.analysis.design.shares import certificate, optimal_shares
 from ldbb_bayes.model.gaussian import Gaussian
 
 Array = NDArray[np.float64]
@@ -48,7 +43,7 @@ def test_polynomial_d(degree: int, points: tuple[float, ...]) -> None:
     """Equal shares at the extrema of a Legendre polynomial, found on a fine grid that holds them;
     the bound is p."""
     x = np.union1d(np.linspace(-1.0, 1.0, 2001), points)
-    found = optimal.optimal_shares(
+    found = optimal_shares(
         objective(polynomial(degree, x), Determinant(degree + 1)), 1.0, tolerance=1e-9
     )
     expected = np.where(np.isin(x, points), 1.0 / (degree + 1), 0.0)
@@ -85,7 +80,7 @@ def test_a_quarter_a_half_a_quarter(criterion: Criterion, prior: Array) -> None:
     wanted = Objective(
         polynomial(2, x)[None, :, None, :], prior[None], 1 if prior.any() else 3, criterion
     )
-    found = optimal.optimal_shares(wanted, 50.0, tolerance=1e-9)
+    found = optimal_shares(wanted, 50.0, tolerance=1e-9)
     np.testing.assert_allclose(
         found.share[[0, 100, 200]], (0.25, 0.5, 0.25), atol=1e-5 if prior.any() else 1e-6
     )
@@ -112,7 +107,7 @@ def test_three_by_three(tests: int, determinant: float) -> None:
     wanted = objective(np.column_stack([np.ones(9), a, b, a * b, a**2, b**2]), Determinant(6))
     rng = np.random.default_rng(1)
     found = [
-        optimal.exchange(wanted, np.bincount(rng.integers(9, size=tests), minlength=9), rng)
+        exchange(wanted, np.bincount(rng.integers(9, size=tests), minlength=9), rng)
         for _ in range(30)
     ]
     assert np.exp(max(value for _, value in found)) == pytest.approx(determinant, rel=1e-9)
@@ -124,7 +119,7 @@ def test_elfving() -> None:
     (Elfving 1952)."""
     x = np.linspace(-1.0, 1.0, 81)
     c = np.array([1.0, 2.0])
-    found = optimal.optimal_shares(
+    found = optimal_shares(
         objective(polynomial(1, x), Variance(np.outer(c, c))), 1.0, tolerance=1e-8
     )
     np.testing.assert_allclose(found.share[[0, -1]], (0.25, 0.75), atol=1e-6)
@@ -168,7 +163,7 @@ def test_expected_log_bayes_factor_by_simulation() -> None:
 @given(st.integers(1, 40), st.lists(st.floats(0.01, 1.0), min_size=1, max_size=12))
 def test_rounding(tests: int, weights: list[float]) -> None:
     share = np.array(weights) / sum(weights)
-    counts = optimal.efficient_rounding(share, tests)
+    counts = efficient_rounding(share, tests)
     assert counts.sum() == tests
     assert (counts >= 0).all()
     if tests >= len(share):
@@ -193,7 +188,7 @@ def test_neighbouring_forces_are_one_where_that_costs_nothing(apart: float) -> N
 def test_a_wrong_design_has_no_certificate() -> None:
     x = np.linspace(-1.0, 1.0, 21)
     wanted = objective(polynomial(2, x), Determinant(3))
-    assert optimal.certificate(wanted, np.full(21, 1 / 21), 1.0).excess > 0.5
+    assert certificate(wanted, np.full(21, 1 / 21), 1.0).excess > 0.5
 
 
 @pytest.mark.parametrize("nudge", [0.0, 1e-12, -1e-12])

@@ -10,7 +10,8 @@ import pytest
 from campaigns import cases, plan, refuses
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation, ecdf, simultaneous_band
+from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
+from ldbb_bayes.analysis.rank_uniformity import ecdf, simultaneous_band
 from ldbb_bayes.report.wording import validation_verdict
 
 FORCES_N = (36.0, 238.0, 490.0, 742.0)

@@ -29,7 +29,7 @@ import uvicorn
 from campaigns import Invoke
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.candidates import DECISIVE
+from ldbb_bayes.analysis.design.discrimination import DECISIVE
 from ldbb_bayes.app import fields, planning, server, templates, understanding, worker
 from ldbb_bayes.app.desk import Desk
 from ldbb_bayes.app.session import Session

@@ -12,8 +12,9 @@ from campaigns import oracle_of, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.candidates import Space, states_before
-from ldbb_bayes.analysis.design import _model_of
+from ldbb_bayes.analysis.design.campaign_design import _model_of
+from ldbb_bayes.analysis.design.space import Space
+from ldbb_bayes.analysis.design.states import states_before
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
 from ldbb_bayes.report.figures import forest, prior_and_posterior

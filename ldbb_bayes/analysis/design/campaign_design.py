@@ -14,17 +14,11 @@ import pandas as pd
 from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
-from ldbb_bayes.analysis.candidates import (
-    Clocking,
-    CriterionName,
-    Expected,
-    Forecast,
-    Space,
-    bind_tests,
-    running_order,
-)
 from ldbb_bayes.analysis.cures import Cure, cures
-from ldbb_bayes.analysis.optimal import MOST_TESTS, Found
+from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests, running_order
+from ldbb_bayes.analysis.design.forecast import Expected, Forecast
+from ldbb_bayes.analysis.design.search import MOST_TESTS, Found
+from ldbb_bayes.analysis.design.space import CriterionName, Space
 from ldbb_bayes.campaign.campaign import (
     Campaign,
     CircularTest,

@@ -1,0 +1,38 @@
+"""The best tests to run next: criteria, candidates, search, forecast and the design itself."""
+
+from ldbb_bayes.analysis.design.campaign_design import (
+    Certificate,
+    Design,
+    Judged,
+    Limits,
+    design,
+    read_design,
+)
+from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
+from ldbb_bayes.analysis.design.discrimination import Discrimination
+from ldbb_bayes.analysis.design.forecast import Expected, Forecast
+from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.analysis.design.search import efficient_rounding, exchange
+from ldbb_bayes.analysis.design.shares import Optimum, certificate, optimal_shares
+
+__all__ = [
+    "Certificate",
+    "Criterion",
+    "Design",
+    "Determinant",
+    "Discrimination",
+    "Expected",
+    "Forecast",
+    "Judged",
+    "Limits",
+    "LogBayesFactor",
+    "Objective",
+    "Optimum",
+    "Variance",
+    "certificate",
+    "design",
+    "efficient_rounding",
+    "exchange",
+    "optimal_shares",
+    "read_design",
+]
