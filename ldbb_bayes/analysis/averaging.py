@@ -11,21 +11,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ldbb_bayes.analysis import sensitivity
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference import evidence
 from ldbb_bayes.inference.coefficients import ModelDraws
-from ldbb_bayes.inference.evidence import (
-    Evidences,
-    probabilities,
-)
+from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.fit import Concern, ConcernKind, fit_of_parts
 from ldbb_bayes.inference.mcmc import StoppingRule, assess
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
@@ -35,22 +32,47 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
 
-__all__ = ["average"]
-
 if TYPE_CHECKING:
     import xarray as xr
 
+__all__ = ["average"]
 
+# Chains into which the independent draws are divided, as diagnostics expect them.
 _CHAINS = 4
+# Fewest draws that say anything of an average.
+_FEWEST_DRAWS = 400
+# The error of the evidence of a less probable model does not matter.
+_NEGLIGIBLE_PROBABILITY = 1e-3
+# Largest error of a log evidence at which the weights of models can be trusted [nat].
+_LARGEST_ERROR = 0.1
 
 
-_FEWEST = 400
+class _Combination(NamedTuple):
+    """A model by the name given, and the rivals of slopes that it has."""
+
+    name: str
+    rivals: tuple[str, ...]
 
 
-_NEGLIGIBLE = 1e-3
+@dataclass(frozen=True)
+class _WeightedModels:
+    """Models with their posterior probabilities, and the largest of them."""
 
+    combinations: tuple[_Combination, ...]
+    nodes: tuple[Nodes, ...]
+    probability: Array
+    bound: BoundModel
 
-_ROUGH = 0.1
+    @property
+    def bounds(self) -> list[BoundModel]:
+        """Return the bound model of each combination."""
+        return [nodes.bound for nodes in self.nodes]
+
+    @property
+    def log_evidence_error(self) -> float:
+        """Return the largest error among models that are not negligible [nat]."""
+        errors = np.array([nodes.evidence.error for nodes in self.nodes])
+        return float(errors[self.probability > _NEGLIGIBLE_PROBABILITY].max())
 
 
 @one_blas_thread
@@ -64,185 +86,264 @@ def average(
 ) -> xr.DataTree:
     """Average the posterior over models and over what else explains a change with force.
 
-    InputError for a plan, a flat prior, models that are not nested, or too few draws.
-
     Parameters
     ----------
     models : mapping of name to HybridModel
         For example constant and linear: the parameters of one are those of the largest, some fixed
         at zero.
-    campaign : with readings.
-    draws : in four chains; each model has its share of them.
-    evidences : those that `compare` was given: the models it weighed are not worked out again.
+    campaign : Campaign
+        With readings.
+    seed : int
+        Seed of the draws.
+    draws : int
+        Number of draws in four chains; each model has its share of them.
+    evidences : Evidences, optional
+        Those that `compare` was given: the models it weighed are not worked out again.
 
     Returns
     -------
-    As of `sample`, with the parameters of the largest model. ``sample_stats.model`` says which
-    model a draw is of; the record lists them (``averaged``) with rivals, log evidence and
-    probability. Priors are averaged too.
+    xarray.DataTree
+        As of `sample`, with the parameters of the largest model. ``sample_stats.model`` says which
+        model a draw is of; the record lists them (``averaged``) with rivals, log evidence and
+        probability. Priors are averaged too.
+
+    Raises
+    ------
+    InputError
+        For a plan, a flat prior, models that are not nested, or too few draws.
+
+    Examples
+    --------
+    >>> linear = lb.HybridModel.default(degree=1)
+    >>> models = {"constant": linear.with_degree(0), "linear": linear}
+    >>> posterior = lb.average(models, campaign)
     """
     started = datetime.now(UTC)
     clock = time.perf_counter()
     check_campaign(campaign)
-    holds = isinstance(models, Mapping) and all(
-        isinstance(own, HybridModel) for own in models.values()
-    )
-    cure = 'Call lb.average({"constant": model.with_degree(0), "linear": model}, campaign)'
-    require(
-        holds,
-        f"models must be HybridModels by name, not yet fitted, got {type(models).__name__}."
-        f" {cure}.",
-    )
-    require(
-        len(models) > 0,
-        "models must be given, got none. Average for example constant and linear compliance.",
-    )
-    require(
-        draws >= _FEWEST, f"draws must be at least {_FEWEST}, got {draws}. The default is 4000."
-    )
+    _check_arguments(models, draws)
     evidences = (evidences or Evidences(campaign)).of_campaign(campaign)
-    kinds = [
-        (name, rivals)
-        for name, model in models.items()
-        for rivals in sensitivity.subsets(model.rivals)
-    ]
-    weighed = evidences.of(*(models[name].with_rivals(*rivals) for name, rivals in kinds))
-    largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
-    bound = evidences.of(largest)[0].bound
-    _check_nested([nodes.bound for nodes in weighed], bound)
-    share = probabilities(np.array([nodes.evidence.log_value for nodes in weighed]))
-    drawing, believing, checking = (
-        np.random.default_rng(own) for own in np.random.SeedSequence(seed).spawn(3)
+    weighted = _weigh_models(models, evidences)
+    bound = weighted.bound
+    seeds = np.random.SeedSequence(seed).spawn(3)
+    posterior_rng, prior_rng, check_rng = (np.random.default_rng(child) for child in seeds)
+
+    draws_per_chain = draws // _CHAINS
+    model_of_draw, posterior_draws = _draw_posteriors(
+        weighted, _CHAINS * draws_per_chain, posterior_rng
     )
+    prior_draws = _draw_priors(weighted, draws, prior_rng)
+    order = posterior_rng.permutation(len(model_of_draw)).reshape(_CHAINS, draws_per_chain)
+    beta, phi = _pool_draws(bound, posterior_draws)
+    groups = groups_of(
+        bound,
+        beta[order],
+        phi[order],
+        _pool_draws(bound, prior_draws),
+        _log_densities(posterior_draws, order),
+    )
+    groups["sample_stats"]["model"] = model_of_draw[order]
 
-    each = draws // _CHAINS
-    model, parts = _drawn(weighed, share, _CHAINS * each, drawing)
-    size = -(-draws // len(weighed))
-    believed = [
-        ModelDraws(nodes.bound, *reversed(prior_draws_of(nodes.bound, size, believing)))
-        for nodes in weighed
+    concerns = []
+    if weighted.log_evidence_error > _LARGEST_ERROR:
+        concerns.append(Concern(ConcernKind.NOT_CONVERGED, draws_per_chain, draws))
+    prior_levels = [
+        draws_of_model.bound.log_prior(draws_of_model.beta).mean() for draws_of_model in prior_draws
     ]
-    order = drawing.permutation(len(model)).reshape(_CHAINS, each)
-    beta, phi = (own[order] for own in _together(bound, parts))
-    every = [densities_of(part) for part in parts]
-    densities = {name: np.concatenate([own[name] for own in every])[order] for name in every[0]}
-    groups = groups_of(bound, beta, phi, _together(bound, believed), densities)
-    groups["sample_stats"]["model"] = model[order]
-
-    error = float(np.array([nodes.evidence.error for nodes in weighed])[share > _NEGLIGIBLE].max())
-    missed = [] if error <= _ROUGH else [Concern(ConcernKind.NOT_CONVERGED, each, draws)]
-    near = weighed[0].posterior.plain.mode
-    likeliest = weighed[int(np.argmax(share))].bound
-    truncation = evidence.log_prob_truncation(HyperPosterior(likeliest, truncated=True, near=near))
-    level = np.array([part.bound.log_prior(part.beta).mean() for part in believed])[model[order]]
-    fit = fit_of_parts(bound, parts, groups, truncation, missed, checking, level)
-    drawn = np.concatenate([beta, phi], axis=2)
+    fit = fit_of_parts(
+        bound,
+        posterior_draws,
+        groups,
+        _log_prob_truncation(weighted),
+        concerns,
+        check_rng,
+        np.array(prior_levels)[model_of_draw[order]],
+    )
     sampler = {
         "kind": "independent",
-        "by_emcee": any(nodes.evidence.by_emcee for nodes in weighed),
-        **asdict(assess(drawn[:, :, np.ptp(drawn, axis=(0, 1)) > 0.0])),
-        "converged": not missed,
-        "draws": _CHAINS * each,
+        "by_emcee": any(nodes.evidence.by_emcee for nodes in weighted.nodes),
+        **asdict(assess(_free_coordinates(beta[order], phi[order]))),
+        "converged": not concerns,
+        "draws": _CHAINS * draws_per_chain,
         "seconds": time.perf_counter() - clock,
-        "steps": each,
+        "steps": draws_per_chain,
         "walkers": 1,
         "acceptance": 1.0,
         "target_ess": float(draws),
         "target_rhat": StoppingRule().rhat,
     }
     record = record_from(bound, sampler, fit, seed, started)
-    record["model"] |= _prior(
-        bound, [nodes.bound for nodes in weighed], record["model"]["prior_sd"]
+    record["model"] |= _averaged_prior(weighted, record["model"]["prior_sd"])
+    record["averaged"] = _describe_models(weighted)
+    return build_tree(groups, bound, record)
+
+
+def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
+    are_models = isinstance(models, Mapping) and all(
+        isinstance(model, HybridModel) for model in models.values()
     )
-    return build_tree(
-        groups,
-        bound,
-        record | {"averaged": _averaged(kinds, weighed, share) | {"log_evidence_error": error}},
+    require(
+        are_models,
+        f"models must be HybridModels by name, not yet fitted, got {type(models).__name__}. Call"
+        ' lb.average({"constant": model.with_degree(0), "linear": model}, campaign).',
+    )
+    require(
+        len(models) > 0,
+        "models must be given, got none. Average for example constant and linear compliance.",
+    )
+    require(
+        draws >= _FEWEST_DRAWS,
+        f"draws must be at least {_FEWEST_DRAWS}, got {draws}. The default is 4000.",
     )
 
 
-def _drawn(
-    weighed: Sequence[Nodes], share: Array, size: int, rng: np.random.Generator
-) -> tuple[Array, list[ModelDraws]]:
-    """The model of every draw, and the draws of each: its share of them, but for less than one."""
-    ends = np.floor(np.append(0.0, np.cumsum(share) / share.sum()) * size + rng.random()).astype(
-        int
+def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _WeightedModels:
+    """Return every model with every subset of its rivals of slopes, and their probabilities."""
+    combinations = []
+    variants = []
+    for name, model in models.items():
+        for rivals in sensitivity.subsets(model.rivals):
+            combinations.append(_Combination(name, rivals))
+            variants.append(model.with_rivals(*rivals))
+    nodes = evidences.of(*variants)
+    largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
+    bound = evidences.of(largest)[0].bound
+    for variant_nodes in nodes:
+        _check_nested(variant_nodes.bound, bound)
+    log_evidence = np.array([variant_nodes.evidence.log_value for variant_nodes in nodes])
+    return _WeightedModels(
+        combinations=tuple(combinations),
+        nodes=tuple(nodes),
+        probability=probabilities(log_evidence),
+        bound=bound,
     )
-    model = np.repeat(np.arange(len(weighed)), np.diff(ends))
-    counts = zip(*np.unique(model, return_counts=True), strict=True)
-    return model, [
-        ModelDraws(weighed[k].bound, *reversed(weighed[k].draw(int(count), rng)))
-        for k, count in counts
-    ]
 
 
-def _averaged(
-    kinds: Sequence[tuple[str, tuple[str, ...]]], weighed: Sequence[Nodes], share: Array
-) -> dict[str, Any]:
-    """Every model with its probability, and those of each given model and of each rival of
-    slopes."""
-    names = dict.fromkeys(
-        [*(name for name, _ in kinds), *(rival for _, rivals in kinds for rival in rivals)]
-    )
-    return {
-        "models": [
-            {
-                "model": name,
-                "rivals": rivals,
-                "log_evidence": nodes.evidence.log_value,
-                "probability": probability,
-            }
-            for (name, rivals), nodes, probability in zip(
-                kinds, weighed, share.tolist(), strict=True
-            )
-        ],
-        "probability": {
-            name: float(share[[name in (kind, *rivals) for kind, rivals in kinds]].sum())
-            for name in names
-        },
-    }
-
-
-def _check_nested(bounds: Sequence[BoundModel], largest: BoundModel) -> None:
-    for bound in bounds:
-        alike = bound.hyper_prior.names == largest.hyper_prior.names and set(bound.names) <= set(
-            largest.names
-        )
-        alike = alike and bound.setting.reference_force_N == largest.setting.reference_force_N
-        got = (
-            "got others (other terms, parameters or reference force). Make one from the other:"
+def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
+    """Refuse a model that is not the largest with some parameters fixed at zero."""
+    same_terms = bound.hyper_prior.names == largest.hyper_prior.names
+    fewer_parameters = set(bound.names) <= set(largest.names)
+    same_force = bound.setting.reference_force_N == largest.setting.reference_force_N
+    if not (same_terms and fewer_parameters and same_force):
+        raise InputError(
+            "models must be nested, those of fewer parameters the largest with some fixed at zero,"
+            " got others (other terms, parameters or reference force). Make one from the other:"
             " linear.with_degree(0)."
         )
-        require(
-            alike,
-            "models must be nested, those of fewer parameters the largest with some fixed at zero,"
-            f" {got}",
+
+
+def _draw_posteriors(
+    weighted: _WeightedModels, size: int, rng: np.random.Generator
+) -> tuple[Array, list[ModelDraws]]:
+    """Return the model of every draw, and the draws of each model that has any.
+
+    Each has its share of the draws, to within less than one.
+    """
+    cumulative = np.append(0.0, np.cumsum(weighted.probability) / weighted.probability.sum())
+    ends = np.floor(cumulative * size + rng.random()).astype(int)
+    model_of_draw = np.repeat(np.arange(len(weighted.nodes)), np.diff(ends))
+    draws_of_models = []
+    for k, count in zip(*np.unique(model_of_draw, return_counts=True), strict=True):
+        nodes = weighted.nodes[k]
+        beta, phi = nodes.draw(int(count), rng)
+        draws_of_models.append(ModelDraws(nodes.bound, phi, beta))
+    return model_of_draw, draws_of_models
+
+
+def _draw_priors(
+    weighted: _WeightedModels, draws: int, rng: np.random.Generator
+) -> list[ModelDraws]:
+    """Return draws of each model's prior, as many of one model as of another."""
+    size = -(-draws // len(weighted.nodes))
+    draws_of_models = []
+    for bound in weighted.bounds:
+        beta, phi = prior_draws_of(bound, size, rng)
+        draws_of_models.append(ModelDraws(bound, phi, beta))
+    return draws_of_models
+
+
+def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tuple[Array, Array]:
+    """Return β (n, p) and φ (n, h) of all models one after the other.
+
+    β is zero where a model lacks a parameter.
+    """
+    pooled_beta = []
+    for draws_of_model in draws_of_models:
+        beta = np.zeros((len(draws_of_model.phi), len(bound.names)))
+        beta[:, [bound.names.index(name) for name in draws_of_model.bound.names]] = (
+            draws_of_model.beta
         )
+        pooled_beta.append(beta)
+    return np.concatenate(pooled_beta), np.concatenate(
+        [draws_of_model.phi for draws_of_model in draws_of_models]
+    )
 
 
-def _prior(
-    bound: BoundModel, bounds: Sequence[BoundModel], prior_sd: Mapping[str, float]
+def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[str, Array]:
+    """Return the log densities of all draws, by name, in this order."""
+    by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
+    pooled = {}
+    for name in by_model[0]:
+        pooled[name] = np.concatenate([densities[name] for densities in by_model])[order]
+    return pooled
+
+
+def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
+    """Return ln P(T | y) of the most probable model, and its error [nat]."""
+    most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
+    near = weighted.nodes[0].posterior.plain.mode
+    return evidence.log_prob_truncation(HyperPosterior(most_probable, truncated=True, near=near))
+
+
+def _free_coordinates(beta: Array, phi: Array) -> Array:
+    """Return the coordinates of draws (chains, draws, p + h) that are not constant."""
+    coordinates = np.concatenate([beta, phi], axis=2)
+    return coordinates[:, :, np.ptp(coordinates, axis=(0, 1)) > 0.0]
+
+
+def _averaged_prior(
+    weighted: _WeightedModels, prior_sd: Mapping[str, float]
 ) -> dict[str, dict[str, float]]:
-    """Prior sd and mean of every parameter over models as probable as one another."""
-    moments = np.zeros((2, len(bound.names)))
-    for own in bounds:
-        at = [bound.names.index(name) for name in own.names]
-        moments[:, at] += np.stack([own.prior_mean, own.prior_mean**2 + own.prior_sd**2]) / len(
-            bounds
-        )
+    """Return prior sd and mean of every parameter over models as probable as one another.
+
+    ``prior_sd`` is that of the largest model; hyper-parameters keep theirs.
+    """
+    names = weighted.bound.names
+    moments = np.zeros((2, len(names)))
+    for bound in weighted.bounds:
+        columns = [names.index(name) for name in bound.names]
+        second_moment = bound.prior_mean**2 + bound.prior_sd**2
+        moments[:, columns] += np.stack([bound.prior_mean, second_moment]) / len(weighted.nodes)
     mean = moments[0]
     sd = np.sqrt(moments[1] - moments[0] ** 2)
-    averaged = dict(zip(bound.names, sd.tolist(), strict=True))
     return {
-        "prior_sd": {**prior_sd, **averaged},
-        "prior_mean": dict(zip(bound.names, mean.tolist(), strict=True)),
+        "prior_sd": {**prior_sd, **dict(zip(names, sd.tolist(), strict=True))},
+        "prior_mean": dict(zip(names, mean.tolist(), strict=True)),
     }
 
 
-def _together(bound: BoundModel, parts: Sequence[ModelDraws]) -> tuple[Array, Array]:
-    """β (n, p) and φ (n, h) of all parts, one after the other; zero where a model lacks a
-    parameter."""
-    beta = [np.zeros((len(part.phi), len(bound.names))) for part in parts]
-    for values, part in zip(beta, parts, strict=True):
-        values[:, [bound.names.index(name) for name in part.bound.names]] = part.beta
-    return np.concatenate(beta), np.concatenate([part.phi for part in parts])
+def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
+    """Return every model with its probability, and the probability of each name and rival."""
+    models = []
+    for combination, nodes, probability in zip(
+        weighted.combinations, weighted.nodes, weighted.probability.tolist(), strict=True
+    ):
+        entry = {
+            "model": combination.name,
+            "rivals": combination.rivals,
+            "log_evidence": nodes.evidence.log_value,
+            "probability": probability,
+        }
+        models.append(entry)
+    labels = [combination.name for combination in weighted.combinations]
+    for combination in weighted.combinations:
+        labels.extend(combination.rivals)
+    probability_by_label = {}
+    for label in dict.fromkeys(labels):
+        has_label = [label in (name, *rivals) for name, rivals in weighted.combinations]
+        probability_by_label[label] = float(weighted.probability[has_label].sum())
+    return {
+        "models": models,
+        "probability": probability_by_label,
+        "log_evidence_error": weighted.log_evidence_error,
+    }
