@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from operator import methodcaller
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -55,17 +54,24 @@ __all__ = [
     "Comparison",
     "Sign",
     "compare",
+    "interpolate_crossings",
     "read_comparison",
 ]
 
+# Multiples of sd(C) over the range of force that the slopes' prior sd takes in turn.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
+# An assumption with so much less evidence than the models' own is rejected [nat].
 _REJECTED = 5.0
-_FAR = 10.0
+# Evidences under assumptions that fall short of the best by more need be rough only [nat].
+_FAR_REJECTED = 10.0
+# Draws behind the posterior mean prediction of each model.
 _QUALITY_DRAWS = 1000
-_SPARE = 1e-4
-_POINTS = 256
-_FINEST = 1e-4
-_COARSEST = 1.0
+# Share of the weight of nodes that moments may leave out, and points for truncated ones.
+_NEGLIGIBLE_WEIGHT = 1e-4
+_MOMENT_POINTS = 256
+# Tolerances that may be asked of evidences [nat]: a comparison has hundreds of them.
+_FINEST_TOLERANCE = 1e-4
+_COARSEST_TOLERANCE = 1.0
 
 
 class Sign(StrEnum):
@@ -77,15 +83,15 @@ class Sign(StrEnum):
 
 
 @dataclass(frozen=True)
-class Readings:
-    """The campaign that was compared on."""
+class ComparedCampaign:
+    """The campaign that models were compared on."""
 
     name: str
     sha256: str
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """Posterior mean and sd of a parameter, in its inside unit."""
 
     unit: str
@@ -107,7 +113,7 @@ class ComparedModel:
     #: Eq. 34 of the paper's least squares (Eq. 31); not a number where forces do not determine it
     least_squares_rmse_um: Number
     degree: int
-    parameters: dict[str, Estimate]
+    parameters: dict[str, ParameterEstimate]
     compliance_against_force: dict[str, Curve]
 
 
@@ -125,14 +131,16 @@ class ComparedTest:
 
     @property
     def stands_out(self) -> bool:
-        """Whether the family-wise p-value is below 2 %, flagged or not."""
+        """Return whether the family-wise p-value is below 2 %, flagged or not."""
         return self.lofo_family_wise_p_value < FALSE_ALARMS
 
 
 @dataclass(frozen=True)
 class ScaledSlopes:
-    """The comparison with the slopes' prior sd at this multiple of sd(C) over the range of
-    force."""
+    """The comparison under one prior of the slopes.
+
+    Their prior sd is ``slope_scale`` times sd(C) over the range of force.
+    """
 
     slope_scale: float
     log_bayes_factor: float
@@ -151,7 +159,7 @@ class Difference:
 class Comparison(Result):
     """Models of one campaign compared; logarithms are natural, parameters in inside units."""
 
-    campaign: Readings
+    campaign: ComparedCampaign
     models: dict[str, ComparedModel]  #: by the names given
     log_bayes_factor: dict[str, float]  #: by "model/first model"
     log_bayes_factor_error: dict[str, Finite]  #: likewise [nat]
@@ -181,69 +189,131 @@ class Comparison(Result):
 
     @property
     def pair(self) -> tuple[str, str]:
-        """The first two models, which sensitivities compare."""
+        """Return the first two models, which sensitivities compare."""
         first, second, *_ = self.models
         return first, second
 
     @property
     def headline(self) -> tuple[float, float]:
-        """ln B of the second model over the first and its error [nat]: averaged over rivals of
-        slopes where there are any."""
+        """Return ln B of the second model over the first and its error [nat].
+
+        It is averaged over rivals of slopes where there are any.
+        """
         if self.explanations is None:
             return (
                 self.log_bayes_factor[self.sensitivity_of],
                 self.log_bayes_factor_error[self.sensitivity_of],
             )
-        return (
-            self.explanations.averaged.log_bayes_factor,
-            self.explanations.averaged.log_bayes_factor_error,
-        )
+        averaged = self.explanations.averaged
+        return averaged.log_bayes_factor, averaged.log_bayes_factor_error
 
     @property
     def within_tolerance(self) -> bool:
-        """Whether every log evidence is as exact as was asked."""
+        """Return whether every log evidence is as exact as was asked."""
         return self.largest_error <= self.tolerance
 
     def gain(self, assumed: Assumed) -> float:
-        """How much more evidence an assumption has than the models' own [nat]."""
+        """Return how much more evidence an assumption has than the models' own [nat]."""
         return assumed.best - self.discrepancy_sensitivity[0].best
 
     def turning(self) -> list[Assumed]:
-        """Assumptions that turn the sign of `headline`, the best supported first; white noise alone
-        is none."""
-        sign = np.sign(self.headline[0])
-        turned = [
-            a
-            for a in self.discrepancy_sensitivity
-            if np.sign(a.log_bayes_factor) == -sign and a.assumption != WHITE_NOISE
-        ]
-        return ranked(turned, self.gain)
+        """Return assumptions that turn the sign of `headline`, the best supported first.
+
+        White noise alone is none.
+        """
+        opposite_sign = -np.sign(self.headline[0])
+        turning = []
+        for assumed in self.discrepancy_sensitivity:
+            turns = np.sign(assumed.log_bayes_factor) == opposite_sign
+            if turns and assumed.assumption != WHITE_NOISE:
+                turning.append(assumed)
+        return ranked(turning, self.gain)
 
     def allowed(self, assumed: Assumed) -> bool:
-        """Whether the readings do not reject an assumption."""
+        """Return whether the readings do not reject an assumption."""
         return self.gain(assumed) > -_REJECTED
 
     @property
     def sign(self) -> Sign:
-        """How robust the sign of the log Bayes factor is."""
+        """Return how robust the sign of the log Bayes factor is."""
         turning = self.turning()
         if self.prior_sensitivity_crossings or any(map(self.allowed, turning)):
             return Sign.OPEN
-        return Sign.HELD if turning else Sign.FIRM
+        if turning:
+            return Sign.HELD
+        return Sign.FIRM
 
     def preferred_assumption(self) -> Assumed | None:
-        """The assumption with most evidence, where the models' own would be rejected for it."""
-        best = ranked(self.discrepancy_sensitivity, lambda a: a.best)[0]
+        """Return the assumption with most evidence, where the models' own would be rejected."""
+        best = ranked(self.discrepancy_sensitivity, lambda assumed: assumed.best)[0]
         return best if self.gain(best) > _REJECTED else None
 
 
 def read_comparison(path: str | os.PathLike[str]) -> Comparison:
-    """Return the comparison in a folder written by ``ldbb-bayes compare --out``, or in its
-    comparison.json.
+    """Return the comparison in a folder written by ``ldbb-bayes compare --out``.
 
-    InputError when the file is missing, damaged, or not one of ours.
+    Parameters
+    ----------
+    path : path
+        The folder, or its comparison.json.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        When the file is missing, damaged, or not one of ours.
+
+    Examples
+    --------
+    >>> comparison = lb.read_comparison("comparison")
     """
     return read_result(path, "comparison", "compare", Comparison.from_dict)
+
+
+@dataclass(frozen=True)
+class _Agenda:
+    """What a comparison works out.
+
+    ``slope_scales`` and ``assumptions`` are the first two models, second over the first, under
+    other priors of the slopes and other ideas of how circles differ; ``unchanged`` under the
+    models' own.
+    """
+
+    pair: dict[str, HybridModel]
+    linear: HybridModel
+    largest: HybridModel
+    scaled_slopes: dict[str, tuple[HybridModel, ...]]
+    unchanged: dict[str, tuple[HybridModel, ...]]
+    assumptions: dict[str, tuple[HybridModel, ...]]
+    leaves_tests_out: bool
+    weighs_subsets: bool
+    fits_locally: bool
+    weighs_rivals: bool
+
+    @property
+    def slope_scales(self) -> tuple[float, ...]:
+        """Return the scales of the slopes' prior."""
+        return SLOPE_SCALES if self.scaled_slopes else ()
+
+
+class _StepCounter:
+    """Report the steps done, and their number, at every call."""
+
+    def __init__(self, progress: Callable[[int, int], None], total: int) -> None:
+        self.progress = progress
+        self.total = total
+        self.done = 0
+
+    def __call__(self) -> None:
+        self.done += 1
+        self.progress(self.done, self.total)
+
+
+def _report_nothing() -> None:
+    """Report no progress."""
 
 
 @one_blas_thread
@@ -261,205 +331,331 @@ def compare(
 ) -> Comparison:
     """Compare models of one campaign.
 
-    InputError for fewer than two models, two that are the same, an improper prior, or a plan.
-
     Parameters
     ----------
     models : mapping of name to HybridModel
         At least two. Sensitivity is of the second over the first.
-    evidence_only : only evidence and what it hangs on, three times as fast: no test left out, no
-        slope subsets, no local fits.
-    tolerance : error asked of every log evidence [nat].
-    ci_prob : probability of the bands of C(F) and of the intervals of local fits.
-    seed : of replicates and bands.
-    progress : called with the steps done and their number.
-    evidences : nodes to use and to add to, of this campaign: those that `average` uses too. Their
-        tolerance is the one asked for.
-    executor : works out local fits and other assumptions meanwhile, with the same result; see
-        `process_executor`. Default: here.
+    campaign : Campaign
+        With readings.
+    evidence_only : bool
+        Only evidence and what it hangs on, three times as fast: no test left out, no slope subsets,
+        no local fits.
+    tolerance : float
+        Error asked of every log evidence [nat].
+    ci_prob : float
+        Probability of the bands of C(F) and of the intervals of local fits.
+    seed : int
+        Seed of replicates and bands.
+    progress : callable, optional
+        Called with the steps done and their number.
+    evidences : Evidences, optional
+        Nodes to use and to add to, of this campaign: those that `average` uses too. Their tolerance
+        is the one asked for.
+    executor : Executor, optional
+        Works out local fits and other assumptions meanwhile, with the same result; see
+        `process_executor`. Default: this process.
+
+    Returns
+    -------
+    Comparison
+        In nats and inside units (mm, N, rad).
+
+    Raises
+    ------
+    InputError
+        For fewer than two models, two that are the same, an improper prior, or a plan.
+
+    Examples
+    --------
+    >>> linear = lb.HybridModel.default(degree=1)
+    >>> print(lb.compare({"constant": linear.with_degree(0), "linear": linear}, campaign))
     """
     check_probability(ci_prob)
-    evidences = _checked(models, campaign, evidences or Evidences(campaign, tolerance=tolerance))
-    tolerance = evidences.tolerance
-    pair = {name: models[name] for name in tuple(models)[:2]}
-    first, second = pair
-    largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
-    linear = largest.with_degree(min(largest.degree, 1))
-    scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
-    by_scale = sensitivity.changed(
-        pair.values(), {f"slope scale {s:g}": methodcaller("with_slope_scale", s) for s in scales}
-    )
-    as_is, *odd = sensitivity.changed(
-        pair.values(), sensitivity.discrepancy_assumptions(pair.values())
-    ).items()
-    wishes = (len(campaign.tests) > 1, linear.degree > 0, campaign.force_levels > 1)
-    several, subsets, windows = (not evidence_only and wanted for wanted in wishes)
-    local = ahead(
-        partial(sensitivity.local_fits, largest, campaign, ci_prob=ci_prob),
-        executor if windows else None,
-    )
-    rivals = (
-        pair[second].rivals != () and pair[first] == pair[second].with_degree(0) != pair[second]
-    )
+    if evidences is None:
+        evidences = Evidences(campaign, tolerance=tolerance)
+    _check_models(models, campaign, evidences)
+    evidences = evidences.of_campaign(campaign)
+    agenda = _agenda(models, campaign, evidence_only=evidence_only)
+    first, second = agenda.pair
+    local_fits = _begin_local_fits(agenda, campaign, ci_prob, executor)
     if progress is not None:
-        total = len(models) * (1 + several * len(campaign.tests)) + 2 * (
-            len(by_scale) + 1 + (0 if executor else len(odd))
-        )
-        total += rivals * 2 ** (1 + len(pair[second].rivals)) + (
-            sensitivity.count_subsets(linear, campaign) if subsets else 0
-        )
-        evidences.progress = map(progress, itertools.count(1), itertools.repeat(total)).__next__
+        total = _count_steps(agenda, len(models), campaign)
+        if executor is None:
+            total += 2 * len(agenda.assumptions)
+        evidences.progress = _StepCounter(progress, total)
 
-    weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
-    least = max(weighed[name].evidence.log_value for name in pair) - _FAR
-    apart = evidences.apart()
-    apart.progress = apart.progress if executor else evidences.progress
-    elsewhere = ahead(partial(_under, tuple(pair), dict(odd), apart, least), executor)
-    left = (
-        leave_one_out(weighed, tolerance=tolerance, progress=evidences.progress) if several else {}
+    nodes_by_model = dict(zip(models, evidences.of(*models.values()), strict=True))
+    assumed_elsewhere = _begin_assumptions(agenda, nodes_by_model, evidences, executor)
+    left_out_nodes: dict[str, dict[str, Nodes]] = {}
+    if agenda.leaves_tests_out:
+        left_out_nodes = leave_one_out(
+            nodes_by_model, tolerance=evidences.tolerance, progress=evidences.progress
+        )
+    scaled = sensitivity.under(agenda.pair, agenda.scaled_slopes, evidences.of)
+    unchanged = sensitivity.under(agenda.pair, agenda.unchanged, evidences.of)
+    explanations = None
+    if agenda.weighs_rivals:
+        explanations = sensitivity.explanations(agenda.pair, evidences)
+        unchanged += (explanations.averaged, explanations.alone)
+    slopes: dict[str, VaryingSlope] = {}
+    slope_subsets: tuple[SlopeSubset, ...] = ()
+    curves: dict[str, Curve] = {}
+    if agenda.weighs_subsets:
+        slopes, slope_subsets, curves = sensitivity.slope_subsets(
+            agenda.linear, evidences, seed=seed, ci_prob=ci_prob
+        )
+    log_densities = _left_out_log_densities(nodes_by_model, left_out_nodes)
+    compared_models = _compare_models(nodes_by_model, log_densities, seed, ci_prob)
+    compared_tests = _compare_tests(
+        nodes_by_model, left_out_nodes, log_densities, seed, evidences.tolerance
     )
-    others = [name for name in models if name != first]
-    factors = {
-        f"{name}/{first}": log_bayes_factor(weighed[name].evidence, weighed[first].evidence)
-        for name in others
-    }
-    scaled, circles = (
-        sensitivity.under(pair, assumed, evidences.of) for assumed in (by_scale, dict([as_is]))
-    )
-    explained = sensitivity.explanations(pair, evidences) if rivals else None
-    slopes, found, curves = (
-        sensitivity.slope_subsets(linear, evidences, seed=seed, ci_prob=ci_prob)
-        if subsets
-        else ({}, (), {})
-    )
-    circles += () if explained is None else (explained.averaged, explained.alone)
-    values = {
-        name: np.array([own.evidence.log_value for own in left.get(name, {}).values()])
-        for name in weighed
-    }
-    densities = {
-        name: nodes.evidence.log_value - values[name] for name, nodes in weighed.items()
-    }  # ln p(y_r | y_−r), (tests,)
-    described = _models(weighed, densities, seed, ci_prob)
-    tests = _tests(weighed, left, densities, seed, tolerance)
-    (assumed, theirs), evidences.progress = elsewhere(), lambda: None
-    every = [
-        *evidences.every,
-        *theirs,
-        *(own.evidence for others in left.values() for own in others.values()),
-    ]
+    assumptions, assumption_evidences = assumed_elsewhere()
+    evidences.progress = _report_nothing
+    all_evidences = [*evidences.every, *assumption_evidences, *_evidences_of(left_out_nodes)]
+    factors = _log_bayes_factors(nodes_by_model)
     return Comparison(
-        campaign=Readings(campaign.name, campaign.sha256),
-        models=described,
+        campaign=ComparedCampaign(campaign.name, campaign.sha256),
+        models=compared_models,
         log_bayes_factor={ratio: value for ratio, (value, _) in factors.items()},
         log_bayes_factor_error={ratio: error for ratio, (_, error) in factors.items()},
-        elpd_difference={
-            f"{name}/{first}": Difference(*_sum_over_tests(densities[name] - densities[first]))
-            for name in (others if several else ())
-        },
+        elpd_difference=_elpd_differences(log_densities),
         sensitivity_of=f"{second}/{first}",
-        prior_sensitivity=tuple(
-            ScaledSlopes(s, a.log_bayes_factor, a.log_bayes_factor_error)
-            for s, a in zip(scales, scaled, strict=True)
-        ),
-        prior_sensitivity_crossings=_crossings(
-            np.array(scales), np.array([a.log_bayes_factor for a in scaled])
-        ),
-        discrepancy_sensitivity=circles + assumed,
+        prior_sensitivity=_scaled_slopes(agenda.slope_scales, scaled),
+        prior_sensitivity_crossings=_crossings(agenda.slope_scales, scaled),
+        discrepancy_sensitivity=unchanged + assumptions,
         slopes=slopes,
-        slope_subsets=found,
+        slope_subsets=slope_subsets,
         compliance_against_force=curves,
-        tests=tests,
-        local_fits=local() if windows else pd.DataFrame(),
-        tolerance=tolerance,
-        largest_error=max(own.error for own in every),
-        by_emcee=sum(own.by_emcee for own in every),
-        explanations=explained,
+        tests=compared_tests,
+        local_fits=local_fits(),
+        tolerance=evidences.tolerance,
+        largest_error=max(evidence.error for evidence in all_evidences),
+        by_emcee=sum(evidence.by_emcee for evidence in all_evidences),
+        explanations=explanations,
     )
 
 
-def _checked(
+def _check_models(
     models: Mapping[str, HybridModel], campaign: Campaign, evidences: Evidences
-) -> Evidences:
+) -> None:
     check_campaign(campaign)
-    cure = "Give for example constant and linear compliance."
-    require(len(models) > 1, f"models must be at least two, got {len(models)}. {cure}")
-    got = (
-        f"got {evidences.tolerance}: evidences are hundreds. For one model log_evidence goes"
-        " further."
+    require(
+        len(models) > 1,
+        f"models must be at least two, got {len(models)}. Give for example constant and linear"
+        " compliance.",
     )
-    fine = _FINEST <= evidences.tolerance <= _COARSEST
-    require(fine, f"tolerance must lie between {_FINEST:g} and {_COARSEST:g} nats, {got}")
-    for one, other in itertools.combinations(models, 2):
-        cure = "Leave one out, or change its degree or terms."
+    require(
+        _FINEST_TOLERANCE <= evidences.tolerance <= _COARSEST_TOLERANCE,
+        f"tolerance must lie between {_FINEST_TOLERANCE:g} and {_COARSEST_TOLERANCE:g} nats, got"
+        f" {evidences.tolerance}: evidences are hundreds. For one model log_evidence goes further.",
+    )
+    for first, second in itertools.combinations(models, 2):
         require(
-            models[one] != models[other],
-            f"models must differ, got {one!r} and {other!r} alike. {cure}",
+            models[first] != models[second],
+            f"models must differ, got {first!r} and {second!r} alike. Leave one out, or change its"
+            " degree or terms.",
         )
     for model in models.values():
         check_comparable(model, campaign)
-    return evidences.of_campaign(campaign)
 
 
-def _under(
+def _agenda(
+    models: Mapping[str, HybridModel], campaign: Campaign, *, evidence_only: bool
+) -> _Agenda:
+    """Return what a comparison of these models works out."""
+    first, second = tuple(models)[:2]
+    pair = {first: models[first], second: models[second]}
+    largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
+    linear = largest.with_degree(min(largest.degree, 1))
+    scale_changes: dict[str, sensitivity.Change] = {}
+    if any(model.degree for model in pair.values()):
+        for scale in SLOPE_SCALES:
+            scale_changes[f"slope scale {scale:g}"] = methodcaller("with_slope_scale", scale)
+    circle_changes = sensitivity.discrepancy_assumptions(pair.values())
+    assumptions = sensitivity.changed(pair.values(), circle_changes)
+    unchanged_label = next(iter(assumptions))
+    unchanged = {unchanged_label: assumptions.pop(unchanged_label)}
+    constant = models[second].with_degree(0)
+    adds_slopes = models[first] == constant and constant != models[second]
+    return _Agenda(
+        pair=pair,
+        linear=linear,
+        largest=largest,
+        scaled_slopes=sensitivity.changed(pair.values(), scale_changes),
+        unchanged=unchanged,
+        assumptions=assumptions,
+        leaves_tests_out=not evidence_only and len(campaign.tests) > 1,
+        weighs_subsets=not evidence_only and linear.degree > 0,
+        fits_locally=not evidence_only and campaign.force_levels > 1,
+        weighs_rivals=adds_slopes and models[second].rivals != (),
+    )
+
+
+def _count_steps(agenda: _Agenda, models: int, campaign: Campaign) -> int:
+    """Return how many models are weighed in this process, other assumptions aside."""
+    steps = models
+    if agenda.leaves_tests_out:
+        steps += models * len(campaign.tests)
+    steps += 2 * (len(agenda.scaled_slopes) + len(agenda.unchanged))
+    if agenda.weighs_rivals:
+        _, with_slopes = agenda.pair.values()
+        steps += 2 ** (1 + len(with_slopes.rivals))
+    if agenda.weighs_subsets:
+        steps += sensitivity.count_subsets(agenda.linear, campaign)
+    return steps
+
+
+def _begin_local_fits(
+    agenda: _Agenda, campaign: Campaign, ci_prob: float, executor: Executor | None
+) -> Callable[[], pd.DataFrame]:
+    """Begin local fits; return what gives their table, an empty one where they are not asked."""
+    if not agenda.fits_locally:
+        return pd.DataFrame
+    fit = partial(sensitivity.local_fits, agenda.largest, campaign, ci_prob=ci_prob)
+    return ahead(fit, executor)
+
+
+def _begin_assumptions(
+    agenda: _Agenda,
+    nodes_by_model: Mapping[str, Nodes],
+    evidences: Evidences,
+    executor: Executor | None,
+) -> Callable[[], tuple[tuple[Assumed, ...], list[Evidence]]]:
+    """Begin to weigh the first two models under other assumptions; return what gives the result."""
+    best = max(nodes_by_model[name].evidence.log_value for name in agenda.pair)
+    separate = evidences.apart()
+    if executor is None:
+        separate.progress = evidences.progress
+    weigh = partial(
+        _weigh_assumptions,
+        tuple(agenda.pair),
+        agenda.assumptions,
+        separate,
+        best - _FAR_REJECTED,
+    )
+    return ahead(weigh, executor)
+
+
+def _weigh_assumptions(
     names: Sequence[str],
     assumptions: Mapping[str, Sequence[HybridModel]],
     evidences: Evidences,
-    least: float,
+    rejected_below: float,
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
-    """The models under assumptions, roughly where these are rejected, and the evidences that are
-    not rough."""
-    return (
-        sensitivity.under(names, assumptions, partial(evidences.unless_rejected, least)),
-        evidences.every,
-    )
+    """Return two models under assumptions, and the evidences that are not rough.
+
+    They are rough where the log evidence lies below a bound.
+    """
+    weigh = partial(evidences.unless_rejected, rejected_below)
+    return sensitivity.under(names, assumptions, weigh), evidences.every
 
 
-def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
-    """Scales at which the log Bayes factor changes sign, interpolated in the logarithm of the
-    scale."""
+def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evidence]:
+    """Return the evidences of all models and tests."""
+    evidences: list[Evidence] = []
+    for nodes_by_test in left_out_nodes.values():
+        evidences.extend(nodes.evidence for nodes in nodes_by_test.values())
+    return evidences
+
+
+def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
+    """Return ln B of every model over the first and its error [nat], by "model/first model"."""
+    first, *other_names = nodes_by_model
+    factors = {}
+    for name in other_names:
+        factors[f"{name}/{first}"] = log_bayes_factor(
+            nodes_by_model[name].evidence, nodes_by_model[first].evidence
+        )
+    return factors
+
+
+def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[ScaledSlopes, ...]:
+    """Return the comparison under each prior of the slopes."""
+    scaled = []
+    for scale, result in zip(scales, assumed, strict=True):
+        scaled.append(ScaledSlopes(scale, result.log_bayes_factor, result.log_bayes_factor_error))
+    return tuple(scaled)
+
+
+def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[float, ...]:
+    """Return scales at which the log Bayes factor changes sign."""
+    log_bayes_factor = np.array([result.log_bayes_factor for result in assumed])
+    return interpolate_crossings(np.array(scales), log_bayes_factor)
+
+
+def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
+    """Return where the log Bayes factor changes sign, interpolated in ln scale."""
     x = np.log(scale)
     y = log_bayes_factor
     i = np.flatnonzero(np.sign(y[1:]) * np.sign(y[:-1]) < 0)
-    return tuple(np.exp(x[i] + y[i] / (y[i] - y[i + 1]) * (x[i + 1] - x[i])).tolist())
+    crossings = x[i] + y[i] / (y[i] - y[i + 1]) * (x[i + 1] - x[i])
+    return tuple(np.exp(crossings).tolist())
 
 
-def _sum_over_tests(densities: Array) -> tuple[float, float]:
-    """Sum, and its standard error from the scatter over the tests; not a number where there is
-    none."""
-    n = len(densities)
-    return float(densities.sum()) if n else np.nan, (
-        float(np.sqrt(n * densities.var(ddof=1))) if n > 1 else np.nan
-    )
+def _left_out_log_densities(
+    nodes_by_model: Mapping[str, Nodes], left_out_nodes: Mapping[str, Mapping[str, Nodes]]
+) -> dict[str, Array]:
+    """Return ln p(y_r | y_−r) of every test by model, shape (tests,); none where none is left out.
+
+    ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r).
+    """
+    log_densities = {}
+    for name, nodes in nodes_by_model.items():
+        nodes_by_test = left_out_nodes.get(name, {})
+        left_out = [fold.evidence.log_value for fold in nodes_by_test.values()]
+        log_densities[name] = nodes.evidence.log_value - np.array(left_out)
+    return log_densities
 
 
-def _models(
-    weighed: Mapping[str, Nodes], densities: Mapping[str, Array], seed: int, ci_prob: float
+def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Difference]:
+    """Return the difference of elpd of every model and the first; none where none is left out."""
+    first, *other_names = log_densities
+    differences = {}
+    for name in other_names:
+        if len(log_densities[name]):
+            per_test = log_densities[name] - log_densities[first]
+            differences[f"{name}/{first}"] = _sum_over_tests(per_test)
+    return differences
+
+
+def _sum_over_tests(values: Array) -> Difference:
+    """Return the sum, and its standard error from the scatter over the tests.
+
+    They are not a number where there are no tests, or one.
+    """
+    n = len(values)
+    total = np.nan
+    standard_error = np.nan
+    if n > 0:
+        total = float(values.sum())
+    if n > 1:
+        standard_error = float(np.sqrt(n * values.var(ddof=1)))
+    return Difference(total, standard_error)
+
+
+def _compare_models(
+    nodes_by_model: Mapping[str, Nodes],
+    log_densities: Mapping[str, Array],
+    seed: int,
+    ci_prob: float,
 ) -> dict[str, ComparedModel]:
-    share = probabilities(np.array([nodes.evidence.log_value for nodes in weighed.values()]))
+    """Return every model with its evidence, fit and estimates."""
+    log_evidence = [nodes.evidence.log_value for nodes in nodes_by_model.values()]
+    shares = probabilities(np.array(log_evidence))
     compared = {}
-    for (name, nodes), probability in zip(weighed.items(), share, strict=True):
-        bound, model, campaign = nodes.bound, nodes.bound.model, nodes.bound.campaign
-        options: Any = {"reference_force_N": model.reference_force_N, "fixed": model.fixed}
-        enough = campaign.force_levels >= model.degree + 2
-        squares = (
-            least_squares(campaign, model.degree, **options).quality.rmse_um if enough else np.nan
-        )
+    for (name, nodes), probability in zip(nodes_by_model.items(), shares, strict=True):
         beta, phi = nodes.draw(_QUALITY_DRAWS, np.random.default_rng(seed))
-        elpd, elpd_se = _sum_over_tests(densities[name])
-        moments = zip(bound.parameters, *nodes.moments(spare=_SPARE, points=_POINTS), strict=True)
+        elpd = _sum_over_tests(log_densities[name])
         compared[name] = ComparedModel(
             log_evidence=nodes.evidence.log_value,
             log_evidence_error=nodes.evidence.error,
             posterior_probability=float(probability),
-            elpd_lofo=elpd,
-            elpd_lofo_se=elpd_se,
-            rmse_um=fit_quality(bound, phi, beta).rmse_um,
-            least_squares_rmse_um=squares,
-            degree=model.degree,
-            parameters={
-                p.name: Estimate(p.unit, float(mean), float(sd)) for p, mean, sd in moments
-            },
+            elpd_lofo=elpd.value,
+            elpd_lofo_se=elpd.se,
+            rmse_um=fit_quality(nodes.bound, phi, beta).rmse_um,
+            least_squares_rmse_um=_least_squares_rmse_um(nodes.bound.model, nodes.bound.campaign),
+            degree=nodes.bound.model.degree,
+            parameters=_parameter_estimates(nodes),
             compliance_against_force=sensitivity.averaged_curves(
                 [nodes], np.ones(1), seed, ci_prob
             ),
@@ -467,31 +663,46 @@ def _models(
     return compared
 
 
-def _tests(
-    weighed: Mapping[str, Nodes],
-    left: Mapping[str, Mapping[str, Nodes]],
-    densities: Mapping[str, Array],
+def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
+    """Return the RMSE of the paper's least squares [µm], not a number with too few forces."""
+    if campaign.force_levels < model.degree + 2:
+        return np.nan
+    fit = least_squares(
+        campaign, model.degree, reference_force_N=model.reference_force_N, fixed=model.fixed
+    )
+    return fit.quality.rmse_um
+
+
+def _parameter_estimates(nodes: Nodes) -> dict[str, ParameterEstimate]:
+    """Return posterior mean and sd of every parameter."""
+    mean, sd = nodes.moments(spare=_NEGLIGIBLE_WEIGHT, points=_MOMENT_POINTS)
+    estimates = {}
+    for j, parameter in enumerate(nodes.bound.parameters):
+        estimates[parameter.name] = ParameterEstimate(parameter.unit, float(mean[j]), float(sd[j]))
+    return estimates
+
+
+def _compare_tests(
+    nodes_by_model: Mapping[str, Nodes],
+    left_out_nodes: Mapping[str, Mapping[str, Nodes]],
+    log_densities: Mapping[str, Array],
     seed: int,
     tolerance: float,
 ) -> dict[str, ComparedTest]:
-    """Every test against the others; none where none was left out."""
-    odd = judge_tests(weighed, left, seed=seed, tolerance=tolerance) if left else {}
-    forces = next(iter(weighed.values())).bound.setting.force_N
-    return {
-        name: ComparedTest(
+    """Return every test against the others; none where none is left out."""
+    if not left_out_nodes:
+        return {}
+    judged_tests = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=tolerance)
+    forces = next(iter(nodes_by_model.values())).bound.setting.force_N
+    compared = {}
+    for r, (name, judged) in enumerate(judged_tests.items()):
+        compared[name] = ComparedTest(
             force_N=float(forces[r]),
-            lofo_log_density={model: float(densities[model][r]) for model in weighed},
-            lofo_p_value=own.p_value,
-            lofo_family_wise_p_value=own.family_wise_p_value,
-            lofo_worst_order=own.worst_order,
-            lofo_p_value_by_order=dict(enumerate(own.order_p_values)),
-            flag=own.flag,
+            lofo_log_density={model: float(log_densities[model][r]) for model in nodes_by_model},
+            lofo_p_value=judged.p_value,
+            lofo_family_wise_p_value=judged.family_wise_p_value,
+            lofo_worst_order=judged.worst_order,
+            lofo_p_value_by_order=dict(enumerate(judged.order_p_values)),
+            flag=judged.flag,
         )
-        for r, (name, own) in enumerate(odd.items())
-    }
-
-
-# ---- tests that do not belong
-
-
-# ---- a posterior averaged over models
+    return compared
