@@ -1,9 +1,4 @@
-"""The circle's basis 1, cos θ, sin θ, …, cos 12θ, sin 12θ; readings reduced to it; the tests of a
-campaign as columns in it.
-
-Every column of the model is a polynomial in this basis, so a test is 25 coefficients wide whatever
-its number of readings.
-"""
+"""The circle's basis: 1, cos θ, sin θ, …, cos 12θ, sin 12θ."""
 
 from __future__ import annotations
 
@@ -15,42 +10,56 @@ from ldbb_bayes.results import Array
 
 __all__ = ["MAX_ORDER", "ORDERS", "SIZE", "basis", "coefficients", "derivative", "harmonic_index"]
 
+# Highest order of the basis.
 MAX_ORDER = 12
+# Number of basis functions.
 SIZE = 2 * MAX_ORDER + 1
-ORDERS = np.array([0, *(n for n in range(1, MAX_ORDER + 1) for _ in range(2))])
+# Order of every basis function: 0, 1, 1, 2, 2, …, 12, 12.
+ORDERS = np.repeat(np.arange(MAX_ORDER + 1), 2)[1:]
 ORDERS.setflags(write=False)
+# Coefficients smaller than this share of the largest are rounding.
+_ROUNDING = 1e-13
 
 
 def basis(angle_rad: Array) -> Array:
-    """Basis functions at the angles, shape (n, 25) [1]."""
-    turn = np.exp(1j * np.asarray(angle_rad, dtype=float))
-    columns = np.empty((len(turn), SIZE))
+    """Return the basis functions at angles (n,) [rad], shape (n, 25)."""
+    rotation = np.exp(1j * np.asarray(angle_rad, dtype=float))
+    columns = np.empty((len(rotation), SIZE))
     columns[:, 0] = 1.0
-    power = np.ones_like(turn)
+    power = np.ones_like(rotation)
     for n in range(1, MAX_ORDER + 1):
-        power = power * turn
-        columns[:, 2 * n - 1], columns[:, 2 * n] = power.real, power.imag
+        power = power * rotation
+        cosine, sine = harmonic_index(n)
+        columns[:, cosine] = power.real
+        columns[:, sine] = power.imag
     return columns
 
 
 def harmonic_index(order: int) -> tuple[int, int]:
-    """Positions of cos nθ and sin nθ in the basis, n ≥ 1."""
+    """Return the positions of cos nθ and sin nθ in the basis, n ≥ 1."""
     return 2 * order - 1, 2 * order
 
 
 def coefficients(columns: Callable[[Array], Array]) -> Array:
-    """Basis coefficients (25, p) of trigonometric polynomials of order ≤ 12 of the angle, (n,)
-    [rad] → (n, p)."""
+    """Return basis coefficients of trigonometric polynomials of order ≤ 12, shape (25, p).
+
+    Parameters
+    ----------
+    columns
+        Function of angles (n,) [rad] that returns the polynomials' values (n, p).
+    """
     n = 4 * MAX_ORDER
     angle = np.arange(n) * (2 * np.pi / n)
     weight = np.where(ORDERS == 0, 1.0, 2.0) / n
-    found: Array = (basis(angle) * weight).T @ columns(angle)
-    return np.where(np.abs(found) > 1e-13 * np.abs(found).max(axis=0, initial=0.0), found, 0.0)
+    values: Array = (basis(angle) * weight).T @ columns(angle)
+    largest = np.abs(values).max(axis=0, initial=0.0)
+    return np.where(np.abs(values) > _ROUNDING * largest, values, 0.0)
 
 
 def derivative(values: Array) -> Array:
-    """Coefficients (..., 25) of the derivative with respect to the angle."""
-    found = np.zeros_like(values)
+    """Return coefficients of the derivative with respect to the angle, shape (..., 25)."""
+    slopes = np.zeros_like(values)
     orders = np.arange(1, MAX_ORDER + 1)
-    found[..., 1::2], found[..., 2::2] = orders * values[..., 2::2], -orders * values[..., 1::2]
-    return found
+    slopes[..., 1::2] = orders * values[..., 2::2]
+    slopes[..., 2::2] = -orders * values[..., 1::2]
+    return slopes

@@ -1,11 +1,14 @@
-"""Information that readings carry about parameters and nuisances, at given hyper-parameters."""
+"""Information that readings carry about parameters and nuisances, at given hyper-parameters.
+
+`identify`, budgets and designs ask it what each coefficient's uncertainty is, and what it would be
+if a nuisance were known. No readings are needed, only where they would be taken.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -20,21 +23,23 @@ __all__ = ["Information"]
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """z = A c + e at given φ, c in units of its prior sd and e white: the posterior covariance of c
-    is (1 + AᵀA)⁻¹.
+    """Linear model z = A c + e at given φ, c in units of its prior sd and e white.
 
-    Of the m coefficients ``names`` and ``owners``, the term of each or ``OWN`` for a parameter of
-    interest; ``scale`` (m,), the prior sd, or a typical size where parameters have ``flat`` priors;
-    by block of readings ``design`` (k, m), columns per unit of the coefficients, and ``noise``, the
-    covariance (k, k) of every independent source. What a question takes as known leaves the design
-    or the noise. No readings are needed, only where they would be taken.
+    The posterior covariance of c is (1 + AᵀA)⁻¹. Terms and coefficients that a question fixes,
+    that is takes as known, leave the design or the noise.
     """
 
+    #: Names of the m coefficients.
     names: tuple[str, ...]
+    #: Term of each coefficient, or `OWN` for a parameter of interest.
     owners: tuple[str, ...]
+    #: Prior sd, or a typical size where the parameters have flat priors, shape (m,).
     scale: Array
+    #: Whether the parameters have flat priors.
     flat: bool
+    #: Columns per unit of the coefficients, by block of readings, each of shape (k, m).
     design: tuple[Array, ...]
+    #: Covariance of every independent source of noise, by block of readings, each of shape (k, k).
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
@@ -46,110 +51,168 @@ class Information:
 
     @property
     def interest(self) -> NDArray[np.intp]:
-        """Which coefficients are parameters of interest."""
+        """Numbers of the coefficients that are parameters of interest."""
         return np.flatnonzero([owner == OWN for owner in self.owners])
 
     @property
     def terms(self) -> tuple[str, ...]:
         """The nuisance terms, those of the noise last; reading noise is not one of them."""
-        in_noise = (source for block in self.noise for source in block)
-        return tuple(
-            name for name in dict.fromkeys([*self.owners, *in_noise]) if name not in (OWN, NOISE)
-        )
+        names = list(self.owners)
+        for sources in self.noise:
+            names += sources
+        return tuple(name for name in dict.fromkeys(names) if name not in (OWN, NOISE))
 
     @property
     def shared_terms(self) -> tuple[str, ...]:
         """The nuisance terms with coefficients of their own."""
         return tuple(dict.fromkeys(owner for owner in self.owners if owner != OWN))
 
-    def rows(self, known: Collection[str] = ()) -> Array:
-        """A, shape (k, m): the design whitened by the noise that is not known, columns in units of
-        the prior sd."""
-        return np.concatenate(self.blocks(known))
+    def rows(self, fixed: Collection[str] = ()) -> Array:
+        """Return A whitened by the noise that is not fixed, shape (k, m).
 
-    def blocks(self, known: Collection[str] = ()) -> list[Array]:
-        """The same block by block; those that share their noise are whitened together."""
-        if any(all(source in known for source in noise) for noise in self.noise):
-            raise InputError(
-                "reading noise must be left: readings without any would make everything known."
-            )
-        white: dict[int, Array] = {}
-        together: dict[int, list[int]] = {}
-        for k, noise in enumerate(self.noise):
-            together.setdefault(id(noise), []).append(k)
-        for alike in together.values():
-            left = np.sum(
-                [part for source, part in self.noise[alike[0]].items() if source not in known],
-                axis=0,
-            )
-            rows = np.stack([self.design[k] for k in alike], axis=1) * self.scale
-            solved = scipy.linalg.solve_triangular(
-                np.linalg.cholesky(left), rows.reshape(len(rows), -1), lower=True
-            )
-            white.update(zip(alike, np.moveaxis(solved.reshape(rows.shape), 1, 0), strict=True))
-        return [white[k] for k in range(len(self.design))]
+        Columns are in units of the prior sd.
+        """
+        return np.concatenate(self.blocks(fixed))
+
+    def blocks(self, fixed: Collection[str] = ()) -> list[Array]:
+        """Return `rows` block by block of readings.
+
+        Raises
+        ------
+        InputError
+            Where all noise of a block is fixed.
+        """
+        for sources in self.noise:
+            if all(name in fixed for name in sources):
+                raise InputError(
+                    "reading noise must be left: readings without any would make everything known."
+                )
+        # Blocks that share their noise are whitened together.
+        blocks_by_noise: dict[int, list[int]] = {}
+        for k, sources in enumerate(self.noise):
+            blocks_by_noise.setdefault(id(sources), []).append(k)
+        whitened: dict[int, Array] = {}
+        for numbers in blocks_by_noise.values():
+            sources = self.noise[numbers[0]]
+            free_noise = [noise for name, noise in sources.items() if name not in fixed]
+            root = np.linalg.cholesky(np.sum(free_noise, axis=0))
+            rows = np.stack([self.design[k] for k in numbers], axis=1) * self.scale
+            solved = scipy.linalg.solve_triangular(root, rows.reshape(len(rows), -1), lower=True)
+            solved_blocks = np.moveaxis(solved.reshape(rows.shape), 1, 0)
+            whitened.update(zip(numbers, solved_blocks, strict=True))
+        return [whitened[k] for k in range(len(self.design))]
 
     def root(
-        self, known: Collection[str] = (), *, times: float = 1.0
+        self, fixed: Collection[str] = (), *, times: float = 1.0
     ) -> tuple[Array, NDArray[np.intp]]:
-        """Upper triangular R with RᵀR = prior + readings' precision of the coefficients left, and
-        which these are."""
-        pairs = zip(self.owners, self.names, strict=True)
-        left = np.flatnonzero([owner not in known and name not in known for owner, name in pairs])
-        rows = np.sqrt(times) * (self.rows(known) if known else self._rows)[:, left]
-        prior = np.array([0.0 if self.flat and self.owners[k] == OWN else 1.0 for k in left])
-        stacked: Any = np.concatenate([rows, np.diag(prior)])
-        return np.asarray(np.linalg.qr(stacked, mode="r")), left
+        """Return a root of the posterior precision, and the coefficients that it is of.
 
-    def covariance(self, known: Collection[str] = (), *, times: float = 1.0) -> Array:
-        """Posterior covariance in units of the prior sd, shape (m, m), zero for what is known:
-        terms (noise too), or single coefficients; ``times``: how often all readings are taken, each
-        time with noise of its own."""
-        root, left = self.root(known, times=times)
+        Parameters
+        ----------
+        fixed
+            Terms (noise too) or single coefficients that are taken as known.
+        times
+            How often all readings are taken, each time with noise of its own.
+
+        Returns
+        -------
+        root
+            Upper triangular R, RᵀR = precision of the prior + precision of the readings.
+        free
+            Numbers of the coefficients that are not fixed.
+        """
+        is_free = [
+            owner not in fixed and name not in fixed
+            for owner, name in zip(self.owners, self.names, strict=True)
+        ]
+        free = np.flatnonzero(is_free)
+        rows = self.rows(fixed) if fixed else self._all_rows
+        prior = np.ones(len(free))
+        if self.flat:
+            prior[np.isin(free, self.interest)] = 0.0
+        stacked = np.concatenate([np.sqrt(times) * rows[:, free], np.diag(prior)])
+        return np.asarray(np.linalg.qr(stacked, mode="r")), free
+
+    def covariance(self, fixed: Collection[str] = (), *, times: float = 1.0) -> Array:
+        """Return the posterior covariance in units of the prior sd, shape (m, m).
+
+        It is zero for what is fixed.
+
+        Parameters
+        ----------
+        fixed, times
+            See `root`.
+        """
+        root, free = self.root(fixed, times=times)
         inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)))
         covariance = np.zeros((len(self.names), len(self.names)))
-        covariance[np.ix_(left, left)] = inverse @ inverse.T
+        covariance[np.ix_(free, free)] = inverse @ inverse.T
         return covariance
 
-    def variances(self, known: Collection[str] = (), *, times: float = 1.0) -> Array:
-        """Posterior variances of the parameters of interest in units of their prior variance, shape
-        (p,); see `covariance`."""
-        return np.diag(self.covariance(known, times=times))[self.interest]
+    def variances(self, fixed: Collection[str] = (), *, times: float = 1.0) -> Array:
+        """Return the posterior variances of the parameters of interest, shape (p,).
+
+        They are in units of the prior variance.
+
+        Parameters
+        ----------
+        fixed, times
+            See `root`.
+        """
+        return np.diag(self.covariance(fixed, times=times))[self.interest]
 
     def shares(self, covariance: Array | None = None) -> dict[tuple[str, str], Array]:
-        """Share of every independent source, (coefficient or noise, term), in the variance of the
-        parameters, each shape (p,).
+        """Return the share of every independent source in the variance of the parameters.
 
         With the estimate written as a linear map of prior means and readings, every source s passes
         through it alone; with Cov_s what it leaves and C their sum, E[part_s | error] = Γ_s error
         with Γ_s = Cov_s C⁻¹, Σ Γ_s = 1. The share in the variance of parameter i is [Γ_s V]_ii /
-        V_ii: shares sum to one. V is C, or the ``covariance`` (p, p) given.
+        V_ii: shares sum to one.
+
+        Parameters
+        ----------
+        covariance
+            V, shape (p, p); by default C.
+
+        Returns
+        -------
+        Shares (p,) by (coefficient or noise, term).
         """
         joint = self.covariance()
-        own = self.interest
-        total = joint[np.ix_(own, own)]
-        weight = np.eye(len(own)) if covariance is None else np.linalg.solve(total, covariance)
-        variance = np.diag(total if covariance is None else covariance)
+        interest = self.interest
+        total = joint[np.ix_(interest, interest)]
+        if covariance is None:
+            variance = np.diag(total)
+            weight = np.eye(len(interest))
+        else:
+            variance = np.diag(covariance)
+            weight = np.linalg.solve(total, covariance)
         weight = weight / np.where(variance > 0.0, variance, 1.0)
-        parts: dict[tuple[str, str], Array] = {} if self.flat else {(OWN, OWN): total @ total.T}
+        covariances: dict[tuple[str, str], Array] = {}
+        if not self.flat:
+            covariances[OWN, OWN] = total @ total.T
         for k, (name, owner) in enumerate(zip(self.names, self.owners, strict=True)):
             if owner != OWN:
-                parts[name, owner] = np.outer(joint[own, k], joint[own, k])
-        for design, noise in zip(self.design, self.noise, strict=True):
-            root = np.linalg.cholesky(sum(noise.values(), np.zeros((len(design), len(design)))))
-            gain = scipy.linalg.cho_solve((root, True), design * self.scale) @ joint[:, own]
-            for source, part in noise.items():
-                parts[source, source] = parts.get((source, source), 0.0) + gain.T @ part @ gain
-        return {key: np.einsum("ij,ji->i", part, weight) for key, part in parts.items()}
+                covariances[name, owner] = np.outer(joint[interest, k], joint[interest, k])
+        for design, sources in zip(self.design, self.noise, strict=True):
+            noise = sum(sources.values(), np.zeros((len(design), len(design))))
+            root = np.linalg.cholesky(noise)
+            gain = scipy.linalg.cho_solve((root, True), design * self.scale) @ joint[:, interest]
+            for name, source_noise in sources.items():
+                previous = covariances.get((name, name), 0.0)
+                covariances[name, name] = previous + gain.T @ source_noise @ gain
+        return {key: np.einsum("ij,ji->i", cov, weight) for key, cov in covariances.items()}
 
     def contributions(self) -> dict[str, Array]:
-        """`shares` by term. That of a source is also d ln sd(β) / d ln (its scale), the other
-        scales held."""
-        found: dict[str, Array] = {}
+        """Return `shares` by term, each of shape (p,).
+
+        That of a source is also d ln sd(β) / d ln (its scale), the other scales held.
+        """
+        by_term: dict[str, Array] = {}
         for (_, term), share in self.shares().items():
-            found[term] = found.get(term, 0.0) + share
-        return found
+            by_term[term] = by_term.get(term, 0.0) + share
+        return by_term
 
     @cached_property
-    def _rows(self) -> Array:
+    def _all_rows(self) -> Array:
         return self.rows()

@@ -1,4 +1,8 @@
-"""Tests of a campaign as the model's terms see them."""
+"""Tests of a campaign as the model's terms see them.
+
+A `Setting` holds forces, radii, clockings and directions of travel, one entry per test, and the
+columns of the machine's compliances and geometric errors in the circle's basis.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import gamma
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Campaign, Instrument
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Instrument
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.chain import (
     ComplianceName,
@@ -23,22 +27,40 @@ from ldbb_bayes.machine.chain import (
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, coefficients, harmonic_index
 from ldbb_bayes.results import Array
 
-__all__ = ["Setting", "TRAVEL", "WAYS", "geometric_errors_of", "setting_of"]
+__all__ = [
+    "TRAVEL_NAMES",
+    "TRAVEL_SIGNS",
+    "GroupOfTests",
+    "Setting",
+    "geometric_errors_of",
+    "setting_of",
+]
+
+# Sign of a direction of travel, clockwise being positive, and the reverse.
+TRAVEL_SIGNS = {"CW": 1.0, "CCW": -1.0}
+TRAVEL_NAMES = {1.0: "CW", -1.0: "CCW"}
+_SECONDS_PER_HOUR = 3600.0
+# Coefficients of |u|^a, and of rotated harmonics, below these sizes are rounding.
+_POWER_ROUNDING = 1e-12
+_ROTATION_ROUNDING = 1e-14
+# Clockings that differ by less are the same, as points of the unit circle.
+_SAME_CLOCKING = 1e-9
 
 
-TRAVEL = {"CW": 1.0, "CCW": -1.0}
+class GroupOfTests(NamedTuple):
+    """Tests of one plane, radius or set-up."""
 
-
-WAYS = {1.0: "CW", -1.0: "CCW"}
-
-
-_HOUR_S = 3600.0
+    #: The plane, radius or set-up.
+    value: Any
+    #: What names of coefficients carry of it: nothing where the campaign has only one.
+    suffix: str
+    #: Which tests, shape (tests,).
+    tests: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A campaign as terms see it, one row per test (the whole campaign's: F0, range, and the fields
-    after them)."""
+    """A campaign as terms see it, arrays with one row per test."""
 
     force_N: Array
     pressure_bar: Array
@@ -48,26 +70,27 @@ class Setting:
     plane: Array
     setup: Array
     travel: Array  #: +1 clockwise or not stated, −1 counterclockwise
-    time_h: Array  #: from the mean of the whole campaign, like temperatures; NaN where not recorded
-    temperature_K: Array
+    time_h: Array  #: from the mean of the whole campaign; NaN where not recorded
+    temperature_K: Array  #: from the mean of the whole campaign; NaN where not recorded
     direction: Array  #: basis coefficients (tests, 25, 3) of the bar's direction (X, Y, Z)
-    wrench: Array  #: of j_C, (tests, 25, compliances)
-    geometric: Array  #: of j_G, (tests, 25, geometric errors)
+    wrench: Array  #: basis coefficients of j_C, (tests, 25, compliances)
+    geometric: Array  #: basis coefficients of j_G, (tests, 25, geometric errors)
+    # The fields of the whole campaign, which `select` keeps, and three more of each test.
     reference_force_N: float  #: F0
     force_range_N: float  #: F_max − F_min
-    two_balls: bool  #: whether the balls' forms are two terms
-    clocked: bool  #: whether the clocking of either differs between tests, why they are
-    radii_mm: tuple[float, ...]  #: the different ones, as of set-ups and planes
-    setups: tuple[int, ...]
-    planes: tuple[str, ...]
+    two_balls: bool  #: whether the forms of the two balls are two terms
+    clocked: bool  #: whether the clocking of a ball differs between tests
+    radii_mm: tuple[float, ...]  #: the different radii
+    setups: tuple[int, ...]  #: the different set-ups
+    planes: tuple[str, ...]  #: the machine's planes
     both_ways: tuple[str, ...]  #: planes run in both directions of travel
     largest_force_N: float  #: F_max of the whole campaign
     circle: Array  #: name of each test's scale λ, empty where circles have none
     compliance_estimate: Array  #: Ĉ (compliances,), used only to linearise
     axial_estimate: Array  #: Ĉ_aa along X, Y, Z, zero where there is none
     fitted: Array  #: the circle fitted with Ĉ, F j_C·Ĉ + j_G·Ê, (tests, 25) [mm]
-    compensated: bool  #: of the mount, like the next
-    deflection_um_per_bar: float
+    compensated: bool  #: whether the readings are compensated for the mount
+    deflection_um_per_bar: float  #: of the mount
     instrument: Instrument  #: what certificates state
 
     @property
@@ -76,16 +99,12 @@ class Setting:
         return len(self.force_N)
 
     def select(self, rows: Sequence[int]) -> Setting:
-        """Only these tests; what belongs to the whole campaign stays."""
-        per_test = [name for name, value in vars(self).items() if isinstance(value, np.ndarray)]
-        return replace(
-            self,
-            **{
-                name: getattr(self, name)[list(rows)]
-                for name in per_test
-                if not name.endswith("_estimate")
-            },
-        )
+        """Return the setting of these tests alone; what belongs to the whole campaign stays."""
+        selected: dict[str, Any] = {}
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray) and not name.endswith("_estimate"):
+                selected[name] = value[list(rows)]
+        return replace(self, **selected)
 
     @property
     def travels(self) -> tuple[float, ...]:
@@ -99,79 +118,126 @@ class Setting:
         return np.asarray(4.0 * share * (1.0 - share))
 
     def driven_axes(self) -> list[tuple[int, float]]:
-        """Axes X, Y, Z that the circles move and whose compliance they show, by number, and |Ĉ_aa|
-        [mm/N]."""
-        moved = np.abs(self.direction).max(axis=(0, 1)) > 0.0
-        return [
-            (k, abs(float(size)))
-            for k, size in enumerate(self.axial_estimate)
-            if moved[k] and size != 0.0
-        ]
+        """Return the axes that circles move and show the compliance of, each with |Ĉ_aa| [mm/N].
+
+        Axes are numbers: X is 0, Y is 1, Z is 2.
+        """
+        moves = np.abs(self.direction).max(axis=(0, 1)) > 0.0
+        axes = []
+        for axis, compliance in enumerate(self.axial_estimate):
+            if moves[axis] and compliance != 0.0:
+                axes.append((axis, abs(float(compliance))))
+        return axes
 
     def along(self, axis: int, power: float, *, signed: bool = False) -> Array:
-        """|u|^a, u = A cos(θ − ϑ) the bar's direction along an axis, times the sign of u where
-        ``signed``, to order 12, shape (tests, 25): A^a Σ s_n cos n(θ − ϑ), s_n = 2^(1−a) Γ(a+1) /
-        (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), n even or, signed, odd; s_0/2."""
+        """Return |u|^a to order 12, u = A cos(θ − ϑ) the bar's direction along an axis.
+
+        A^a Σ s_n cos n(θ − ϑ), s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), n even or,
+        signed, odd; s_0/2.
+
+        Parameters
+        ----------
+        axis
+            X is 0, Y is 1, Z is 2.
+        power
+            a.
+        signed
+            Whether |u|^a is multiplied by the sign of u.
+
+        Returns
+        -------
+        Basis coefficients, shape (tests, 25).
+        """
         first = int(signed)
-        share = np.zeros(MAX_ORDER + 1)
-        share[first] = 2.0 ** (1.0 - power) * gamma(power + 1.0)
-        share[first] /= gamma(1.0 + (power + first) / 2.0) * gamma(1.0 + (power - first) / 2.0)
+        series = np.zeros(MAX_ORDER + 1)
+        series[first] = 2.0 ** (1.0 - power) * gamma(power + 1.0)
+        series[first] /= gamma(1.0 + (power + first) / 2.0) * gamma(1.0 + (power - first) / 2.0)
         for n in range(first, MAX_ORDER - 1, 2):
-            share[n + 2] = share[n] * (power - n) / (power + n + 2)
-        share[0] /= 2.0
+            series[n + 2] = series[n] * (power - n) / (power + n + 2)
+        series[0] /= 2.0
         cosine = self.direction[:, 1, axis]
         sine = self.direction[:, 2, axis]
-        found = (
-            np.hypot(cosine, sine)[:, None] ** power
-            * share[ORDERS]
-            * basis(np.arctan2(sine, cosine))
-        )
-        return np.where(np.abs(found) > 1e-12, found, 0.0)
+        amplitude = np.hypot(cosine, sine)[:, None] ** power
+        values = amplitude * series[ORDERS] * basis(np.arctan2(sine, cosine))
+        return np.where(np.abs(values) > _POWER_ROUNDING, values, 0.0)
 
-    def each(
-        self, what: Literal["plane", "radius", "setup"]
-    ) -> Iterator[tuple[Any, str, NDArray[np.bool_]]]:
-        """Every plane, radius or set-up of the campaign, what names carry of it (nothing of an only
-        one), and its tests."""
-        own, every = {
-            "plane": (self.plane, self.planes),
-            "radius": (self.radius_mm, self.radii_mm),
-            "setup": (self.setup, self.setups),
-        }[what]
-        for value in every:
+    def each(self, kind: Literal["plane", "radius", "setup"]) -> Iterator[GroupOfTests]:
+        """Yield the tests of every plane, radius or set-up of the campaign."""
+        of_tests: Array
+        of_campaign: Sequence[Any]
+        if kind == "plane":
+            of_tests = self.plane
+            of_campaign = self.planes
+        elif kind == "radius":
+            of_tests = self.radius_mm
+            of_campaign = self.radii_mm
+        else:
+            of_tests = self.setup
+            of_campaign = self.setups
+        for value in of_campaign:
             text = value if isinstance(value, str) else f"{value:g}"
-            yield value, f"_{text}" if len(every) > 1 else "", own == value
+            suffix = f"_{text}" if len(of_campaign) > 1 else ""
+            yield GroupOfTests(value, suffix, of_tests == value)
 
     def harmonics(self, orders: Sequence[int], turned_rad: Array | float = 0.0) -> Array:
-        """cos n(θ − ψ), sin n(θ − ψ) in turn, order by order, shape (tests, 25, 2 orders); ψ of
-        each test: a clocked ball."""
+        """Return cos n(θ − ψ) and sin n(θ − ψ) in turn, order by order.
+
+        Parameters
+        ----------
+        orders
+            The orders n.
+        turned_rad
+            ψ of every test [rad]: a clocked ball.
+
+        Returns
+        -------
+        Basis coefficients, shape (tests, 25, 2 orders).
+        """
         values = np.zeros((self.tests, SIZE, 2 * len(orders)))
         for j, n in enumerate(orders):
-            c, s = harmonic_index(n)
+            cosine, sine = harmonic_index(n)
             turn = n * np.remainder(turned_rad, 2 * np.pi)
-            values[:, c, 2 * j], values[:, s, 2 * j] = np.cos(turn), np.sin(turn)
-            values[:, c, 2 * j + 1], values[:, s, 2 * j + 1] = -np.sin(turn), np.cos(turn)
-        return np.where(np.abs(values) < 1e-14, 0.0, values)
+            values[:, cosine, 2 * j] = np.cos(turn)
+            values[:, sine, 2 * j] = np.sin(turn)
+            values[:, cosine, 2 * j + 1] = -np.sin(turn)
+            values[:, sine, 2 * j + 1] = np.cos(turn)
+        return np.where(np.abs(values) < _ROTATION_ROUNDING, 0.0, values)
 
     def constant(self, values: Array) -> Array:
-        """What does not depend on the angle, (tests, p) or (tests,), as columns, shape (tests, 25,
-        p)."""
-        own = values[:, None] if values.ndim == 1 else values
-        columns = np.zeros((self.tests, SIZE, own.shape[1]))
-        columns[:, 0] = own
+        """Return columns that do not depend on the angle, shape (tests, 25, p).
+
+        Parameters
+        ----------
+        values
+            Shape (tests, p) or (tests,).
+        """
+        columns_of_tests = values[:, None] if values.ndim == 1 else values
+        columns = np.zeros((self.tests, SIZE, columns_of_tests.shape[1]))
+        columns[:, 0] = columns_of_tests
         return columns
 
 
+class _MachineColumns(NamedTuple):
+    """Basis coefficients of direction, j_C and j_G, each of shape (..., 25, columns)."""
+
+    direction: Array
+    wrench: Array
+    geometric: Array
+
+
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
-    """The geometric errors of a campaign's machine, with the tool offsets of every set-up but the
-    first by its number."""
+    """Return the geometric errors of a campaign's machine.
+
+    The tool offsets of every set-up but the first carry its number.
+    """
     names: list[GeometricName] = []
     for name in geometric_names(campaign.machine()):
-        if name.kind == "offset":
-            seen = {test.setup or 1 for test in campaign.scope if name.component in str(test.plane)}
-            names += [replace(name, setup=0 if setup == 1 else setup) for setup in sorted(seen)]
-        else:
+        if name.kind != "offset":
             names.append(name)
+            continue
+        setups = {test.setup or 1 for test in campaign.scope if name.component in str(test.plane)}
+        for setup in sorted(setups):
+            names.append(replace(name, setup=0 if setup == 1 else setup))
     return tuple(names)
 
 
@@ -182,25 +248,29 @@ def setting_of(
     *,
     pilot: Campaign | None,
 ) -> Setting:
-    """The setting of a campaign or plan; of a plan F0, force range and the zero of time and
-    temperature are the pilot's."""
+    """Return the setting of a campaign or plan.
+
+    Parameters
+    ----------
+    campaign
+        Campaign or plan.
+    compliances
+        Names of the compliances.
+    reference_force_N
+        F0; None is the middle of the range of forces.
+    pilot
+        Campaign from which a plan takes F0, force range and the zero of time and temperature.
+    """
     machine = campaign.machine()
     tests = campaign.tests
-    columns = {
-        circle: (
-            coefficients(circle.direction),
-            coefficients(partial(compliance_jacobian, machine, circle, names=compliances)),
-            coefficients(partial(geometric_jacobian, machine, circle)),
-        )
-        for circle in {test.circle for test in tests}
-    }
-    direction, wrench, geometric = (
-        np.stack([columns[test.circle][k] for test in tests]) for k in range(3)
-    )
+    columns = _machine_columns(campaign, compliances)
     clockings = np.deg2rad([[test.work_ball_deg, test.tool_ball_deg] for test in tests])
     turned = np.exp(1j * clockings)
-    clocked = bool(np.abs(turned - turned[0]).max() > 1e-9)
+    clocked = bool(np.abs(turned - turned[0]).max() > _SAME_CLOCKING)
     forces = (pilot or campaign).forces_N
+    if reference_force_N is None:
+        reference_force_N = (forces.min() + forces.max()) / 2.0
+    setup = np.array([test.setup or 1 for test in tests])
     return Setting(
         force_N=campaign.forces_N,
         pressure_bar=campaign.pressures_bar,
@@ -208,23 +278,21 @@ def setting_of(
         work_ball_rad=clockings[:, 0],
         tool_ball_rad=clockings[:, 1],
         plane=np.array([str(test.plane) for test in tests]),
-        setup=np.array([test.setup or 1 for test in tests]),
-        travel=np.array([TRAVEL[test.direction or "CW"] for test in tests]),
-        time_h=_recorded("time_s", campaign, pilot) / _HOUR_S,
-        temperature_K=_recorded("temperature_C", campaign, pilot),
-        direction=direction,
-        wrench=wrench,
-        geometric=_by_setup(campaign, geometric),
-        reference_force_N=float(
-            (forces.min() + forces.max()) / 2.0 if reference_force_N is None else reference_force_N
-        ),
+        setup=setup,
+        travel=np.array([TRAVEL_SIGNS[test.direction or "CW"] for test in tests]),
+        time_h=_relative_to_mean("time_s", campaign, pilot) / _SECONDS_PER_HOUR,
+        temperature_K=_relative_to_mean("temperature_C", campaign, pilot),
+        direction=columns.direction,
+        wrench=columns.wrench,
+        geometric=_by_setup(campaign, columns.geometric),
+        reference_force_N=float(reference_force_N),
         force_range_N=float(forces.max() - forces.min()),
         two_balls=clocked,
         clocked=clocked,
         radii_mm=tuple(sorted({float(test.radius_mm or 0.0) for test in tests})),
-        setups=tuple(sorted({test.setup or 1 for test in tests})),
+        setups=tuple(sorted({*setup.tolist()})),
         planes=tuple(machine.planes),
-        both_ways=_both_ways(campaign),
+        both_ways=_planes_run_both_ways(campaign),
         largest_force_N=float(forces.max()),
         circle=np.array([""] * len(tests)),
         compliance_estimate=np.zeros(len(compliances)),
@@ -236,52 +304,81 @@ def setting_of(
     )
 
 
+def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) -> _MachineColumns:
+    """Return the machine's columns of every test, each of shape (tests, 25, columns)."""
+    machine = campaign.machine()
+    by_circle = {}
+    for circle in {test.circle for test in campaign.tests}:
+        by_circle[circle] = _MachineColumns(
+            coefficients(circle.direction),
+            coefficients(partial(compliance_jacobian, machine, circle, names=compliances)),
+            coefficients(partial(geometric_jacobian, machine, circle)),
+        )
+    of_tests = [by_circle[test.circle] for test in campaign.tests]
+    return _MachineColumns(
+        np.stack([columns.direction for columns in of_tests]),
+        np.stack([columns.wrench for columns in of_tests]),
+        np.stack([columns.geometric for columns in of_tests]),
+    )
+
+
 def _by_setup(campaign: Campaign, columns: Array) -> Array:
-    """Columns of the machine's errors (tests, 25, errors) → those of the campaign's: a tool offset
-    only in its own set-up."""
+    """Return the columns of the campaign's geometric errors from those of the machine's.
+
+    A tool offset acts only in its own set-up. Columns have shape (tests, 25, errors).
+    """
     machine_errors = [name.label for name in geometric_names(campaign.machine())]
     names = geometric_errors_of(campaign)
-    chosen = columns[:, :, [machine_errors.index(replace(name, setup=0).label) for name in names]]
+    index = [machine_errors.index(replace(name, setup=0).label) for name in names]
+    chosen = columns[:, :, index]
     for j, name in enumerate(names):
         if name.kind == "offset":
-            chosen[[test.setup != (name.setup or 1) for test in campaign.tests], :, j] = 0.0
+            in_other_setup = [test.setup != (name.setup or 1) for test in campaign.tests]
+            chosen[in_other_setup, :, j] = 0.0
     return chosen
 
 
-def _recorded(field: str, campaign: Campaign, pilot: Campaign | None) -> Array:
-    """From the campaign's mean. Tests of a plan beside a pilot that record nothing are taken at the
-    pilot's mean: run in an order that has nothing to do with what differs between them."""
-    own, before = (
-        np.array(
-            [
-                np.nan if getattr(test, field) is None else getattr(test, field)
-                for test in tests.tests
-            ],
-            dtype=float,
-        )
-        for tests in (campaign, pilot or campaign)
-    )
-    if not np.isfinite(before).any():
-        return own * np.nan
-    shifted: Array = own - np.nanmean(before)
-    return shifted if pilot is None else np.where(np.isfinite(shifted), shifted, 0.0)
+def _relative_to_mean(field: str, campaign: Campaign, pilot: Campaign | None) -> Array:
+    """Return what tests record less the mean of the campaign, or of its pilot, shape (tests,).
+
+    Tests of a plan that record nothing are taken at the pilot's mean: run in an order that has
+    nothing to do with what differs between them.
+    """
+    values = _recorded(field, campaign)
+    reference = _recorded(field, pilot or campaign)
+    if not np.isfinite(reference).any():
+        return values * np.nan
+    relative: Array = values - np.nanmean(reference)
+    if pilot is None:
+        return relative
+    return np.where(np.isfinite(relative), relative, 0.0)
 
 
-def _both_ways(campaign: Campaign) -> tuple[str, ...]:
-    """Planes run, or to be run, in both directions."""
+def _recorded(field: str, campaign: Campaign) -> Array:
+    """Return a field of every test, shape (tests,), NaN where it is not recorded."""
+    values = [getattr(test, field) for test in campaign.tests]
+    return np.array([np.nan if value is None else value for value in values], dtype=float)
+
+
+def _planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
+    """Return the planes that run, or are to run, in both directions of travel."""
     both = []
     for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
-        if not {"CW", "CCW"} <= {test.direction for test in campaign.scope if test.plane == plane}:
-            continue
-        silent = next(
-            (test for test in campaign.tests if test.plane == plane and test.direction is None),
-            None,
-        )
-        if silent is not None:
-            raise InputError(
-                f"{silent.label} must state its direction, CW or CCW, as circles of plane {plane}"
-                " run, or are to run, both ways, got none. Give direction in every test of"
-                f" {campaign.name!r}."
-            )
-        both.append(plane)
+        directions = {test.direction for test in campaign.scope if test.plane == plane}
+        if {"CW", "CCW"} <= directions:
+            _check_directions_stated(campaign, plane)
+            both.append(plane)
     return tuple(both)
+
+
+def _check_directions_stated(campaign: Campaign, plane: str) -> None:
+    """Refuse tests of a plane that do not state their direction of travel."""
+    undirected: list[CircularTest] = [
+        test for test in campaign.tests if test.plane == plane and test.direction is None
+    ]
+    if undirected:
+        raise InputError(
+            f"{undirected[0].label} must state its direction, CW or CCW, as circles of plane"
+            f" {plane} run, or are to run, both ways, got none. Give direction in every test of"
+            f" {campaign.name!r}."
+        )

@@ -22,7 +22,7 @@ from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, derivative
-from ldbb_bayes.model.setting import WAYS, Setting
+from ldbb_bayes.model.setting import TRAVEL_NAMES, Setting
 from ldbb_bayes.results import Array, Result, Shown
 
 __all__ = [
@@ -570,7 +570,7 @@ class MachinePattern(Term):
                 own = in_plane & at_radius & (setting.travel == travel)
                 if not own.any():
                     continue
-                way = f"_{WAYS[travel]}" if len(setting.travels) > 1 else ""
+                way = f"_{TRAVEL_NAMES[travel]}" if len(setting.travels) > 1 else ""
                 names = _harmonic_names(f"pattern{way}{radius}{plane}", _PATTERN_ORDERS)
                 values = setting.harmonics(_PATTERN_ORDERS) * own[:, None, None]
                 found.append(

@@ -28,7 +28,7 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
-from ldbb_bayes.model.setting import TRAVEL
+from ldbb_bayes.model.setting import TRAVEL_SIGNS
 from ldbb_bayes.units import inside_name
 
 __all__ = ["CriterionName", "Space"]
@@ -92,7 +92,7 @@ class Space:
             require(
                 not wrong, f"{name} must be finite and > 0, got {[*wrong, 0.0][0]:g}. Correct it."
             )
-        check_known("direction", self.directions, TRAVEL)
+        check_known("direction", self.directions, TRAVEL_SIGNS)
         count = (
             len(self.forces_N) * len(self.clockings_deg) * len(self.radii_mm) * len(self.templates)
         )
