@@ -97,11 +97,11 @@ def _batch_parts(result: lb.Batch) -> tuple[Table | str, ...]:
         ("fitted", result.done),
         ("… not converged: do not use their numbers", result.not_converged),
         ("… with doubts: see their verdict", result.doubtful),
-        ("failed", result.failed),
+        ("failed", result.failures),
         ("in all", result.campaigns),
     )
     remarks: list[str] = []
-    for heading, entries in (("Failed", result.failures), ("To look at", result.doubts)):
+    for heading, entries in (("Failed", result.failed), ("To look at", result.doubts)):
         if entries:
             remarks.append(f"{heading}:")
         for entry in entries[:_LISTED]:

@@ -1,5 +1,4 @@
-"""Many campaigns into one table: each fitted by itself into a row, rows kept in SQLite as they come
-and exported as Parquet."""
+"""Many campaigns into one table: each is fitted by itself into a row."""
 
 from __future__ import annotations
 
@@ -8,28 +7,21 @@ import operator
 import os
 import sqlite3
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import Field
 
-from ldbb_bayes.campaign.folder import labels_of
-from ldbb_bayes.errors import require
-from ldbb_bayes.fleet.campaign_row import Job, Settings, _given, fit_row
-from ldbb_bayes.fleet.dataset import (
-    DATASET,
-    check_pyarrow,
-    read_batch,
-    write_dataset,
-)
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.fleet.campaign_row import Job, Settings, failed_row, fit_row
+from ldbb_bayes.fleet.dataset import DATASET, check_pyarrow, read_batch, write_dataset
 from ldbb_bayes.fleet.gathering import gather
-from ldbb_bayes.fleet.journal import _begin, _journal, _plain, _record
+from ldbb_bayes.fleet.journal import batch_identity, begin_batch, open_journal, save_row
 from ldbb_bayes.inference.fit import State
 from ldbb_bayes.inference.sample import sampler_named
 from ldbb_bayes.inference.summary import check_probability
@@ -43,64 +35,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Batch", "batch"]
 
-
-# ---- which campaigns
-
-
-# ---- one campaign, one row
-
-
-# ---- the journal
-
-_MOST_NAMED = 10_000
-
-
-def _fit(
-    journal: sqlite3.Connection,
-    settings: Settings,
-    executor: Executor | None,
-    retry: bool,
-    progress: Callable[[int, int, int], None] | None,
-) -> int:
-    """Fit what has no row, and with ``retry`` what failed, each row a transaction; the number of
-    campaigns fitted."""
-    wanted = "status IS NULL OR status = 'failed'" if retry else "status IS NULL"
-    jobs = [
-        Job(*own)
-        for own in journal.execute(
-            f"SELECT number, path, place FROM campaigns WHERE {wanted} ORDER BY number"
-        )
-    ]
-    (every,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()
-    failed = {
-        number
-        for (number,) in journal.execute("SELECT number FROM campaigns WHERE status = 'failed'")
-    }
-    if progress is not None and jobs:
-        progress(every - len(jobs), every, len(failed))
-    with closing(done(partial(fit_row, settings), jobs, executor)) as results:  # type: ignore[type-var]
-        for count, (place, result) in enumerate(results, start=1):
-            job = jobs[place]
-            if isinstance(result, Lost):
-                result = (
-                    labels_of(job.place)
-                    | _given(settings, job)
-                    | {
-                        "status": "failed",
-                        "reason": result.reason,
-                    }
-                )
-            journal.execute(
-                "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",
-                (result["status"], result.get("state"), json.dumps(_plain(result)), job.number),
-            )
-            (failed.add if result["status"] == "failed" else failed.discard)(job.number)
-            if progress is not None:
-                progress(every - len(jobs) + count, every, len(failed))
-    return len(jobs)
-
-
-# ---- the batch
+# Campaigns that the result of a batch names, of each kind.
+_LONGEST_NAMED = 10_000
 
 
 @dataclass(frozen=True)
@@ -111,13 +47,14 @@ class Batch(Result):
     dataset: Path  #: the Parquet table in it
     campaigns: int  #: in all
     done: int  #: fitted, now or before
-    failed: Annotated[int, Field(alias="failures")]  #: that could not be fitted
+    failures: int  #: that could not be fitted
     not_converged: int  #: of those done: that missed the sampling target
     #: of those done: whose readings the model does not expect, or that speak against it
     doubtful: int
-    #: campaign and reason, of the first 10 000
-    failures: Annotated[tuple[dict[str, str], ...], Field(alias="failed")]
-    doubts: tuple[dict[str, str], ...]  #: campaign and verdict, likewise
+    #: campaign and reason, of the first 10 000 that could not be fitted
+    failed: tuple[dict[str, str], ...]
+    #: campaign and verdict, of the first 10 000 that did not converge or are doubtful
+    doubts: tuple[dict[str, str], ...]
     fitted: int  #: campaigns fitted by this run, the others were there
     seconds: float  #: that took
     resumed: bool  #: whether an earlier run was gone on with
@@ -146,13 +83,11 @@ def batch(
     force: bool = False,
     progress: Callable[[int, int, int], None] | None = None,
 ) -> Batch:
-    """Fit every campaign by itself, each into one row of a table; a campaign that cannot be fitted
-    is a row that says why.
+    """Fit every campaign by itself, each into one row of a table.
 
-    Every row is kept as it comes. Whatever stops a batch (Ctrl-C, kill -9, a full disk), the same
-    call with ``resume`` goes on with what is left, to the very same table. InputError for no
-    campaigns, a batch in ``out`` that may not be touched or is another one, a place that cannot be
-    written, or without pyarrow.
+    A campaign that cannot be fitted is a row that says why. Every row is kept as it comes. Whatever
+    stops a batch (Ctrl-C, kill -9, a full disk), the same call with ``resume`` goes on with what is
+    left, to the very same table.
 
     Parameters
     ----------
@@ -165,7 +100,7 @@ def batch(
     executor : where campaigns are fitted; default: here, one after the other. What starts one, such
         as `process_executor` itself, is called once ``out`` is this run's, which it stays until the
         workers have ended.
-    compare : weigh linear compliance against constant by their evidences.
+    compare : compare linear compliance with constant by their evidences.
     table : fields of `Campaign` for tidy CSVs: what campaign.toml would say.
     certificates : fields of `Instrument` for all campaigns, instead of what campaign.toml says of
         them.
@@ -175,85 +110,165 @@ def batch(
         what failed.
     force : replace an earlier batch in ``out``.
     progress : called with the numbers of campaigns done with, of all, and of those that failed.
+
+    Returns
+    -------
+    The finished batch.
+
+    Raises
+    ------
+    InputError
+        For no campaigns, a batch in ``out`` that may not be touched or is another one, a place that
+        cannot be written, or without pyarrow.
     """
     check_pyarrow()
-    sampler = sampler_named(sampler)
-    check_probability(ci_prob)
-    said = (
-        "retry must come with resume, and resume without force, got otherwise. Choose --resume"
-        " [--retry] or --force."
-    )
-    require(not (force if resume else retry), said)
-    seed = operator.index(seed)
-    require(
-        0 <= seed < 2**63,
-        f"seed must be a whole number from 0 to 2^63 - 1, got {seed}. For example 1.",
-    )
-    require(
-        0.0 < ess < np.inf, f"ess must be a finite number above zero, got {ess}. For example 1000."
+    _check_restart(resume=resume, retry=retry, force=force)
+    settings = Settings(
+        model_toml=_canonical_toml(model or HybridModel.default()),
+        sampler=sampler_named(sampler),
+        seed=_checked_seed(seed),
+        ess=_checked_ess(ess),
+        ci_prob=_checked_probability(ci_prob),
+        compare=compare,
+        table=dict(table or {}),
+        certificates=dict(certificates or {}),
+        tolerances=dict(tolerances or {}),
     )
     folder = Path(out)
-    paths = gather(campaigns)
-    # The same text whatever order its terms were given in.
-    written = model_to_toml(model_from_toml(model_to_toml(model or HybridModel.default())))
-    given = dict(table or {}), dict(certificates or {}), dict(tolerances or {})
-    settings = Settings(written, sampler, seed, float(ess), float(ci_prob), compare, *given)
-    jobs = [Job(number, path, os.path.abspath(path)) for number, path in enumerate(paths)]
-    with (
-        _journal(folder) as journal,
-        executor() if callable(executor) else nullcontext(executor) as pool,
-    ):
-        record = _record(settings)
-        resumed = _begin(journal, folder, jobs, record, resume=resume, force=force)
-        started = time.perf_counter()
-        fitted = _fit(journal, settings, pool, retry, progress)
-        seconds = time.perf_counter() - started
-        rows = "SELECT row FROM campaigns ORDER BY number"
-        about = {"campaigns": len(jobs), "model": settings.model_toml}
-        write_dataset(
-            lambda: (json.loads(row) for (row,) in journal.execute(rows)), folder / DATASET, about
+    jobs = _number(gather(campaigns))
+    with open_journal(folder) as journal, _started(executor) as workers:
+        identity = batch_identity(settings)
+        resumed = begin_batch(journal, folder, jobs, identity, resume=resume, force=force)
+        start = time.perf_counter()
+        fitted = _fit_campaigns(journal, settings, workers, retry, progress)
+        seconds = time.perf_counter() - start
+        metadata = {"campaigns": len(jobs), "model": settings.model_toml}
+        write_dataset(partial(_saved_rows, journal), folder / DATASET, metadata)
+        counts = _count_by_state(journal)
+        failures = counts.get("failed", 0)
+        return Batch(
+            out=folder,
+            dataset=folder / DATASET,
+            campaigns=len(jobs),
+            done=len(jobs) - failures,
+            failures=failures,
+            not_converged=counts.get(State.UNUSABLE, 0),
+            doubtful=counts.get(State.DOUBTFUL, 0),
+            failed=_named_campaigns(journal, "reason", ("failed",)),
+            doubts=_named_campaigns(journal, "verdict", (State.UNUSABLE, State.DOUBTFUL)),
+            fitted=fitted,
+            seconds=seconds,
+            resumed=resumed,
         )
-        return _finished(journal, folder, len(jobs), fitted, seconds, resumed)
 
 
-def _finished(
+def _check_restart(*, resume: bool, retry: bool, force: bool) -> None:
+    if (retry and not resume) or (resume and force):
+        raise InputError(
+            "retry must come with resume, and resume without force, got otherwise. Choose --resume"
+            " [--retry] or --force."
+        )
+
+
+def _checked_seed(seed: int) -> int:
+    number = operator.index(seed)
+    if not 0 <= number < 2**63:
+        raise InputError(
+            f"seed must be a whole number from 0 to 2^63 - 1, got {seed}. For example 1."
+        )
+    return number
+
+
+def _checked_ess(ess: float) -> float:
+    if not 0.0 < ess < np.inf:
+        raise InputError(f"ess must be a finite number above zero, got {ess}. For example 1000.")
+    return float(ess)
+
+
+def _checked_probability(ci_prob: float) -> float:
+    check_probability(ci_prob)
+    return float(ci_prob)
+
+
+def _number(paths: Iterable[str]) -> list[Job]:
+    return [Job(number, path, os.path.abspath(path)) for number, path in enumerate(paths)]
+
+
+def _canonical_toml(model: HybridModel) -> str:
+    """Return the TOML of a model, the same whatever order its terms were given in."""
+    return model_to_toml(model_from_toml(model_to_toml(model)))
+
+
+@contextmanager
+def _started(
+    executor: Executor | Callable[[], AbstractContextManager[Executor | None]] | None,
+) -> Iterator[Executor | None]:
+    """Yield an executor, started here where the argument is what starts one."""
+    if callable(executor):
+        with executor() as started:
+            yield started
+    else:
+        yield executor
+
+
+def _fit_campaigns(
     journal: sqlite3.Connection,
-    out: Path,
-    campaigns: int,
-    fitted: int,
-    seconds: float,
-    resumed: bool,
-) -> Batch:
-    counts = dict(
-        journal.execute(
-            "SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1"
-        ).fetchall()
-    )
-    failed, unusable, doubtful = (
-        counts.get(kind, 0) for kind in ("failed", State.UNUSABLE, State.DOUBTFUL)
-    )
-    named = (
+    settings: Settings,
+    executor: Executor | None,
+    retry: bool,
+    progress: Callable[[int, int, int], None] | None,
+) -> int:
+    """Fit the campaigns without a row, and with ``retry`` those that failed; return how many."""
+    jobs = _pending_jobs(journal, retry)
+    (campaigns,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()
+    query = "SELECT number FROM campaigns WHERE status = 'failed'"
+    failed = {number for (number,) in journal.execute(query)}
+    finished = campaigns - len(jobs)
+    if progress is not None and jobs:
+        progress(finished, campaigns, len(failed))
+    fit = partial(fit_row, settings)
+    with closing(done(fit, jobs, executor)) as results:  # type: ignore[type-var]
+        for index, result in results:
+            job = jobs[index]
+            row = result
+            if isinstance(result, Lost):
+                row = failed_row(settings, job, result.reason)
+            save_row(journal, job.number, row)
+            failed.discard(job.number)
+            if row["status"] == "failed":
+                failed.add(job.number)
+            finished += 1
+            if progress is not None:
+                progress(finished, campaigns, len(failed))
+    return len(jobs)
+
+
+def _pending_jobs(journal: sqlite3.Connection, retry: bool) -> list[Job]:
+    condition = "status IS NULL"
+    if retry:
+        condition += " OR status = 'failed'"
+    query = f"SELECT number, path, place FROM campaigns WHERE {condition} ORDER BY number"
+    return [Job(*entry) for entry in journal.execute(query)]
+
+
+def _saved_rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
+    for (row,) in journal.execute("SELECT row FROM campaigns ORDER BY number"):
+        yield json.loads(row)
+
+
+def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
+    """Return how many campaigns have each state; those that failed have none."""
+    query = "SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1"
+    return dict(journal.execute(query).fetchall())
+
+
+def _named_campaigns(
+    journal: sqlite3.Connection, column: str, states: tuple[str, ...]
+) -> tuple[dict[str, str], ...]:
+    """Return path and one more column of the first campaigns with one of the states."""
+    query = (
         "SELECT row FROM campaigns WHERE coalesce(state, status) IN (?, ?) ORDER BY number LIMIT ?"
     )
-
-    def first(why: str, *states: str) -> tuple[dict[str, str], ...]:
-        rows = map(
-            json.loads,
-            (row for (row,) in journal.execute(named, (states[0], states[-1], _MOST_NAMED))),
-        )
-        return tuple({key: row[key] for key in ("campaign", why)} for row in rows)
-
-    return Batch(
-        out=out,
-        dataset=out / DATASET,
-        campaigns=campaigns,
-        done=campaigns - failed,
-        failed=failed,
-        not_converged=unusable,
-        doubtful=doubtful,
-        failures=first("reason", "failed"),
-        doubts=first("verdict", State.UNUSABLE, State.DOUBTFUL),
-        fitted=fitted,
-        seconds=seconds,
-        resumed=resumed,
-    )
+    saved = journal.execute(query, (states[0], states[-1], _LONGEST_NAMED))
+    rows = [json.loads(row) for (row,) in saved]
+    return tuple({"campaign": row["campaign"], column: row[column]} for row in rows)

@@ -1,4 +1,4 @@
-"""Split from its neighbours; see there."""
+"""One campaign of a batch: its fit as a row of the table, or why it could not be fitted."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import traceback
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from ldbb_bayes.analysis.conformity import conformity
 from ldbb_bayes.campaign.campaign import Campaign
@@ -31,19 +32,19 @@ from ldbb_bayes.model.specification import model_from_toml, model_sha256
 from ldbb_bayes.parallel import one_blas_thread, versions
 from ldbb_bayes.report.text import fit_in_words
 
-__all__ = ["Job", "Settings", "fit_row"]
+__all__ = ["Job", "Settings", "failed_row", "fit_row"]
 
-
+# Error of a log evidence that is small enough for a Bayes factor of a row [nat].
 _EVIDENCE_TOLERANCE = 1e-2
-
-
+# Characters of a reason that a row keeps.
 _LONGEST_REASON = 1200
+# Attributes of a campaign that are columns of the table.
+_CAMPAIGN_COLUMNS = ("name", "sha256", "machine_id", "date", "topology", "readings")
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How every campaign of a batch is fitted. ``table`` are fields of `Campaign` that tidy CSVs do
-    not say, ``certificates`` of `Instrument` instead of what campaigns say."""
+    """How every campaign of a batch is fitted."""
 
     model_toml: str
     sampler: str = "independent"
@@ -51,58 +52,95 @@ class Settings:
     ess: float = 1000.0
     ci_prob: float = 0.95
     compare: bool = True
+    #: fields of `Campaign` that tidy CSVs do not state
     table: Mapping[str, Any] = field(default_factory=dict)
+    #: fields of `Instrument` that replace what campaigns state
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    #: of quantities, before what campaigns say
+    #: of quantities; they replace what campaigns state
     tolerances: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def model(self) -> HybridModel:
-        """The model in the TOML."""
-        return _model(self.model_toml)
+        """Return the model in the TOML."""
+        return _cached_model(self.model_toml)
 
 
-_model = lru_cache(maxsize=4)(model_from_toml)
+_cached_model = lru_cache(maxsize=4)(model_from_toml)
 
 
 class Job(NamedTuple):
-    """A campaign's number in the batch, its path as given, and where that is, wherever a worker
-    stands."""
+    """A campaign's number in the batch, its path as given, and its path from any working folder."""
 
     number: int
     path: str
-    place: str
+    absolute_path: str
 
 
 @one_blas_thread
 def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
-    """Return the row of a campaign; ``parameters`` holds unit and numbers of each by name."""
-    row = _given(settings, job)
+    """Return the row of a campaign in the table of a batch.
+
+    Parameters
+    ----------
+    settings : how it is fitted.
+    job : which one it is.
+
+    Returns
+    -------
+    Values by column; ``parameters`` holds unit and numbers of each parameter by its name,
+    ``conformity`` those of each quantity with a tolerance. The row of a campaign that cannot be
+    fitted has status "failed" and a reason.
+    """
+    origin: dict[str, Any] = {}
     try:
         with warnings.catch_warnings(action="ignore"):
-            is_table = not os.path.isdir(job.place) and not job.place.lower().endswith(".toml")
-            campaign = read_campaign(
-                job.place,
-                certificates=settings.certificates,
-                **(settings.table if is_table else {}),
-            )
-            campaign = replace(campaign, tolerances={**campaign.tolerances, **settings.tolerances})
-            row |= _origin(campaign)
-            return row | _fitted(settings, campaign)
-    except Exception as error:  # one campaign must not end the others
-        reason = plain_reason(error)
-        if reason is None:
-            last = traceback.extract_tb(error.__traceback__)[-1]
-            place = "/".join(Path(last.filename).parts[-2:])
-            reason = (
-                f"unexpected {type(error).__name__}: {error} ({place}, line {last.lineno}). Please"
-                " report it."
-            )
-        reason = " ".join(reason.split())[:_LONGEST_REASON].replace(job.place, job.path)
-        return labels_of(job.place) | row | {"status": "failed", "reason": reason}
+            campaign = _read(settings, job.absolute_path)
+            origin = _origin_columns(campaign)
+            fit = _fit_columns(settings, campaign)
+    except Exception as error:  # noqa: BLE001 - one campaign must not end the others
+        return failed_row(settings, job, _reason(error, job)) | origin
+    return _settings_columns(settings, job) | origin | fit
 
 
-def _given(settings: Settings, job: Job) -> dict[str, Any]:
+def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
+    """Return the row of a campaign that could not be fitted.
+
+    Parameters
+    ----------
+    settings : how it was to be fitted.
+    job : which one it is.
+    reason : why it could not be fitted.
+    """
+    return {
+        **labels_of(job.absolute_path),
+        **_settings_columns(settings, job),
+        "status": "failed",
+        "reason": reason,
+    }
+
+
+def _read(settings: Settings, path: str) -> Campaign:
+    is_table = not os.path.isdir(path) and not path.lower().endswith(".toml")
+    fields = settings.table if is_table else {}
+    campaign = read_campaign(path, certificates=settings.certificates, **fields)
+    return replace(campaign, tolerances={**campaign.tolerances, **settings.tolerances})
+
+
+def _reason(error: Exception, job: Job) -> str:
+    """Return in one line why a campaign could not be fitted, with its path as given."""
+    reason = plain_reason(error)
+    if reason is None:
+        last_call = traceback.extract_tb(error.__traceback__)[-1]
+        file = "/".join(Path(last_call.filename).parts[-2:])
+        reason = (
+            f"unexpected {type(error).__name__}: {error} ({file}, line {last_call.lineno}). Please"
+            " report it."
+        )
+    one_line = " ".join(reason.split())
+    return one_line[:_LONGEST_REASON].replace(job.absolute_path, job.path)
+
+
+def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
     return {
         "campaign": job.path,
         "degree": settings.model.degree,
@@ -113,12 +151,9 @@ def _given(settings: Settings, job: Job) -> dict[str, Any]:
     }
 
 
-def _origin(campaign: Campaign) -> dict[str, Any]:
-    return {
-        **{
-            name: getattr(campaign, name)
-            for name in ("name", "sha256", "machine_id", "date", "topology", "readings")
-        },
+def _origin_columns(campaign: Campaign) -> dict[str, Any]:
+    columns: dict[str, Any] = {name: getattr(campaign, name) for name in _CAMPAIGN_COLUMNS}
+    return columns | {
         "planes": ",".join(campaign.machine().planes),
         "compliances": json.dumps(stands_for(campaign)),
         "tolerances": json.dumps(dict(campaign.tolerances), ensure_ascii=False),
@@ -128,35 +163,25 @@ def _origin(campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def _fitted(settings: Settings, campaign: Campaign) -> dict[str, Any]:
-    """Columns of the fit, the Bayes factor and the statistics; where one of these two breaks down,
-    a warning says so."""
-    inside = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
+def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
+    """Return the columns of the fit and of what is computed beside it.
+
+    A warning says which of the latter broke down.
+    """
+    density = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
     rule = StoppingRule(ess=settings.ess)
-    posterior = sample_from(inside, settings.sampler, seed=settings.seed, rule=rule, prior_draws=0)
+    posterior = sample_from(density, settings.sampler, seed=settings.seed, rule=rule, prior_draws=0)
     record = record_of(posterior)
     words = fit_in_words(posterior)
-    model = settings.model
+    columns: dict[str, Any] = {}
     breakdowns = []
-    beside: dict[str, Any] = {}
-    parts: dict[str, Callable[[], dict[str, Any]]] = {}
-    if settings.compare and model.degree and campaign.force_levels > 1:
-        parts["Bayes factor"] = lambda: _bayes_factor(
-            model, campaign, inside if model.prior.truncated else inside.plain
-        )
-    parts["sufficient statistics"] = lambda: sufficient_statistics(inside.plain).columns()
-    parts = {} if model.prior.flat else parts
-    if campaign.tolerances:
-        parts["conformity"] = lambda: {
-            "conformity": {name: own.as_dict() for name, own in conformity(posterior).items()}
-        }
-    for name, part in parts.items():
+    for name, compute_columns in _beside_the_fit(settings, campaign, density, posterior).items():
         try:
-            beside |= part()
+            columns |= compute_columns()
         except (InputError, ArithmeticError, np.linalg.LinAlgError) as error:
             breakdowns.append(f"No {name}: {plain_reason(error)}")
     return {
-        **beside,
+        **columns,
         "status": "done",
         "reference_force_N": record["model"]["reference_force_N"],
         "terms": record["model"]["terms"],
@@ -165,19 +190,30 @@ def _fitted(settings: Settings, campaign: Campaign) -> dict[str, Any]:
         "warnings": [*words["warnings"], *breakdowns],
         "log_prob_truncation": record["fit"]["log_prob_truncation"],
         "rmse_um": record["fit"]["rmse_um"],
-        "parameters": {
-            str(name): {
-                "unit": variable.attrs.get("unit", ""),
-                **numbers_of(variable.to_numpy(), settings.ci_prob),
-            }
-            for name, variable in posterior["posterior"].data_vars.items()
-        },
+        "parameters": _parameter_numbers(posterior, settings.ci_prob),
     }
 
 
-def _bayes_factor(
-    model: HybridModel, campaign: Campaign, density: HyperPosterior
-) -> dict[str, float]:
+def _beside_the_fit(
+    settings: Settings, campaign: Campaign, density: HyperPosterior, posterior: xr.DataTree
+) -> dict[str, Callable[[], dict[str, Any]]]:
+    """Return what is computed beside the fit, by the name under which its breakdown is reported."""
+    model = settings.model
+    steps: dict[str, Callable[[], dict[str, Any]]] = {}
+    if not model.prior.flat:
+        if settings.compare and model.degree and campaign.force_levels > 1:
+            steps["Bayes factor"] = partial(_bayes_factor_columns, model, campaign, density)
+        steps["sufficient statistics"] = partial(_statistics_columns, density)
+    if campaign.tolerances:
+        steps["conformity"] = partial(_conformity_columns, posterior)
+    return steps
+
+
+def _bayes_factor_columns(
+    model: HybridModel, campaign: Campaign, truncated_density: HyperPosterior
+) -> dict[str, Any]:
+    """Return the log Bayes factor of linear over constant compliance, and its error [nat]."""
+    density = truncated_density if model.prior.truncated else truncated_density.plain
     if model.degree == 1 and density.truncated == density.bound.truncation.active:
         linear = density.nodes(_EVIDENCE_TOLERANCE).evidence
     else:
@@ -185,3 +221,21 @@ def _bayes_factor(
     constant = log_evidence(model.with_degree(0), campaign, tolerance=_EVIDENCE_TOLERANCE)
     value, error = log_bayes_factor(linear, constant)
     return {"log_bayes_factor": float(value), "log_bayes_factor_error": float(error)}
+
+
+def _statistics_columns(density: HyperPosterior) -> dict[str, Any]:
+    return sufficient_statistics(density.plain).columns()
+
+
+def _conformity_columns(posterior: xr.DataTree) -> dict[str, Any]:
+    decisions = {name: decision.as_dict() for name, decision in conformity(posterior).items()}
+    return {"conformity": decisions}
+
+
+def _parameter_numbers(posterior: xr.DataTree, ci_prob: float) -> dict[str, dict[str, Any]]:
+    """Return the unit, moments and interval of every parameter and hyper-parameter."""
+    numbers: dict[str, dict[str, Any]] = {}
+    for name, draws in posterior["posterior"].data_vars.items():
+        unit = draws.attrs.get("unit", "")
+        numbers[str(name)] = {"unit": unit, **numbers_of(draws.to_numpy(), ci_prob)}
+    return numbers

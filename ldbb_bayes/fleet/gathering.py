@@ -1,4 +1,4 @@
-"""Split from its neighbours; see there."""
+"""The campaigns of a batch: what folders, files and lists of them stand for."""
 
 from __future__ import annotations
 
@@ -7,76 +7,108 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ldbb_bayes.campaign.folder import TOML_NAME
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import bytes_of
 
 __all__ = ["gather"]
 
-
+# Size of a list of campaigns that is still read [bytes].
 _LARGEST_LIST = 2**30
 
 
 def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
-    """Return the campaigns that folders of campaigns and lists stand for, each once. A campaign
-    folder, a campaign.toml or a tidy CSV stands for itself; any other folder for its direct
-    subfolders with a campaign.toml, sorted; ``@FILE`` or a .txt file for the paths in it, one a
-    line but for comments (#). What does not exist stays: the batch says so in its row."""
-    seen: dict[str, str] = {}
-    for path in _opened([given] if isinstance(given, str | os.PathLike) else given):
-        line = path.isprintable() and path == path.strip() and path and path[0] != "#"
-        require(
-            line,
-            f"paths of campaigns must be printable and stand on one line, got {path!r}. Rename it.",
+    """Return the paths of campaigns that folders, files and lists stand for, each once.
+
+    Parameters
+    ----------
+    given : a campaign folder, a campaign.toml or a tidy CSV stands for itself; any other folder for
+        its direct subfolders with a campaign.toml, sorted; ``@FILE`` or a .txt file for the paths
+        in it, one a line, comments (#) aside. A path that does not exist stays: the batch says so
+        in its row.
+
+    Returns
+    -------
+    Paths as given, in that order.
+
+    Raises
+    ------
+    InputError
+        If no campaign exists, a path cannot stand on a line, or a list or folder cannot be read.
+    """
+    entries = [given] if isinstance(given, str | os.PathLike) else given
+    path_by_folder: dict[str, str] = {}
+    for path in _expand_all(entries):
+        _check_fits_a_line(path)
+        folder = os.path.abspath(path)
+        if os.path.basename(folder) == TOML_NAME:
+            folder = os.path.dirname(folder)
+        path_by_folder.setdefault(folder, path)
+    paths = tuple(path_by_folder.values())
+    if not any(_may_be_campaign(path) for path in paths):
+        count = f"{len(paths)} ({paths[0]})" if paths else "0"
+        raise InputError(
+            f"a batch must have campaigns that exist, got none among {count}. Name"
+            f" folders with {TOML_NAME}, tidy CSVs, folders of campaigns, or a list (@FILE)."
         )
-        whole = os.path.abspath(path)
-        seen.setdefault(
-            os.path.dirname(whole) if os.path.basename(whole) == TOML_NAME else whole, path
-        )
-    paths = tuple(seen.values())
-    got = f"got none among {len(paths)}{f' ({paths[0]})' if paths else ''}"
-    cure = f"Name folders with {TOML_NAME}, tidy CSVs, folders of campaigns, or a list (@FILE)."
-    there = any(
-        os.path.isfile(os.path.join(path, TOML_NAME)) or os.path.isfile(path) for path in paths
-    )
-    require(there, f"a batch must have campaigns that exist, {got}. {cure}")
     return paths
 
 
-def _opened(given: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
-    """Every path by itself: lists read, folders of campaigns opened."""
-    for entry in (os.fspath(each) for each in given):
-        if not (
-            entry.startswith("@") or (entry.lower().endswith(".txt") and os.path.isfile(entry))
-        ):
-            yield from _inside(entry)
-            continue
-        file = Path(entry.removeprefix("@"))
-        try:
-            text = bytes_of(
-                file, _LARGEST_LIST, what="a list of campaigns, one path a line"
-            ).decode("utf-8-sig")
-        except UnicodeDecodeError:
-            raise InputError(
-                f"{file} must be UTF-8 text, got another encoding. Save it as UTF-8."
-            ) from None
-        for line in map(str.strip, text.splitlines()):
-            if line and not line.startswith("#"):
-                yield from _inside(line)
+def _expand_all(entries: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
+    """Yield every path by itself: lists are read, folders of campaigns opened."""
+    for entry in entries:
+        path = os.fspath(entry)
+        if _is_list(path):
+            for line in _read_list(Path(path.removeprefix("@"))):
+                yield from _expand_folder(line)
+        else:
+            yield from _expand_folder(path)
 
 
-def _inside(path: str) -> list[str]:
-    """The path itself, or the campaigns right in a folder of campaigns."""
-    if not os.path.isdir(path) or os.path.isfile(os.path.join(path, TOML_NAME)):
+def _is_list(path: str) -> bool:
+    return path.startswith("@") or (path.lower().endswith(".txt") and os.path.isfile(path))
+
+
+def _read_list(file: Path) -> list[str]:
+    """Return the lines of a list of campaigns that are neither empty nor comments."""
+    content = bytes_of(file, _LARGEST_LIST, what="a list of campaigns, one path a line")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(
+            f"{file} must be UTF-8 text, got another encoding. Save it as UTF-8."
+        ) from None
+    lines = [line.strip() for line in text.splitlines()]
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def _expand_folder(path: str) -> list[str]:
+    """Return the path itself, or the campaigns directly in a folder of campaigns."""
+    if not os.path.isdir(path) or _has_toml(path):
         return [path]
     try:
         with os.scandir(path) as entries:
-            names = sorted(
-                entry.name
-                for entry in entries
-                if os.path.isfile(os.path.join(entry.path, TOML_NAME))
-            )
+            names = sorted(entry.name for entry in entries if _has_toml(entry.path))
     except OSError as error:
         raise InputError(
             f"{path} must be a readable folder, got: {error.strerror}. Check its permissions."
         ) from None
-    return [os.path.join(path, name) for name in names] or [path]
+    if not names:
+        return [path]
+    return [os.path.join(path, name) for name in names]
+
+
+def _has_toml(folder: str) -> bool:
+    return os.path.isfile(os.path.join(folder, TOML_NAME))
+
+
+def _may_be_campaign(path: str) -> bool:
+    return _has_toml(path) or os.path.isfile(path)
+
+
+def _check_fits_a_line(path: str) -> None:
+    """Refuse a path that the list of a batch's campaigns could not hold."""
+    fits = path.isprintable() and path == path.strip() and path and path[0] != "#"
+    if not fits:
+        raise InputError(
+            f"paths of campaigns must be printable and stand on one line, got {path!r}. Rename it."
+        )

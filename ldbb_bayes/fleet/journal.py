@@ -1,4 +1,8 @@
-"""Split from its neighbours; see there."""
+"""The journal of a batch: an SQLite database that keeps every row as it comes.
+
+It makes a batch that was stopped in any way go on with what is left, and keeps two runs from
+writing into one folder.
+"""
 
 from __future__ import annotations
 
@@ -13,50 +17,56 @@ from typing import Any
 import numpy as np
 from pydantic_core import to_jsonable_python
 
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.fleet.campaign_row import Job, Settings
-from ldbb_bayes.fleet.dataset import (
-    DATASET,
-    JOURNAL,
-    PART,
-)
+from ldbb_bayes.fleet.dataset import DATASET, JOURNAL, PART
 from ldbb_bayes.model.specification import model_sha256
 from ldbb_bayes.parallel import versions
 
-LIST = "campaigns.txt"
+__all__ = ["batch_identity", "begin_batch", "open_journal", "save_row"]
 
-
-_OURS = (JOURNAL, f"{JOURNAL}-wal", f"{JOURNAL}-shm", f"{JOURNAL}-journal", LIST, DATASET, PART)
-
-
+# The list of a batch's campaigns, in its folder.
+_LIST = "campaigns.txt"
+# What the folder of a batch may hold: the journal, what SQLite puts beside it, list and table.
+_BATCH_FILES = (
+    JOURNAL,
+    f"{JOURNAL}-wal",
+    f"{JOURNAL}-shm",
+    f"{JOURNAL}-journal",
+    _LIST,
+    DATASET,
+    PART,
+)
 _TABLES = """
 CREATE TABLE IF NOT EXISTS batch (record TEXT);
-CREATE TABLE IF NOT EXISTS campaigns (number INTEGER PRIMARY KEY, path TEXT, place TEXT, status TEXT, state TEXT, row TEXT);
+CREATE TABLE IF NOT EXISTS campaigns (
+    number INTEGER PRIMARY KEY, path TEXT, place TEXT, status TEXT, state TEXT, row TEXT
+);
 """
 
 
 @contextmanager
-def _journal(out: Path) -> Iterator[sqlite3.Connection]:
-    """The database of a folder, made if need be; SQLite's lock keeps other runs out while the block
-    lasts."""
-    made = not out.exists()
-    require(made or out.is_dir(), f"{out} must be a folder, got a file. Choose another name.")
-    first = (
-        min((path.name for path in out.iterdir() if path.name not in _OURS), default=None)
-        if out.is_dir()
-        else None
-    )
-    require(
-        first is None,
-        f"{out} must hold nothing but a batch, got {first!r}. Move it away or choose another name.",
-    )
+def open_journal(out: Path) -> Iterator[sqlite3.Connection]:
+    """Yield the database of a folder; while the block lasts, SQLite's lock keeps other runs out.
+
+    Parameters
+    ----------
+    out : folder of the batch, made if need be. It is removed again where no batch begins in it.
+
+    Raises
+    ------
+    InputError
+        If the folder holds anything else, cannot be written, or another run is using it.
+    """
+    is_new = not out.exists()
+    _check_folder(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
         connection = sqlite3.connect(out / JOURNAL, timeout=0.0, isolation_level=None)
     except (OSError, sqlite3.Error) as error:
         raise InputError(f"{out} must be writable, got: {error}. Choose another place.") from None
-    begun = not made
+    keep_folder = not is_new
     with closing(connection):
         try:
             connection.execute("PRAGMA locking_mode = EXCLUSIVE")
@@ -65,7 +75,7 @@ def _journal(out: Path) -> Iterator[sqlite3.Connection]:
                 f"PRAGMA synchronous = NORMAL; BEGIN EXCLUSIVE; {_TABLES} COMMIT;"
             )
             yield connection
-            begun = True
+            keep_folder = True
         except sqlite3.Error as error:
             raise InputError(
                 f"{out / JOURNAL} must be a sound journal that can be written and that no other run"
@@ -73,100 +83,174 @@ def _journal(out: Path) -> Iterator[sqlite3.Connection]:
                 " some space, then go on with --resume; remove a damaged one."
             ) from None
         finally:
-            with suppress(sqlite3.Error):
-                begun = begun or connection.execute("SELECT count(*) FROM batch").fetchone()[0] > 0
-            if not begun:
+            if not keep_folder and not _holds_batch(connection):
                 shutil.rmtree(out, ignore_errors=True)
 
 
-def _record(settings: Settings) -> dict[str, Any]:
-    """What makes a batch what it is."""
-    given = {
+def _check_folder(out: Path) -> None:
+    """Refuse a file, and a folder that holds anything but a batch."""
+    if not out.exists():
+        return
+    if not out.is_dir():
+        raise InputError(f"{out} must be a folder, got a file. Choose another name.")
+    other_names = [path.name for path in out.iterdir() if path.name not in _BATCH_FILES]
+    if other_names:
+        raise InputError(
+            f"{out} must hold nothing but a batch, got {min(other_names)!r}. Move it away or choose"
+            " another name."
+        )
+
+
+def _holds_batch(journal: sqlite3.Connection) -> bool:
+    with suppress(sqlite3.Error):
+        (count,) = journal.execute("SELECT count(*) FROM batch").fetchone()
+        return bool(count > 0)
+    return False
+
+
+def batch_identity(settings: Settings) -> dict[str, Any]:
+    """Return what two runs must have in common to be of one batch.
+
+    Parameters
+    ----------
+    settings : how campaigns are fitted.
+
+    Returns
+    -------
+    Options and versions, by the name under which a difference is reported.
+    """
+    identity: dict[str, Any] = {"model": model_sha256(settings.model)[:12]}
+    for name in ("sampler", "seed", "ess", "ci_prob", "compare"):
+        identity[name] = getattr(settings, name)
+    options_by_kind = {
         "table option": settings.table,
         "certificate": settings.certificates,
         "tolerance": settings.tolerances,
     }
-    return {
-        "model": model_sha256(settings.model)[:12],
-        **{
-            name: getattr(settings, name)
-            for name in ("sampler", "seed", "ess", "ci_prob", "compare")
-        },
-        **{
-            f"{kind} {name}": to_jsonable_python(value)
-            for kind, own in given.items()
-            for name, value in own.items()
-        },
-        **{f"version of {name}": value for name, value in versions().items()},
-    }
+    for kind, options in options_by_kind.items():
+        for name, value in options.items():
+            identity[f"{kind} {name}"] = to_jsonable_python(value)
+    for name, version in versions().items():
+        identity[f"version of {name}"] = version
+    return identity
 
 
-def _begin(
+def begin_batch(
     journal: sqlite3.Connection,
     out: Path,
     jobs: Sequence[Job],
-    record: Mapping[str, Any],
+    identity: Mapping[str, Any],
+    *,
     resume: bool,
     force: bool,
 ) -> bool:
-    """Write down what the batch is, or compare it with what is there; whether there was one."""
-    before = journal.execute("SELECT record FROM batch").fetchone()
-    if before is None and not force and (out / DATASET).exists():
+    """Write down what the batch is, or compare it with the one in the folder.
+
+    Parameters
+    ----------
+    journal : see `open_journal`.
+    out : folder of the batch.
+    jobs : its campaigns.
+    identity : see `batch_identity`.
+    resume : go on with the batch in the folder, if there is one.
+    force : replace it.
+
+    Returns
+    -------
+    Whether a batch is gone on with.
+
+    Raises
+    ------
+    InputError
+        If the folder holds a batch that may not be touched, or another one.
+    """
+    saved = journal.execute("SELECT record FROM batch").fetchone()
+    has_table = (out / DATASET).exists()
+    if saved is None and has_table and not force:
         raise InputError(
             f"{out} must hold the journal of its batch, got none. Begin anew (--force), or choose"
             " another name."
         )
-    if before is not None and not resume and not force:
-        state = "a finished" if (out / DATASET).exists() else "an unfinished"
-        cure = (
-            "Go on with it (--resume; failed campaigns again: --resume --retry), begin anew"
-            " (--force), or choose another name."
+    if saved is not None and not resume and not force:
+        state = "a finished" if has_table else "an unfinished"
+        raise InputError(
+            f"{out} must not hold a batch, got {state} one. Go on with it (--resume; failed"
+            " campaigns again: --resume --retry), begin anew (--force), or choose another name."
         )
-        raise InputError(f"{out} must not hold a batch, got {state} one. {cure}")
-    if before is not None and resume:
-        _check_same(journal, out, jobs, json.loads(before[0]), json.loads(json.dumps(record)))
+    record = json.dumps(identity)
+    if saved is not None and resume:
+        _check_same_identity(out, json.loads(saved[0]), json.loads(record))
+        _check_same_campaigns(journal, out, jobs)
         return True
     (out / DATASET).unlink(missing_ok=True)
-    write_whole(out / LIST, "".join(f"{job.place}\n" for job in jobs).encode())
+    lines = [f"{job.absolute_path}\n" for job in jobs]
+    write_whole(out / _LIST, "".join(lines).encode())
     with journal:
         journal.execute("BEGIN")
         journal.execute("DELETE FROM batch")
         journal.execute("DELETE FROM campaigns")
         journal.executemany("INSERT INTO campaigns (number, path, place) VALUES (?, ?, ?)", jobs)
-        journal.execute("INSERT INTO batch VALUES (?)", [json.dumps(record)])
+        journal.execute("INSERT INTO batch VALUES (?)", [record])
     return False
 
 
-def _check_same(
-    journal: sqlite3.Connection,
-    out: Path,
-    jobs: Sequence[Job],
-    before: Mapping[str, Any],
-    now: Mapping[str, Any],
+def _check_same_identity(
+    out: Path, identity_there: Mapping[str, Any], identity_here: Mapping[str, Any]
 ) -> None:
-    for name in sorted({*before, *now}):
-        got, has = ("nothing" if own.get(name) is None else own[name] for own in (before, now))
-        cure = "Resume with what the batch was begun with, or begin anew (--force)."
-        said = f"{out} must be of this batch, got {name} {got} where this run has {has}. {cure}"
-        require(before.get(name) == now.get(name), said)
-    there = [place for (place,) in journal.execute("SELECT place FROM campaigns ORDER BY number")]
-    cure = (
-        f"Go on with its own list: @{out / LIST} --resume. New campaigns make a batch of their own."
+    for name in sorted({*identity_there, *identity_here}):
+        if identity_there.get(name) != identity_here.get(name):
+            value_there = _shown(identity_there.get(name))
+            value_here = _shown(identity_here.get(name))
+            raise InputError(
+                f"{out} must be of this batch, got {name} {value_there} where this run has"
+                f" {value_here}. Resume with what the batch was begun with, or begin anew"
+                " (--force)."
+            )
+
+
+def _shown(value: Any) -> Any:
+    return "nothing" if value is None else value
+
+
+def _check_same_campaigns(journal: sqlite3.Connection, out: Path, jobs: Sequence[Job]) -> None:
+    query = "SELECT place FROM campaigns ORDER BY number"
+    paths_there = [path for (path,) in journal.execute(query)]
+    paths_here = [job.absolute_path for job in jobs]
+    if paths_there != paths_here:
+        raise InputError(
+            f"{out} must be of this batch, got other campaigns ({len(paths_there)} where this run"
+            f" has {len(paths_here)}, or in another order). Go on with its own list: @{out / _LIST}"
+            " --resume. New campaigns make a batch of their own."
+        )
+
+
+def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -> None:
+    """Keep the row of a campaign, in a transaction of its own.
+
+    Parameters
+    ----------
+    journal : see `open_journal`.
+    number : of the campaign.
+    row : see `fit_row`.
+    """
+    journal.execute(
+        "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",
+        (row["status"], row.get("state"), json.dumps(_plain(row)), number),
     )
-    got = (
-        f"got other campaigns ({len(there)} where this run has {len(jobs)}, or in another order)."
-        f" {cure}"
-    )
-    require(there == [job.place for job in jobs], f"{out} must be of this batch, {got}")
 
 
 def _plain(value: Any) -> Any:
-    """For JSON and Parquet: numbers that are none become null, half a character, as names of files
-    hold one, a question mark."""
-    if isinstance(value, dict):
+    """Return a value that JSON and Parquet can hold.
+
+    Numbers that are not finite become null; half a character, as names of files may hold one, a
+    question mark.
+    """
+    if isinstance(value, Mapping):
         return {name: _plain(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(entry) for entry in value]
     if isinstance(value, str):
         return value.encode("utf-8", "replace").decode()
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

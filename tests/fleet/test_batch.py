@@ -141,7 +141,7 @@ def test_what_goes_wrong_stays_in_its_row(folders: list[str], tmp_path: Path) ->
     done = lb.batch(paths, tmp_path / "out", model=LINEAR, ess=ESS, compare=False)
     rows = done.rows()
     assert rows["status"].tolist() == ["failed"] * 4 + ["done"]
-    assert (done.done, done.failed, len(done.failures)) == (1, 4, 4)
+    assert (done.done, done.failures, len(done.failed)) == (1, 4, 4)
     for reason, expected in zip(
         rows["reason"],
         ("which does not exist", "torn", "force", "must have readings"),
@@ -262,7 +262,7 @@ def test_interrupted_anywhere_and_resumed(
         refuses("must not hold a batch, got an unfinished one", lb.batch, paths, out)
     again = lb.batch(paths, out, resume=True)
     assert sorted(calls) == list(range(20))
-    assert (again.resumed, again.failed, again.doubtful) == (True, 4, 2)
+    assert (again.resumed, again.failures, again.doubtful) == (True, 4, 2)
     assert dataset_bytes(out) == whole
     assert lb.batch(paths, out, resume=True).fitted == 0
     calls.clear()
