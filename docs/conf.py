@@ -225,7 +225,7 @@ def batch() -> str:
         "bool": "true or false",
         "list<string>": "texts",
     }
-    known = {**dataset._COLUMNS, **dataset._GAUSSIAN}
+    known = {**dataset.COLUMN_TYPES, **dataset.STATISTICS_TYPES}
     return table(
         "Column | Holds", {f"`{name}`": kinds.get(kind, "numbers") for name, kind in known.items()}
     )

@@ -1,4 +1,4 @@
-"""Split from its neighbours; see there."""
+"""What a compliance stands for: a weighted sum of the compliances of joints."""
 
 from __future__ import annotations
 
@@ -12,43 +12,57 @@ from ldbb_bayes.model.prior import Prior
 
 __all__ = ["Meaning", "same_meaning", "stands_for"]
 
-
+# Weights of the joints' compliances, by their labels.
 Meaning = Mapping[str, float]
-
-
+# Significant digits of a weight.
 _DIGITS = 7
-
-
-# Of the default prior's sd: a quarter of the changes that are looked for.
+# Difference of two meanings that is still none, in units of the default prior sd: a quarter of the
+# changes that are looked for.
 _NEGLIGIBLE = 0.05
 
 
 def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
-    """Of every kept compliance of a campaign (or plan) the joints' compliances it is the sum of,
-    with their weights."""
-    kept = kept_compliances(
-        campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope)
-    )
-    sums = {}
-    for name, members, weights, absorbed in zip(
-        kept.names, kept.sets, kept.weights, kept.absorbed, strict=True
+    """Return the sum of joints' compliances that every kept compliance stands for.
+
+    Parameters
+    ----------
+    campaign : or a plan.
+
+    Returns
+    -------
+    By label of the kept compliance, the weights by label of the joints' compliances.
+    """
+    circles = dict.fromkeys(test.circle for test in campaign.scope)
+    compliances = kept_compliances(campaign.machine(), *circles)
+    sums: dict[str, dict[str, float]] = {}
+    for name, members, member_weights, absorbed in zip(
+        compliances.names,
+        compliances.sets,
+        compliances.weights,
+        compliances.absorbed,
+        strict=True,
     ):
-        parts = dict(zip(members, weights, strict=True)) | {
-            other.label: weight for other, weight in absorbed.items()
-        }
+        weights = dict(zip(members, member_weights, strict=True))
+        weights |= {other.label: weight for other, weight in absorbed.items()}
         sums[name.label] = {
-            other: float(f"{weight:.{_DIGITS}g}") for other, weight in parts.items()
+            label: float(f"{weight:.{_DIGITS}g}") for label, weight in weights.items()
         }
     return sums
 
 
 def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
-    """Whether two sums of compliances differ by less than 5 % of the default prior sd of the kept
-    compliance ``name``, the joints' being as large as their priors: a work ball that stands a
-    millimetre higher makes no other machine."""
+    """Return whether two sums of compliances differ by less than 5 % of the default prior sd.
+
+    The joints' compliances are taken to be as large as their priors: a work ball that stands a
+    millimetre higher makes no other machine.
+
+    Parameters
+    ----------
+    name : label of the kept compliance, whose default prior sd it is.
+    one, other : what it stands for in two campaigns.
+    """
     labels = sorted(set(one) | set(other))
-    size, *sizes = Prior.first().compliance_sd(
-        [ComplianceName(*label[2:]) for label in (name, *labels)]
-    )
-    apart = [one.get(label, 0.0) - other.get(label, 0.0) for label in labels]
-    return bool(np.linalg.norm(np.array(apart) * sizes) <= _NEGLIGIBLE * size)
+    names = [ComplianceName(*label[2:]) for label in (name, *labels)]
+    prior_sd, *joint_sds = Prior.first().compliance_sd(names)
+    differences = np.array([one.get(label, 0.0) - other.get(label, 0.0) for label in labels])
+    return bool(np.linalg.norm(differences * joint_sds) <= _NEGLIGIBLE * prior_sd)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from ldbb_bayes.fleet.deviations import alone
+from ldbb_bayes.fleet.deviations import estimate_separately
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.mixtures import mixture_quantiles
 from ldbb_bayes.results import Array
@@ -46,7 +46,7 @@ def chart_of(
     known, spread = instrument
     q = series.shift.shape[-1]
     p = q - len(known)
-    shrink, seen, estimate = alone(series, p)
+    shrink, seen, estimate = estimate_separately(series, p)
     own = estimate - seen[..., p:] @ known
     whole = series.precision[:, :p].sum(axis=0)
     pulled = np.linalg.solve(np.eye(p) + whole[:, :p], whole[:, p:])

@@ -1,55 +1,65 @@
-"""The table of a batch, a row a campaign, in Parquet; which of its rows count, and what is to be
-minded of them."""
+"""The table of a batch: a Parquet file with a row for every campaign."""
 
 from __future__ import annotations
 
 import json
 import os
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
-from ldbb_bayes.errors import InputError, check_known, require
+from ldbb_bayes.errors import InputError, check_known
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
+    "COLUMN_TYPES",
     "DATASET",
     "FLEET_COLUMNS",
     "JOURNAL",
     "PART",
+    "STATISTICS_TYPES",
     "check_pyarrow",
     "read_batch",
     "write_dataset",
 ]
 
+# Files in the folder of a batch: the journal, the table, and the table while it is written.
 JOURNAL = "batch.sqlite"
 DATASET = "campaigns.parquet"
 PART = f".{DATASET}.part"
+# Edition of the table, and the key under which Parquet's metadata state it.
 _SCHEMA = 4
-_META = b"ldbb_bayes"
-_NUMBERS = ("mean", "sd", "median", "ci_low", "ci_high")
-_ROWS_AT_ONCE = 1024
-_DECIDED = {"probability": "double", "decision": "string"}  # of conformity with each tolerance
-_TEXTS = "list<string>"
-_NUMBERS_LIST = "list<double>"
-# Every column and its kind: of the campaign and its fit, then, behind those of the parameters, its
-# statistics.
+_METADATA_KEY = b"ldbb_bayes"
+# Numbers of every parameter, each a column.
+_PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
+# Columns of every quantity with a tolerance, and their types in Arrow.
+_CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
+# Rows that are written at once.
+_ROWS_PER_GROUP = 1024
+# Characters of a reason why a file cannot be read.
+_LONGEST_REASON = 120
+# Names of the columns and their types in Arrow.
 _TABLE: Mapping[str, Any] = tomllib.loads(
     Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
 )
-_COLUMNS, _GAUSSIAN = (dict[str, str](_TABLE[part]) for part in ("columns", "gaussian"))
+# Of a campaign and its fit; they come first.
+COLUMN_TYPES: Mapping[str, str] = _TABLE["columns"]
+# Of its statistics; they come last, behind those of the parameters.
+STATISTICS_TYPES: Mapping[str, str] = _TABLE["gaussian"]
+# Columns that a trend or a population needs.
+FLEET_COLUMNS: tuple[str, ...] = tuple(_TABLE["fleet"])
 
 
 def check_pyarrow() -> None:
     """Refuse, before any work is done, where Parquet cannot be written or read."""
     try:
-        import pyarrow.parquet  # noqa: F401, whether it is there
+        import pyarrow.parquet  # noqa: F401 - an optional dependency: is it there?
     except ImportError:
         raise InputError(
             "pyarrow must be installed for batches, got none. Run pip install 'ldbb-bayes[fleet]'."
@@ -59,75 +69,97 @@ def check_pyarrow() -> None:
 def write_dataset(
     rows: Callable[[], Iterator[dict[str, Any]]], target: Path, about: Mapping[str, Any]
 ) -> None:
-    """Write rows of `fit_row`, given from the first each time they are asked for, as a table: whole
-    or not at all."""
-    import pyarrow as pa
+    """Write the table of a batch, whole or not at all.
+
+    Parameters
+    ----------
+    rows : returns the rows of `fit_row`, each time from the first.
+    target : the Parquet file.
+    about : what its metadata say of the batch.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    import pyarrow as pa  # an optional dependency
     import pyarrow.parquet as pq
 
-    lists = {_TEXTS: pa.list_(pa.string()), _NUMBERS_LIST: pa.list_(pa.float64())}
-    types = {
-        name: lists.get(kind) or pa.type_for_alias(kind)
-        for name, kind in (_COLUMNS | _GAUSSIAN).items()
-    }
-    units = dict[str, str]()
-    limited = dict[str, None]()
-    for row in rows():
-        limited |= dict.fromkeys(row.get("conformity", {}))
-        for name, entry in row.get("parameters", {}).items():
-            units.setdefault(name, entry["unit"])
-    columns = [
-        (name, types[name], name.rpartition("_")[2] if name.endswith(("_N", "_um")) else "")
-        for name in _COLUMNS
-    ]
-    columns += [
-        (f"{name}.{key}", pa.float64(), unit) for name, unit in units.items() for key in _NUMBERS
-    ]
-    columns += [
-        (f"{name}.{key}", pa.type_for_alias(kind), "")
-        for name in limited
-        for key, kind in _DECIDED.items()
-    ]
-    columns += [(name, types[name], "") for name in _GAUSSIAN]
-    schema = pa.schema(
-        [
-            pa.field(name, kind, metadata={"unit": unit} if unit else None)
-            for name, kind, unit in columns
-        ],
-        metadata={
-            _META: (
-                json.dumps(
-                    {"schema": _SCHEMA, **about}, ensure_ascii=False, sort_keys=True
-                ).encode()
-            )
-        },
-    )
-    flat = (
-        row
-        | {
-            f"{name}.{key}": entry[key]
-            for name, entry in row.get("parameters", {}).items()
-            for key in _NUMBERS
-        }
-        | {
-            f"{name}.{key}": entry[key]
-            for name, entry in row.get("conformity", {}).items()
-            for key in _DECIDED
-        }
-        for row in rows()
-    )
-    part = target.with_name(PART)
+    schema = _schema(rows(), about)
+    flat_rows = map(_flatten, rows())
+    unfinished = target.with_name(PART)
     try:
-        with pq.ParquetWriter(part, schema, compression="zstd", write_page_checksum=True) as writer:
-            while few := list(islice(flat, _ROWS_AT_ONCE)):
-                writer.write_table(pa.Table.from_pylist(few, schema=schema))
-        os.replace(part, target)
+        with pq.ParquetWriter(
+            unfinished, schema, compression="zstd", write_page_checksum=True
+        ) as writer:
+            for group in _groups(flat_rows, _ROWS_PER_GROUP):
+                writer.write_table(pa.Table.from_pylist(group, schema=schema))
+        os.replace(unfinished, target)
     except (OSError, pa.ArrowException) as error:
+        reason = " ".join(str(error).split())
         raise InputError(
-            f"{target} must be writable, got: {' '.join(str(error).split())}. The rows are kept:"
-            " free some space, then --resume."
+            f"{target} must be writable, got: {reason}. The rows are kept: free some space, then"
+            " --resume."
         ) from None
     finally:
-        part.unlink(missing_ok=True)
+        unfinished.unlink(missing_ok=True)
+
+
+def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.Schema:
+    """Return the columns that rows need, with their types and units."""
+    import pyarrow as pa  # an optional dependency
+
+    unit_by_parameter: dict[str, str] = {}
+    quantities: dict[str, None] = {}
+    for row in rows:
+        quantities |= dict.fromkeys(row.get("conformity", {}))
+        for name, numbers in row.get("parameters", {}).items():
+            unit_by_parameter.setdefault(name, numbers["unit"])
+    fields = [_field(name, kind, _unit_in(name)) for name, kind in COLUMN_TYPES.items()]
+    for name, unit in unit_by_parameter.items():
+        fields += [_field(f"{name}.{column}", "double", unit) for column in _PARAMETER_COLUMNS]
+    for name in quantities:
+        for column, kind in _CONFORMITY_TYPES.items():
+            fields.append(_field(f"{name}.{column}", kind))
+    fields += [_field(name, kind) for name, kind in STATISTICS_TYPES.items()]
+    metadata = json.dumps({"schema": _SCHEMA, **about}, ensure_ascii=False, sort_keys=True)
+    return pa.schema(fields, metadata={_METADATA_KEY: metadata.encode()})
+
+
+def _field(name: str, kind: str, unit: str = "") -> pa.Field:
+    import pyarrow as pa  # an optional dependency
+
+    element = kind.removeprefix("list<").removesuffix(">")
+    arrow_type = pa.type_for_alias(element)
+    if element != kind:
+        arrow_type = pa.list_(arrow_type)
+    metadata = {"unit": unit} if unit else None
+    return pa.field(name, arrow_type, metadata=metadata)
+
+
+def _unit_in(column: str) -> str:
+    """Return the unit that a column's name ends with, if it is one."""
+    unit = column.rpartition("_")[2]
+    return unit if column.endswith(("_N", "_um")) else ""
+
+
+def _flatten(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row with a column for every number of a parameter and of a quantity."""
+    flat = dict(row)
+    for name, numbers in row.get("parameters", {}).items():
+        for column in _PARAMETER_COLUMNS:
+            flat[f"{name}.{column}"] = numbers[column]
+    for name, decision in row.get("conformity", {}).items():
+        for column in _CONFORMITY_TYPES:
+            flat[f"{name}.{column}"] = decision[column]
+    return flat
+
+
+def _groups(rows: Iterator[dict[str, Any]], size: int) -> Iterator[list[dict[str, Any]]]:
+    group = list(islice(rows, size))
+    while group:
+        yield group
+        group = list(islice(rows, size))
 
 
 def read_batch(
@@ -135,8 +167,6 @@ def read_batch(
     columns: Sequence[str] | None = None,
 ) -> pd.DataFrame:
     """Return the rows of one batch, or of several below one another.
-
-    InputError naming the file, when it is missing, unfinished, damaged or no batch.
 
     Parameters
     ----------
@@ -155,29 +185,42 @@ def read_batch(
     a tolerance NAME.probability (of conformance) and NAME.decision; ``gaussian_…`` as
     `SufficientStatistics`, the covariance as its lower triangle, row by row. What a campaign does
     not have is missing.
+
+    Raises
+    ------
+    InputError
+        If a file, which the message names, is missing, unfinished, damaged or no batch.
     """
     check_pyarrow()
-    import pyarrow as pa
+    import pyarrow as pa  # an optional dependency
 
-    given = [path] if isinstance(path, str | os.PathLike) else list(path)
-    require(given, "batches must be given, got none. Name the --out folder of a batch.")
-    read = [_read(_dataset(Path(entry)), columns) for entry in given]
-    whole = pa.concat_tables([table for table, _ in read], promote_options="default")
+    paths = [path] if isinstance(path, str | os.PathLike) else list(path)
+    if not paths:
+        raise InputError("batches must be given, got none. Name the --out folder of a batch.")
+    datasets = [_read_table(_dataset_of(Path(entry)), columns) for entry in paths]
+    table = pa.concat_tables([dataset.table for dataset in datasets], promote_options="default")
     if columns is not None:
-        check_known(
-            "column", columns, dict.fromkeys(name for _, schema in read for name in schema.names)
-        )
-        whole = whole.select(list(dict.fromkeys(columns)))
-    frame: pd.DataFrame = whole.to_pandas()
-    frame.attrs["units"] = {
-        field.name.rpartition(".")[0]: field.metadata[b"unit"].decode()
-        for field in whole.schema
-        if field.name.endswith(".mean") and field.metadata and b"unit" in field.metadata
-    }
-    return frame
+        known_columns: dict[str, None] = {}
+        for dataset in datasets:
+            known_columns |= dict.fromkeys(dataset.schema.names)
+        check_known("column", columns, known_columns)
+        table = table.select(list(dict.fromkeys(columns)))
+    rows: pd.DataFrame = table.to_pandas()
+    rows.attrs["units"] = _parameter_units(table.schema)
+    return rows
 
 
-def _dataset(path: Path) -> Path:
+def _parameter_units(schema: pa.Schema) -> dict[str, str]:
+    units: dict[str, str] = {}
+    for field in schema:
+        parameter, _, column = field.name.rpartition(".")
+        if column == "mean" and parameter and field.metadata and b"unit" in field.metadata:
+            units[parameter] = field.metadata[b"unit"].decode()
+    return units
+
+
+def _dataset_of(path: Path) -> Path:
+    """Return the table of a batch's folder, or the file itself."""
     if (path / DATASET).is_file():
         return path / DATASET
     if (path / JOURNAL).is_file():
@@ -187,15 +230,23 @@ def _dataset(path: Path) -> Path:
         )
     if path.is_file():
         return path
-    got = "a folder without one" if path.is_dir() else "nothing"
+    content = "a folder without one" if path.is_dir() else "nothing"
     raise InputError(
-        f"{path} must be the --out folder of a batch, or its {DATASET}, got {got}. Check the path."
+        f"{path} must be the --out folder of a batch, or its {DATASET}, got {content}. Check the"
+        " path."
     )
 
 
-def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schema]:
-    """The columns that are there of those wanted, and the whole schema."""
-    import pyarrow as pa
+class _Dataset(NamedTuple):
+    """The requested columns of a table, and all that it has."""
+
+    table: pa.Table
+    schema: pa.Schema
+
+
+def _read_table(path: Path, columns: Sequence[str] | None) -> _Dataset:
+    """Read those of the columns that the table has; refuse what is no table of a batch."""
+    import pyarrow as pa  # an optional dependency
     import pyarrow.parquet as pq
 
     try:
@@ -204,28 +255,22 @@ def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schem
             table = file.read(columns)
             table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError) as error:
-        ours = (path.parent / JOURNAL).is_file()
-        got = "a damaged" if ours else "another, or a damaged"
-        cure = (
-            "Remove it and run the batch with --resume, which writes it anew."
-            if ours
-            else "Give a batch's --out folder."
-        )
-        reason = " ".join(str(error).split())[:120]
+        reason = " ".join(str(error).split())[:_LONGEST_REASON]
+        if (path.parent / JOURNAL).is_file():
+            raise InputError(
+                f"{path} must be the table of a batch, got a damaged file ({reason}). Remove it and"
+                " run the batch with --resume, which writes it anew."
+            ) from None
         raise InputError(
-            f"{path} must be the table of a batch, got {got} file ({reason}). {cure}"
+            f"{path} must be the table of a batch, got another, or a damaged file ({reason}). Give"
+            " a batch's --out folder."
         ) from None
-    about = json.loads((schema.metadata or {}).get(_META, "{}"))
+    metadata = schema.metadata or {}
+    about = json.loads(metadata.get(_METADATA_KEY, "{}"))
     if about.get("schema") != _SCHEMA:
-        got = f"schema {about['schema']}" if about else "a Parquet file of something else"
+        content = f"schema {about['schema']}" if about else "a Parquet file of something else"
         raise InputError(
-            f"{path} must be a batch's table of schema {_SCHEMA}, got {got}. Give the --out folder"
-            " of a batch."
+            f"{path} must be a batch's table of schema {_SCHEMA}, got {content}. Give the --out"
+            " folder of a batch."
         )
-    return table, schema
-
-
-# ---- which campaigns count
-
-# The columns of a batch's table that a trend or a population asks for.
-FLEET_COLUMNS: tuple[str, ...] = tuple(_TABLE["fleet"])
+    return _Dataset(table, schema)

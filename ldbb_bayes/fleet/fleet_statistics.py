@@ -1,12 +1,13 @@
-"""ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const: what campaigns say, a
-small matrix each; its algebra.
+"""What many campaigns of a batch say of their machines: a Gaussian likelihood each.
+
+ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const
 
 c_i are chosen parameters of the machine in campaign i, compliances at one force for all; b are
 errors of the instrument (mount, force gain) that all campaigns share. Everything else (slopes,
 geometric errors not chosen, form, bar length, hyper-parameters) is integrated out, anew in each
-campaign. Of one machine or one bar that is conservative for changes and differences, not for levels
-or the population's mean: ball form and bar length that are the same in all campaigns do not average
-out.
+campaign. For campaigns of one machine or with one bar that is conservative for changes and
+differences, not for levels or the population's mean: ball form and bar length that are the same in
+all campaigns do not average out.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.errors import check_known, require
+from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.fleet.compliance_meaning import Meaning, same_meaning
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, moment
 from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName
@@ -33,47 +34,17 @@ from ldbb_bayes.units import inside_name
 
 __all__ = ["FleetStatistics", "fleet_statistics", "reference_sd"]
 
-
-# ---- what one campaign says
-
-
-def reference_sd(
-    names: Sequence[str], units: Sequence[str], prior_mean: Array, prior_sd: Array
-) -> Array:
-    """Reference sd of every parameter, shape (c,), in inside units.
-
-    The default prior's; where fits had a wider one about zero, its median over them: a compliance
-    that stands for those of several joints is larger, and a user may know of machines that are. A
-    prior about another mean says how well a parameter is known, not how large it is, and does not
-    count. ``prior_mean`` and ``prior_sd`` (n, c) are those of the fits.
-    """
-    default = Prior.first()
-    kinds = {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
-    found = np.empty(len(names))
-    for j, (name, unit) in enumerate(zip(names, units, strict=True)):
-        if name.startswith("C_"):
-            (usual,) = default.compliance_sd([ComplianceName(*name[2:])])
-        else:
-            (usual,) = default.geometric_sd([GeometricName("X", "X", kinds[unit])])
-        own = prior_sd[prior_mean[:, j] == 0.0, j]
-        found[j] = max(usual, np.median(own)) if own.size else usual
-    return found
-
-
-# ---- what a compliance stands for
-
-
-# ---- what many campaigns say
-
+# Names of the slopes and curvatures of compliances with force.
 _SLOPE = re.compile(r"(C_.+)_([12])")
 
 
 @dataclass(frozen=True, eq=False)
 class FleetStatistics:
-    """Likelihoods of n campaigns, with the priors they were computed with divided out. A campaign
-    that was fitted without an error of the instrument took it as zero: it says nothing of it, and
-    its Λ and η have zeros there. ``prior_sd`` is what is assumed of one machine before any
-    campaign, about zero: `reference_sd`, not what the fits assumed."""
+    """Likelihoods of n campaigns: what they say, without the priors that they were fitted with.
+
+    A campaign that was fitted without an error of the instrument took it as zero: it says nothing
+    of it, and its Λ and η have zeros there.
+    """
 
     campaigns: tuple[str, ...]
     machines: tuple[str, ...]
@@ -82,12 +53,14 @@ class FleetStatistics:
     units: tuple[str, ...]
     #: errors shared by all campaigns, s of them; none where each has an instrument of its own
     instrument: tuple[str, ...]
-    prior_sd: Array  #: (c + s,): of the parameters, then of the instrument's errors
+    #: (c + s,): sd of the parameters of one machine before any campaign, about zero, see
+    #: `reference_sd`; then of the instrument's errors
+    prior_sd: Array
     likelihood: Gaussian  #: (n, c + s): Λ and η of (c, b), in units of prior_sd
     reference_force_N: float  #: at which compliances are meant
     forces_N: tuple[float, float]  #: lowest and highest that was tested in all campaigns
     topology: str
-    #: what the chosen ones stand for, where rows say it
+    #: what the chosen compliances stand for, where rows say it
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -95,13 +68,11 @@ class FleetStatistics:
 
     @property
     def caveats(self) -> list[Caveat]:
-        """Whether compliances are meant at a force that was not tested in every campaign."""
-        low, high = self.forces_N
-        return (
-            []
-            if low <= (force := self.reference_force_N) <= high
-            else [Caveat(CaveatKind.EXTRAPOLATED, values=(force,))]
-        )
+        """Return whether compliances are meant at a force not tested in every campaign."""
+        lowest, highest = self.forces_N
+        if lowest <= self.reference_force_N <= highest:
+            return []
+        return [Caveat(CaveatKind.EXTRAPOLATED, values=(self.reference_force_N,))]
 
 
 def fleet_statistics(
@@ -111,67 +82,49 @@ def fleet_statistics(
     reference_force_N: float | None = None,
     one_instrument: bool = True,
 ) -> FleetStatistics:
-    """Return the statistics of a batch's rows, those to rely on (`choose`); by default of all
-    constant compliances. Compliances are meant at ``reference_force_N``, by default the median of
-    the campaigns' own. With ``one_instrument`` mount and force gain are those of one bar, so that
-    their errors do not average out; else each campaign has its own."""
-    topology, *others = sorted(set(rows["topology"]))
-    got = f"got {' and '.join([topology, *others[:1]])}. Take one kind."
-    require(not others, f"campaigns must be of machines with the same joints, {got}")
-    names = [list(own) for own in rows["gaussian_names"]]
-    free = [name for name in names[0] if Term.owner(name) is Term and not _SLOPE.fullmatch(name)]
-    free = [name for name in free if all(name in own for own in names)]
-    parameters = (parameters,) if isinstance(parameters, str) else parameters
-    chosen = (
-        tuple(name for name in free if name.startswith("C_"))
-        if parameters is None
-        else tuple(map(inside_name, parameters))
+    """Return the likelihoods of campaigns of a batch.
+
+    Parameters
+    ----------
+    rows : of the campaigns to rely on, see `choose`.
+    parameters : those to follow; default: all constant compliances.
+    reference_force_N : at which compliances are meant; default: the median of the campaigns' own.
+    one_instrument : mount and force gain are those of one bar, so that their errors do not average
+        out; else each campaign has its own.
+
+    Raises
+    ------
+    InputError
+        If machines have other joints or compliances of another meaning, or an option is out of
+        range.
+    """
+    topology = _common_topology(rows)
+    chosen = _choose_parameters(rows, parameters)
+    instrument = _instrument_errors(rows) if one_instrument else ()
+    force = _reference_force(rows, reference_force_N)
+    likelihoods = [
+        _likelihood(row, (*chosen, *instrument), force) for row in rows.to_dict("records")
+    ]
+    precision = np.array([likelihood.precision for likelihood in likelihoods])
+    shift = np.array([likelihood.shift for likelihood in likelihoods])
+    prior_mean = np.array([likelihood.prior_mean for likelihood in likelihoods])
+    prior_sd = np.array([likelihood.prior_sd for likelihood in likelihoods])
+    unit_by_name = dict(
+        zip(rows["gaussian_names"].iloc[0], rows["gaussian_units"].iloc[0], strict=True)
     )
-    check_known("parameter", chosen, free)
-    said = (
-        f"parameters must be given once each, got {', '.join(chosen) or 'none'}. Name some of"
-        f" {', '.join(free)}."
-    )
-    require(0 < len(chosen) == len(set(chosen)), said)
-    errors = {
-        name for own in names for name in own if Term.owner(name) is not Term and one_instrument
-    }
-    shared = tuple(
-        sorted(errors, key=lambda name: list(Term.kinds.values()).index(Term.owner(name)))
-    )
-    force = (
-        float(np.median(rows["reference_force_N"]))
-        if reference_force_N is None
-        else float(reference_force_N)
-    )
-    said = (
-        f"reference_force_N must be a finite number, zero or more, got {force:g}. Give a force"
-        " in N."
-    )
-    require(0.0 <= force < np.inf, said)
-    parts = [_likelihood(row, (*chosen, *shared), force) for row in rows.to_dict("records")]
-    information, weighted, prior_mean, prior_sd = (
-        np.array(part) for part in zip(*parts, strict=True)
-    )
-    units = dict(zip(names[0], rows.iloc[0]["gaussian_units"], strict=True))
+    units = tuple(unit_by_name[name] for name in chosen)
     c = len(chosen)
-    own_units = tuple(units[name] for name in chosen)
-    scale = np.concatenate(
-        [
-            reference_sd(chosen, own_units, prior_mean[:, :c], prior_sd[:, :c]),
-            prior_sd[:, c:].max(axis=0),
-        ]
-    )
-    ids = zip(rows["machine_id"], rows["campaign"], strict=True)
+    parameter_sd = reference_sd(chosen, units, prior_mean[:, :c], prior_sd[:, :c])
+    scale = np.concatenate([parameter_sd, prior_sd[:, c:].max(axis=0)])
     return FleetStatistics(
         campaigns=tuple(map(str, rows["campaign"])),
-        machines=tuple(str(own if isinstance(own, str) else name) for own, name in ids),
-        dates=tuple(moment(own) if isinstance(own, str) else None for own in rows["date"]),
+        machines=_machine_names(rows),
+        dates=tuple(moment(date) if isinstance(date, str) else None for date in rows["date"]),
         parameters=chosen,
-        units=own_units,
-        instrument=shared,
+        units=units,
+        instrument=instrument,
         prior_sd=scale,
-        likelihood=Gaussian(information * (scale[:, None] * scale), weighted * scale),
+        likelihood=Gaussian(precision * (scale[:, None] * scale), shift * scale),
         reference_force_N=force,
         forces_N=(float(rows["force_min_N"].max()), float(rows["force_max_N"].min())),
         topology=topology,
@@ -179,65 +132,188 @@ def fleet_statistics(
     )
 
 
-def _likelihood(
-    row: Mapping[Any, Any], wanted: Sequence[str], force_N: float
-) -> tuple[Array, Array, Array, Array]:
-    """Λ and η of what is wanted, the prior divided out, and the prior: of what the row does not
-    have zeros. Compliances are carried along their slopes to the common force; what the readings
-    cannot add counts as nothing."""
+def _common_topology(rows: pd.DataFrame) -> str:
+    topology, *others = sorted(set(rows["topology"]))
+    if others:
+        raise InputError(
+            f"campaigns must be of machines with the same joints, got {topology} and {others[0]}."
+            " Take one kind."
+        )
+    return str(topology)
+
+
+def _choose_parameters(rows: pd.DataFrame, parameters: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the parameters to follow, of those that all campaigns have."""
+    common_names = _common_parameters(rows)
+    if parameters is None:
+        chosen = [name for name in common_names if name.startswith("C_")]
+    elif isinstance(parameters, str):
+        chosen = [inside_name(parameters)]
+    else:
+        chosen = [inside_name(name) for name in parameters]
+    check_known("parameter", chosen, common_names)
+    if not chosen or len(chosen) != len(set(chosen)):
+        raise InputError(
+            f"parameters must be given once each, got {', '.join(chosen) or 'none'}. Name some of"
+            f" {', '.join(common_names)}."
+        )
+    return tuple(chosen)
+
+
+def _common_parameters(rows: pd.DataFrame) -> list[str]:
+    """Return the parameters, slopes aside, that all campaigns have."""
+    names_by_campaign = [list(names) for names in rows["gaussian_names"]]
+    common_names = []
+    for name in names_by_campaign[0]:
+        is_parameter = Term.owner(name) is Term and not _SLOPE.fullmatch(name)
+        if is_parameter and all(name in names for names in names_by_campaign):
+            common_names.append(name)
+    return common_names
+
+
+def _instrument_errors(rows: pd.DataFrame) -> tuple[str, ...]:
+    """Return the instrument errors of any campaign's model, in the order of terms."""
+    names = set[str]().union(*rows["gaussian_names"])
+    errors = [name for name in sorted(names) if Term.owner(name) is not Term]
+    terms = list(Term.kinds.values())
+    return tuple(sorted(errors, key=lambda name: terms.index(Term.owner(name))))
+
+
+def _reference_force(rows: pd.DataFrame, reference_force_N: float | None) -> float:
+    if reference_force_N is None:
+        reference_force_N = np.median(rows["reference_force_N"])
+    force = float(reference_force_N)
+    if not 0.0 <= force < np.inf:
+        raise InputError(
+            f"reference_force_N must be a finite number, zero or more, got {force:g}. Give a force"
+            " in N."
+        )
+    return force
+
+
+def _machine_names(rows: pd.DataFrame) -> tuple[str, ...]:
+    """Return the machine of every campaign; one without machine_id has the campaign's name."""
+    names = []
+    for machine_id, campaign in zip(rows["machine_id"], rows["campaign"], strict=True):
+        names.append(machine_id if isinstance(machine_id, str) else str(campaign))
+    return tuple(names)
+
+
+def reference_sd(
+    names: Sequence[str], units: Sequence[str], prior_mean: Array, prior_sd: Array
+) -> Array:
+    """Return the reference sd of every parameter, shape (c,), in inside units.
+
+    It is the default prior's; where fits had a wider one about zero, its median over them: a
+    compliance that stands for those of several joints is larger, and a user may know of machines
+    that are. A prior about another mean says how well a parameter is known, not how large it is,
+    and does not count.
+
+    Parameters
+    ----------
+    names, units : of the c parameters.
+    prior_mean, prior_sd : of n fits, shape (n, c).
+    """
+    prior = Prior.first()
+    kind_by_unit = {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
+    reference = np.empty(len(names))
+    for j, (name, unit) in enumerate(zip(names, units, strict=True)):
+        if name.startswith("C_"):
+            (default_sd,) = prior.compliance_sd([ComplianceName(*name[2:])])
+        else:
+            (default_sd,) = prior.geometric_sd([GeometricName("X", "X", kind_by_unit[unit])])
+        is_centred = prior_mean[:, j] == 0.0
+        reference[j] = default_sd
+        if is_centred.any():
+            reference[j] = max(default_sd, np.median(prior_sd[is_centred, j]))
+    return reference
+
+
+class _Likelihood(NamedTuple):
+    """What one campaign says of the wanted quantities, and the prior that was divided out."""
+
+    precision: Array  #: Λ, shape (q, q)
+    shift: Array  #: η, shape (q,)
+    prior_mean: Array  #: shape (q,)
+    prior_sd: Array  #: shape (q,)
+
+
+def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> _Likelihood:
+    """Divide the prior out of a campaign's posterior moments; zeros for what it does not have.
+
+    Compliances are carried along their slopes to the common force. Directions of which the
+    readings cannot add anything count as unknown.
+    """
     names = list(row["gaussian_names"])
-    q = len(row["gaussian_names"])
-    mean, prior_mean, prior_sd = (
-        np.array(row[f"gaussian_{what}"], dtype=float)
-        for what in ("mean", "prior_mean", "prior_sd")
+    mean = np.array(row["gaussian_mean"], dtype=float)
+    prior_mean = np.array(row["gaussian_prior_mean"], dtype=float)
+    prior_sd = np.array(row["gaussian_prior_sd"], dtype=float)
+    covariance = _full_covariance(row["gaussian_covariance"], len(names))
+    to_force = _map_to_force(names, wanted, force_N - float(row["reference_force_N"]))
+    present = np.flatnonzero(to_force.any(axis=1))
+    places = [names.index(wanted[int(i)]) for i in present]
+    to_force = to_force[present]
+    prior_covariance = (to_force * prior_sd**2) @ to_force.T
+    scale = np.sqrt(np.diag(prior_covariance))
+    squared_scale = scale[:, None] * scale
+    posterior_precision = np.linalg.inv(to_force @ covariance @ to_force.T / squared_scale)
+    prior_precision = np.linalg.inv(prior_covariance / squared_scale)
+    symmetric = 0.5 * (posterior_precision + posterior_precision.T)
+    gain, directions = np.linalg.eigh(symmetric - prior_precision)
+    scaled_shift = posterior_precision @ ((to_force @ mean) / scale) - prior_precision @ (
+        (to_force @ prior_mean) / scale
     )
+    informed = directions * (gain > 0.0)
+    likelihood = _Likelihood(
+        precision=np.zeros((len(wanted), len(wanted))),
+        shift=np.zeros(len(wanted)),
+        prior_mean=np.zeros(len(wanted)),
+        prior_sd=np.zeros(len(wanted)),
+    )
+    likelihood.precision[np.ix_(present, present)] = (informed * gain) @ informed.T / squared_scale
+    likelihood.shift[present] = informed @ (informed.T @ scaled_shift) / scale
+    likelihood.prior_mean[present] = prior_mean[places]
+    likelihood.prior_sd[present] = prior_sd[places]
+    return likelihood
+
+
+def _full_covariance(lower_triangle: Sequence[float], q: int) -> Array:
     covariance = np.zeros((q, q))
-    covariance[np.tril_indices(q)] = row["gaussian_covariance"]
+    covariance[np.tril_indices(q)] = lower_triangle
     covariance += np.tril(covariance, -1).T
-    moved = force_N - float(row["reference_force_N"])
-    take = np.zeros((len(wanted), q))
+    return covariance
+
+
+def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: float) -> Array:
+    """Return the matrix that carries a campaign's quantities to another reference force."""
+    matrix = np.zeros((len(wanted), len(names)))
     for i, name in enumerate(wanted):
-        for power, own in enumerate((name, f"{name}_1", f"{name}_2")):
-            if own in names:
-                take[i, names.index(own)] = moved**power
-    here = np.flatnonzero(take.any(axis=1))
-    places = [names.index(wanted[int(i)]) for i in here]
-    take = take[here]
-    prior = (take * prior_sd**2) @ take.T
-    scale = np.sqrt(np.diag(prior))
-    inside = scale[:, None] * scale
-    after, before = (np.linalg.inv(part / inside) for part in (take @ covariance @ take.T, prior))
-    values, vectors = np.linalg.eigh(0.5 * (after + after.T) - before)
-    pull = after @ ((take @ mean) / scale) - before @ ((take @ prior_mean) / scale)
-    kept = vectors * (values > 0.0)
-    information, weighted, means, sds = (np.zeros((len(wanted),) * axes) for axes in (2, 1, 1, 1))
-    information[np.ix_(here, here)] = (kept * values) @ kept.T / inside
-    weighted[here], means[here], sds[here] = (
-        kept @ (kept.T @ pull) / scale,
-        prior_mean[places],
-        prior_sd[places],
-    )
-    return information, weighted, means, sds
+        for power, coefficient in enumerate((name, f"{name}_1", f"{name}_2")):
+            if coefficient in names:
+                matrix[i, names.index(coefficient)] = force_change_N**power
+    return matrix
 
 
 def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
-    """What every chosen compliance stands for; rows that do not say it are taken to mean what the
-    others do."""
-    found: dict[str, tuple[Meaning, str]] = {}
-    texts = {
-        text: str(own) for own, text in zip(rows["campaign"], rows["compliances"], strict=True)
-    }
-    for text, campaign in texts.items():
-        said = json.loads(text) if isinstance(text, str) else {}
-        for name in (name for name in chosen if name in said):
-            meaning, first = found.setdefault(name, (said[name], campaign))
-            other = (
-                "circles or joints' frames stand elsewhere, so that it is the sum of other"
-                " compliances. Take those of one place."
-            )
-            refused = f"campaigns must mean the same by {name}, got {first} and {campaign}: {other}"
-            require(same_meaning(name, meaning, said[name]), refused)
-    return {name: meaning for name, (meaning, _) in found.items()}
+    """Return what every chosen compliance stands for; it must be the same in all campaigns.
 
-
-# ---- algebra that machines and their campaigns share, in units of the prior sd
+    Rows that do not say it are taken to mean what the others do.
+    """
+    meanings: dict[str, Meaning] = {}
+    first_campaigns: dict[str, str] = {}
+    campaign_by_text = dict(zip(rows["compliances"], map(str, rows["campaign"]), strict=True))
+    for text, campaign in campaign_by_text.items():
+        stated = json.loads(text) if isinstance(text, str) else {}
+        for name in chosen:
+            if name not in stated:
+                continue
+            if name not in meanings:
+                meanings[name] = stated[name]
+                first_campaigns[name] = campaign
+            if not same_meaning(name, meanings[name], stated[name]):
+                raise InputError(
+                    f"campaigns must mean the same by {name}, got {first_campaigns[name]} and"
+                    f" {campaign}: circles or joints' frames stand elsewhere, so that it is the sum"
+                    " of other compliances. Take those of one place."
+                )
+    return meanings

@@ -1,4 +1,4 @@
-"""Split from its neighbours; see there."""
+"""Summary of a quantity: mean, sd and equal-tailed credible interval."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Summary", "keyed"]
 
 @dataclass(frozen=True)
 class Summary(Result):
-    """Mean, sd and equal-tailed credible interval, inside units."""
+    """Mean, sd and equal-tailed credible interval, in inside units."""
 
     mean: float
     sd: float
@@ -20,10 +20,19 @@ class Summary(Result):
 
 
 def keyed(record: Any, ci_prob: float) -> Any:
-    """The same with intervals under their probability: interval → ci95."""
+    """Return a record whose intervals are named by their probability: interval becomes ci95.
+
+    Parameters
+    ----------
+    record : what goes to JSON.
+    ci_prob : probability of the intervals.
+    """
     if isinstance(record, dict):
         key = f"ci{100 * ci_prob:g}"
-        return {
-            name.replace("interval", key): keyed(value, ci_prob) for name, value in record.items()
-        }
-    return [keyed(value, ci_prob) for value in record] if isinstance(record, list) else record
+        renamed: dict[str, Any] = {}
+        for name, value in record.items():
+            renamed[name.replace("interval", key)] = keyed(value, ci_prob)
+        return renamed
+    if isinstance(record, list):
+        return [keyed(value, ci_prob) for value in record]
+    return record

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.multiple_testing import holm
-from ldbb_bayes.fleet.deviations import alone, whitened
+from ldbb_bayes.fleet.deviations import estimate_separately, whitened
 from ldbb_bayes.fleet.spread_density import (
     SpreadDensity,
     Spreads,
@@ -58,7 +58,7 @@ def belonging_of(
         density.likelihood,
         (len(density.likelihood.shift), spreads.spread.shape[1]),
     )
-    by_itself = alone(likelihood, c)
+    by_itself = estimate_separately(likelihood, c)
     log_density, z = _left_out(likelihood, by_itself, spreads.spread, common)
     smoothed = [pareto_smooth(spreads.log_weight - log_density[:, m]) for m in range(n)]
     weight, k, good = (np.array(part) for part in zip(*smoothed, strict=True))

@@ -25,7 +25,7 @@ from scipy.special import ndtri
 from ldbb_bayes.errors import require
 from ldbb_bayes.fleet.campaign_statistics import mixture_covariance
 from ldbb_bayes.fleet.compliance_meaning import Meaning
-from ldbb_bayes.fleet.deviations import alone
+from ldbb_bayes.fleet.deviations import estimate_separately
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics
 from ldbb_bayes.fleet.interval_summary import Summary, keyed
 from ldbb_bayes.fleet.outlying_machines import Belonging, belonging_of
@@ -279,7 +279,7 @@ def _pooled_machines(
     weight = spreads.weight
     mean, sd, _, _ = estimates_of(likelihood, spreads.spread, common)
     b, covariance = mixture_covariance(weight, common.mean[:, c:], common.covariance[:, c:, c:])
-    inverse, seen, estimate = alone(likelihood, c)
+    inverse, seen, estimate = estimate_separately(likelihood, c)
     gain = seen[..., c:]
     middle = estimate - gain @ b
     width = np.sqrt(

@@ -1,9 +1,9 @@
-"""Split from its neighbours; see there."""
+"""Which campaigns of a batch a trend or a population relies on, and with which caveats."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from ldbb_bayes.errors import InputError, nearest, require
+from ldbb_bayes.errors import InputError, nearest
 from ldbb_bayes.fleet.dataset import FLEET_COLUMNS
 from ldbb_bayes.inference.checks import CheckKind
 from ldbb_bayes.inference.fit import ConcernKind
@@ -20,9 +20,14 @@ from ldbb_bayes.results import Result
 
 __all__ = ["Caveat", "CaveatKind", "check_rows", "choose", "labels", "moment"]
 
+# What says that the model does not expect the readings of a campaign.
+_MISFIT_KINDS: frozenset[str] = frozenset({CheckKind.ORDER, ConcernKind.TRUNCATION})
+# What says that the noise of a campaign is not white.
+_NOISE_KINDS: frozenset[str] = frozenset({CheckKind.NOISE, CheckKind.AUTOCORRELATION})
+
 
 class CaveatKind(StrEnum):
-    """What is to be minded of the campaigns that a result rests on, and of the result."""
+    """What limits the campaigns that a result rests on, or the result itself."""
 
     EXCLUDED = "excluded"
     BEFORE = "before"
@@ -46,23 +51,32 @@ class CaveatKind(StrEnum):
 
 @dataclass(frozen=True)
 class Caveat(Result):
-    """One thing to mind: of which campaigns, machines or parameters, and numbers that go with
-    it."""
+    """One limitation of a result."""
 
     kind: CaveatKind
-    names: tuple[str, ...] = ()
-    values: tuple[float, ...] = ()
+    names: tuple[str, ...] = ()  #: of the campaigns, machines or parameters that it concerns
+    values: tuple[float, ...] = ()  #: numbers that go with it
     text: str = ""
 
 
 def check_rows(rows: pd.DataFrame) -> None:
-    """Refuse what is not the table of a batch."""
+    """Refuse what is not the table of a batch.
+
+    Parameters
+    ----------
+    rows : see `read_batch`.
+
+    Raises
+    ------
+    InputError
+        If a column is missing that a trend or a population needs.
+    """
     for name in FLEET_COLUMNS:
-        require(
-            name in rows,
-            f"rows must be the table of a batch, got one without {name}. Give what read_batch"
-            " returns.",
-        )
+        if name not in rows:
+            raise InputError(
+                f"rows must be the table of a batch, got one without {name}. Give what read_batch"
+                " returns."
+            )
 
 
 def choose(
@@ -73,119 +87,162 @@ def choose(
     *,
     among: pd.DataFrame | None = None,
 ) -> tuple[pd.DataFrame, list[Caveat]]:
-    """Return the rows of a batch (`read_batch`) to rely on, what was left out and why, and what is
-    to be minded of the others.
+    """Return the rows of a batch to rely on, and what was left out and why.
 
-    Left out are ``exclude``, campaigns (path as given, last part of it, or name) and machines
-    (machine_id) of the whole batch (``among``); campaigns before ``since`` (ISO 8601) and those
-    without a date; and, but for ``include_misfits``, those whose readings the model does not
-    expect: orders of a circle that fail their check, or readings against non-negative compliance.
     Readings a thousand times too large would move the mean of a population, widen its spread, and
-    hide a change of their machine.
+    hide a change of their machine. So campaigns whose readings the model does not expect are left
+    out: orders of a circle that fail their check, or readings against non-negative compliance.
+
+    Parameters
+    ----------
+    rows : of `read_batch`.
+    exclude : campaigns (path as given, last part of it, or name) and machines (machine_id) to leave
+        out.
+    since : date (ISO 8601); earlier campaigns are left out, and those without a date.
+    include_misfits : keep campaigns whose readings the model does not expect.
+    among : the whole batch, whose names ``exclude`` may give; default: ``rows``.
+
+    Returns
+    -------
+    The rows to rely on, and caveats: of those left out, and of those kept.
+
+    Raises
+    ------
+    InputError
+        If nothing is left, a name is unknown, or a date is none.
     """
     check_rows(rows)
-    found = rows["kinds"].map(lambda own: set(own) if own is not None else set())
-    digests = rows["sha256"]
-    unexpected = found.map(
-        lambda own: not own.isdisjoint((CheckKind.ORDER, ConcernKind.TRUNCATION))
-    ).astype(bool)
-    not_white = found.map(
-        lambda own: not own.isdisjoint((CheckKind.NOISE, CheckKind.AUTOCORRELATION))
-    ).astype(bool)
-    left_out: dict[CaveatKind, Callable[[pd.DataFrame], pd.Series[bool]]] = {
-        CaveatKind.EXCLUDED: lambda own: _named(own, exclude, rows if among is None else among),
-        CaveatKind.BEFORE: lambda own: _before(own, since),
-        CaveatKind.FAILED: lambda own: own["status"] != "done",
-        CaveatKind.NO_STATISTICS: lambda own: own["gaussian_names"].isna(),
-        CaveatKind.GIVEN_AGAIN: lambda own: (
-            digests[own.index].notna() & digests[own.index].duplicated()
-        ),
-        CaveatKind.UNEXPECTED: lambda own: unexpected[own.index] & (not include_misfits),
-    }
-    relied = rows
-    caveats = []
-    for kind, rule in left_out.items():
-        if (which := rule(relied)).any():
-            caveats.append(
-                Caveat(
-                    kind,
-                    tuple(labels(relied[which])),
-                    text=(since or "") * (kind is CaveatKind.BEFORE),
-                )
-            )
-            relied = relied[~which]
+    batch = rows if among is None else among
+    caveats: list[Caveat] = []
+    relied = _leave_out(CaveatKind.EXCLUDED, rows, _is_named(rows, exclude, batch), caveats)
+    is_early = _is_before(relied, since)
+    relied = _leave_out(CaveatKind.BEFORE, relied, is_early, caveats, text=since or "")
+    relied = _leave_out(CaveatKind.FAILED, relied, relied["status"] != "done", caveats)
+    lacks_statistics = relied["gaussian_names"].isna()
+    relied = _leave_out(CaveatKind.NO_STATISTICS, relied, lacks_statistics, caveats)
+    digests = relied["sha256"]
+    is_repeated = digests.notna() & digests.duplicated()
+    relied = _leave_out(CaveatKind.GIVEN_AGAIN, relied, is_repeated, caveats)
+    if not include_misfits:
+        is_misfit = _has_kind(relied, _MISFIT_KINDS)
+        relied = _leave_out(CaveatKind.UNEXPECTED, relied, is_misfit, caveats)
     if relied.empty:
-        said = " ".join(map(caveat_words, caveats))
+        reasons = " ".join(caveat_words(caveat) for caveat in caveats)
         raise InputError(
-            f"campaigns must be left to rely on, got none of {len(rows)}. {said} Mend these, or"
+            f"campaigns must be left to rely on, got none of {len(rows)}. {reasons} Mend these, or"
             " exclude fewer."
         )
-    minded = {
-        CaveatKind.NOT_CONVERGED: rows["converged"].eq(False),
-        CaveatKind.NOT_WHITE: not_white & ~unexpected,
-    }
-    for kind, which in minded.items():
-        if (here := which[relied.index]).any():
-            caveats.append(Caveat(kind, tuple(labels(relied[here]))))
+    not_white = _has_kind(relied, _NOISE_KINDS) & ~_has_kind(relied, _MISFIT_KINDS)
+    _note(CaveatKind.NOT_CONVERGED, relied[relied["converged"].eq(False)], caveats)
+    _note(CaveatKind.NOT_WHITE, relied[not_white], caveats)
     return relied, caveats
 
 
-def labels(rows: pd.DataFrame) -> list[str]:
-    """Return what campaigns are called: by name, those whose name others have too by path."""
-    paths = rows["campaign"].astype(str)
-    names = rows["name"].where(rows["name"].map(lambda own: isinstance(own, str)), paths)
-    return [
-        str(path if same else name)
-        for name, path, same in zip(names, paths, names.duplicated(keep=False), strict=True)
+def _leave_out(
+    kind: CaveatKind,
+    rows: pd.DataFrame,
+    is_left_out: pd.Series[bool],
+    caveats: list[Caveat],
+    text: str = "",
+) -> pd.DataFrame:
+    """Return the rows that stay; a caveat names the others."""
+    _note(kind, rows[is_left_out], caveats, text)
+    return rows[~is_left_out]
+
+
+def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = "") -> None:
+    """Add a caveat that names the rows, if there are any."""
+    if not rows.empty:
+        caveats.append(Caveat(kind, tuple(labels(rows)), text=text))
+
+
+def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
+    """Return whether the fit of each campaign reports one of the kinds."""
+    matches = [
+        reported is not None and not kinds.isdisjoint(reported) for reported in rows["kinds"]
     ]
+    return pd.Series(matches, index=rows.index, dtype=bool)
 
 
-def _named(rows: pd.DataFrame, exclude: Sequence[str], among: pd.DataFrame) -> pd.Series[bool]:
-    """Whether campaigns, or their machines, are among the names."""
-    names, known = (
-        own[["name", "machine_id"]].assign(
-            path=paths, last=paths.map(lambda path: os.path.basename(path.rstrip("/")))
-        )
-        for own, paths in ((each, each["campaign"].astype(str)) for each in (rows, among))
-    )
-    wanted = [exclude] if isinstance(exclude, str) else list(exclude)
-    for name in wanted:
-        if not known.isin([name]).any(axis=None):
-            every = sorted(
-                {
-                    own
-                    for own in known.drop(columns="path").to_numpy().ravel()
-                    if isinstance(own, str)
-                }
-            )
-            cure = f"Did you mean {nearest(str(name), every)!r}?"
+def labels(rows: pd.DataFrame) -> list[str]:
+    """Return what campaigns are called: their names, or their paths where names are shared.
+
+    Parameters
+    ----------
+    rows : of `read_batch`.
+    """
+    paths = rows["campaign"].astype(str)
+    names = rows["name"].where(rows["name"].map(_is_text), paths)
+    is_shared = names.duplicated(keep=False)
+    return [str(label) for label in names.where(~is_shared, paths)]
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -> pd.Series[bool]:
+    """Return whether campaigns, or their machines, are to be excluded."""
+    excluded = [exclude] if isinstance(exclude, str) else list(exclude)
+    known_names = _names(batch)
+    for name in excluded:
+        if not known_names.isin([name]).any(axis=None):
+            entries = known_names.drop(columns="path").to_numpy().ravel()
+            candidates = sorted({entry for entry in entries if isinstance(entry, str)})
             raise InputError(
-                f"what is left out must be a campaign or machine of the batch, got {name!r}. {cure}"
+                f"what is left out must be a campaign or machine of the batch, got {name!r}. Did"
+                f" you mean {nearest(str(name), candidates)!r}?"
             )
-    return names.isin(wanted).any(axis=1)
+    return _names(rows).isin(excluded).any(axis=1)
 
 
-def _before(rows: pd.DataFrame, since: str | None) -> pd.Series[bool]:
+def _names(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of all names by which a campaign or its machine can be excluded."""
+    paths = rows["campaign"].astype(str)
+    last_parts = paths.map(_last_part)
+    return rows[["name", "machine_id"]].assign(path=paths, last=last_parts)
+
+
+def _last_part(path: str) -> str:
+    return os.path.basename(path.rstrip("/"))
+
+
+def _is_before(rows: pd.DataFrame, since: str | None) -> pd.Series[bool]:
+    """Return whether campaigns have no date, or one before ``since``."""
+    if since is None:
+        return pd.Series(False, index=rows.index, dtype=bool)
     try:
-        least = moment(since or "0001-01-01")
+        first = moment(since or "0001-01-01")
     except ValueError:
         raise InputError(
             f"since must be a date or time in ISO 8601, got {since!r}. For example 2026-03-01."
         ) from None
+    is_early = [_is_earlier(date, first) for date in rows["date"]]
+    return pd.Series(is_early, index=rows.index, dtype=bool)
 
-    def earlier(date: Any) -> bool:
-        if since is None:
-            return False
-        try:
-            return not isinstance(date, str) or moment(date) < least
-        except ValueError:  # of campaigns that failed
-            return True
 
-    return rows["date"].map(earlier).astype(bool)
+def _is_earlier(date: Any, first: datetime) -> bool:
+    if not isinstance(date, str):
+        return True
+    try:
+        return moment(date) < first
+    except ValueError:  # a campaign that failed may have a date that is none
+        return True
 
 
 def moment(date: str) -> datetime:
-    """Return a date or time in ISO 8601 as one in UTC, without a time zone taken as such; else a
-    ValueError."""
-    found = datetime.fromisoformat(date)
-    return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+    """Return a date or time in UTC, to which one without a time zone belongs.
+
+    Parameters
+    ----------
+    date : in ISO 8601.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    instant = datetime.fromisoformat(date)
+    if instant.tzinfo is None:
+        return instant.replace(tzinfo=UTC)
+    return instant.astimezone(UTC)

@@ -20,7 +20,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet import outlying_machines
 from ldbb_bayes.fleet.compliance_meaning import same_meaning, stands_for
-from ldbb_bayes.fleet.deviations import alone
+from ldbb_bayes.fleet.deviations import estimate_separately
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
 from ldbb_bayes.fleet.outlying_machines import Belonging, belonging_of
 from ldbb_bayes.fleet.population import Population, pool
@@ -179,7 +179,7 @@ def test_a_machine_against_the_dense_prediction(rng: np.random.Generator) -> Non
     spreads = np.array([TWO, TWO[::-1], 2.0 * TWO])
     x = common_of(made.likelihood, spreads)
     log_density, _ = outlying_machines._left_out(
-        made.likelihood, alone(made.likelihood, 2), spreads, x
+        made.likelihood, estimate_separately(made.likelihood, 2), spreads, x
     )
     whole = common_of(made.likelihood, spreads).log_integral
     for m in range(6):
