@@ -1,6 +1,8 @@
-"""Split from its neighbours; see there."""
+"""Control chart of a trend: a panel for each parameter, campaigns in order of time."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,107 +14,150 @@ from ldbb_bayes.fleet.control_limits import LIMITS
 from ldbb_bayes.fleet.trend import Trend
 from ldbb_bayes.report.figures.style import ACCENT, LIGHT, PALETTE, axis_label, band, panels, styled
 from ldbb_bayes.report.wording import probability_words
-from ldbb_bayes.units import (
-    display_name,
-    display_unit,
-    round_uncertainty,
-)
+from ldbb_bayes.results import Array
+from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["control_chart"]
 
-
-_VISIBLE = 0.05
-
-
-_MOST_NAMED = 6
+# Probability of a change from which on a line shows it.
+_VISIBLE_PROBABILITY = 0.05
+# Campaigns that the axis names.
+_LABELLED_CAMPAIGNS = 6
+# Columns of panels, their height and the figure's margin [inch].
+_COLUMNS = 2
+_PANEL_HEIGHT = 2.0
+_MARGIN = 0.9
 
 
 @styled
 def control_chart(trend: Trend) -> Figure:
-    """Return the chart of a ``trend``, a panel for each parameter: campaigns in order of time, each
-    by itself, the limits from those before it, and where it may have changed."""
-    columns = min(len(trend.parameters), 2)
-    figure, every = panels(len(trend.parameters), columns, 2.0, 0.9, sharex=True)
-    for k, (axes, name) in enumerate(zip(every, trend.parameters, strict=True)):
-        _panel(axes, trend, name, trend.estimates[trend.estimates["parameter"] == name])
-        if k + columns >= len(every):
+    """Return the chart of a trend.
+
+    A panel for each parameter shows campaigns in order of time, each by itself, the limits from
+    those before it, and where the parameter may have changed.
+
+    Parameters
+    ----------
+    trend : see `trend`.
+    """
+    columns = min(len(trend.parameters), _COLUMNS)
+    figure, all_axes = panels(len(trend.parameters), columns, _PANEL_HEIGHT, _MARGIN, sharex=True)
+    for k, (axes, name) in enumerate(zip(all_axes, trend.parameters, strict=True)):
+        _draw_panel(axes, trend, name)
+        if k + columns >= len(all_axes):
             _name_campaigns(axes, trend)
-    found = {
-        label: handle
-        for axes in every
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=2)
-    whose = trend.machine or "One machine"
-    figure.suptitle(
-        f"{whose}: probability of a change {probability_words(trend.probability)}"
-        f"{'' if trend.reference_force_N <= 0.0 else f', compliances at {trend.reference_force_N:.0f} N'}"
+    handle_by_label = {}
+    for axes in all_axes:
+        handles, labels = axes.get_legend_handles_labels()
+        handle_by_label.update(zip(labels, handles, strict=True))
+    figure.legend(
+        list(handle_by_label.values()),
+        list(handle_by_label),
+        loc="outside lower center",
+        ncols=2,
     )
+    machine = trend.machine or "One machine"
+    title = f"{machine}: probability of a change {probability_words(trend.probability)}"
+    if trend.reference_force_N > 0.0:
+        title += f", compliances at {trend.reference_force_N:.0f} N"
+    figure.suptitle(title)
     return figure
 
 
-def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame) -> None:
-    factor, label = axis_label(name, str(own["unit"].iloc[0]))
-    value = {
-        column: own[column].to_numpy() * factor
-        for column in own.columns
-        if own[column].dtype == float
-    }
-    limits = (value["limit_low"], value["limit_high"])
-    low = float(value["ci_low"].min())
-    high = float(value["ci_high"].max())
-    places = np.arange(1.0, len(own) + 1.0)
-    # Each campaign's limits as wide as its place; the first has none.
-    edges = np.append(places - 0.5, places[-1] + 0.5)
-    said = f"limits from those before, {100 * LIMITS:g} %"
-    steps = [np.append(limit, limit[-1]) for limit in limits]
-    band(axes, edges, steps, LIGHT, 0.6, step="post", label=said)
-    out = own["outside"].to_numpy()
-    alone = f"campaign by itself, {100 * trend.assumptions['ci']:g} %"
-    for chosen, colour, mark, meant in (
-        (~out, ACCENT, "o", alone),
-        (out, PALETTE[1], "D", "outside its limits"),
-    ):
-        if chosen.any():
-            ends = np.abs(np.array([value["ci_low"], value["ci_high"]]) - value["estimate"])[
-                :, chosen
-            ]
-            axes.errorbar(
-                places[chosen],
-                value["estimate"][chosen],
-                ends,
-                fmt=mark,
-                color=colour,
-                markersize=3.0,
-                label=meant,
-            )
-    # Limits as far as they are of the points' size.
-    room = 0.5 * (high - low)
-    margin = 0.05 * (high - low)
-    least = float(np.nanmin(limits[0]))
-    most = float(np.nanmax(limits[1]))
-    axes.set_ylim(
-        max(min(least, low), low - room) - margin, min(max(most, high), high + room) + margin
+class _PanelData(NamedTuple):
+    """What a panel shows of n campaigns, in the unit of its axis."""
+
+    place: Array  #: 1..n
+    estimate: Array
+    interval: Array  #: ends, shape (2, n)
+    limits: Array  #: lower and upper, shape (2, n), NaN at the first
+    is_outside: Array
+    change_probability: Array  #: of a change just before each
+
+    @property
+    def edges(self) -> Array:
+        """Return the borders between campaigns, shape (n + 1,)."""
+        return np.append(self.place - 0.5, self.place[-1] + 0.5)
+
+
+def _panel_data(rows: pd.DataFrame, factor: float) -> _PanelData:
+    return _PanelData(
+        place=np.arange(1.0, len(rows) + 1.0),
+        estimate=rows["estimate"].to_numpy() * factor,
+        interval=rows[["ci_low", "ci_high"]].to_numpy().T * factor,
+        limits=rows[["limit_low", "limit_high"]].to_numpy().T * factor,
+        is_outside=rows["outside"].to_numpy(),
+        change_probability=rows["change_here"].to_numpy(),
     )
-    axes.set(ylabel=label, xlim=(0.5, len(own) + 0.5))
-    common = trend.parameters[name].common_sd * factor
-    shared = (
-        f"\nu common to all {round_uncertainty(common)[0]}"
-        f" {display_unit(trend.parameters[name].unit)[1]}"
-        if common
-        else ""
-    )
-    changed = probability_words(trend.parameters[name].probability)
-    axes.set_title(f"{display_name(name)}: probability of a change {changed}{shared}", fontsize=8)
-    for when, here in zip(edges[1:-1], own["change_here"].to_numpy()[1:], strict=True):
-        if here > _VISIBLE:
+
+
+def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
+    rows = trend.estimates[trend.estimates["parameter"] == name]
+    factor, label = axis_label(name, str(rows["unit"].iloc[0]))
+    data = _panel_data(rows, factor)
+    _draw_limits(axes, data)
+    inside_label = f"campaign by itself, {100 * trend.assumptions['ci']:g} %"
+    _draw_points(axes, data, ~data.is_outside, ACCENT, "o", inside_label)
+    _draw_points(axes, data, data.is_outside, PALETTE[1], "D", "outside its limits")
+    axes.set_ylim(*_vertical_range(data))
+    axes.set(ylabel=label, xlim=(0.5, len(rows) + 0.5))
+    axes.set_title(_panel_title(trend, name, factor), fontsize=8)
+    for edge, probability in zip(data.edges[1:-1], data.change_probability[1:], strict=True):
+        if probability > _VISIBLE_PROBABILITY:
             axes.axvline(
-                when,
+                edge,
                 color="black",
                 linestyle="--",
-                alpha=min(float(here), 1.0),
+                alpha=min(float(probability), 1.0),
                 label="a change here, as dark as probable",
             )
+
+
+def _draw_limits(axes: Axes, data: _PanelData) -> None:
+    """Shade the limits of each campaign, as wide as its place; the first has none."""
+    steps = [np.append(limit, limit[-1]) for limit in data.limits]
+    label = f"limits from those before, {100 * LIMITS:g} %"
+    band(axes, data.edges, steps, LIGHT, 0.6, step="post", label=label)
+
+
+def _draw_points(
+    axes: Axes, data: _PanelData, chosen: Array, colour: str, marker: str, label: str
+) -> None:
+    if chosen.any():
+        error = np.abs(data.interval - data.estimate)
+        axes.errorbar(
+            data.place[chosen],
+            data.estimate[chosen],
+            error[:, chosen],
+            fmt=marker,
+            color=colour,
+            markersize=3.0,
+            label=label,
+        )
+
+
+def _vertical_range(data: _PanelData) -> tuple[float, float]:
+    """Return the range of the points, and of the limits as far as they are of the points' size."""
+    low = float(data.interval[0].min())
+    high = float(data.interval[1].max())
+    lowest_limit = float(np.nanmin(data.limits[0]))
+    highest_limit = float(np.nanmax(data.limits[1]))
+    half_range = 0.5 * (high - low)
+    margin = 0.05 * (high - low)
+    bottom = max(min(lowest_limit, low), low - half_range) - margin
+    top = min(max(highest_limit, high), high + half_range) + margin
+    return bottom, top
+
+
+def _panel_title(trend: Trend, name: str, factor: float) -> str:
+    parameter = trend.parameters[name]
+    probability = probability_words(parameter.probability)
+    title = f"{display_name(name)}: probability of a change {probability}"
+    common_sd = parameter.common_sd * factor
+    if common_sd:
+        _, unit = display_unit(parameter.unit)
+        title += f"\nu common to all {round_uncertainty(common_sd)[0]} {unit}"
+    return title
 
 
 def _name_campaigns(axes: Axes, trend: Trend) -> None:
@@ -122,10 +167,11 @@ def _name_campaigns(axes: Axes, trend: Trend) -> None:
         axes.set_xlabel("campaign (in the order given)")
         axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
         return
-    shown = np.unique(np.linspace(0, count - 1, min(count, _MOST_NAMED)).round().astype(int))
+    labelled = np.linspace(0, count - 1, min(count, _LABELLED_CAMPAIGNS))
+    places = np.unique(labelled.round().astype(int))
     axes.set_xticks(
-        shown + 1,
-        [f"{trend.campaigns[k].date:%Y-%m-%d}" for k in shown],
+        places + 1,
+        [f"{trend.campaigns[place].date:%Y-%m-%d}" for place in places],
         rotation=30,
         ha="right",
         rotation_mode="anchor",

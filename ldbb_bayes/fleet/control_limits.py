@@ -1,4 +1,4 @@
-"""Split from its neighbours; see there."""
+"""Points and limits of a control chart: each campaign by itself, and what those before predict."""
 
 from __future__ import annotations
 
@@ -12,25 +12,24 @@ from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.mixtures import mixture_quantiles
 from ldbb_bayes.results import Array
 
-__all__ = ["LIMITS"]
+__all__ = ["LIMITS", "ChartPoints", "chart_points"]
 
-
+# Probability of the limits: three standard deviations of a normal distribution.
 LIMITS = 0.997
+# Standard deviation of a prediction that knows everything.
+_SMALLEST_SD = 1e-300
 
 
-class Chart(NamedTuple):
-    """What is drawn of every campaign, in order of time, the instrument's errors at their posterior
-    mean. ``own`` and ``own_sd`` (n, p) are of each campaign alone, ``limits`` (2, n, p) NaN at the
-    first; ``common_sd`` (p,) what the instrument's errors add to the level of all campaigns
-    together."""
+class ChartPoints(NamedTuple):
+    """Points of n campaigns in order of time, the instrument's errors at their posterior mean."""
 
-    own: Array
-    own_sd: Array
-    limits: Array
-    common_sd: Array
+    estimate: Array  #: of each campaign by itself, shape (n, p)
+    sd: Array  #: of the estimates, shape (n, p)
+    limits: Array  #: lower and upper, shape (2, n, p), NaN at the first campaign
+    common_sd: Array  #: what the instrument adds to the level of all campaigns together, shape (p,)
 
 
-def chart_of(
+def chart_points(
     series: Gaussian,
     carried: Gaussian,
     scatter: Array,
@@ -38,37 +37,55 @@ def chart_of(
     instrument: tuple[Array, Array],
     *,
     limits: float = LIMITS,
-) -> Chart:
-    """Points with their uncertainty, and limits of this probability from the campaigns before each.
-    ``series`` (n, q) and ``carried`` (r, n, q) are the campaigns in order of time, scatter and its
-    weights (r,) the prior of r, ``instrument`` posterior mean and covariance of the instrument's
-    errors."""
-    known, spread = instrument
-    q = series.shift.shape[-1]
-    p = q - len(known)
-    shrink, seen, estimate = estimate_separately(series, p)
-    own = estimate - seen[..., p:] @ known
-    whole = series.precision[:, :p].sum(axis=0)
-    pulled = np.linalg.solve(np.eye(p) + whole[:, :p], whole[:, p:])
-    common = np.sqrt(np.einsum("as,su,au->a", pulled, spread, pulled))
+) -> ChartPoints:
+    """Return points with their uncertainty, and limits from the campaigns before each.
 
-    sums = [
-        np.cumsum(part[:, :-1], axis=1)
-        for part in (carried.precision, carried.shift, carried.log_constant)
-    ]
-    before = Gaussian(np.eye(q) + sums[0], *sums[1:])
-    log_weight = np.log(scatter_weight)[:, None] + before.log_integral
+    Parameters
+    ----------
+    series : campaigns in order of time, shape (n, q).
+    carried : the same, their deviations integrated, shape (r, n, q).
+    scatter, scatter_weight : nodes of r and their prior weights, shape (r,).
+    instrument : posterior mean (s,) and covariance (s, s) of the instrument's errors.
+    limits : probability of the limits.
+    """
+    instrument_mean, instrument_covariance = instrument
+    q = series.shift.shape[-1]
+    p = q - len(instrument_mean)
+    separate = estimate_separately(series, p)
+    estimate = separate.value - separate.response[..., p:] @ instrument_mean
+    noise_variance = np.einsum("taa->ta", separate.covariance)
+
+    total_precision = series.precision[:, :p].sum(axis=0)
+    response = np.linalg.solve(np.eye(p) + total_precision[:, :p], total_precision[:, p:])
+    common_variance = np.einsum("as,su,au->a", response, instrument_covariance, response)
+
+    history = _history(carried)
+    log_weight = np.log(scatter_weight)[:, None] + history.log_integral
     weight = np.exp(log_weight - logsumexp(log_weight, axis=0))
-    take = seen[1:]
-    expected = np.einsum("tab,rtb->rta", take, before.mean) - take[..., p:] @ known
-    deviation = scatter[:, None, None] ** 2 * (take[..., :p] ** 2).sum(axis=-1)
-    noise = np.einsum("tab,tab->ta", take[..., :p], shrink[1:])
-    sd = np.sqrt((before.spread(take) ** 2).sum(axis=-1) + deviation + noise)
+    next_response = separate.response[1:]
+    parameter_response = next_response[..., :p]
+    expected = np.einsum("tab,rtb->rta", next_response, history.mean)
+    expected = expected - next_response[..., p:] @ instrument_mean
+    scatter_variance = scatter[:, None, None] ** 2 * (parameter_response**2).sum(axis=-1)
+    estimate_variance = np.einsum("tab,tab->ta", parameter_response, separate.covariance[1:])
+    history_variance = (history.spread(next_response) ** 2).sum(axis=-1)
+    sd = np.sqrt(history_variance + scatter_variance + estimate_variance)
     tail = 0.5 - 0.5 * limits
     ends = mixture_quantiles(
-        weight[:, :, None], expected, np.maximum(sd, 1e-300), (tail, 1.0 - tail)
+        weight[:, :, None], expected, np.maximum(sd, _SMALLEST_SD), (tail, 1.0 - tail)
     )
-    nothing = np.full((2, 1, p), np.nan)
-    return Chart(
-        own, np.sqrt(np.einsum("taa->ta", shrink)), np.concatenate([nothing, ends], axis=1), common
+    unlimited = np.full((2, 1, p), np.nan)
+    return ChartPoints(
+        estimate=estimate,
+        sd=np.sqrt(noise_variance),
+        limits=np.concatenate([unlimited, ends], axis=1),
+        common_sd=np.sqrt(common_variance),
     )
+
+
+def _history(carried: Gaussian) -> Gaussian:
+    """Return (c, b) as the campaigns before each but the first know them, shape (r, n − 1, q)."""
+    precision = np.cumsum(carried.precision[:, :-1], axis=1)
+    shift = np.cumsum(carried.shift[:, :-1], axis=1)
+    log_constant = np.cumsum(carried.log_constant[:, :-1], axis=1)
+    return Gaussian(np.eye(carried.shift.shape[-1]) + precision, shift, log_constant)

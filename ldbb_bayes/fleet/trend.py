@@ -1,19 +1,12 @@
-"""c_t = c + Δ e_j 1[t ≥ k] + w_t, t = 1..n over one machine's campaigns: has a parameter changed,
-which, when and by how much?
+"""Trend of one machine: whether a parameter has changed, which, when and by how much.
 
-In units of the prior's sd: c ~ N(0, I), b ~ N(0, I) the instrument's errors, the same in all
-campaigns, w_t ~ N(0, r² I) what the machine itself changes from campaign to campaign, r ~
-HalfNormal(repeatability), Δ ~ N(0, change_scale²). With the probability given there is one step, j
-uniform over parameters and k over 2..n. Given r, j, k everything is Gaussian: w_t is integrated in
-each campaign, the rest needs sums over t ≥ k and one small system for each r, k, j. A campaign's Λ
-may be singular.
+The model of a change stands in `change_point`. The Bayes factor B of a change has expectation 1
+where there is none, so that B > x has probability 1 / x at most (Markov): a change called above the
+threshold p* is a false alarm with probability (1 − p*) / p* · p / (1 − p) at most, p that before
+the readings.
 
-The Bayes factor B of a change has expectation 1 where there is none, so that B > x has probability
-1 / x at most (Markov): a change called above the threshold p* is a false alarm with probability (1
-− p*) / p* · p / (1 − p) at most, p that before the readings.
-
-Truncation is left aside. Parameters not chosen are integrated out anew in each campaign, as ball
-form and bar length are, though one machine and one bar keep theirs: that is conservative for
+Truncation is not modelled here. Parameters not chosen are integrated out anew in each campaign, as
+ball form and bar length are, though one machine and one bar keep theirs: that is conservative for
 changes, above all of geometric errors, but not for levels.
 """
 
@@ -24,7 +17,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -38,15 +31,16 @@ from ldbb_bayes.analysis.conformity import (
     quantities,
     tolerances_in,
 )
-from ldbb_bayes.errors import InputError, check_known, require
+from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.fleet.change_point import (
+    Levels,
+    current_levels,
     hypotheses,
+    hypothesis_probabilities,
     instrument_moments,
-    levels_of,
     scatter_rule,
-    weigh,
 )
-from ldbb_bayes.fleet.control_limits import LIMITS, Chart, chart_of
+from ldbb_bayes.fleet.control_limits import LIMITS, ChartPoints, chart_points
 from ldbb_bayes.fleet.deviations import deviating
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics
 from ldbb_bayes.fleet.interval_summary import Summary, keyed
@@ -69,16 +63,21 @@ from ldbb_bayes.units import (
 
 __all__ = ["ParameterChange", "Trend", "Visit", "trend"]
 
-
-# ---- the model
-
-
-# ---- what is found
+# Probability of a change below which the table does not state its size: its three decimals show no
+# less.
+_UNLIKELY = 5e-4
+# Standard uncertainties that a level must be away from zero before a change is stated in per cent
+# of it: the level's own uncertainty, which is neglected there, is then at most a fifth.
+_KNOWN_LEVEL = 5.0
+# Columns of `Trend.estimates` that are in the unit of the parameter.
+_SIZED_COLUMNS = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
+# Where a table has nothing to state.
+_NOTHING = "–"
 
 
 @dataclass(frozen=True)
 class ParameterChange(Result):
-    """The step of one parameter, inside units."""
+    """The step of one parameter, in inside units."""
 
     unit: str
     probability: float  #: that it is this parameter that changed
@@ -92,14 +91,17 @@ class ParameterChange(Result):
     common_sd: float
 
 
+def _isoformat(date: datetime | None) -> str | None:
+    return None if date is None else date.isoformat()
+
+
 @dataclass(frozen=True)
 class Visit(Result):
-    """A campaign: what it is called, when it was, and the probability that a parameter changed just
-    before it."""
+    """A campaign in the trend of a machine."""
 
-    campaign: str
-    date: Annotated[datetime | None, PlainSerializer(lambda date: date and date.isoformat())]
-    change_just_before: float
+    campaign: str  #: what it is called
+    date: Annotated[datetime | None, PlainSerializer(_isoformat)]
+    change_just_before: float  #: probability that a parameter changed just before it
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,224 +132,61 @@ class Trend(Result):
     limits_probability: float = LIMITS  #: of the control limits
 
     def as_dict(self) -> dict[str, Any]:
-        """The findings for JSON, in inside units; intervals are named by their probability."""
-        found: dict[str, Any] = keyed(super().as_dict(), self.assumptions["ci"])
-        return found
-
-
-# Three decimals show no less.
-_UNLIKELY = 5e-4
+        """Return the findings for JSON, in inside units; intervals have names like ci95."""
+        record: dict[str, Any] = keyed(super().as_dict(), self.assumptions["ci"])
+        return record
 
 
 @parts_of.register
-def _parts(trend: Trend) -> tuple[Table | str, ...]:
-    rows = []
-    for name, own in trend.parameters.items():
-        factor, label = display_unit(own.unit)
-        likely = own.probability >= _UNLIKELY
-        now = own.level_now
-        step = own.change
-        rows.append(
-            (
-                display_name(name),
-                plus_minus(now.mean, now.sd, now.interval, own.unit),
-                (
-                    f"{round_uncertainty(2.0 * own.common_sd * factor)[0]} {label}"
-                    if own.common_sd > 0.0
-                    else "–"
-                ),
-                probability_words(own.probability),
-                plus_minus(step.mean, step.sd, step.interval, own.unit) if likely else "–",
-                (
-                    f"{own.percent:+.0f} %".replace("-", "−")
-                    if likely and own.percent is not None
-                    else "–"
-                ),
-            )
-        )
+def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
+    """Return a table with a row per parameter, conformity, the findings and what limits them."""
     heads = ("parameter", "level now", "U, common", "P(changed)", "change, if it did", "of level")
-    meant = "± U = 2u. U, common: what the bar adds to all campaigns alike."
-    whose = f"{trend.machine}, " if trend.machine else ""
-    table = Table.of(f"{whose}{len(trend.campaigns)} campaigns", heads, rows)
-    newest = {
-        name: own.as_dict()
-        for name, every in trend.conformity.items()
-        for own in list(every.values())[-1:]
-    }
-    limits: tuple[Table | str, ...] = ()
-    if newest:
-        limits = (
-            conformity_table(newest),
-            f"Of the newest campaign alone, {trend.campaigns[-1].campaign}.",
-            "",
-        )
-    return (table, meant, "", *limits, *trend_sentences(trend), *map(caveat_words, trend.caveats))
+    rows = [_table_row(name, change) for name, change in trend.parameters.items()]
+    machine = f"{trend.machine}, " if trend.machine else ""
+    table = Table.of(f"{machine}{len(trend.campaigns)} campaigns", heads, rows)
+    legend = "± U = 2u. U, common: what the bar adds to all campaigns alike."
+    passages: list[Table | str] = [table, legend, ""]
+    newest_decisions = {}
+    for name, decision_by_campaign in trend.conformity.items():
+        if decision_by_campaign:
+            *_, newest = decision_by_campaign.values()
+            newest_decisions[name] = newest.as_dict()
+    if newest_decisions:
+        newest_campaign = trend.campaigns[-1].campaign
+        passages.append(conformity_table(newest_decisions))
+        passages += [f"Of the newest campaign alone, {newest_campaign}.", ""]
+    passages += trend_sentences(trend)
+    passages += map(caveat_words, trend.caveats)
+    return tuple(passages)
+
+
+def _table_row(name: str, parameter: ParameterChange) -> tuple[str, ...]:
+    factor, unit = display_unit(parameter.unit)
+    level = parameter.level_now
+    common = _NOTHING
+    if parameter.common_sd > 0.0:
+        common = f"{round_uncertainty(2.0 * parameter.common_sd * factor)[0]} {unit}"
+    size = _NOTHING
+    percent = _NOTHING
+    if parameter.probability >= _UNLIKELY:
+        change = parameter.change
+        size = plus_minus(change.mean, change.sd, change.interval, parameter.unit)
+        if parameter.percent is not None:
+            percent = f"{parameter.percent:+.0f} %".replace("-", "−")
+    return (
+        display_name(name),
+        plus_minus(level.mean, level.sd, level.interval, parameter.unit),
+        common,
+        probability_words(parameter.probability),
+        size,
+        percent,
+    )
 
 
 @with_words.register
-def _in_words(trend: Trend) -> dict[str, Any]:
+def _trend_record(trend: Trend) -> dict[str, Any]:
     doubts = [caveat_words(caveat) for caveat in trend.caveats]
     return trend.as_dict() | {"doubts": doubts, "verdict": list(trend_sentences(trend))}
-
-
-# Standard uncertainties that a level must be away from zero before a change is told in per cent of
-# it: its own uncertainty, left aside there, is then at most a fifth.
-_KNOWN = 5.0
-
-
-def _parameter(
-    statistics: FleetStatistics,
-    j: int,
-    found: Gaussian,
-    share: Array,
-    numbers: Sequence[float],
-    ci_prob: float,
-) -> ParameterChange:
-    """Of parameter j: `hypotheses` under probabilities (r, n − 1) of r and when; ``numbers`` are
-    its level now (mean, sd, ends) and what the instrument adds, in units of the prior's sd."""
-    total = float(share.sum())
-    scale = float(statistics.prior_sd[j])
-    weight = (share / total if total > 0.0 else np.full_like(share, 1.0 / share.size)).ravel()
-    (size, size_sd), (base, base_sd) = (
-        [part[:, :-1, j, place].ravel() for part in (found.mean, found.sd)] for place in (-1, j)
-    )
-    mean, sd = (scale * float(one) for one in mixture_moments(weight, size, size_sd))
-    before, doubt = (scale * float(one) for one in mixture_moments(weight, base, base_sd))
-    seen = weight > 0.0
-    tail = 0.5 - 0.5 * ci_prob
-    low, high = (
-        scale * mixture_quantiles(weight[seen], size[seen], size_sd[seen], (tail, 1.0 - tail))
-    ).tolist()
-    now, now_sd, now_low, now_high, common = (scale * float(own) for own in numbers)
-    when = share.sum(axis=0)
-    return ParameterChange(
-        unit=statistics.units[j],
-        probability=total,
-        place=1 + ranked(range(len(when)), lambda k: float(when[k]))[0],
-        change=Summary(mean, sd, (low, high)),
-        percent=100.0 * mean / before if abs(before) > _KNOWN * doubt else None,
-        level_before=before,
-        level_now=Summary(now, now_sd, (now_low, now_high)),
-        common_sd=common,
-    )
-
-
-_SIZED = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
-
-
-def _estimates(
-    statistics: FleetStatistics,
-    visits: Sequence[Visit],
-    chart: Chart,
-    change: Array,
-    ci_prob: float,
-) -> pd.DataFrame:
-    """One row per campaign and parameter, as `Trend.estimates` has them."""
-    reach = float(ndtri(0.5 + 0.5 * ci_prob)) * chart.own_sd
-    n, p = chart.own.shape
-    sized = np.stack(
-        (chart.own, chart.own_sd, chart.own - reach, chart.own + reach, *chart.limits), axis=-1
-    )
-    here = np.concatenate([np.zeros((1, p)), change.sum(axis=0)])
-    return pd.DataFrame(
-        {
-            "campaign": np.repeat([own.campaign for own in visits], p),
-            "date": np.repeat(
-                np.array([own.date and own.date.isoformat() for own in visits], dtype=object), p
-            ),
-            "parameter": np.tile(statistics.parameters, n),
-            "unit": np.tile(statistics.units, n),
-            **dict(
-                zip(
-                    _SIZED,
-                    (sized * statistics.prior_sd[:p, None]).reshape(n * p, -1).T,
-                    strict=True,
-                )
-            ),
-            "outside": ((chart.own < chart.limits[0]) | (chart.own > chart.limits[1])).ravel(),
-            "change_here": here.ravel(),
-            "change_by_here": np.cumsum(here, axis=0).ravel(),
-        }
-    )
-
-
-def _conformities(
-    statistics: FleetStatistics,
-    visits: Sequence[Visit],
-    chart: Chart,
-    given: Mapping[str, str | Tolerance] | None,
-    stated: Any,
-) -> dict[str, dict[str, Conformity]]:
-    """Conformity in every campaign alone, what the instrument adds to all of them included, with
-    the tolerances given, or those that the newest has ``stated`` (JSON) of what is followed."""
-    known = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
-    found = dict[str, dict[str, Conformity]]()
-    own = given or {
-        name: text for name, text in json.loads(stated or "{}").items() if name in known
-    }
-    for name, tolerance in tolerances_in(known, own).items():
-        stiff = name.startswith("stiffness_")
-        j = [
-            f"stiffness_{one[2]}" if stiff and is_direct(one) else one
-            for one in statistics.parameters
-        ].index(name)
-        mean = chart.own[:, j] * statistics.prior_sd[j]
-        sd = np.hypot(chart.own_sd[:, j], chart.common_sd[j]) * statistics.prior_sd[j]
-        numbers = np.stack([1.0 / mean, sd / mean**2] if stiff else [mean, sd], axis=1).tolist()
-        found[name] = {
-            visit.campaign: normal_conformity(known[name].unit, middle, spread, tolerance)
-            for visit, (middle, spread) in zip(visits, numbers, strict=True)
-        }
-    return found
-
-
-def _of_one_machine(
-    rows: pd.DataFrame, machine: str | None
-) -> tuple[pd.DataFrame, str | None, list[Caveat]]:
-    """A batch's rows of one machine, its name, and what is to be minded of the choice."""
-    check_rows(rows)
-    ids = rows["machine_id"]
-    named = ids.map(lambda own: isinstance(own, str)).astype(bool)
-    known = sorted(set(ids[named]))
-    if machine is not None:
-        check_known("machine", [machine], known)
-    elif len(known) > 1:
-        cure = f"Choose one: --machine {shlex.quote(known[0])} (machine={known[0]!r})."
-        raise InputError(
-            f"the campaigns must be of one machine, got those of {', '.join(known)}. {cure}"
-        )
-    if not known:
-        return rows, None, [Caveat(CaveatKind.NO_MACHINES)]
-    nameless = (
-        [] if named.all() else [Caveat(CaveatKind.WITHOUT_MACHINE, tuple(labels(rows[~named])))]
-    )
-    return rows[ids == (machine or known[0])], machine or known[0], nameless
-
-
-def _in_time(statistics: FleetStatistics) -> list[int]:
-    """Campaigns in order of date, equal dates as given; as given where there are none."""
-    missing = [
-        name
-        for name, date in zip(statistics.campaigns, statistics.dates, strict=True)
-        if date is None
-    ]
-    if missing and len(missing) < len(statistics):
-        cure = (
-            "Write date = … into campaign.toml, or take all dates out and give the campaigns in"
-            " order."
-        )
-        raise InputError(
-            f"campaigns must have a date all or none, got none for {', '.join(missing[:5])}. {cure}"
-        )
-    return sorted(range(len(statistics)), key=lambda place: statistics.dates[place] or datetime.min)
-
-
-def _caveats(statistics: FleetStatistics) -> list[Caveat]:
-    """What the campaigns do not have in common."""
-    found = statistics.caveats
-    if all(date is None for date in statistics.dates):
-        found.append(Caveat(CaveatKind.NO_DATES))
-    return [*found, Caveat(CaveatKind.TWO_CAMPAIGNS)] if len(statistics) == 2 else found
 
 
 @one_blas_thread
@@ -368,10 +207,7 @@ def trend(
     threshold: float = 0.95,
     ci_prob: float = 0.95,
 ) -> Trend:
-    """Parameters of one machine over time: has one of them changed, which, when and by how much?
-
-    InputError for fewer than two campaigns, several machines and none chosen, dates of some
-    campaigns only, options out of range.
+    """Return whether a parameter of one machine has changed, which, when and by how much.
 
     Parameters
     ----------
@@ -389,72 +225,285 @@ def trend(
         campaign, in the same units: 1e-6 mm/N of C_XXX, 2 % of a usual 5e-5 mm/N.
     probability : of a change, before the readings.
     threshold : probability above which a change counts as found.
-    ci_prob : float
+    ci_prob : of the intervals.
+
+    Raises
+    ------
+    InputError
+        For fewer than two campaigns, several machines and none chosen, dates of some campaigns
+        only, options out of range.
     """
     check_probability(ci_prob)
-    believed = {
-        "change_scale": change_scale,
-        "repeatability": repeatability,
-        "probability": probability,
-        "threshold": threshold,
-    }
-    for (name, value), most in zip(believed.items(), (np.inf, np.inf, 1.0, 1.0), strict=True):
-        if not 0.0 < value < most:
-            raise InputError(
-                f"{name} must be above 0{' and below 1' * (most == 1.0)}, got {value:g}."
-                " Correct it."
-            )
-    chosen, machine, caveats = _of_one_machine(rows, machine)
-    relied, more = choose(chosen, exclude, since, include_misfits, among=rows)
-    caveats += more
+    _check_option("change_scale", change_scale)
+    _check_option("repeatability", repeatability)
+    _check_option("probability", probability, below_one=True)
+    _check_option("threshold", threshold, below_one=True)
+    campaigns = _campaigns_of_one_machine(rows, machine)
+    relied, caveats = choose(campaigns.rows, exclude, since, include_misfits, among=rows)
+    caveats = [*campaigns.caveats, *caveats]
     statistics = fleet_statistics(
         relied,
         parameters=parameters,
         reference_force_N=reference_force_N,
         one_instrument=one_instrument,
     )
-    why = " ".join(("Measure again.", *map(caveat_words, caveats)))
-    got = f"got {len(statistics)}. {why}"
-    require(
-        len(statistics) > 1,
-        f"a trend must have at least 2 campaigns of one machine to rely on, {got}",
-    )
-    order = _in_time(statistics)
+    if len(statistics) < 2:
+        advice = " ".join(("Measure again.", *map(caveat_words, caveats)))
+        raise InputError(
+            "a trend must have at least 2 campaigns of one machine to rely on, got"
+            f" {len(statistics)}. {advice}"
+        )
+    order = _order_in_time(statistics)
     p = len(statistics.parameters)
     series = Gaussian(statistics.likelihood.precision[order], statistics.likelihood.shift[order])
-    scatter, prior = scatter_rule(repeatability)
+    scatter, scatter_weight = scatter_rule(repeatability)
     carried = deviating(series, np.outer(scatter, np.ones(p)))
-    found = hypotheses(carried, p, change_scale)
-    weights = weigh(found.log_integral, prior, probability)
-    instrument = instrument_moments(found, weights)
-    chart = chart_of(series, carried, scatter, prior, instrument)
-    change = weights[:, :-1]
-    when = zip(
-        labels(relied.iloc[order]), order, [0.0, *change.sum(axis=(0, 2)).tolist()], strict=True
-    )
-    visits = tuple(Visit(name, statistics.dates[i], share) for name, i, share in when)
-    level, level_sd, ends = levels_of(found, weights, ci_prob=ci_prob)
-    numbers = np.stack([level, level_sd, *ends, chart.common_sd], axis=1)
-    steps = [
-        _parameter(statistics, j, found, change[:, :, j], numbers[j], ci_prob) for j in range(p)
-    ]
-    total = 1.0 - float(weights[:, -1].sum())
+    posteriors = hypotheses(carried, p, change_scale)
+    probabilities = hypothesis_probabilities(posteriors.log_integral, scatter_weight, probability)
+    instrument = instrument_moments(posteriors, probabilities)
+    chart = chart_points(series, carried, scatter, scatter_weight, instrument)
+    step_probabilities = probabilities[:, :-1]
+    names = labels(relied.iloc[order])
+    dates = [statistics.dates[i] for i in order]
+    visits = _visits(names, dates, step_probabilities)
+    changes = _parameter_changes(statistics, posteriors, probabilities, chart, ci_prob)
+    change_probability = 1.0 - float(probabilities[:, -1].sum())
+    false_alarm = (1.0 - threshold) / threshold * probability / (1.0 - probability)
+    newest_tolerances = relied["tolerances"].iloc[order[-1]]
     return Trend(
-        machine=machine,
+        machine=campaigns.machine,
         reference_force_N=statistics.reference_force_N,
-        assumptions=believed | {"ci": ci_prob, "one_instrument": bool(statistics.instrument)},
-        probability=total,
-        changed=total > threshold,
-        false_alarm=min(1.0, (1.0 - threshold) / threshold * probability / (1.0 - probability)),
+        assumptions={
+            "change_scale": change_scale,
+            "repeatability": repeatability,
+            "probability": probability,
+            "threshold": threshold,
+            "ci": ci_prob,
+            "one_instrument": bool(statistics.instrument),
+        },
+        probability=change_probability,
+        changed=change_probability > threshold,
+        false_alarm=min(1.0, false_alarm),
         campaigns=visits,
-        parameters=dict(zip(statistics.parameters, steps, strict=True)),
-        most_probable=statistics.parameters[ranked(range(p), lambda j: steps[j].probability)[0]],
-        caveats=(*caveats, *_caveats(statistics)),
-        estimates=_estimates(statistics, visits, chart, change, ci_prob),
-        conformity=_conformities(
-            statistics, visits, chart, tolerances, relied["tolerances"].iloc[order[-1]]
-        ),
+        parameters=changes,
+        most_probable=ranked(changes, lambda name: changes[name].probability)[0],
+        caveats=(*caveats, *_caveats_of_series(statistics)),
+        estimates=_estimates(statistics, visits, chart, step_probabilities, ci_prob),
+        conformity=_conformities(statistics, names, chart, tolerances, newest_tolerances),
     )
 
 
-# ---- its chart
+def _check_option(name: str, value: float, *, below_one: bool = False) -> None:
+    if below_one and not 0.0 < value < 1.0:
+        raise InputError(f"{name} must be above 0 and below 1, got {value:g}. Correct it.")
+    if not 0.0 < value < np.inf:
+        raise InputError(f"{name} must be above 0, got {value:g}. Correct it.")
+
+
+class _MachineCampaigns(NamedTuple):
+    """A batch's rows of one machine, its machine_id, and what limits the choice."""
+
+    rows: pd.DataFrame
+    machine: str | None
+    caveats: list[Caveat]
+
+
+def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _MachineCampaigns:
+    check_rows(rows)
+    ids = rows["machine_id"]
+    has_id = pd.Series([isinstance(entry, str) for entry in ids], index=rows.index, dtype=bool)
+    machines = sorted(set(ids[has_id]))
+    if machine is not None:
+        check_known("machine", [machine], machines)
+    elif len(machines) > 1:
+        first = machines[0]
+        raise InputError(
+            f"the campaigns must be of one machine, got those of {', '.join(machines)}. Choose one:"
+            f" --machine {shlex.quote(first)} (machine={first!r})."
+        )
+    if not machines:
+        return _MachineCampaigns(rows, None, [Caveat(CaveatKind.NO_MACHINES)])
+    chosen = machine or machines[0]
+    caveats = []
+    if not has_id.all():
+        nameless = tuple(labels(rows[~has_id]))
+        caveats.append(Caveat(CaveatKind.WITHOUT_MACHINE, nameless))
+    return _MachineCampaigns(rows[ids == chosen], chosen, caveats)
+
+
+def _order_in_time(statistics: FleetStatistics) -> list[int]:
+    """Return the order of campaigns by date, or as given where there are none."""
+    dates = zip(statistics.campaigns, statistics.dates, strict=True)
+    undated = [name for name, date in dates if date is None]
+    if undated and len(undated) < len(statistics):
+        raise InputError(
+            "campaigns must have a date all or none, got none for"
+            f" {', '.join(undated[:5])}. Write date = … into campaign.toml, or take all dates out"
+            " and give the campaigns in order."
+        )
+    return sorted(range(len(statistics)), key=lambda i: statistics.dates[i] or datetime.min)
+
+
+def _caveats_of_series(statistics: FleetStatistics) -> list[Caveat]:
+    caveats = list(statistics.caveats)
+    if all(date is None for date in statistics.dates):
+        caveats.append(Caveat(CaveatKind.NO_DATES))
+    if len(statistics) == 2:
+        caveats.append(Caveat(CaveatKind.TWO_CAMPAIGNS))
+    return caveats
+
+
+def _visits(
+    names: Sequence[str], dates: Sequence[datetime | None], step_probabilities: Array
+) -> tuple[Visit, ...]:
+    """Return the campaigns in order of time; nothing can have changed before the first."""
+    change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
+    return tuple(map(Visit, names, dates, change_before))
+
+
+def _parameter_changes(
+    statistics: FleetStatistics,
+    posteriors: Gaussian,
+    probabilities: Array,
+    chart: ChartPoints,
+    ci_prob: float,
+) -> dict[str, ParameterChange]:
+    levels = current_levels(posteriors, probabilities, ci_prob=ci_prob)
+    changes = {}
+    for j, name in enumerate(statistics.parameters):
+        changes[name] = _parameter_change(
+            statistics, j, posteriors, probabilities[:, :-1, j], levels, chart, ci_prob
+        )
+    return changes
+
+
+def _parameter_change(
+    statistics: FleetStatistics,
+    j: int,
+    posteriors: Gaussian,
+    step_probabilities: Array,
+    levels: Levels,
+    chart: ChartPoints,
+    ci_prob: float,
+) -> ParameterChange:
+    """Return the step of parameter j, from its probabilities (r, n − 1) by r and by time."""
+    scale = float(statistics.prior_sd[j])
+    total = float(step_probabilities.sum())
+    weight = np.full(step_probabilities.size, 1.0 / step_probabilities.size)
+    if total > 0.0:
+        weight = (step_probabilities / total).ravel()
+    change = _change(weight, posteriors.mean[:, :-1, j, -1], posteriors.sd[:, :-1, j, -1], ci_prob)
+    level, level_sd = mixture_moments(
+        weight, posteriors.mean[:, :-1, j, j].ravel(), posteriors.sd[:, :-1, j, j].ravel()
+    )
+    change_size = scale * change.mean
+    level_before = scale * float(level)
+    percent = None
+    if abs(level_before) > _KNOWN_LEVEL * (scale * float(level_sd)):
+        percent = 100.0 * change_size / level_before
+    probability_by_time = step_probabilities.sum(axis=0).tolist()
+    times = range(len(probability_by_time))
+    return ParameterChange(
+        unit=statistics.units[j],
+        probability=total,
+        place=1 + ranked(times, lambda k: float(probability_by_time[k]))[0],
+        change=_scaled(change, scale),
+        percent=percent,
+        level_before=level_before,
+        level_now=_scaled(_level_now(levels, j), scale),
+        common_sd=scale * float(chart.common_sd[j]),
+    )
+
+
+def _change(weight: Array, mean: Array, sd: Array, ci_prob: float) -> Summary:
+    """Return the mixture of a change over hypotheses, in units of the prior's sd."""
+    mean = mean.ravel()
+    sd = sd.ravel()
+    counts = weight > 0.0
+    tail = 0.5 - 0.5 * ci_prob
+    low, high = mixture_quantiles(weight[counts], mean[counts], sd[counts], (tail, 1.0 - tail))
+    mixture_mean, mixture_sd = mixture_moments(weight, mean, sd)
+    return Summary(float(mixture_mean), float(mixture_sd), (float(low), float(high)))
+
+
+def _level_now(levels: Levels, j: int) -> Summary:
+    low, high = levels.interval[:, j]
+    return Summary(float(levels.mean[j]), float(levels.sd[j]), (float(low), float(high)))
+
+
+def _scaled(summary: Summary, scale: float) -> Summary:
+    low, high = summary.interval
+    return Summary(scale * summary.mean, scale * summary.sd, (scale * low, scale * high))
+
+
+def _estimates(
+    statistics: FleetStatistics,
+    visits: Sequence[Visit],
+    chart: ChartPoints,
+    step_probabilities: Array,
+    ci_prob: float,
+) -> pd.DataFrame:
+    """Return one row per campaign and parameter, as `Trend.estimates` has them."""
+    n, p = chart.estimate.shape
+    reach = float(ndtri(0.5 + 0.5 * ci_prob)) * chart.sd
+    low, high = chart.limits
+    sized = np.stack(
+        (chart.estimate, chart.sd, chart.estimate - reach, chart.estimate + reach, low, high)
+    )
+    sized_columns = (sized * statistics.prior_sd[:p]).reshape(len(_SIZED_COLUMNS), n * p)
+    change_here = np.concatenate([np.zeros((1, p)), step_probabilities.sum(axis=0)])
+    dates = np.array([_isoformat(visit.date) for visit in visits], dtype=object)
+    return pd.DataFrame(
+        {
+            "campaign": np.repeat([visit.campaign for visit in visits], p),
+            "date": np.repeat(dates, p),
+            "parameter": np.tile(statistics.parameters, n),
+            "unit": np.tile(statistics.units, n),
+            **dict(zip(_SIZED_COLUMNS, sized_columns, strict=True)),
+            "outside": ((chart.estimate < low) | (chart.estimate > high)).ravel(),
+            "change_here": change_here.ravel(),
+            "change_by_here": np.cumsum(change_here, axis=0).ravel(),
+        }
+    )
+
+
+def _conformities(
+    statistics: FleetStatistics,
+    campaigns: Sequence[str],
+    chart: ChartPoints,
+    tolerances: Mapping[str, str | Tolerance] | None,
+    newest_tolerances: Any,
+) -> dict[str, dict[str, Conformity]]:
+    """Return the conformity of every campaign alone, what the instrument adds to all included.
+
+    Without ``tolerances`` those count that the newest campaign states (JSON) of what is followed.
+    """
+    followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
+    wanted: Mapping[str, str | Tolerance] = tolerances or {}
+    if not wanted:
+        stated = json.loads(newest_tolerances or "{}")
+        wanted = {name: text for name, text in stated.items() if name in followed}
+    conformities = {}
+    for name, tolerance in tolerances_in(followed, wanted).items():
+        is_stiffness = name.startswith("stiffness_")
+        j = _parameter_of(name, statistics.parameters)
+        mean = chart.estimate[:, j] * statistics.prior_sd[j]
+        sd = np.hypot(chart.sd[:, j], chart.common_sd[j]) * statistics.prior_sd[j]
+        if is_stiffness:
+            sd = sd / mean**2
+            mean = 1.0 / mean
+        decisions = {}
+        for i, campaign in enumerate(campaigns):
+            decisions[campaign] = normal_conformity(
+                followed[name].unit, float(mean[i]), float(sd[i]), tolerance
+            )
+        conformities[name] = decisions
+    return conformities
+
+
+def _parameter_of(quantity: str, parameters: Sequence[str]) -> int:
+    """Return the place of the parameter that a quantity is, or whose inverse it is."""
+    for j, name in enumerate(parameters):
+        if quantity == name or (is_direct(name) and quantity == f"stiffness_{name[2]}"):
+            return j
+    raise InputError(f"{quantity} must be a quantity of the trend, got another. Leave it out.")

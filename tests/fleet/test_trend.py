@@ -15,13 +15,13 @@ from scipy.stats import halfnorm, multivariate_normal, norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.fleet.change_point import (
+    current_levels,
     hypotheses,
+    hypothesis_probabilities,
     instrument_moments,
-    levels_of,
     scatter_rule,
-    weigh,
 )
-from ldbb_bayes.fleet.control_limits import chart_of
+from ldbb_bayes.fleet.control_limits import chart_points
 from ldbb_bayes.fleet.deviations import deviating
 from ldbb_bayes.fleet.trend import Trend
 from ldbb_bayes.model.gaussian import Gaussian
@@ -65,7 +65,7 @@ def no_change(
     series: Gaussian, rule: tuple[Array, Array], probability: float = 0.5, parameters: int = P
 ) -> float:
     found = found_in(series, rule[0], parameters=parameters)
-    return float(weigh(found.log_integral, rule[1], probability)[:, -1].sum())
+    return float(hypothesis_probabilities(found.log_integral, rule[1], probability)[:, -1].sum())
 
 
 def stacked(series: Gaussian, r: float, change_scale: float, step: tuple[int, int] | None) -> float:
@@ -149,7 +149,7 @@ def test_probability_by_brute_force() -> None:
     maxima = np.array([0.30, 0.33, 0.34])
     series = Gaussian(precision[:, None, None], (precision * maxima)[:, None])
     nodes, weight = scatter_rule(0.02)
-    found = weigh(found_in(series, nodes, 0.1, 1).log_integral, weight, 0.3)
+    found = hypothesis_probabilities(found_in(series, nodes, 0.1, 1).log_integral, weight, 0.3)
     r = (np.arange(400) + 0.5) * 1.2e-1 / 400
     delta = (np.arange(801) - 400) * 0.7 / 400
     totals = {}
@@ -165,7 +165,7 @@ def test_probability_by_brute_force() -> None:
     expected = np.array(list(totals.values())) / sum(totals.values())
     np.testing.assert_allclose(found.sum(axis=(0, 2)), expected, atol=2e-4)
     assert found.sum() == pytest.approx(1.0)
-    prior = weigh(np.zeros((2, 4, 3)), np.array([0.4, 0.6]), 0.3).sum(axis=0)
+    prior = hypothesis_probabilities(np.zeros((2, 4, 3)), np.array([0.4, 0.6]), 0.3).sum(axis=0)
     np.testing.assert_allclose(prior, np.repeat([[0.3 / 9]] * 3 + [[0.7 / 3]], 3, axis=1))
 
 
@@ -230,7 +230,7 @@ def analysed(series: Gaussian):  # type: ignore[no-untyped-def]
     nodes, prior = scatter_rule(SCALE)
     carried = carried_by(series, nodes, 2)
     found = hypotheses(carried, 2, CHANGE)
-    weights = weigh(found.log_integral, prior, 0.5)
+    weights = hypothesis_probabilities(found.log_integral, prior, 0.5)
     return nodes, prior, carried, weights, instrument_moments(found, weights)
 
 
@@ -244,9 +244,9 @@ def test_limits_cover_as_they_say(limits: float) -> None:
     for _ in range(150):
         series = visited(rng, 7)
         nodes, prior, carried, _, moments = analysed(series)
-        chart = chart_of(series, carried, nodes, prior, moments, limits=limits)
+        chart = chart_points(series, carried, nodes, prior, moments, limits=limits)
         assert np.isnan(chart.limits[:, 0]).all()
-        inside.append((chart.own > chart.limits[0]) & (chart.own < chart.limits[1]))
+        inside.append((chart.estimate > chart.limits[0]) & (chart.estimate < chart.limits[1]))
     share = np.mean(np.array(inside)[:, 1:], axis=(0, 2))
     error = np.sqrt(limits * (1.0 - limits) / 300)
     np.testing.assert_allclose(share, limits, atol=3.5 * error)
@@ -261,7 +261,7 @@ def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
     q = 3
     series = visited(rng, n, r=0.02, step=(3, 0, 0.12))
     nodes, _, carried, weights, (mean, covariance) = analysed(series)
-    level, sd, ends = levels_of(hypotheses(carried, p, CHANGE), weights)
+    level, sd, ends = current_levels(hypotheses(carried, p, CHANGE), weights)
     seen = []
     now = []
     total = []
@@ -302,12 +302,12 @@ def test_points_are_posteriors_of_campaigns_alone() -> None:
     nodes, prior, carried, _, _ = analysed(series)
     known = np.array([0.4])
     spread = np.array([[0.25]])
-    chart = chart_of(series, carried, nodes, prior, (known, spread))
+    chart = chart_points(series, carried, nodes, prior, (known, spread))
     for t in range(4):
         own = np.linalg.inv(series.precision[t, :p, :p] + np.eye(p))
         moved = own @ series.precision[t, :p, p:]
-        np.testing.assert_allclose(chart.own[t], own @ series.shift[t, :p] - moved @ known)
-        np.testing.assert_allclose(chart.own_sd[t], np.sqrt(np.diag(own)))
+        np.testing.assert_allclose(chart.estimate[t], own @ series.shift[t, :p] - moved @ known)
+        np.testing.assert_allclose(chart.sd[t], np.sqrt(np.diag(own)))
     both = np.concatenate(
         [
             series.precision[:, :p, :p].sum(axis=0) + np.eye(p),
@@ -320,9 +320,11 @@ def test_points_are_posteriors_of_campaigns_alone() -> None:
         for b in (known, known + 0.5)
     ]
     np.testing.assert_allclose(chart.common_sd, np.abs(levels[1] - levels[0]))
-    other = chart_of(series, carried, nodes, prior, (known + 1.0, spread))
+    other = chart_points(series, carried, nodes, prior, (known + 1.0, spread))
     np.testing.assert_allclose(
-        other.limits[:, 1:] - other.own[1:], chart.limits[:, 1:] - chart.own[1:], atol=1e-9
+        other.limits[:, 1:] - other.estimate[1:],
+        chart.limits[:, 1:] - chart.estimate[1:],
+        atol=1e-9,
     )
 
 
@@ -550,7 +552,7 @@ def test_limits_are_of_what_the_next_campaign_would_say() -> None:
     series = visited(rng, 3)
     known = np.array([0.4])
     carried = carried_by(series, np.array([r]), 2)
-    chart = chart_of(series, carried, np.array([r]), np.ones(1), (known, np.eye(1)), limits=0.9)
+    chart = chart_points(series, carried, np.array([r]), np.ones(1), (known, np.eye(1)), limits=0.9)
     x = Gaussian(
         np.eye(3) + carried.precision[0, :2].sum(axis=0), carried.shift[0, :2].sum(axis=0)
     ).draw(rng, (200_000,))
