@@ -230,9 +230,10 @@ def _fit_campaigns(
     with closing(done(fit, jobs, executor)) as results:  # type: ignore[type-var]
         for index, result in results:
             job = jobs[index]
-            row = result
             if isinstance(result, Lost):
                 row = failed_row(settings, job, result.reason)
+            else:
+                row = result
             save_row(journal, job.number, row)
             failed.discard(job.number)
             if row["status"] == "failed":

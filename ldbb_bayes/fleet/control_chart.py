@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -46,7 +46,7 @@ def control_chart(trend: Trend) -> Figure:
         _draw_panel(axes, trend, name)
         if k + columns >= len(all_axes):
             _name_campaigns(axes, trend)
-    handle_by_label = {}
+    handle_by_label: dict[str, Any] = {}
     for axes in all_axes:
         handles, labels = axes.get_legend_handles_labels()
         handle_by_label.update(zip(labels, handles, strict=True))
