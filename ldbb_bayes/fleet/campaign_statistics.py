@@ -83,7 +83,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     )
 
 
-class _Coefficients(NamedTuple):
+class _ChosenCoefficients(NamedTuple):
     """Parameters, then instrument errors: q of the coefficients of a bound model."""
 
     places: list[int]  #: among the coefficients that all tests share
@@ -93,7 +93,7 @@ class _Coefficients(NamedTuple):
     prior_sd: Array  #: shape (q,)
 
 
-def _choose_coefficients(bound: BoundModel) -> _Coefficients:
+def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
     """Return the coefficients that campaigns have in common; nuisances stand before parameters."""
     nuisance_sds: list[tuple[str, float]] = []
     for term in bound.nuisance_columns:
@@ -111,7 +111,7 @@ def _choose_coefficients(bound: BoundModel) -> _Coefficients:
             names.append(name)
             units.append(owner.unit_of(name).inside)
             instrument_sds.append(sd)
-    return _Coefficients(
+    return _ChosenCoefficients(
         places=places,
         names=tuple(names),
         units=tuple(units),
