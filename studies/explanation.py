@@ -19,7 +19,8 @@ __all__ = ["written"]
 
 HERE = Path(__file__).resolve().parent
 PAGES = HERE.parent / "docs" / "explanation"
-OF_U = verdicts._QUARTER**0.5  # a quarter of the variance is half of the standard uncertainty
+# A quarter of the variance is half of the standard uncertainty.
+OF_U = verdicts.OPEN_VARIANCE_SHARE**0.5
 
 
 def written() -> dict[Path, str]:
@@ -43,8 +44,8 @@ def written() -> dict[Path, str]:
         "prior": lb.Prior.default(),
         "rule": lb.StoppingRule(),
         "limit": {
-            "half": verdicts._HALF,
-            "contracted": verdicts._CONTRACTED,
+            "half": verdicts.MAJORITY,
+            "contracted": verdicts.CONTRACTION_LIMIT,
             "of_u": OF_U,
         },
         "rest_low": min(rest),

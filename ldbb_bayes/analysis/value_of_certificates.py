@@ -42,7 +42,7 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     weight
         Weights of the hyper-parameters, shape (w,).
     phi
-        Hyper-parameters, shape (w, h) [mm], as of `hyper_nodes`.
+        Hyper-parameters, shape (w, h) [mm], as of `hyper_parameter_nodes`.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def worth_of_certificates(
     weight
         Weights of the hyper-parameters, shape (w,).
     phi
-        Hyper-parameters, shape (w, h) [mm], as of `hyper_nodes`.
+        Hyper-parameters, shape (w, h) [mm], as of `hyper_parameter_nodes`.
 
     Returns
     -------

@@ -1,5 +1,4 @@
-"""What circles show: which numbers come from the readings, which from the prior, and which are two
-names for one thing.
+"""Judge every parameter: identified, prior-limited or confounded with what.
 
 Everything is of the linear Gaussian model at one value of the hyper-parameters φ, without
 truncation: no readings are needed, and a plan can be asked before it is run. With readings φ is its
@@ -10,9 +9,9 @@ median.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -45,64 +44,57 @@ __all__ = [
     "Identifiability",
     "ParameterIdentifiability",
     "Verdict",
-    "hyper_nodes",
+    "hyper_parameter_nodes",
     "identify",
-    "parameters_of",
+    "judge_parameters",
+    "prior_dominated_share",
+    "variance_share_removed",
     "verdicts",
 ]
 
+# A term or a direction with more than this share of the variance holds most of it.
+MAJORITY = 0.5
+# A parameter with a smaller contraction, 1 − Var(β | y) / Var(β), is prior-limited.
+CONTRACTION_LIMIT = 0.75
+# Open nuisances that hold a quarter of the variance make up half of the standard uncertainty.
+OPEN_VARIANCE_SHARE = 0.25
+# A partner with a smaller share of the variance is not named.
+_NAMED_SHARE = 0.05
+# The readings add less than this share of the prior's precision where priors outweigh them tenfold.
 _TENTH = 0.1
-_HALF = 0.5
-_CONTRACTED = 0.75
-_NAMED = 0.05
-_QUARTER = 0.25
+# Aliases below this share of a parameter's prior sd are rounding.
 _ROUNDING = 1e-12
-_UNMEASURED = {StandingKind.FRICTION: "Hysteresis", StandingKind.DRIFT: "Drift"}
+# Terms that the model leaves out, by the standing degeneracy that they cause.
+_TERMS_LEFT_OUT = {StandingKind.FRICTION: "Hysteresis", StandingKind.DRIFT: "Drift"}
 
 
 class Verdict(StrEnum):
-    """What is known of one parameter. The rule, in this order:
+    """What is known of one parameter.
 
-    1. *confounded*, when a nuisance that the model leaves out looks exactly like it: nothing bounds it then.
-    2. *confounded*, when nuisances that look exactly like it, whose size neither these readings measure nor a certificate states,
-       make up more than half of its standard uncertainty: knowing them would take a quarter of its
-       variance. What is carried over from other orders of the circle is not measured.
-    3. *confounded*, when more than half of its variance lies along directions in which the priors outweigh the readings, and more
-       than half would vanish if something else were known: the nuisance terms, and with them the
-       parameters that no reading separates from it; or, where the priors outweigh the readings
-       tenfold, the parameter it is correlated with most. So are C_CXY and its like, with
-       `Position`, where the circle's centre shifts in proportion to force.
-    4. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of the prior sd.
-    5. *identified* otherwise; but *confounded* with what looks exactly like it and the tests do not show: C_XYX with lost motion
-       in proportion to force, in one direction of travel; in tests that ran in the order of force,
-       C_XXX and its like, where `Position` is modelled C_CXY too, with drift of the bar's length
-       and of the centre.
+    The rule, in this order:
+
+    1. *confounded*, when a nuisance that the model leaves out looks exactly like it: nothing bounds
+       it then.
+    2. *confounded*, when nuisances that look exactly like it, whose size neither these readings
+       measure nor a certificate states, make up more than half of its standard uncertainty: knowing
+       them would take a quarter of its variance. What is carried over from other orders of the
+       circle is not measured.
+    3. *confounded*, when more than half of its variance lies along directions in which the priors
+       outweigh the readings, and more than half would vanish if something else were known: the
+       nuisance terms, and with them the parameters that no reading separates from it; or, where the
+       priors outweigh the readings tenfold, the parameter it is correlated with most. So are C_CXY
+       and its like, with `Position`, where the circle's centre shifts in proportion to force.
+    4. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of
+       the prior sd.
+    5. *identified* otherwise; but *confounded* with what looks exactly like it and the tests do not
+       show: C_XYX with lost motion in proportion to force, in one direction of travel; in tests
+       that ran in the order of force, C_XXX and its like, where `Position` is modelled C_CXY too,
+       with drift of the bar's length and of the centre.
     """
 
     IDENTIFIED = "identified"
     PRIOR_LIMITED = "prior-limited"
     CONFOUNDED = "confounded"
-
-
-def lost_by_knowing(information: Information, known: Sequence[str]) -> Array:
-    """Share of the variance of every parameter that vanishes when these terms or coefficients are
-    known, shape (p,)."""
-    return np.clip(1.0 - information.variances(known) / information.variances(), 0.0, 1.0)
-
-
-def unseen_share(information: Information, least: float = 1.0) -> Array:
-    """Share of the variance along directions in which the readings add less than ``least`` times
-    the prior, shape (p,). Directions of all coefficients, parameters and nuisances, in units of the
-    prior sd: right singular vectors of the whitened design, along which the readings add the
-    squared singular value to a prior precision of one."""
-    rows = information.rows()
-    missing = max(rows.shape[1] - len(rows), 0)
-    _, singular, right = np.linalg.svd(
-        np.concatenate([rows, np.zeros((missing, rows.shape[1]))]), full_matrices=False
-    )
-    gain = singular[:, None] ** 2
-    parts = right[:, information.interest] ** 2 / (1.0 + gain)
-    return np.asarray(np.where(gain < least, parts, 0.0).sum(axis=0) / parts.sum(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,31 +138,62 @@ class Identifiability(Result):
     #: inside units
     alias: ByRow
     correlation: ByRow  #: posterior correlations of parameters and shared nuisances
-    #: Standard uncertainty by parameter and by what is certified of the instrument: none of these, and each there is none of yet.
+    #: standard uncertainty by parameter and by what is certified of the instrument: none of these,
+    #: and each there is none of yet
     certificates: dict[str, dict[str, float]]
     hyper_um: dict[str, float]  #: φ it holds at [µm]
     measured: bool  #: whether φ and the means come from readings
 
 
+class SampledSd(NamedTuple):
+    """Prior and posterior sd of every parameter from draws, shape (p,) each."""
+
+    prior: Array
+    posterior: Array
+
+
 @one_blas_thread
 def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
-    """What the model can learn from a campaign, or could from a plan."""
+    """Return what the model can learn from a campaign, or could from a plan.
+
+    Parameters
+    ----------
+    model : HybridModel
+        Nuisances and priors.
+    campaign : Campaign
+        Tests with or without readings.
+
+    Returns
+    -------
+    Identifiability
+        In inside units (mm, N, rad).
+
+    Examples
+    --------
+    >>> print(lb.identify(lb.HybridModel.default(degree=1), campaign))
+    """
     bound = model.bind(campaign)
-    weight, nodes = hyper_nodes(bound)
+    weight, nodes = hyper_parameter_nodes(bound)
     phi = weight @ nodes
-    mean = bound.prior_mean if campaign.is_plan else bound.given(phi[None])[1].mean[0]
+    mean = bound.prior_mean
+    if not campaign.is_plan:
+        mean = bound.given(phi[None])[1].mean[0]
     information = information_of(bound, phi)
-    found = degeneracies(bound)
+    combinations = degeneracies(bound)
+    effective_parameters = float(len(bound.names))
+    certificates: dict[str, dict[str, float]] = {}
+    if not information.flat:
+        effective_parameters -= float(information.variances().sum())
+        certificates = worth_of_certificates(bound, weight, nodes)
     return Identifiability(
-        parameters=parameters_of(bound, information, found, mean),
-        degeneracies=found,
-        cures=cures(bound, found),
-        standing=standing_degeneracies(bound, found),
-        effective_parameters=len(bound.names)
-        - (0.0 if information.flat else float(information.variances().sum())),
+        parameters=judge_parameters(bound, information, combinations, mean),
+        degeneracies=combinations,
+        cures=cures(bound, combinations),
+        standing=standing_degeneracies(bound, combinations),
+        effective_parameters=effective_parameters,
         alias=_alias_matrix(bound, information),
         correlation=_correlation(information),
-        certificates={} if information.flat else worth_of_certificates(bound, weight, nodes),
+        certificates=certificates,
         hyper_um=bound.hyper_prior.named(phi),
         measured=not campaign.is_plan,
     )
@@ -178,151 +201,334 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
 
 @one_blas_thread
 def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
-    """The same of every parameter of a posterior, at its mean hyper-parameters; mean, sd and
-    contraction are the draws'."""
+    """Return the verdict on every parameter of a posterior.
+
+    Parameters
+    ----------
+    posterior : xarray.DataTree
+        From `sample`, `load` or `average`.
+
+    Returns
+    -------
+    dict of ParameterIdentifiability
+        By parameter, at the posterior mean of the hyper-parameters; mean, sd and contraction are
+        those of the draws.
+
+    Examples
+    --------
+    >>> print(lb.verdicts(posterior)["C_XXX"])
+    """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)
-    prior_sd = [
-        float(posterior["prior"][name].std()) if np.isfinite(nominal) else np.inf
-        for name, nominal in zip(bound.names, bound.prior_sd, strict=True)
-    ]
-    information = information_of(bound, phi.mean(axis=0))
-    drawn = (np.array(prior_sd), beta.std(axis=0))
-    return parameters_of(bound, information, degeneracies(bound), beta.mean(axis=0), drawn)
+    prior_sd = np.full(len(bound.names), np.inf)
+    for j, name in enumerate(bound.names):
+        if np.isfinite(bound.prior_sd[j]):
+            prior_sd[j] = float(posterior["prior"][name].std())
+    return judge_parameters(
+        bound,
+        information_of(bound, phi.mean(axis=0)),
+        degeneracies(bound),
+        beta.mean(axis=0),
+        SampledSd(prior_sd, beta.std(axis=0)),
+    )
 
 
-def hyper_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Weights (w,) and φ (w, h) [mm]: nodes of p(φ | y), without truncation; of a plan the prior
-    median alone."""
+def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
+    """Return weights, shape (w,), and hyper-parameters φ, shape (w, h) [mm].
+
+    They are nodes of p(φ | y), without truncation; of a plan the prior median alone.
+    """
     if bound.campaign.is_plan:
-        return np.ones(1), bound.hyper_prior.quantile(
-            np.full((1, len(bound.hyper_prior.names)), _HALF)
-        )
-    found = HyperPosterior(bound, truncated=False).coarse
-    return found.weight, bound.hyper_prior.phi(found.free)
+        median = np.full((1, len(bound.hyper_prior.names)), 0.5)
+        return np.ones(1), bound.hyper_prior.quantile(median)
+    coarse = HyperPosterior(bound, truncated=False).coarse
+    return coarse.weight, bound.hyper_prior.phi(coarse.free)
 
 
-def parameters_of(
+def variance_share_removed(information: Information, names: Sequence[str]) -> Array:
+    """Return the share of every parameter's variance that knowing terms or coefficients removes.
+
+    Shape (p,).
+    """
+    return np.clip(1.0 - information.variances(names) / information.variances(), 0.0, 1.0)
+
+
+def prior_dominated_share(information: Information, precision_ratio: float = 1.0) -> Array:
+    """Return the share of every parameter's variance along directions that priors dominate.
+
+    There the readings add less than ``precision_ratio`` times the prior's precision. Directions are
+    of all coefficients, parameters and nuisances, in units of the prior sd: right singular vectors
+    of the whitened design, along which the readings add the squared singular value to a prior
+    precision of one.
+
+    Parameters
+    ----------
+    information
+        Information of the readings.
+    precision_ratio
+        Precision that the readings add, over the prior's.
+
+    Returns
+    -------
+    ndarray
+        Shape (p,).
+    """
+    rows = information.rows()
+    coefficients = rows.shape[1]
+    missing = max(coefficients - len(rows), 0)
+    padded = np.concatenate([rows, np.zeros((missing, coefficients))])
+    _, singular, right = np.linalg.svd(padded, full_matrices=False)
+    precision = singular[:, None] ** 2
+    variances = right[:, information.interest] ** 2 / (1.0 + precision)
+    dominated = np.where(precision < precision_ratio, variances, 0.0)
+    return np.asarray(dominated.sum(axis=0) / variances.sum(axis=0))
+
+
+@dataclass(frozen=True)
+class _ParameterFacts:
+    """What the verdict on one parameter rests on.
+
+    ``index`` is its number among the parameters. ``removed_shares`` says by term what knowing it
+    would remove of the variance, ``squared_correlations`` the same by other parameter.
+    ``dominated_share`` and ``tenfold_dominated_share`` are shares of the variance where the priors
+    outweigh the readings.
+    """
+
+    index: int
+    removed_shares: Mapping[str, float]
+    squared_correlations: Mapping[str, float]
+    dominated_share: float
+    tenfold_dominated_share: float
+    contraction: float
+    degeneracies: tuple[Degeneracy, ...]
+
+
+class _Judgement(NamedTuple):
+    """A verdict, and what the parameter is confounded with."""
+
+    verdict: Verdict
+    partners: tuple[str, ...]
+
+
+def judge_parameters(
     bound: BoundModel,
     information: Information,
-    found: tuple[Degeneracy, ...],
+    combinations: tuple[Degeneracy, ...],
     mean: Array,
-    drawn: tuple[Array, Array] | None = None,
+    sampled_sd: SampledSd | None = None,
 ) -> dict[str, ParameterIdentifiability]:
-    """Every parameter of a model at φ and a mean of β (p,), given the information at φ and the null
-    space there. ``drawn``: prior and posterior sd that replace the Gaussian's, truncation
-    included."""
-    own = information.interest
-    proper = not information.flat
-    unseen = [
-        unseen_share(information, least) if proper else np.zeros(len(own))
-        for least in (1.0, _TENTH)
-    ]
+    """Return the verdict on every parameter of a model.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+    information
+        Its information at φ.
+    combinations
+        Its `degeneracies`.
+    mean
+        Mean of β, shape (p,), in inside units.
+    sampled_sd
+        Prior and posterior sd that replace the Gaussian's, truncation included.
+
+    Returns
+    -------
+    dict of ParameterIdentifiability
+        By parameter.
+    """
+    if sampled_sd is None:
+        sampled_sd = _gaussian_sd(bound, information)
     correlation = _correlation(information)
-    shifted = () if bound.campaign.is_plan else tuple(centre_shift(bound, mean))
-    turning = (
-        [name.label for name in bound.compliances if name.kind == "rotation_for_force"]
-        if shifted
-        else []
-    )
-    alike = {standing.kind: standing.parameters for standing in standing_degeneracies(bound, found)}
-    lost = {term: lost_by_knowing(information, [term]) for term in information.terms}
-    shares = information.contributions()
-    nominal = (
-        np.array([p.prior_sd for p in bound.parameters]),
-        np.sqrt(information.variances()) * information.scale[own],
-    )
+    removed_shares = {
+        term: variance_share_removed(information, [term]) for term in information.terms
+    }
+    contributions = information.contributions()
+    dominated = np.zeros(len(bound.names))
+    tenfold_dominated = np.zeros(len(bound.names))
+    if not information.flat:
+        dominated = prior_dominated_share(information)
+        tenfold_dominated = prior_dominated_share(information, _TENTH)
+    left_out = _terms_left_out(bound, combinations)
+    shifted = _shifted_parameters(bound, mean)
     entries = {}
-    for i, (p, prior_sd, sd) in enumerate(zip(bound.parameters, *(drawn or nominal), strict=True)):
-        ratio = float(sd / prior_sd) ** 2
-        others = correlation[p.name]
-        rivals = {name: float(others[name] ** 2) for name in bound.names if name != p.name}
-        confounding = {term: float(values[i]) for term, values in lost.items()}
-        every = confounding | rivals
-        mine = tuple(d for d in found if p.name in d.parameters)
-        verdict, partners = _verdict(
-            information, i, every, (unseen[0][i], unseen[1][i]), 1.0 - ratio, mine
+    for i, parameter in enumerate(bound.parameters):
+        name = parameter.name
+        prior_sd = float(sampled_sd.prior[i])
+        variance_ratio = float(sampled_sd.posterior[i] / sampled_sd.prior[i]) ** 2
+        facts = _ParameterFacts(
+            index=i,
+            removed_shares={term: float(share[i]) for term, share in removed_shares.items()},
+            squared_correlations=_squared_correlations(correlation, bound.names, name),
+            dominated_share=dominated[i],
+            tenfold_dominated_share=tenfold_dominated[i],
+            contraction=1.0 - variance_ratio,
+            degeneracies=tuple(d for d in combinations if name in d.parameters),
         )
-        left_out = [term for kind, term in _UNMEASURED.items() if p.name in alike.get(kind, ())]
-        if verdict == Verdict.IDENTIFIED and left_out:
-            verdict = Verdict.CONFOUNDED
-            partners = (*left_out, *partners)
-        if p.name in turning:
-            verdict = Verdict.CONFOUNDED
-            partners = tuple(dict.fromkeys(["Position", *partners]))
-        entries[p.name] = ParameterIdentifiability(
-            name=p.name,
-            verdict=verdict,
-            partners=partners,
-            partner_shares={partner: every[partner] for partner in partners if partner in every},
-            unit=p.unit,
-            prior_mean=p.prior_mean if proper else np.nan,
-            prior_sd=float(prior_sd),
+        judgement = _allow_for_effects_left_out(
+            _judge(information, facts), left_out.get(name, ()), is_shifted=name in shifted
+        )
+        shares = {**facts.removed_shares, **facts.squared_correlations}
+        entry = ParameterIdentifiability(
+            name=name,
+            verdict=judgement.verdict,
+            partners=judgement.partners,
+            partner_shares={
+                partner: shares[partner] for partner in judgement.partners if partner in shares
+            },
+            unit=parameter.unit,
+            prior_mean=parameter.prior_mean,
+            prior_sd=prior_sd,
             mean=float(mean[i]),
-            sd=float(sd),
-            contraction=1.0 - ratio if proper else np.nan,
-            information_gain=float(-0.5 * np.log(ratio)) if proper else np.nan,
-            confounding=confounding,
-            shares={source: float(values[i]) for source, values in shares.items()},
+            sd=float(sampled_sd.posterior[i]),
+            contraction=facts.contraction,
+            information_gain=_information_gain(variance_ratio),
+            confounding=dict(facts.removed_shares),
+            shares={source: float(share[i]) for source, share in contributions.items()},
         )
+        if information.flat:
+            entry = replace(entry, prior_mean=np.nan, contraction=np.nan, information_gain=np.nan)
+        entries[name] = entry
     return entries
 
 
-def _verdict(
-    information: Information,
-    i: int,
-    share: Mapping[str, float],
-    unseen: tuple[float, float],
-    contraction: float,
-    mine: tuple[Degeneracy, ...],
-) -> tuple[Verdict, tuple[str, ...]]:
-    """See `Verdict` for the rule; with the partners. ``i``: its number among the parameters;
-    ``share``: what knowing each term would take from its variance, and its squared correlations
-    with the other parameters; ``unseen``: shares of the variance where the priors outweigh the
-    readings, once and tenfold; ``mine``: its degeneracies."""
+def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:
+    """Return prior and posterior sd of the linear Gaussian model."""
+    prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
+    posterior_sd = np.sqrt(information.variances()) * information.scale[information.interest]
+    return SampledSd(prior_sd, posterior_sd)
+
+
+def _information_gain(variance_ratio: float) -> float:
+    """Return ½ ln(Var(β) / Var(β | y)) [nat]."""
+    if variance_ratio == 0.0:
+        return np.inf
+    return float(-0.5 * np.log(variance_ratio))
+
+
+def _squared_correlations(
+    correlation: pd.DataFrame, names: Sequence[str], name: str
+) -> dict[str, float]:
+    """Return the squared correlations of one parameter with every other one."""
+    row = correlation[name]
+    return {partner: float(row[partner] ** 2) for partner in names if partner != name}
+
+
+def _terms_left_out(
+    bound: BoundModel, combinations: Sequence[Degeneracy]
+) -> dict[str, tuple[str, ...]]:
+    """Return by parameter the terms that look exactly like it and that the model leaves out."""
+    parameters_by_kind = {
+        standing.kind: standing.parameters
+        for standing in standing_degeneracies(bound, combinations)
+    }
+    terms: dict[str, tuple[str, ...]] = {}
+    for kind, term in _TERMS_LEFT_OUT.items():
+        for name in parameters_by_kind.get(kind, ()):
+            terms[name] = (*terms.get(name, ()), term)
+    return terms
+
+
+def _shifted_parameters(bound: BoundModel, mean: Array) -> tuple[str, ...]:
+    """Return rotations by force, where the circle's centre shifts in proportion to force."""
+    if bound.campaign.is_plan or not centre_shift(bound, mean):
+        return ()
+    return tuple(name.label for name in bound.compliances if name.kind == "rotation_for_force")
+
+
+def _judge(information: Information, facts: _ParameterFacts) -> _Judgement:
+    """Return the verdict on one parameter by the rule of `Verdict`, effects left out aside."""
+    removed = facts.removed_shares
     terms = information.shared_terms
-    rivals = ranked((name for name in share if name not in information.terms), share.__getitem__)
-    heavy = tuple(ranked((term for term in terms if share[term] > _NAMED), share.__getitem__))
-    alike = {d.term for d in mine if d.modelled}
-    exact = tuple(term for term in heavy if term in alike)
-    left_out = tuple(dict.fromkeys(d.term for d in mine if not d.modelled))
-    if left_out:
-        return Verdict.CONFOUNDED, (*left_out, *exact)
-    open_terms = [
-        term for term in exact if any(d.term == term and d.modelled and not d.stated for d in mine)
-    ]
-    if open_terms and lost_by_knowing(information, open_terms)[i] > _QUARTER:
-        return Verdict.CONFOUNDED, tuple(open_terms)
-    same = {name for d in mine if not d.term for name in d.parameters}
-    twins = [name for name in rivals if name in same]
-    partners = tuple(name for name in (*(exact or heavy), *twins) if share[name] > _NAMED)
-    if unseen[0] > _HALF and partners and lost_by_knowing(information, (*terms, *twins))[i] > _HALF:
-        return Verdict.CONFOUNDED, partners
-    if unseen[1] > _HALF and rivals and share[rivals[0]] > _HALF:
-        return Verdict.CONFOUNDED, (rivals[0],)
-    return (Verdict.PRIOR_LIMITED if contraction < _CONTRACTED else Verdict.IDENTIFIED), heavy
+    heavy_terms = [term for term in terms if removed[term] > _NAMED_SHARE]
+    heavy = tuple(ranked(heavy_terms, removed.__getitem__))
+    modelled = {d.term for d in facts.degeneracies if d.modelled}
+    exact = tuple(term for term in heavy if term in modelled)
+    not_modelled = dict.fromkeys(d.term for d in facts.degeneracies if not d.modelled)
+    if not_modelled:
+        return _Judgement(Verdict.CONFOUNDED, (*not_modelled, *exact))
+    open_terms = _open_terms(exact, facts.degeneracies)
+    if open_terms:
+        share = variance_share_removed(information, open_terms)[facts.index]
+        if share > OPEN_VARIANCE_SHARE:
+            return _Judgement(Verdict.CONFOUNDED, open_terms)
+    partners = _inseparable_partners(information, facts, exact or heavy)
+    if partners:
+        return _Judgement(Verdict.CONFOUNDED, partners)
+    if facts.contraction < CONTRACTION_LIMIT:
+        return _Judgement(Verdict.PRIOR_LIMITED, heavy)
+    return _Judgement(Verdict.IDENTIFIED, heavy)
+
+
+def _open_terms(terms: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
+    """Return modelled terms in degeneracies whose size no certificate states."""
+    not_stated = {d.term for d in combinations if d.modelled and not d.stated}
+    return tuple(term for term in terms if term in not_stated)
+
+
+def _inseparable_partners(
+    information: Information, facts: _ParameterFacts, partner_terms: Sequence[str]
+) -> tuple[str, ...]:
+    """Return what holds most of a variance that the priors dominate; nothing where they do not."""
+    correlations = facts.squared_correlations
+    rivals = ranked(correlations, correlations.__getitem__)
+    twins = _twins(rivals, facts.degeneracies)
+    named_twins = [name for name in twins if correlations[name] > _NAMED_SHARE]
+    partners = (*partner_terms, *named_twins)
+    if facts.dominated_share > MAJORITY and partners:
+        names = (*information.shared_terms, *twins)
+        if variance_share_removed(information, names)[facts.index] > MAJORITY:
+            return partners
+    if facts.tenfold_dominated_share > MAJORITY and rivals:
+        nearest = rivals[0]
+        if correlations[nearest] > MAJORITY:
+            return (nearest,)
+    return ()
+
+
+def _twins(names: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
+    """Return parameters in degeneracies without a nuisance."""
+    inseparable = set[str]()
+    for degeneracy in combinations:
+        if not degeneracy.term:
+            inseparable.update(degeneracy.parameters)
+    return tuple(name for name in names if name in inseparable)
+
+
+def _allow_for_effects_left_out(
+    judgement: _Judgement, terms: tuple[str, ...], *, is_shifted: bool
+) -> _Judgement:
+    """Return the verdict in the light of terms left out, and of a shift of the circle's centre."""
+    verdict = judgement.verdict
+    partners = judgement.partners
+    if terms and verdict == Verdict.IDENTIFIED:
+        verdict = Verdict.CONFOUNDED
+        partners = (*terms, *partners)
+    if is_shifted:
+        verdict = Verdict.CONFOUNDED
+        partners = tuple(dict.fromkeys(["Position", *partners]))
+    return _Judgement(verdict, partners)
 
 
 def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
-    own = information.interest
+    """Return the change of least-squares estimates (rows) per prior sd of nuisances (columns)."""
+    interest = information.interest
     names = np.array(information.names)
-    others = np.setdiff1d(np.arange(len(names)), own)
-    rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)])
-    every = np.concatenate(information.design) * information.scale
-    table = (
-        np.array([minimum_norm_solution(rows, every[:, j], information.scale[own]) for j in others])
-        .reshape(len(others), len(own))
-        .T
-    )
-    table[np.abs(table) < _ROUNDING * information.scale[own, None]] = 0.0
-    return pd.DataFrame(table, names[own].tolist(), names[others].tolist())
+    nuisances = np.setdiff1d(np.arange(len(names)), interest)
+    blocks = [test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)]
+    rows = np.concatenate(blocks)
+    effects = np.concatenate(information.design) * information.scale
+    scale = information.scale[interest]
+    alias = np.zeros((len(interest), len(nuisances)))
+    for column, nuisance in enumerate(nuisances):
+        alias[:, column] = minimum_norm_solution(rows, effects[:, nuisance], scale)
+    alias[np.abs(alias) < _ROUNDING * scale[:, None]] = 0.0
+    return pd.DataFrame(alias, names[interest].tolist(), names[nuisances].tolist())
 
 
 def _correlation(information: Information) -> pd.DataFrame:
+    """Return posterior correlations of parameters and shared nuisances."""
     covariance = information.covariance()
     names = list(information.names)
     sd = np.sqrt(np.diag(covariance))
     return pd.DataFrame(covariance / np.outer(sd, sd), names, names)
-
-
-# ---- uncertainty budgets

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES, worth_of_certificates
-from ldbb_bayes.analysis.verdicts import hyper_nodes
+from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.app.fields import linear_model, read_files
 from ldbb_bayes.report.text import two_digits
 from ldbb_bayes.units import display_name, display_unit
@@ -48,7 +48,7 @@ def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
         Files or entries do not do.
     """
     bound = linear_model().bind(read_files(folder, choices).campaign)
-    sd_by_certificate = worth_of_certificates(bound, *hyper_nodes(bound))
+    sd_by_certificate = worth_of_certificates(bound, *hyper_parameter_nodes(bound))
     today = sd_by_certificate.pop("none of these")
     units = {
         parameter.name: parameter.unit

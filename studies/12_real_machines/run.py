@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies
 from ldbb_bayes.analysis.value_of_certificates import uncertainty_with
-from ldbb_bayes.analysis.verdicts import hyper_nodes, parameters_of
+from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes, judge_parameters
 from ldbb_bayes.inference.checks import centre_shift, effects, predictive_checks
 from ldbb_bayes.inference.coefficients import compliance_curves
 from ldbb_bayes.inference.fit import Fit
@@ -72,7 +72,7 @@ def analysed(kind: str, seed: int) -> dict[str, float]:
             f"{edition}/misfit": bool(fit.misfits),
             f"{edition}/centre": bool(centre_shift(bound, mean)),
         }
-        verdicts = parameters_of(
+        verdicts = judge_parameters(
             bound, information_of(bound, phi.mean(axis=0)), degeneracies(bound), mean
         )
         for j, name in enumerate(NAMES):
@@ -102,7 +102,7 @@ def analysed(kind: str, seed: int) -> dict[str, float]:
 def foretold(campaign: lb.Campaign) -> dict[str, float]:
     """u that the certificates were to leave, as `identify` works it out before they are bought."""
     bound = MODELS["second"].bind(replace(campaign, instrument=lb.Instrument()))
-    sd = uncertainty_with(bound, CERTIFIED, *hyper_nodes(bound))
+    sd = uncertainty_with(bound, CERTIFIED, *hyper_parameter_nodes(bound))
     return {f"foretold/{name}": float(sd[NAMES.index(name)]) for name in CALIBRATED}
 
 

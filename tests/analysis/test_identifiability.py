@@ -15,7 +15,11 @@ from oracle import Stated
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.budgets import Budget, budgets
 from ldbb_bayes.analysis.value_of_certificates import uncertainty_with
-from ldbb_bayes.analysis.verdicts import hyper_nodes, lost_by_knowing, unseen_share
+from ldbb_bayes.analysis.verdicts import (
+    hyper_parameter_nodes,
+    prior_dominated_share,
+    variance_share_removed,
+)
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.machine.chain import compliance_jacobian, geometric_jacobian, kept_compliances
 from ldbb_bayes.model.hybrid import information_of
@@ -55,10 +59,12 @@ def test_two_parameters_in_closed_form() -> None:
     given = 1.0 / (0.01 + 1.0 / 4.01)
     known = 1.0 / (0.01 + 1.0 / 0.01)
     assert information.variances()[0] * 100.0 == pytest.approx(given)
-    assert lost_by_knowing(information, ["BallForm"])[0] == pytest.approx(1.0 - known / given)
+    assert variance_share_removed(information, ["BallForm"])[0] == pytest.approx(
+        1.0 - known / given
+    )
     exact = replace(information, noise=({NOISE: 1e-9 * np.eye(100)},))
     assert exact.variances()[0] == pytest.approx(4.0 / 104.0, abs=1e-6)
-    assert lost_by_knowing(exact, ["BallForm"])[0] == pytest.approx(1.0, abs=1e-6)
+    assert variance_share_removed(exact, ["BallForm"])[0] == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("angle", [1e-1, 1e-2, 1e-3, 1e-8, 0.0])
@@ -70,8 +76,8 @@ def test_near_collinear_designs_are_graded(angle: float) -> None:
         np.diag([0.01, 0.25]) + information.design[0].T @ information.design[0]
     )[0, 0]
     assert information.variances()[0] * 100.0 == pytest.approx(expected, rel=1e-6)
-    assert bool(unseen_share(information)[0] > 0.5) is (angle < 0.03)
-    assert 0.5 < lost_by_knowing(information, ["BallForm"])[0] <= 1.0
+    assert bool(prior_dominated_share(information)[0] > 0.5) is (angle < 0.03)
+    assert 0.5 < variance_share_removed(information, ["BallForm"])[0] <= 1.0
 
 
 # The recovered experiment
@@ -112,7 +118,7 @@ def test_differences_are_not(recovered: lb.Campaign) -> None:
         ]
         assert lost[0] > least
         assert lost[1] < 1e-3
-    assert lost_by_knowing(information, ["ForceError"])[names.index("C_XXX")] > 0.05
+    assert variance_share_removed(information, ["ForceError"])[names.index("C_XXX")] > 0.05
 
 
 def test_four_lobes_are_separated_from_rotation_by_force_only(recovered: lb.Campaign) -> None:
@@ -241,7 +247,7 @@ def test_certificates_by_the_oracle() -> None:
     campaign = simulated(plan())
     weight = np.array([0.5, 0.3, 0.2])
     bound = LINEAR.without("truncation").bind(campaign)
-    phi = hyper_nodes(bound)[1][[0, 7, -1]]
+    phi = hyper_parameter_nodes(bound)[1][[0, 7, -1]]
     oracle = oracle_of(campaign, 1, stated=Stated(length_U_um=1.0))
     expected = weight @ [np.diag(oracle.given(own)[2]) for own in phi]
     np.testing.assert_allclose(
