@@ -8,8 +8,10 @@ from scipy import stats
 
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given
 
-_WIDER = 1.3
+# The proposal is a Student t this many times as wide as the posterior at its mode.
+_WIDTH = 1.3
 _FREEDOM = 4
+# Proposals for every draw.
 _PROPOSALS = 8
 
 
@@ -18,10 +20,12 @@ def collapsed(posterior: HyperPosterior, size: int, seed: int = 0) -> tuple[np.n
     once."""
     rng = np.random.default_rng(seed)
     root = posterior.modes[0][1]
-    proposal = stats.multivariate_t(posterior.mode, _WIDER**2 * root @ root.T, _FREEDOM, seed=rng)
+    shape = _WIDTH**2 * root @ root.T
+    proposal = stats.multivariate_t(posterior.mode, shape, _FREEDOM, seed=rng)
     free = proposal.rvs(_PROPOSALS * size).reshape(-1, len(posterior.mode))
-    parts = [posterior.log_density(part) for part in np.array_split(free, len(free) // 256 + 1)]
-    ratio = np.concatenate(parts) - proposal.logpdf(free)
-    weight = np.exp(ratio - ratio.max())
-    picked = free[rng.choice(len(free), size, p=weight / weight.sum())]
-    return draw_parameters_given(posterior, picked, rng), posterior.bound.hyper_prior.phi(picked)
+    chunks = np.array_split(free, len(free) // 256 + 1)
+    log_density = np.concatenate([posterior.log_density(chunk) for chunk in chunks])
+    log_ratio = log_density - proposal.logpdf(free)
+    weight = np.exp(log_ratio - log_ratio.max())
+    chosen = free[rng.choice(len(free), size, p=weight / weight.sum())]
+    return draw_parameters_given(posterior, chosen, rng), posterior.bound.hyper_prior.phi(chosen)

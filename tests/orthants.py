@@ -33,15 +33,15 @@ def _integral(log_density: Callable[[np.ndarray], np.ndarray], reach: float) -> 
 
 def one_factor(mean: np.ndarray, loading: np.ndarray) -> Case:
     """u_i = mean_i + a_i z + √(1 − a_i²) e_i."""
-    own = np.sqrt(1.0 - loading**2)
+    private_sd = np.sqrt(1.0 - loading**2)
 
     def log_density(z: np.ndarray) -> np.ndarray:
-        return -0.5 * (z**2 + np.log(2 * np.pi)) + log_ndtr(
-            (mean + np.outer(z, loading)) / own
-        ).sum(axis=1)
+        log_probability = log_ndtr((mean + np.outer(z, loading)) / private_sd).sum(axis=1)
+        return -0.5 * (z**2 + np.log(2 * np.pi)) + log_probability
 
     reach = 1.5 * np.abs(mean).max() + 12.0
-    return Case(mean, np.column_stack([loading, np.diag(own)]), _integral(log_density, reach))
+    spread = np.column_stack([loading, np.diag(private_sd)])
+    return Case(mean, spread, _integral(log_density, reach))
 
 
 def chain(mean: np.ndarray, rho: np.ndarray) -> Case:
@@ -59,9 +59,8 @@ def chain(mean: np.ndarray, rho: np.ndarray) -> Case:
     message = np.zeros(len(u))
     for i in range(m - 1, 0, -1):
         centre = mean[i] + rho[i - 1] * (u - mean[i - 1])
-        log_step = -0.5 * ((u - centre[:, None]) / root[i, i]) ** 2 - np.log(
-            root[i, i] * np.sqrt(2 * np.pi)
-        )
+        sd = root[i, i]
+        log_step = -0.5 * ((u - centre[:, None]) / sd) ** 2 - np.log(sd * np.sqrt(2 * np.pi))
         message = logsumexp(log_step + message + log_weight, axis=1)
     first = -0.5 * ((u - mean[0]) ** 2 + np.log(2 * np.pi))
     return Case(mean, root, float(logsumexp(first + message + log_weight)))
@@ -87,20 +86,18 @@ def random_case(rng: np.random.Generator) -> Case:
     rows that follow from others."""
     kind = rng.integers(4)
     m = int(rng.integers(2, 11))
-    mean = rng.normal(0.0, rng.choice([0.5, 2.0]), m) + rng.choice(
-        [1.0, 0.0, -2.0, -6.0, -12.0, -30.0]
-    )
+    scatter = rng.normal(0.0, rng.choice([0.5, 2.0]), m)
+    mean = scatter + rng.choice([1.0, 0.0, -2.0, -6.0, -12.0, -30.0])
     if kind == 0:
         case = one_factor(mean, np.full(m, np.sqrt(rng.choice([0.3, 0.9, 0.99]))))
     elif kind == 1:
         case = one_factor(mean, rng.choice([-1.0, 1.0], m) * np.sqrt(rng.uniform(0.0, 0.99, m)))
     elif kind == 2:
-        case = chain(
-            np.maximum(mean, -4.0), rng.choice([-1.0, 1.0]) * rng.uniform(0.0, 0.98, m - 1)
-        )
+        rho = rng.choice([-1.0, 1.0]) * rng.uniform(0.0, 0.98, m - 1)
+        case = chain(np.maximum(mean, -4.0), rho)
     else:
-        turn = rng.uniform(0.0, 2 * np.pi) + rng.uniform(-1.2, 1.2, m)
-        case = cone(np.maximum(mean, -4.0), np.column_stack([np.cos(turn), np.sin(turn)]))
+        angle = rng.uniform(0.0, 2 * np.pi) + rng.uniform(-1.2, 1.2, m)
+        case = cone(np.maximum(mean, -4.0), np.column_stack([np.cos(angle), np.sin(angle)]))
     if kind != 3 and rng.random() < 0.3:
         share = rng.dirichlet(np.ones(m), 2)
         return Case(
