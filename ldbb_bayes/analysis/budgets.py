@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from ldbb_bayes.inference.posterior import bound_of, draws_of
-from ldbb_bayes.model.hybrid import BoundModel, information_of
+from ldbb_bayes.model.bound_information import information_of
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms import NOISE, BasisNoise, Columns, Term
 from ldbb_bayes.parallel import one_blas_thread

@@ -20,8 +20,9 @@ from ldbb_bayes.analysis.circularity import offsets
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
 from ldbb_bayes.inference.summary import check_probability
+from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.model.hybrid import BoundModel, information_of
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.parallel import one_blas_thread

@@ -9,8 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ldbb_bayes.errors import require
-from ldbb_bayes.machine import chain
-from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.machine.chain import LARGEST_MM, Circle, Joint, Machine
+from ldbb_bayes.machine.linear import (
+    Kept,
+    compliance_jacobian,
+    geometric_jacobian,
+    kept_compliances,
+)
+from ldbb_bayes.machine.parameters import geometric_names
 from ldbb_bayes.model.prior import compliance_unit, geometric_unit
 from ldbb_bayes.results import Array, Result
 
@@ -91,7 +97,7 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
     """
     circles = tuple(circles) or tuple(Circle(plane=plane) for plane in machine.planes)
     _check_circles(machine, circles)
-    visible = chain.kept_compliances(machine, *circles)
+    visible = kept_compliances(machine, *circles)
     return DescribedMachine(
         topology=machine.topology,
         planes=tuple(machine.planes),
@@ -109,8 +115,8 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
 def _check_circles(machine: Machine, circles: Sequence[Circle]) -> None:
     largest = max(np.abs(circle.centre_mm).max() for circle in circles)
     require(
-        largest <= chain.LARGEST_MM,
-        f"centres must lie within {chain.LARGEST_MM:g} mm, got {largest:g} mm. Check the unit.",
+        largest <= LARGEST_MM,
+        f"centres must lie within {LARGEST_MM:g} mm, got {largest:g} mm. Check the unit.",
     )
     strange_planes = sorted({circle.plane for circle in circles} - set(machine.planes))
     require(
@@ -120,21 +126,20 @@ def _check_circles(machine: Machine, circles: Sequence[Circle]) -> None:
     )
 
 
-def _describe_joint(joint: chain.Joint) -> str:
+def _describe_joint(joint: Joint) -> str:
     """Return a joint in words, with branch and frame."""
     frame = ", ".join(f"{x:g}" for x in joint.frame_mm)
     return f"{joint.axis} in the {joint.branch} branch, frame at ({frame}) mm"
 
 
 def _describe_compliances(
-    machine: Machine, circles: Sequence[Circle], visible: chain.Kept
+    machine: Machine, circles: Sequence[Circle], visible: Kept
 ) -> tuple[VisibleParameter, ...]:
     """Return the kept compliances, with what each stands for."""
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
         columns = [
-            chain.compliance_jacobian(machine, circle, _ANGLES_RAD, visible.names)
-            for circle in sampled
+            compliance_jacobian(machine, circle, _ANGLES_RAD, visible.names) for circle in sampled
         ]
         jacobians[plane] = np.stack(columns)
     compliances = []
@@ -162,10 +167,10 @@ def _describe_geometric_errors(
     """Return the geometric errors."""
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
-        columns = [chain.geometric_jacobian(machine, circle, _ANGLES_RAD) for circle in sampled]
+        columns = [geometric_jacobian(machine, circle, _ANGLES_RAD) for circle in sampled]
         jacobians[plane] = np.stack(columns)
     errors = []
-    for k, name in enumerate(chain.geometric_names(machine)):
+    for k, name in enumerate(geometric_names(machine)):
         error = VisibleParameter(
             name=name.label,
             unit=geometric_unit(name.kind),

@@ -30,7 +30,8 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.checks import centre_shift
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
+from ldbb_bayes.model.bound_information import information_of
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.linear_algebra import minimum_norm_solution
 from ldbb_bayes.parallel import one_blas_thread

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.machine.chain import ComplianceName, kept_compliances
+from ldbb_bayes.machine.linear import kept_compliances
+from ldbb_bayes.machine.parameters import ComplianceName
 from ldbb_bayes.model.prior import Prior
 
 __all__ = ["Meaning", "same_meaning", "stands_for"]

@@ -25,7 +25,7 @@ import pandas as pd
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.fleet.compliance_meaning import Meaning, same_meaning
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, moment
-from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName
+from ldbb_bayes.machine.parameters import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.prior import Prior, geometric_unit
 from ldbb_bayes.model.terms import Term

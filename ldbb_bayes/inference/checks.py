@@ -24,8 +24,9 @@ from ldbb_bayes.inference.residuals import (
     tests_in_order,
 )
 from ldbb_bayes.machine.chain import PLANES
+from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, harmonic_index
-from ldbb_bayes.model.hybrid import BoundModel, information_of
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 

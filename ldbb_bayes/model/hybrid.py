@@ -7,7 +7,7 @@ given φ = (σ, δ, κ, τ).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -18,16 +18,12 @@ from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
 from ldbb_bayes.errors import check_known, renamed, require
-from ldbb_bayes.machine.chain import (
-    LINEAR,
-    ComplianceName,
-    GeometricName,
-    geometric_reading_mm,
-    kept_compliances,
-)
+from ldbb_bayes.machine.chain import LINEAR
+from ldbb_bayes.machine.exact import geometric_reading_mm
+from ldbb_bayes.machine.linear import kept_compliances
+from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.fourier import basis
-from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.likelihood import StructuredGaussian
 from ldbb_bayes.model.linear_algebra import minimum_norm_solution
 from ldbb_bayes.model.orthant import Orthant
@@ -42,8 +38,6 @@ from ldbb_bayes.model.prior import (
 from ldbb_bayes.model.reduction import Reduced, reduce_readings
 from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
 from ldbb_bayes.model.terms import (
-    NOISE,
-    OWN,
     BasisNoise,
     CircleScale,
     Columns,
@@ -58,15 +52,7 @@ from ldbb_bayes.model.truncation import Truncation
 from ldbb_bayes.results import Array, Result, Shown
 from ldbb_bayes.units import inside_name
 
-__all__ = [
-    "BoundModel",
-    "HybridModel",
-    "Parameter",
-    "Preset",
-    "Simulation",
-    "information_of",
-    "informations_of",
-]
+__all__ = ["BoundModel", "HybridModel", "Parameter", "Preset", "Simulation"]
 
 Preset = Literal["default", "first", "paper"]
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
@@ -862,66 +848,6 @@ class BoundModel(Shown):
             )
         rows = dict.fromkeys(tuple(rows[j]) for j in bounded for rows in at)
         return np.array([row for row in rows if any(row)]).reshape(-1, len(self.parameters))
-
-
-def information_of(bound: BoundModel, phi: Array) -> Information:
-    """What readings tell of a bound model's coefficients at φ (h,) [mm]; what differs between tests
-    is noise of its test."""
-    return next(informations_of(bound, phi[None]))
-
-
-def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
-    """That of `information_of` at several φ in turn, shape (w, h) [mm]; what φ only scales is
-    worked out once."""
-    names, owners = list(bound.names), [OWN] * len(bound.names)
-    columns = [bound.interest]
-    scale = list[Columns]()
-    private = [
-        part.values for part in bound.nuisance_columns if isinstance(part, Columns) and part.private
-    ]
-    # Tests of one noise: those sampled alike on circles of one kind and of one scale.
-    scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
-    alike = [
-        (
-            id(test.factor),
-            scale_of[circle].tobytes() if circle else b"",
-            *(values[r].tobytes() for values in private),
-        )
-        for r, (test, circle) in enumerate(
-            zip(bound.reduced, bound.setting.circle.tolist(), strict=True)
-        )
-    ]
-    kinds = {key: r for r, key in reversed([*enumerate(alike)])}
-    noise: dict[int, list[tuple[str, Columns | BasisNoise]]] = {r: [] for r in kinds.values()}
-    for kind, parts in bound.columns_of.items():
-        for part in parts:
-            if isinstance(part, Columns) and not part.private:
-                names += part.names
-                owners += [kind.__name__] * len(part.names)
-                columns.append(part.values)
-                scale.append(part)
-                continue
-            for sources in noise.values():
-                sources.append((kind.__name__, part))
-    every = np.concatenate(columns, axis=2)
-    design = tuple(test.factor @ every[r] for r, test in enumerate(bound.reduced))
-    for values in phi:
-        value = dict(zip(bound.hyper_prior.names, values.tolist(), strict=True))
-        scales = np.concatenate([bound.scale, *(part.sd_at(value) for part in scale)])
-        blocks: dict[int, dict[str, Array]] = {}
-        for r, sources in noise.items():
-            factor = bound.reduced[r].factor
-            blocks[r] = {NOISE: np.eye(len(factor)) * value["sigma"] ** 2}
-            for label, part in sources:
-                if isinstance(part, BasisNoise):
-                    spread = factor * part.sd_at(value, r)
-                else:
-                    spread = factor @ (part.values[r] * part.sd_at(value))
-                blocks[r][label] = blocks[r].get(label, 0.0) + spread @ spread.T
-        every_block = tuple(blocks[kinds[key]] for key in alike)
-        yield Information(
-            tuple(names), tuple(owners), scales, bound.model.prior.flat, design, every_block
-        )
 
 
 def _check_levels(model: HybridModel, campaign: Campaign) -> None:

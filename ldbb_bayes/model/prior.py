@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 from scipy.special import erfc, erfcinv, expit, gammainccinv, gammaln, log_expit, ndtr, ndtri
 
 from ldbb_bayes.errors import nearest, require
-from ldbb_bayes.machine.chain import ComplianceKind, ComplianceName, GeometricKind, GeometricName
+from ldbb_bayes.machine.parameters import (
+    ComplianceKind,
+    ComplianceName,
+    GeometricKind,
+    GeometricName,
+)
 from ldbb_bayes.model.terms import Hyper, Law, Scale
 from ldbb_bayes.results import Array, Shown
 from ldbb_bayes.units import display_unit, inside_name, setting_to_inside, to_inside

@@ -17,13 +17,8 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Instrument
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.chain import (
-    ComplianceName,
-    GeometricName,
-    compliance_jacobian,
-    geometric_jacobian,
-    geometric_names,
-)
+from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian
+from ldbb_bayes.machine.parameters import ComplianceName, GeometricName, geometric_names
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, coefficients, harmonic_index
 from ldbb_bayes.results import Array
 

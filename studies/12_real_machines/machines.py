@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import ldbb_bayes as lb
-from ldbb_bayes.machine.chain import geometric_reading_mm
+from ldbb_bayes.machine.exact import geometric_reading_mm
 
 Array = NDArray[np.float64]
 FORCES_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)

@@ -24,7 +24,7 @@ from ldbb_bayes.inference.checks import centre_shift, effects, predictive_checks
 from ldbb_bayes.inference.coefficients import compliance_curves
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.model.hybrid import information_of
+from ldbb_bayes.model.bound_information import information_of
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))

@@ -33,9 +33,9 @@ from scipy.stats import multivariate_normal, norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.coefficients import (
-    private_terms,
     draw_shared,
     machine_coefficients,
+    private_terms,
     shared_columns,
 )
 from ldbb_bayes.inference.evidence import Evidences, probabilities

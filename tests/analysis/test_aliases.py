@@ -21,7 +21,9 @@ from ldbb_bayes.analysis.aliases import (
 from ldbb_bayes.analysis.cures import cures
 from ldbb_bayes.inference.checks import in_order_of_force
 from ldbb_bayes.inference.coefficients import shared_terms
-from ldbb_bayes.machine.chain import geometric_reading_mm, wrench_jacobian, wrench_names
+from ldbb_bayes.machine.exact import geometric_reading_mm
+from ldbb_bayes.machine.linear import wrench_jacobian
+from ldbb_bayes.machine.parameters import wrench_names
 from ldbb_bayes.report.wording import alias_sentences, cure_words, statement
 
 

@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import circularity
-from ldbb_bayes.machine.chain import exact_reading_mm
+from ldbb_bayes.machine.exact import exact_reading_mm
 
 ANGLE = np.arange(360) * np.pi / 180.0
 QUIET = HYPER_UM | {"tau": 0.05, "delta": 0.05, "kappa": 0.05}

@@ -210,7 +210,9 @@ def test_json_has_the_agreed_names_and_is_read_back(found: Comparison, tmp_path:
 
 def test_crossings() -> None:
     scale = np.array([0.1, 1.0, 10.0])
-    assert comparison.interpolate_crossings(scale, np.array([1.0, -1.0, -2.0])) == pytest.approx([10**-0.5])
+    assert comparison.interpolate_crossings(scale, np.array([1.0, -1.0, -2.0])) == pytest.approx(
+        [10**-0.5]
+    )
     assert comparison.interpolate_crossings(scale, np.array([1.0, -1.0, 3.0])) == pytest.approx(
         [10**-0.5, 10**0.25]
     )

@@ -28,8 +28,8 @@ from ldbb_bayes.analysis.design.forecast import narrowed
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import States, hyper_nodes
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.report.wording import design_notes, design_sentences, with_words
 from ldbb_bayes.results import json_text
 

@@ -21,8 +21,8 @@ from ldbb_bayes.analysis.verdicts import (
     variance_share_removed,
 )
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.machine.chain import compliance_jacobian, geometric_jacobian, kept_compliances
-from ldbb_bayes.model.hybrid import information_of
+from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian, kept_compliances
+from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms import NOISE, OWN
 from ldbb_bayes.report.wording import remedy_words, verdict_words, with_words

@@ -33,7 +33,8 @@ from ldbb_bayes.fleet.spread_density import (
     estimates_of,
     machines_of,
 )
-from ldbb_bayes.machine.chain import ComplianceName, compliance_jacobian
+from ldbb_bayes.machine.linear import compliance_jacobian
+from ldbb_bayes.machine.parameters import ComplianceName
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.report.wording import population_sentences, with_words
 

@@ -25,8 +25,8 @@ from ldbb_bayes.inference.diagnostics import power_sensitivity
 from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, State
 from ldbb_bayes.inference.posterior import draws_of, fit_of
 from ldbb_bayes.inference.residuals import fit_quality
+from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.fourier import basis
-from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.terms import Columns
 from ldbb_bayes.report.wording import check_notes, check_words, fit_verdict
 

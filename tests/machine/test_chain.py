@@ -12,33 +12,39 @@ from campaigns import cases, refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine import chain
+from ldbb_bayes.machine.chain import PLANES, Circle, Machine
+from ldbb_bayes.machine.exact import exact_reading_mm, geometric_reading_mm
+from ldbb_bayes.machine.linear import (
+    compliance_jacobian,
+    geometric_jacobian,
+    kept_compliances,
+    wrench_jacobian,
+)
+from ldbb_bayes.machine.parameters import geometric_names, joint_names, wrench_names
 
 ANGLE = np.array([0.3, 2.0, 4.5])
 
 
 def test_the_papers_machine() -> None:
-    machine = chain.Machine()
+    machine = Machine()
     x, y = machine.joints
     assert (x.axis, x.branch, y.axis, y.branch) == ("X", "tool", "Y", "tool")
     assert machine.squared("XY") == (y, x)
     assert _labels(machine) == ["E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
-    position = chain.Circle().position_mm(ANGLE)
-    np.testing.assert_array_equal(machine.lever_mm(x, chain.Circle(), ANGLE), np.zeros((3, 3)))
-    np.testing.assert_array_equal(
-        machine.lever_mm(y, chain.Circle(), ANGLE), position * [1.0, 0.0, 0.0]
-    )
+    position = Circle().position_mm(ANGLE)
+    np.testing.assert_array_equal(machine.lever_mm(x, Circle(), ANGLE), np.zeros((3, 3)))
+    np.testing.assert_array_equal(machine.lever_mm(y, Circle(), ANGLE), position * [1.0, 0.0, 0.0])
 
 
 def test_planes_are_right_handed_and_share_axes() -> None:
-    assert _labels(chain.Machine("wFXYZt", "ZX"))[:4] == ["E_ZZ1", "E_XZ2", "E_ZX2", "E_XX1"]
-    for plane, axes in chain.PLANES.items():
+    assert _labels(Machine("wFXYZt", "ZX"))[:4] == ["E_ZZ1", "E_XZ2", "E_ZX2", "E_XX1"]
+    for plane, axes in PLANES.items():
         first, second = np.eye(3)[["XYZ".index(axis) for axis in plane]]
         np.testing.assert_array_equal(
             np.cross(first, second), np.eye(3)["ABC".index(axes.rotation)]
         )
         assert plane == axes.first + axes.second
-    machine = chain.Machine("wFXYZt", ("ZX", "XY", "YZ"))
+    machine = Machine("wFXYZt", ("ZX", "XY", "YZ"))
     assert (machine.planes, [joint.axis for joint in machine.joints]) == (
         ("XY", "YZ", "ZX"),
         ["X", "Y", "Z"],
@@ -48,13 +54,13 @@ def test_planes_are_right_handed_and_share_axes() -> None:
     assert {"E_C0XY", "E_A0YZ", "E_B0XZ"} < set(labels)
 
 
-def _labels(machine: chain.Machine) -> list[str]:
-    return [name.label for name in chain.geometric_names(machine)]
+def _labels(machine: Machine) -> list[str]:
+    return [name.label for name in geometric_names(machine)]
 
 
 @pytest.mark.parametrize(("arguments", "message"), cases(__file__, "refusals.toml")["machine"])
 def test_refused(arguments: list[Any], message: str) -> None:
-    refuses(message, chain.Machine, *arguments)
+    refuses(message, Machine, *arguments)
 
 
 # Readings
@@ -104,25 +110,20 @@ def test_table_4(root) -> None:
     table = pd.read_csv(root / "data" / "published_tables" / "table_4_simulation.csv", dtype=str)
     printed = {code_name(row.error): row.estimated for row in table.itertuples()}
     simulated = {code_name(row.error): float(row.simulated) for row in table.itertuples()}
-    machine = chain.Machine()
-    circle = chain.Circle()
-    kept = [name.label for name in chain.kept_compliances(machine, circle).names]
-    labels = [name.label for name in chain.wrench_names(machine)]
-    names = [name.label for name in chain.geometric_names(machine)]
+    machine = Machine()
+    circle = Circle()
+    kept = [name.label for name in kept_compliances(machine, circle).names]
+    labels = [name.label for name in wrench_names(machine)]
+    names = [name.label for name in geometric_names(machine)]
     flip = np.array([-1.0 if name == "E_C0YX" else 1.0 for name in names])
     errors = {name: simulated[name] * sign for name, sign in zip(names, flip, strict=True)}
     compliances = {name: simulated[name] for name in kept}
-    wrench = chain.wrench_jacobian(machine, circle, ANGLES)[
-        :, [labels.index(name) for name in kept]
-    ]
-    geometric = chain.geometric_jacobian(machine, circle, ANGLES) * flip
+    wrench = wrench_jacobian(machine, circle, ANGLES)[:, [labels.index(name) for name in kept]]
+    geometric = geometric_jacobian(machine, circle, ANGLES) * flip
     jacobian = np.vstack([np.hstack([force * wrench, geometric]) for force in FORCES_N])
     given = {"compliances": compliances, "geometric_errors": errors}
     reading = np.concatenate(
-        [
-            chain.exact_reading_mm(machine, circle, ANGLES, force_N=force, **given)
-            for force in FORCES_N
-        ]
+        [exact_reading_mm(machine, circle, ANGLES, force_N=force, **given) for force in FORCES_N]
     )
     scale = np.linalg.norm(jacobian, axis=0)
     estimate = np.linalg.lstsq(jacobian / scale, reading, rcond=None)[0] / scale
@@ -144,7 +145,7 @@ def turned(vector: np.ndarray, about: int, angle: float) -> np.ndarray:
 
 
 def rigid_body_reading(
-    machine: chain.Machine, circle: chain.Circle, angle: np.ndarray, errors: dict[str, float]
+    machine: Machine, circle: Circle, angle: np.ndarray, errors: dict[str, float]
 ) -> np.ndarray:
     """ρ by moving points: each joint, from the ball inwards, turns and shifts what it carries. Own
     code: vectors, no matrices, branches read from the string, error names spelled out. Nothing of
@@ -199,17 +200,17 @@ SIZE = {"gain": 3e-4, "straightness": -5e-6, "squareness": 3e-3, "offset": 0.02}
 
 @pytest.mark.parametrize(("topology", "planes", "frames", "plane"), CASES)
 def test_against_moving_points(topology: str, planes: str, frames: dict, plane: str) -> None:
-    machine = chain.Machine(topology, planes, frames)
-    circle = chain.Circle(120.0, CENTRE, plane)
+    machine = Machine(topology, planes, frames)
+    circle = Circle(120.0, CENTRE, plane)
     errors = {
         name.label: SIZE[name.kind] * (1.0 + 0.1 * k)
-        for k, name in enumerate(chain.geometric_names(machine))
+        for k, name in enumerate(geometric_names(machine))
     }
     for chosen in (errors, *({label: value} for label, value in errors.items())):
         expected = rigid_body_reading(machine, circle, ANGLES, chosen)
-        found = chain.geometric_reading_mm(machine, circle, ANGLES, chosen)
+        found = geometric_reading_mm(machine, circle, ANGLES, chosen)
         np.testing.assert_allclose(found, expected, atol=1e-10, err_msg=str(chosen))
-    assert np.abs(chain.geometric_reading_mm(machine, circle, ANGLES, errors)).max() > 1e-3
+    assert np.abs(geometric_reading_mm(machine, circle, ANGLES, errors)).max() > 1e-3
 
 
 @pytest.mark.parametrize(("topology", "planes", "frames", "plane"), CASES)
@@ -219,18 +220,18 @@ def test_linear_model_is_the_derivative(
     """Column by column to 1e-8 of its own size, by complex step: geometric errors through
     homogeneous transforms, compliances through Eq. 20 as the twist of a joint that deflects under
     its wrench."""
-    machine = chain.Machine(topology, planes, frames)
-    circle = chain.Circle(120.0, CENTRE, plane)
+    machine = Machine(topology, planes, frames)
+    circle = Circle(120.0, CENTRE, plane)
     step = 1e-40
-    names = [name.label for name in chain.geometric_names(machine)]
+    names = [name.label for name in geometric_names(machine)]
     exact = np.stack(
         [
-            chain.geometric_reading_mm(machine, circle, ANGLES, {name: 1j * step}).imag / step
+            geometric_reading_mm(machine, circle, ANGLES, {name: 1j * step}).imag / step
             for name in names
         ],
         axis=1,
     )
-    linear = chain.geometric_jacobian(machine, circle, ANGLES)
+    linear = geometric_jacobian(machine, circle, ANGLES)
     scale = np.abs(exact).max(axis=0)
     np.testing.assert_allclose(linear / scale.clip(1e-3), exact / scale.clip(1e-3), atol=1e-8)
 
@@ -242,10 +243,10 @@ def test_compliances_deflect_a_chain_of_springs(
     """Each joint a spring with six degrees of freedom: C times its wrench, found by carrying the
     bar's pull inwards along the chain, moves the ball rigidly by d + φ × lever; the reading is that
     motion along the bar, for 1 N."""
-    machine = chain.Machine(topology, planes, frames)
-    circle = chain.Circle(120.0, CENTRE, plane)
-    names = chain.joint_names(machine)
-    linear = chain.compliance_jacobian(machine, circle, ANGLES, names)
+    machine = Machine(topology, planes, frames)
+    circle = Circle(120.0, CENTRE, plane)
+    names = joint_names(machine)
+    linear = compliance_jacobian(machine, circle, ANGLES, names)
     rng = np.random.default_rng(3)
     value = rng.standard_normal(len(names))
     scale = np.abs(linear).max(axis=0).clip(1.0)
@@ -288,9 +289,7 @@ def _lever(topology: str, letter: str, here: np.ndarray, centre: np.ndarray) -> 
 
 def test_unknown_parameter_is_named() -> None:
     with pytest.raises(InputError, match=r"got 'e_xx1'\. Did you mean 'E_XX1'"):
-        chain.exact_reading_mm(
-            chain.Machine(), chain.Circle(), ANGLES, geometric_errors={"e_xx1": 1.0}
-        )
+        exact_reading_mm(Machine(), Circle(), ANGLES, geometric_errors={"e_xx1": 1.0})
 
 
 # Jacobians
@@ -303,7 +302,7 @@ R = 150.0
 
 def test_table_2(root) -> None:
     table = pd.read_csv(root / "data" / "published_tables" / "table_2_confounded_compliances.csv")
-    kept = chain.kept_compliances(chain.Machine())
+    kept = kept_compliances(Machine())
     assert (kept.rank, kept.condition_number) == (6, pytest.approx(9742.79, abs=0.01))
     assert [name.label for name in kept.names] == table["kept"].tolist()
     assert [set(group) for group in kept.sets] == [set(text.split()) for text in table["set"]]
@@ -313,11 +312,11 @@ def test_table_2(root) -> None:
 
 @pytest.mark.parametrize(("topology", "plane", "frames"), MACHINES[:8])
 def test_kept_columns_span_the_whole_jacobian(topology: str, plane: str, frames: dict) -> None:
-    machine = chain.Machine(topology, plane, frames)
-    circle = chain.Circle(plane=plane)
-    kept = chain.kept_compliances(machine, circle)
-    full = chain.wrench_jacobian(machine, circle, ARC)
-    labels = [name.label for name in chain.wrench_names(machine)]
+    machine = Machine(topology, plane, frames)
+    circle = Circle(plane=plane)
+    kept = kept_compliances(machine, circle)
+    full = wrench_jacobian(machine, circle, ARC)
+    labels = [name.label for name in wrench_names(machine)]
     chosen = full[:, [labels.index(name.label) for name in kept.names]]
     scaled = chosen / np.linalg.norm(chosen, axis=0)
     assert kept.rank == len(kept.names) == np.linalg.matrix_rank(scaled)
@@ -337,18 +336,16 @@ def test_height_above_a_guideway_by_hand() -> None:
     """
 
     def kept(*heights: float) -> list[str]:
-        circles = [chain.Circle(R, (0.0, 0.0, h)) for h in heights]
-        return [name.label for name in chain.kept_compliances(chain.Machine(), *circles).names]
+        circles = [Circle(R, (0.0, 0.0, h)) for h in heights]
+        return [name.label for name in kept_compliances(Machine(), *circles).names]
 
     h = 80.0
-    names = [
-        name for name in chain.joint_names(chain.Machine()) if name.label in ("C_AYY", "C_AAY")
-    ]
-    columns = chain.compliance_jacobian(chain.Machine(), chain.Circle(R, (0.0, 0.0, h)), ARC, names)
+    names = [name for name in joint_names(Machine()) if name.label in ("C_AYY", "C_AAY")]
+    columns = compliance_jacobian(Machine(), Circle(R, (0.0, 0.0, h)), ARC, names)
     for name, own in zip(names, columns.T, strict=True):
         np.testing.assert_allclose(own, (-h if name.label == "C_AYY" else h**2) * S**2, atol=1e-9)
     assert kept(0.0) == kept(h)
-    one = chain.kept_compliances(chain.Machine(), chain.Circle(R, (0.0, 0.0, h)))
+    one = kept_compliances(Machine(), Circle(R, (0.0, 0.0, h)))
     direct = next(k for k, name in enumerate(one.names) if name.label == "C_YYY")
     weights = dict(zip(one.sets[direct], one.weights[direct], strict=True))
     assert (weights["C_AYY"], weights["C_AAY"]) == (pytest.approx(-h), pytest.approx(h**2))
@@ -359,31 +356,31 @@ def test_height_above_a_guideway_by_hand() -> None:
 @pytest.mark.parametrize(
     ("machine", "circles", "unbounded"),
     [
-        (chain.Machine("wCAFYXZSt", ("XY", "YZ", "ZX")), (), set()),
+        (Machine("wCAFYXZSt", ("XY", "YZ", "ZX")), (), set()),
         (
-            chain.Machine("wYXFZt", "XY", {"X": (0.0, -200.0, 350.0)}),
-            (chain.Circle(150.0, (10.0, 20.0, 0.0)),),
+            Machine("wYXFZt", "XY", {"X": (0.0, -200.0, 350.0)}),
+            (Circle(150.0, (10.0, 20.0, 0.0)),),
             set(),
         ),
         (
-            chain.Machine(),
-            (chain.Circle(150.0, (0.0, 0.0, 0.0)), chain.Circle(150.0, (0.0, 0.0, 300.0))),
+            Machine(),
+            (Circle(150.0, (0.0, 0.0, 0.0)), Circle(150.0, (0.0, 0.0, 300.0))),
             set(),
         ),
         (
-            chain.Machine(),
-            (chain.Circle(150.0, (0.0, 0.0, 100.0)), chain.Circle(150.0, (0.0, 0.0, 300.0))),
+            Machine(),
+            (Circle(150.0, (0.0, 0.0, 100.0)), Circle(150.0, (0.0, 0.0, 300.0))),
             {"C_XXX", "C_YYY"},
         ),
         (
-            chain.Machine("wXFYZt"),
-            (chain.Circle(150.0, (300.0, 200.0, 0.0)), chain.Circle(150.0, (-300.0, 200.0, 0.0))),
+            Machine("wXFYZt"),
+            (Circle(150.0, (300.0, 200.0, 0.0)), Circle(150.0, (-300.0, 200.0, 0.0))),
             {"C_XXX"},
         ),
     ],
 )
 def test_what_cannot_be_negative(
-    machine: chain.Machine, circles: tuple[chain.Circle, ...], unbounded: set[str]
+    machine: Machine, circles: tuple[Circle, ...], unbounded: set[str]
 ) -> None:
     """Joints with random positive semi-definite compliance matrices: the kept parameters that
     readings then have are never negative where the machine says so, and sometimes are for the
@@ -392,14 +389,12 @@ def test_what_cannot_be_negative(
     Two heights of 100 and 300 mm cannot tell h² of C_AAY from −30000 + 400 h: C_YYY is then known
     less 30000 mm² of it.
     """
-    circles = circles or tuple(chain.Circle(plane=plane) for plane in machine.planes)
-    kept = chain.kept_compliances(machine, *circles)
-    names = chain.joint_names(machine)
-    every = np.concatenate(
-        [chain.compliance_jacobian(machine, circle, ARC, names) for circle in circles]
-    )
+    circles = circles or tuple(Circle(plane=plane) for plane in machine.planes)
+    kept = kept_compliances(machine, *circles)
+    names = joint_names(machine)
+    every = np.concatenate([compliance_jacobian(machine, circle, ARC, names) for circle in circles])
     own = np.concatenate(
-        [chain.compliance_jacobian(machine, circle, ARC, kept.names) for circle in circles]
+        [compliance_jacobian(machine, circle, ARC, kept.names) for circle in circles]
     )
     scale = np.abs(own).max(axis=0)
     rng = np.random.default_rng(5)

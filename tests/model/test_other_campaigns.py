@@ -13,7 +13,8 @@ from scipy import stats
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
-from ldbb_bayes.machine.chain import compliance_jacobian, geometric_jacobian, geometric_names
+from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian
+from ldbb_bayes.machine.parameters import geometric_names
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.terms import Drift
 from ldbb_bayes.report.wording import standing_words

@@ -7,7 +7,7 @@ import pytest
 from campaigns import HYPER_UM, TRUTH, cases, oracle_of, plan, refuses
 
 import ldbb_bayes as lb
-from ldbb_bayes.machine.chain import exact_reading_mm
+from ldbb_bayes.machine.exact import exact_reading_mm
 
 SILENT = {"sigma": 0.0, "delta": 0.0, "kappa": 0.0, "tau": 0.0}
 

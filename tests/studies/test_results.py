@@ -20,7 +20,8 @@ from campaigns import cases, misses, printed
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.machine.chain import Circle, Machine, exact_reading_mm
+from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.machine.exact import exact_reading_mm
 
 ROOT = Path(__file__).parents[2]
 STUDIES = ROOT / "studies"

@@ -11,7 +11,8 @@ from scipy.sparse.csgraph import connected_components
 from ldbb_bayes.analysis.design.criteria import Criterion
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.states import carried
-from ldbb_bayes.model.hybrid import BoundModel, informations_of
+from ldbb_bayes.model.bound_information import informations_of
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.terms import OWN
 from ldbb_bayes.results import Array

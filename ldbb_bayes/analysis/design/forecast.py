@@ -8,8 +8,9 @@ import numpy as np
 
 from ldbb_bayes.analysis.design.discrimination import Discrimination
 from ldbb_bayes.analysis.design.states import States, carried
+from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.model.hybrid import BoundModel, information_of, informations_of
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.linear_algebra import singular_root
 from ldbb_bayes.results import Array, Finite, Result
 

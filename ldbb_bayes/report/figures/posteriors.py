@@ -26,7 +26,9 @@ from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, record
 from ldbb_bayes.inference.prediction import band_um
 from ldbb_bayes.inference.residuals import residuals_mm
 from ldbb_bayes.inference.summary import numbers_of, priors_of
-from ldbb_bayes.machine import chain
+from ldbb_bayes.machine.chain import PLANES, Circle, Machine
+from ldbb_bayes.machine.linear import geometric_jacobian, kept_compliances, wrench_jacobian
+from ldbb_bayes.machine.parameters import geometric_names, wrench_names
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import compliance_unit
@@ -304,7 +306,7 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
             linewidth=0.8,
             linestyle=_DASHED,
         )
-        ends = {0: f"+{chain.PLANES[plane].first}", 90: f"+{chain.PLANES[plane].second}"}
+        ends = {0: f"+{PLANES[plane].first}", 90: f"+{PLANES[plane].second}"}
         axes.set_xticks(
             np.deg2rad(range(0, 360, 45)),
             [ends.get(angle, f"{angle}°") for angle in range(0, 360, 45)],
@@ -551,17 +553,17 @@ def _path(axes: Axes, path: Array, colour: Any, **look: Any) -> None:
 
 
 @styled
-def compliance_atlas(machine: chain.Machine, circle: chain.Circle | None = None) -> Figure:
+def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
     """The patterns of all joint compliances, proportional sets in one colour, the kept
     representative in bold."""
-    where = circle or chain.Circle(plane=machine.planes[0])
-    machine = chain.Machine(machine.topology, where.plane, machine.frames_mm)
-    names = [name.label for name in chain.wrench_names(machine)]
-    kept = chain.kept_compliances(machine, where)
+    where = circle or Circle(plane=machine.planes[0])
+    machine = Machine(machine.topology, where.plane, machine.frames_mm)
+    names = [name.label for name in wrench_names(machine)]
+    kept = kept_compliances(machine, where)
     colour = {
         name: PALETTE[k % len(PALETTE)] for k, members in enumerate(kept.sets) for name in members
     }
-    columns = dict(zip(names, chain.wrench_jacobian(machine, where, _GRID).T, strict=True))
+    columns = dict(zip(names, wrench_jacobian(machine, where, _GRID).T, strict=True))
     title = (
         f"{machine.topology}, plane {machine.plane}: patterns of the {len(names)} joint"
         " compliances\n"
@@ -571,12 +573,12 @@ def compliance_atlas(machine: chain.Machine, circle: chain.Circle | None = None)
 
 
 @styled
-def geometric_atlas(machine: chain.Machine, circle: chain.Circle | None = None) -> Figure:
+def geometric_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
     """The patterns of the geometric errors."""
-    where = circle or chain.Circle(plane=machine.planes[0])
-    machine = chain.Machine(machine.topology, where.plane, machine.frames_mm)
-    names = [name.label for name in chain.geometric_names(machine)]
-    columns = dict(zip(names, chain.geometric_jacobian(machine, where, _GRID).T, strict=True))
+    where = circle or Circle(plane=machine.planes[0])
+    machine = Machine(machine.topology, where.plane, machine.frames_mm)
+    names = [name.label for name in geometric_names(machine)]
+    columns = dict(zip(names, geometric_jacobian(machine, where, _GRID).T, strict=True))
     title = f"{machine.topology}, plane {machine.plane}: patterns of the geometric errors"
     return _atlas(columns, dict.fromkeys(names, ACCENT), set(names), set(), title)
 

@@ -1,0 +1,17 @@
+"""Nuisance terms of the model's first edition."""
+
+from __future__ import annotations
+
+from ldbb_bayes.model.terms.balls import BallForm
+from ldbb_bayes.model.terms.base import Term
+from ldbb_bayes.model.terms.circles import Discrepancy, Hysteresis, SetupShift
+from ldbb_bayes.model.terms.instrument import BarLength, ForceError, Mount
+
+__all__ = ["first_edition"]
+
+
+def first_edition() -> tuple[Term, ...]:
+    """Return the nuisances of the model's first edition: form of 1/n, linear springs, circles of
+    one scatter."""
+    springs = (BarLength(), Mount(curvature_um=0.0), ForceError(curvature_sd=0.0))
+    return (BallForm(law="1/n"), *springs, SetupShift(), Discrepancy(), Hysteresis(law="fixed"))
