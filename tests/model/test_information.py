@@ -9,7 +9,7 @@ import pytest
 from campaigns import oracle_of, plan, refuses, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.model.hybrid import information_of, informations_of
+from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms import NOISE, OWN
 
