@@ -49,8 +49,8 @@ def few_states() -> Iterator[None]:
     """Designs average over few values of the hyper-parameters: how they are chosen does not hang on
     it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(space, "_REPORTED", 16)
-        patch.setattr(space, "_SEARCHED", 4)
+        patch.setattr(space, "_FORECAST_STATES", 16)
+        patch.setattr(space, "_SEARCH_NODES", 4)
         yield
 
 

@@ -1,4 +1,9 @@
-"""TODO: say what this module is."""
+"""Uniformity of ranks: the band that the empirical distribution of uniform ranks stays inside.
+
+Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and Computing
+32:32 (2022): pointwise binomial intervals, their level adjusted so that all of them hold together
+with the probability asked for. That probability is computed exactly here, level by level.
+"""
 
 from __future__ import annotations
 
@@ -6,63 +11,87 @@ from functools import cache
 
 import numpy as np
 from scipy.special import bdtr, bdtrc
+from scipy.stats import binom
 
 from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-
+# Bisections of the pointwise level: to double precision.
 _BISECTIONS = 40
 
 
 def ecdf(ranks: Array, draws: int) -> Array:
-    """Empirical distribution of ranks in 0 … draws at (k + 1) / (draws + 1), k = 0 … draws − 1,
-    shape (draws,)."""
+    """Return the empirical distribution of ranks in 0 … draws, shape (draws,).
+
+    It is taken at (k + 1) / (draws + 1), k = 0 … draws − 1.
+    """
     counts = np.bincount(ranks, minlength=draws + 1)
     return np.asarray(np.cumsum(counts)[:-1] / len(ranks))
 
 
 @cache
 def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, Array]:
-    """Lower and upper ends of the band, each of shape (draws,), for the `ecdf` of so many ranks,
-    uniform in 0 … draws: with probability ``prob`` it stays inside as a whole; as near above that
-    as whole counts allow."""
+    """Return lower and upper ends of the band, each of shape (draws,).
+
+    The `ecdf` of so many ranks, uniform in 0 … draws, stays inside as a whole with probability
+    ``prob``, or as near above that as whole counts allow.
+
+    Parameters
+    ----------
+    replicates
+        Number of ranks.
+    draws
+        Largest rank.
+    prob
+        Probability that the band holds at every level.
+
+    Returns
+    -------
+    lower, upper : Array
+        Ends of the band.
+    """
     level = np.arange(1, draws + 1) / (draws + 1)
-    below, above = (
-        tail(np.arange(replicates + 1.0)[:, None], replicates, level) for tail in (bdtr, bdtrc)
-    )
+    counts = np.arange(replicates + 1.0)[:, None]
+    at_most = bdtr(counts, replicates, level)
+    more_than = bdtrc(counts, replicates, level)
 
-    def pointwise(tail: float) -> tuple[Array, Array]:
-        """Binomial intervals that leave out less than ``tail`` in all."""
-        return (below < 0.5 * tail).sum(axis=0), (above > 0.5 * tail).sum(axis=0)
+    def pointwise_intervals(excluded: float) -> tuple[Array, Array]:
+        """Return binomial intervals that leave out less than this probability at every level."""
+        lower = (at_most < 0.5 * excluded).sum(axis=0)
+        upper = (more_than > 0.5 * excluded).sum(axis=0)
+        return lower, upper
 
-    low = 0.0
-    high = 1.0 - prob
+    holding = 0.0
+    excessive = 1.0 - prob
     for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (
-            (middle, high)
-            if _coverage(replicates, level, *pointwise(middle)) >= prob
-            else (low, middle)
-        )
-    lower, upper = pointwise(low)
+        middle = 0.5 * (holding + excessive)
+        lower, upper = pointwise_intervals(middle)
+        if _simultaneous_coverage(replicates, level, lower, upper) >= prob:
+            holding = middle
+        else:
+            excessive = middle
+    lower, upper = pointwise_intervals(holding)
     return lower / replicates, upper / replicates
 
 
-def _coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
-    """P(lower ≤ counts ≤ upper at every level): from each level to the next a binomial share of the
-    numbers not yet passed."""
-    from scipy.stats import binom  # figures start without it
+def _simultaneous_coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
+    """Return P(lower ≤ counts ≤ upper at every level).
 
-    before = 0.0
-    origin = np.zeros(1, dtype=int)
+    Counts form a binomial Markov chain across levels.
+    """
+    previous_level = 0.0
+    previous_counts = np.zeros(1, dtype=int)
     probability = np.ones(1)
-    for point, least, most in zip(level, lower, upper, strict=True):
-        now = np.arange(least, most + 1)
-        passed = binom.pmf(
-            now - origin[:, None], replicates - origin[:, None], (point - before) / (1.0 - before)
+    for current_level, least, largest in zip(level, lower, upper, strict=True):
+        counts = np.arange(least, largest + 1)
+        step_probability = (current_level - previous_level) / (1.0 - previous_level)
+        transition = binom.pmf(
+            counts - previous_counts[:, None],
+            replicates - previous_counts[:, None],
+            step_probability,
         )
-        before = point
-        origin = now
-        probability = probability @ passed
+        previous_level = current_level
+        previous_counts = counts
+        probability = probability @ transition
     return float(probability.sum())

@@ -231,7 +231,7 @@ def _best_tests(
     )
     number = int(sliders["circles"])
     if number <= _MOST_EXCHANGED_CIRCLES and len(kinds) <= _MOST_EXCHANGED_KINDS:
-        return candidates.tests_of(candidates.search.of_number(number))
+        return candidates.tests_of(candidates.search.find_design(number))
     shares = candidates.search.shares(float(number)).share
     counts = efficient_rounding(shares, number)
     repeated = np.repeat(np.arange(len(counts)), counts)

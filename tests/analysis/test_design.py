@@ -24,7 +24,7 @@ from ldbb_bayes.analysis.design.candidates import (
     templates,
 )
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
-from ldbb_bayes.analysis.design.forecast import narrowed
+from ldbb_bayes.analysis.design.forecast import truncated_variances
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import States, hyper_nodes
 from ldbb_bayes.errors import InputError
@@ -284,7 +284,7 @@ def test_read_back(six: lb.Design, pilot: lb.Campaign, tmp_path: Path) -> None:
 def test_the_best_of_few(pilot: lb.Campaign) -> None:
     """Against every design of four tests among five levels."""
     space = Space(LINEAR, pilot, LEVELS[::3])
-    found = space.search.of_number(4)
+    found = space.search.find_design(4)
     every = [
         np.bincount(chosen, minlength=5).astype(float)
         for chosen in combinations_with_replacement(range(5), 4)
@@ -343,7 +343,7 @@ def test_set_ups_are_run_one_after_the_other() -> None:
 
 def test_a_certificate_may_fail(pilot: lb.Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where half of the bound were asked for."""
-    monkeypatch.setattr("ldbb_bayes.analysis.design.campaign_design._HOLDS", -0.5)
+    monkeypatch.setattr("ldbb_bayes.analysis.design.campaign_design._CERTIFICATE_TOLERANCE", -0.5)
     assert not lb.design(LINEAR, pilot, tests=4, forces_N=THREE).certificate.holds
 
 
@@ -498,7 +498,7 @@ def test_a_second_radius_against_one(pilot: lb.Campaign) -> None:
         Space(LINEAR, pilot, THREE, radii_mm=radii, parameters=["E_C0YX"])
         for radii in ((), (150.0, 100.0))
     )
-    shown = [space.tests_of(space.search.of_number(6)) for space in (one, two)]
+    shown = [space.tests_of(space.search.find_design(6)) for space in (one, two)]
     assert {test.radius_mm for test in shown[1]} == {150.0, 100.0}
     single, both = (
         space.forecast(tests).expected["E_C0YX"]
@@ -623,8 +623,8 @@ def test_intervals_inside_the_truncation_against_simulation() -> None:
         beta,
         Gaussian.of(np.zeros_like(beta), np.tile(bound.prior_sd**2, (states, 1))),
     )
-    expected, error = narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 1)
-    again, _ = narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 2)
+    expected, error = truncated_variances(bound, known, np.tile(covariance, (states, 1, 1)), 1)
+    again, _ = truncated_variances(bound, known, np.tile(covariance, (states, 1, 1)), 2)
     assert (np.abs(again - expected) <= 4.0 * np.sqrt(2.0) * error + 1e-12 * expected).all()
     assert (error < 0.1 * expected).all()
     np.testing.assert_allclose(np.sqrt(expected), np.sqrt(np.mean(found, axis=0)), rtol=0.05)

@@ -93,7 +93,7 @@ def test_three_factors_in_fourteen_runs() -> None:
     grid = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
     pairs = [grid[:, i] * grid[:, j] for i, j in combinations(range(3), 2)]
     wanted = objective(np.column_stack([np.ones(27), grid, grid**2, *pairs]), Determinant(10))
-    found = Search(wanted, np.arange(27.0), 1, 3).of_number(14)
+    found = Search(wanted, np.arange(27.0), 1, 3).find_design(14)
     assert np.exp(found.value / 10.0) / 14.0 == pytest.approx(0.4630447, abs=5e-8)
 
 
@@ -180,7 +180,7 @@ def test_neighbouring_forces_are_one_where_that_costs_nothing(apart: float) -> N
         wanted.value(np.array(own, dtype=float))
         for own in ((2, 1, 1, 2), (2, 2, 0, 2), (2, 0, 2, 2))
     )
-    found = Search(wanted, forces, 1, 1).of_number(6)
+    found = Search(wanted, forces, 1, 1).find_design(6)
     assert bool(found.counts[1] and found.counts[2]) is (apart == 100.0)
     assert np.exp((found.value - best) / 3.0) >= 1.0 - 1e-4
 

@@ -12,7 +12,7 @@ from campaigns import oracle_of, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.design.campaign_design import _model_of
+from ldbb_bayes.analysis.design.campaign_design import _analysis_model
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import states_before
 from ldbb_bayes.errors import InputError
@@ -226,7 +226,7 @@ def test_plans_start_from_the_means() -> None:
         :, [bound.names.index(name) for name in OTHERS]
     ]
     assert far.max() < 5.0
-    alone = _model_of(Space(model, SMALL, (36.0, 400.0)), SMALL.tests[:2]).bind(
+    alone = _analysis_model(Space(model, SMALL, (36.0, 400.0)), SMALL.tests[:2]).bind(
         replace(SMALL, tests=SMALL.tests[:2])
     )
     np.testing.assert_array_equal(alone.prior_mean, bound.prior_mean)

@@ -1,5 +1,4 @@
-"""Which forces, how many circles, which clockings: the best tests to run next, and what to expect
-of them."""
+"""The design of the next campaign: which forces, how many circles, which clockings."""
 
 from __future__ import annotations
 
@@ -17,7 +16,8 @@ from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests, running_order
 from ldbb_bayes.analysis.design.forecast import Expected, Forecast
-from ldbb_bayes.analysis.design.search import MOST_TESTS, Found
+from ldbb_bayes.analysis.design.search import MAX_TESTS, ExactDesign
+from ldbb_bayes.analysis.design.shares import Optimum
 from ldbb_bayes.analysis.design.space import CriterionName, Space
 from ldbb_bayes.campaign.campaign import (
     Campaign,
@@ -34,19 +34,26 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-_HOLDS = 1e-4
-_SHOWN_SHARE = 1e-4
-_STUCK = 0.8
-_STEPS = "equal steps"
-_RESERVED = ("recommended", _STEPS)
+# The largest sensitivity may exceed the bound by this share.
+_CERTIFICATE_TOLERANCE = 1e-4
+# Smaller shares are not listed.
+_LISTED_SHARE = 1e-4
+# A parameter whose floor exceeds this share of its expected sd gains little from more circles.
+_STUCK_SHARE = 0.8
+# Step of the force levels to choose from where none are given [N].
+_FORCE_STEP_N = 1.0
+_EQUAL_STEPS = "equal steps"
+_RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
 
 
 @dataclass(frozen=True)
 class Certificate(Result):
-    """That no shares of as many tests are better (Kiefer and Wolfowitz 1960): the largest
-    sensitivity of all candidates does not exceed the bound (for D with flat priors the number of
-    parameters) by more than a ten-thousandth. Where the criterion is not concave it is not
-    ``global``: only designs nearby are ruled out."""
+    """Whether no shares of as many tests are better (Kiefer and Wolfowitz 1960).
+
+    The certificate holds if the largest sensitivity of all candidates does not exceed the bound
+    (for D with flat priors the number of parameters) by more than a ten-thousandth. Where the
+    criterion is not concave it is not ``global``: only designs nearby are ruled out.
+    """
 
     max_sensitivity: float
     bound: float
@@ -56,29 +63,27 @@ class Certificate(Result):
 
 @dataclass(frozen=True, eq=False)
 class Judged(Forecast):
-    """A design compared with the recommended one: name, one row per test (force_N and
-    `Design.columns`), efficiency beside the best shares of as many tests, and what to expect of
-    it."""
+    """A design compared with the recommended one, and what to expect of it."""
 
     name: str
-    tests: Records
-    efficiency: float
+    tests: Records  #: one row per test: force_N and `Design.columns`
+    efficiency: float  #: relative to the best shares of as many tests
 
 
 @dataclass(frozen=True)
 class Limits(Result):
-    """What the tests of a design do not show: number of forces where they are too few to show that
-    the degree in force is wrong; planes (with their direction) whose circles all run one way while
-    hysteresis counts; whether there is a drift, which is taken to have nothing to do with what
-    differs between the tests; parameters that more circles of this kind would narrow by less than a
-    fifth, with their degeneracies and the cures of these."""
+    """What the tests of a design do not show."""
 
+    #: number of forces, where they are too few to show that the degree in force is wrong
     levels: int | None
+    #: planes whose circles all run one way although hysteresis counts, with their direction
     one_way: dict[str, str]
+    #: whether there is a drift: it is assumed to be independent of what differs between the tests
     drift: bool
+    #: parameters that more circles of this kind would narrow by less than a fifth
     shared: tuple[str, ...]
-    degeneracies: tuple[Degeneracy, ...]
-    cures: tuple[tuple[Cure, ...], ...]
+    degeneracies: tuple[Degeneracy, ...]  #: of these parameters
+    cures: tuple[tuple[Cure, ...], ...]  #: of each degeneracy
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ class Design(Forecast):
     augment: bool  #: whether the pilot's tests count as run
     degree: int  #: of the model
     reference_force_N: float  #: F0, the pilot's
-    efficiency: float  #: beside the best shares of as many tests
+    efficiency: float  #: relative to the best shares of as many tests
     certificate: Certificate  #: that no other shares are better
     shares: Records  #: the best: one row per test, force_N, `columns`, share
     baseline: dict[str, Expected]  #: of equal steps of force at the first clocking and radius
@@ -126,33 +131,53 @@ class Design(Forecast):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """What tables say of a test beside its force: clockings and radius; plane, direction and
-        set-up where they differ."""
-        return tuple(map(str, self.table.columns[1:-1]))
+        """What tables say of a test beside its force.
+
+        Clockings and radius; plane, direction and set-up where they differ.
+        """
+        return tuple(str(column) for column in self.table.columns[1:-1])
 
     @property
     def tests(self) -> tuple[CircularTest, ...]:
         """The tests by clocking, radius and force, each as often as it is to be run."""
-        return self._at_hand().tests
+        return self._require_planned().tests
 
     @property
     def model(self) -> HybridModel:
-        """The model for the analysis of the plan: F0 and the slopes' prior sd are the pilot's,
-        whatever the plan's forces."""
-        return self._at_hand().model
+        """The model for the analysis of the plan.
+
+        F0 and the slopes' prior sd are the pilot's, whatever the plan's forces.
+        """
+        return self._require_planned().model
 
     def plan(self, *, seed: int = 1) -> Campaign:
-        """The tests as a plan, in the order in which to run them: blocks of one clocking, forces at
-        random within.
+        """Return the tests as a plan, in the order in which to run them.
 
-        Where the model has a drift, at the pilot's pace and mean temperature. None of a design read
-        from a file.
+        Blocks are of one clocking, forces at random within. Where the model has a drift, the plan
+        has the pilot's pace and mean temperature.
+
+        Parameters
+        ----------
+        seed
+            Of the random order.
+
+        Returns
+        -------
+        Campaign
+            The plan.
+
+        Raises
+        ------
+        InputError
+            If the design was read from a file.
         """
-        own = self._at_hand()
-        tests = _timed(running_order(own.tests, np.random.default_rng(seed)), own.pilot, own.model)
-        return replace(own.pilot, tests=tests, foreseen=(), name=f"{own.pilot.name}, next campaign")
+        planned = self._require_planned()
+        pilot = planned.pilot
+        ordered = running_order(planned.tests, np.random.default_rng(seed))
+        tests = _with_drift_covariate(ordered, pilot, planned.model)
+        return replace(pilot, tests=tests, foreseen=(), name=f"{pilot.name}, next campaign")
 
-    def _at_hand(self) -> Planned:
+    def _require_planned(self) -> Planned:
         if not isinstance(self.planned, Planned):
             raise InputError(
                 "a design must be at hand, got one read from a file. Read the plan and the"
@@ -161,15 +186,18 @@ class Design(Forecast):
         return self.planned
 
     def expected_table(self) -> pd.DataFrame:
-        """Expected sd of every parameter and its error beside prior, floor and baseline; inside
-        units."""
+        """Return expected sd and error of every parameter with prior, floor and baseline.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row per parameter, in inside units.
+        """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
         frame.insert(0, "parameter", list(self.expected))
-        return readable(
-            frame.assign(baseline_sd=[self.baseline[name].sd for name in self.expected]),
-            "Expected sd",
-        )
+        baseline_sd = [self.baseline[name].sd for name in self.expected]
+        return readable(frame.assign(baseline_sd=baseline_sd), "Expected sd")
 
     def __repr__(self) -> str:
         return (
@@ -179,25 +207,35 @@ class Design(Forecast):
 
 
 def read_design(path: str | os.PathLike[str]) -> Design:
-    """Return the design in a folder written by ``ldbb-bayes design --out``, or in its
-    design.json."""
+    """Return the design in a folder written by ``ldbb-bayes design --out``, or in a design.json.
+
+    Parameters
+    ----------
+    path
+        Folder or file.
+
+    Returns
+    -------
+    Design
+        Without its tests: read the plan beside it.
+    """
     return read_result(path, "design", "design", Design.from_dict)
 
 
-def _timed(
+def _with_drift_covariate(
     tests: tuple[CircularTest, ...], pilot: Campaign, model: HybridModel
 ) -> tuple[CircularTest, ...]:
-    over = {term.over for term in model.nuisances if isinstance(term, Drift)}
+    """Return the tests with the times or the temperature that the model's drift needs."""
+    covariates = {term.over for term in model.nuisances if isinstance(term, Drift)}
     times = np.sort([test.time_s for test in pilot.tests if test.time_s is not None])
-    degrees = [test.temperature_C for test in pilot.tests if test.temperature_C is not None]
-    if "time" in over and len(times) > 1:
-        pace = float(np.median(np.diff(times)))
-        return tuple(replace(test, time_s=k * pace) for k, test in enumerate(tests))
-    return (
-        tuple(replace(test, temperature_C=float(np.mean(degrees))) for test in tests)
-        if "temperature" in over
-        else tests
-    )
+    if "time" in covariates and len(times) > 1:
+        pace_s = float(np.median(np.diff(times)))
+        return tuple(replace(test, time_s=k * pace_s) for k, test in enumerate(tests))
+    if "temperature" in covariates:
+        temperatures = [t.temperature_C for t in pilot.tests if t.temperature_C is not None]
+        mean_C = float(np.mean(temperatures))
+        return tuple(replace(test, temperature_C=mean_C) for test in tests)
+    return tests
 
 
 @one_blas_thread
@@ -217,165 +255,236 @@ def design(
     slope_size: float = 1.0,
     seed: int = 1,
 ) -> Design:
-    """The best tests to run next.
+    """Return the best tests to run next.
 
     Everything is of the linear Gaussian model, averaged over the hyper-parameters: their posterior
     given the pilot, or their prior when the pilot is a plan. Criteria and evidence are without
     truncation, expected sd are inside it. F0, force range and Ĉ are the pilot's: analyse the plan
-    with `Design.model`. InputError for unknown names, or tests that leave parameters undetermined.
+    with `Design.model`.
 
     Parameters
     ----------
-    pilot : a campaign already run, or a plan.
-    tests : number of circles; default: as many as the pilot has.
-    forces_N : levels to choose from; default: the pilot's range in steps of 1 N.
-    clockings_deg, radii_mm, directions : clockings (work ball, tool ball), radii and directions of
-        travel (CW, CCW) to choose from; default: balls not turned, the rest as in the pilot. If
-        both directions may be chosen, hysteresis always counts.
+    model
+        The model that the tests are to determine.
+    pilot
+        A campaign already run, or a plan.
+    tests
+        Number of circles; default: as many as the pilot has.
+    forces_N
+        Levels to choose from; default: the pilot's range in steps of 1 N.
+    clockings_deg, radii_mm, directions
+        Clockings (work ball, tool ball), radii and directions of travel (CW, CCW) to choose from;
+        default: balls not turned, the rest as in the pilot. If both directions may be chosen,
+        hysteresis always counts.
     criterion : {"eig", "d", "a", "c", "i", "discriminate"}, optional
         Default: ``eig`` with proper priors, ``d`` with flat ones.
-    parameters : parameters of interest, all others nuisances; default: all that the criterion is
-        about.
-    augment : the pilot's tests count as run: ``tests`` is how many are added.
-    against : mapping of name to campaign or plan
-        Designs to be judged beside.
-    slope_size : size of the slopes that are to be found [prior sd].
+    parameters
+        Parameters of interest, all others nuisances; default: all that the criterion is about.
+    augment
+        Whether the pilot's tests count as run: ``tests`` is how many are added.
+    against
+        Campaigns or plans by name: designs to compare with.
+    slope_size
+        Size of the slopes that are to be found [prior sd].
+    seed
+        Of the search and the forecast.
+
+    Returns
+    -------
+    Design
+        The tests and what to expect of them.
+
+    Raises
+    ------
+    InputError
+        For unknown names, or tests that leave parameters undetermined.
     """
     check_campaign(pilot)
     number = len(pilot.tests) if tests is None else tests
     require(
-        1 <= number <= MOST_TESTS,
-        f"tests must be between 1 and {MOST_TESTS}, got {number}. Give the number of circles.",
+        1 <= number <= MAX_TESTS,
+        f"tests must be between 1 and {MAX_TESTS}, got {number}. Give the number of circles.",
     )
+    judged: list[CircularTest] = []
     for name, campaign in against.items():
-        require(
-            name not in _RESERVED,
-            f"against must not use the name {name!r}, which is the design's own. Choose another"
-            " name.",
-        )
-        check_campaign(campaign)
-        machine, own = ((one.topology, dict(one.frames_mm)) for one in (pilot, campaign))
-        require(
-            own == machine,
-            f"{name} must be of the pilot's machine {machine[0]}, frames too, got {own[0]}. Leave"
-            " it out.",
-        )
+        _check_compared(name, campaign, pilot)
+        judged += campaign.tests
     if forces_N is None:
-        low = float(pilot.forces_N.min())
-        high = float(pilot.forces_N.max())
-        forces_N = np.unique([*np.arange(low, high, 1.0), high]).tolist()
+        forces_N = _levels_in_range(pilot)
+    if criterion is None:
+        criterion = "d" if model.prior.flat else "eig"
     space = Space(
-        model,
-        pilot,
-        tuple(map(float, forces_N)),
-        clockings_deg,
-        radii_mm,
-        directions,
-        criterion=criterion or ("d" if model.prior.flat else "eig"),
+        model=model,
+        pilot=pilot,
+        forces_N=tuple(float(force) for force in forces_N),
+        clockings_deg=clockings_deg,
+        radii_mm=radii_mm,
+        directions=directions,
+        criterion=criterion,
         parameters=tuple(parameters),
         augment=augment,
         slope_size=slope_size,
-        judged=tuple(test for campaign in against.values() for test in campaign.tests),
+        judged=tuple(judged),
         seed=seed,
     )
-    compared = {_STEPS: space.equal_steps(number)}
+    compared = {_EQUAL_STEPS: space.equal_steps(number)}
     for name, campaign in against.items():
-        compared[name] = tuple(
-            replace(test.with_reading_um(None), name="") for test in campaign.tests
-        )
-    return _designed(
-        space, space.search.of_number(number), Pilot(pilot.name, pilot.sha256), compared
+        planned = [replace(test.with_reading_um(None), name="") for test in campaign.tests]
+        compared[name] = tuple(planned)
+    exact = space.search.find_design(number)
+    return _describe_design(space, exact, Pilot(pilot.name, pilot.sha256), compared)
+
+
+def _levels_in_range(pilot: Campaign) -> list[float]:
+    """Return forces over the pilot's range in steps of 1 N."""
+    low = float(pilot.forces_N.min())
+    high = float(pilot.forces_N.max())
+    levels: list[float] = np.unique([*np.arange(low, high, _FORCE_STEP_N), high]).tolist()
+    return levels
+
+
+def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
+    """Refuse a design for comparison of a reserved name or of another machine."""
+    require(
+        name not in _RESERVED_NAMES,
+        f"against must not use the name {name!r}, which is the design's own. Choose another name.",
+    )
+    check_campaign(campaign)
+    same_frames = dict(campaign.frames_mm) == dict(pilot.frames_mm)
+    require(
+        campaign.topology == pilot.topology and same_frames,
+        f"{name} must be of the pilot's machine {pilot.topology}, frames too, got"
+        f" {campaign.topology}. Leave it out.",
     )
 
 
-def _designed(
-    space: Space, found: Found, pilot: Pilot, compared: Mapping[str, tuple[CircularTest, ...]]
+def _describe_design(
+    space: Space,
+    exact: ExactDesign,
+    pilot: Pilot,
+    compared: Mapping[str, tuple[CircularTest, ...]],
 ) -> Design:
-    tests = space.tests_of(found)
-    optimum = found.optimum
-
-    def judged(name: str, tests: tuple[CircularTest, ...]) -> Judged:
-        own = space.forecast(tests)
-        efficiency = space.efficiency(tests) if own.determined else 0.0
-        return Judged(**vars(own), name=name, tests=space.frame(tests), efficiency=efficiency)
-
-    others = tuple(judged(name, own) for name, own in compared.items())
-    highest = float(optimum.sensitivity.max())
-    concave = space.search.objective.criterion.concave
+    """Return the design that the search found, with its forecast and those of others."""
+    tests = space.tests_of(exact)
+    optimum = exact.optimum
+    judged = tuple(_judge_tests(space, name, planned) for name, planned in compared.items())
     candidates = space.frame(space.tests)
-    shown = optimum.share > _SHOWN_SHARE
-    expected = space.forecast(tests)
-    sizes = np.sqrt((space.states.phi**2).mean(axis=0))
+    listed = optimum.share > _LISTED_SHARE
+    forecast = space.forecast(tests)
+    hyper_rms = np.sqrt((space.states.phi**2).mean(axis=0))
     return Design(
-        **vars(expected),
+        expected=forecast.expected,
+        information_gain=forecast.information_gain,
+        discrimination=forecast.discrimination,
         criterion=space.criterion,
         parameters=space.chosen,
         table=space.frame(tests).value_counts(sort=False).rename("count").reset_index(),
         augment=space.augment,
         degree=space.model.degree,
         reference_force_N=space.bound.setting.reference_force_N,
-        efficiency=min(found.efficiency, 1.0),
-        certificate=Certificate(
-            highest, optimum.bound, concave, highest <= optimum.bound * (1.0 + _HOLDS)
-        ),
-        shares=candidates[shown].assign(share=optimum.share[shown]).reset_index(drop=True),
-        baseline=others[0].expected,
-        compared=others,
-        limits=_limits(space, tests, expected),
-        hyper_um=space.bound.hyper_prior.named(sizes),
+        efficiency=min(exact.efficiency, 1.0),
+        certificate=_certificate_of(space, optimum),
+        shares=candidates[listed].assign(share=optimum.share[listed]).reset_index(drop=True),
+        baseline=judged[0].expected,
+        compared=judged,
+        limits=_limits(space, tests, forecast),
+        hyper_um=space.bound.hyper_prior.named(hyper_rms),
         measured=not space.pilot.is_plan,
         pilot=pilot,
         sensitivity=candidates.assign(sensitivity=optimum.sensitivity),
-        planned=Planned(tests, space.pilot, _model_of(space, tests)),
+        planned=Planned(tests, space.pilot, _analysis_model(space, tests)),
     )
 
 
-def _model_of(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
-    """The model as it should analyse these tests alone: F0 and the slopes' prior sd those of the
-    pilot."""
-    model, setting, prior = space.model, space.bound.setting, space.model.prior
-    plain = replace(model, fixed=(), prior=replace(prior, overrides={}, means={}))
-    there = BoundModel(
-        plain, replace(space.pilot, tests=tuple(tests), foreseen=()), pilot=space.pilot
-    ).names
+def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Judged:
+    forecast = space.forecast(tests)
+    efficiency = space.efficiency(tests) if forecast.determined else 0.0
+    return Judged(
+        expected=forecast.expected,
+        information_gain=forecast.information_gain,
+        discrimination=forecast.discrimination,
+        name=name,
+        tests=space.frame(tests),
+        efficiency=efficiency,
+    )
+
+
+def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
+    highest = float(optimum.sensitivity.max())
+    return Certificate(
+        max_sensitivity=highest,
+        bound=optimum.bound,
+        is_global=space.search.objective.criterion.concave,
+        holds=highest <= optimum.bound * (1.0 + _CERTIFICATE_TOLERANCE),
+    )
+
+
+def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
+    """Return the model for an analysis of these tests alone, with the pilot's F0 and slope sd."""
+    model = space.model
+    setting = space.bound.setting
+    prior = model.prior
+    unconstrained = replace(model, fixed=(), prior=replace(prior, overrides={}, means={}))
+    plan = replace(space.pilot, tests=tuple(tests), foreseen=())
+    names = BoundModel(unconstrained, plan, pilot=space.pilot).names
+
     overrides = dict(prior.overrides)
     forces = [float(test.force_N or 0.0) for test in tests]
-    if not (prior.flat or np.isclose(max(forces) - min(forces), setting.force_range_N, rtol=1e-9)):
-        overrides |= {p.name: p.prior_sd for p in space.bound.parameters if p.group == "slope"}
-    own = {name: sd for name, sd in overrides.items() if name in there}
-    means = {name: mean for name, mean in prior.means.items() if name in there}
-    fixed = tuple(name for name in model.fixed if name in there)
+    force_range_N = max(forces) - min(forces)
+    if not (prior.flat or np.isclose(force_range_N, setting.force_range_N, rtol=1e-9)):
+        # The default prior sd of a slope goes with the force range.
+        for parameter in space.bound.parameters:
+            if parameter.group == "slope":
+                overrides[parameter.name] = parameter.prior_sd
+    overrides = {name: sd for name, sd in overrides.items() if name in names}
+    means = {name: mean for name, mean in prior.means.items() if name in names}
     return replace(
         model,
         reference_force_N=setting.reference_force_N,
-        fixed=fixed,
-        prior=replace(prior, overrides=own, means=means),
+        fixed=tuple(name for name in model.fixed if name in names),
+        prior=replace(prior, overrides=overrides, means=means),
     )
 
 
-def _limits(space: Space, tests: Sequence[CircularTest], expected: Forecast) -> Limits:
-    """What no number of such tests shows, and what would."""
+def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
+    """Return what no number of such tests shows, and what would."""
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
+    too_few_levels = levels <= space.model.degree + 2 and not space.augment
     bound = bind_tests(space.model, space.pilot, tests, keep=space.augment)
-    terms = {type(term) for term in space.model.nuisances}
-    ways = {
-        plane: {test.direction for test in bound.campaign.tests if test.plane == plane}
-        for plane in bound.setting.both_ways
-    }
-    entries = {name: expected.expected[name] for name in space.chosen}
-    shared = tuple(name for name, entry in entries.items() if entry.floor_sd > _STUCK * entry.sd)
-    found = (
-        tuple(d for d in degeneracies(bound) if set(d.parameters) & set(shared)) if shared else ()
-    )
+    term_types = {type(term) for term in space.model.nuisances}
+    one_way = {}
+    if Hysteresis in term_types:
+        one_way = _planes_run_one_way(bound)
+    shared = []
+    for name in space.chosen:
+        entry = forecast.expected[name]
+        if entry.floor_sd > _STUCK_SHARE * entry.sd:
+            shared.append(name)
+    shared_degeneracies: tuple[Degeneracy, ...] = ()
+    shared_cures: tuple[tuple[Cure, ...], ...] = ()
+    if shared:
+        shared_degeneracies = tuple(
+            degeneracy
+            for degeneracy in degeneracies(bound)
+            if set(degeneracy.parameters) & set(shared)
+        )
+    if shared_degeneracies:
+        shared_cures = cures(bound, shared_degeneracies)
     return Limits(
-        levels if levels <= space.model.degree + 2 and not space.augment else None,
-        {
-            plane: str(next(iter(own)))
-            for plane, own in ways.items()
-            if len(own) == 1 and Hysteresis in terms
-        },
-        Drift in terms,
-        shared,
-        found,
-        cures(bound, found) if found else (),
+        levels=levels if too_few_levels else None,
+        one_way=one_way,
+        drift=Drift in term_types,
+        shared=tuple(shared),
+        degeneracies=shared_degeneracies,
+        cures=shared_cures,
     )
+
+
+def _planes_run_one_way(bound: BoundModel) -> dict[str, str]:
+    """Return the direction of planes modelled both ways whose circles all run one way."""
+    one_way = {}
+    for plane in bound.setting.both_ways:
+        directions = {test.direction for test in bound.campaign.tests if test.plane == plane}
+        if len(directions) == 1:
+            one_way[plane] = str(next(iter(directions)))
+    return one_way

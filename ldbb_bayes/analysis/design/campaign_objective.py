@@ -1,8 +1,9 @@
-"""TODO: say what this module is."""
+"""The objective of a campaign's candidates, from the information in the bound model."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,77 +11,118 @@ from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.analysis.design.criteria import Criterion
 from ldbb_bayes.analysis.design.objective import Objective
-from ldbb_bayes.analysis.design.states import carried
+from ldbb_bayes.analysis.design.states import extend_hyper_parameters
 from ldbb_bayes.model.bound_information import informations_of
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.terms import OWN
 from ldbb_bayes.results import Array
 
-_ROUNDING = 1e-12
+__all__ = ["objective_of", "prediction_weight"]
 
-
+# Elements below this share of the largest in their column are rounding errors.
+_ROUNDING_ERROR = 1e-12
+# Forces over the pilot's range at which criterion I averages the variance of the prediction.
 _PREDICTED_FORCES = 33
 
 
-def _prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
-    """W with tr(W S⁻¹) the variance of C_j(F) / var prior of C_j, averaged over the pilot's forces
-    and the compliances."""
-    forces = (bound.pilot or bound.campaign).forces_N
-    own = [bound.names.index(name) for name in chosen]
+def prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
+    """Return the weights W of criterion I, shape (s, s).
+
+    tr(W S⁻¹) is the variance of C_j(F) / prior variance of C_j, averaged over the pilot's forces
+    and the compliances j that the chosen parameters concern.
+    """
+    pilot_forces = (bound.pilot or bound.campaign).forces_N
+    columns = [bound.names.index(name) for name in chosen]
     prior = Prior.first() if bound.model.prior.flat else bound.model.prior
-    unit = prior.compliance_sd(bound.compliances)
+    compliance_sd = prior.compliance_sd(bound.compliances)
     concerned = {parameter.compliance for parameter in bound.parameters if parameter.name in chosen}
-    used = [k for k, compliance in enumerate(bound.compliances) if compliance.label in concerned]
-    at = np.linspace(forces.min(), forces.max(), _PREDICTED_FORCES)
-    rows = np.concatenate(
-        [
-            (bound.compliance_at(force)[:, own] * bound.scale[own] / unit[:, None])[used]
-            for force in at
-        ]
-    )
+    predicted = [
+        k for k, compliance in enumerate(bound.compliances) if compliance.label in concerned
+    ]
+    rows_by_force = []
+    for force in np.linspace(pilot_forces.min(), pilot_forces.max(), _PREDICTED_FORCES):
+        derivatives = bound.compliance_at(force)[:, columns] * bound.scale[columns]
+        rows_by_force.append((derivatives / compliance_sd[:, None])[predicted])
+    rows = np.concatenate(rows_by_force)
     return np.asarray(rows.T @ rows / len(rows))
 
 
 def objective_of(
     bound: BoundModel, run: int, phi: Array, chosen: Sequence[str], criterion: Criterion
 ) -> Objective:
-    """The candidates' information on the chosen parameters at every φ (K, h); nuisances that touch
-    none of them are left out. The model is bound to the tests already run, ``run`` of them,
-    followed by the candidates."""
+    """Return the objective of candidates for the chosen parameters.
+
+    Nuisances that share no readings with the chosen parameters are left out.
+
+    Parameters
+    ----------
+    bound
+        Model bound to the tests already run, followed by the candidates.
+    run
+        Number of tests already run.
+    phi
+        Hyper-parameters of the pilot, shape (K, h) [mm].
+    chosen
+        Names of the parameters of interest.
+    criterion
+        Of the design.
+
+    Returns
+    -------
+    Objective
+        With the information of every candidate at every φ.
+    """
     rows = []
     prior = []
-    order = kept = proper = np.zeros(0, dtype=int)
-    for k, information in enumerate(informations_of(bound, carried(bound, phi, run))):
-        blocks = _compact(information.blocks())
-        if not k:
-            own = [information.names.index(name) for name in chosen]
-            order = _connected(blocks, own)
-            kept = np.flatnonzero(np.abs(blocks[:, :, order]).max(axis=(0, 2)) > 0.0)
-            proper = np.array(
-                [not (information.flat and owner == OWN) for owner in information.owners]
-            )[order]
-        blocks = blocks[:, :, order][:, kept]
-        before = blocks[:run].reshape(-1, len(order))
-        prior.append(np.diag(proper.astype(float)) + before.T @ before)
+    layout = None
+    for information in informations_of(bound, extend_hyper_parameters(bound, phi, run)):
+        blocks = _stack_blocks(information.blocks())
+        if layout is None:
+            layout = _layout_of(information, blocks, chosen)
+        blocks = blocks[:, :, layout.columns][:, layout.rows]
+        rows_run = blocks[:run].reshape(-1, len(layout.columns))
+        prior.append(np.diag(layout.has_prior.astype(float)) + rows_run.T @ rows_run)
         rows.append(blocks[run:])
     return Objective(np.array(rows), np.array(prior), len(chosen), criterion)
 
 
-def _compact(blocks: Sequence[Array]) -> Array:
-    """Blocks of at most 25 rows as one array, rounding errors set to zero."""
-    stacked = np.zeros((len(blocks), max(map(len, blocks)), blocks[0].shape[1]))
-    for own, block in zip(stacked, blocks, strict=True):
-        own[: len(block)] = block
-    stacked[np.abs(stacked) < _ROUNDING * np.abs(stacked).max(axis=(0, 1))] = 0.0
+class _Layout(NamedTuple):
+    """Columns and rows of the information that an objective needs."""
+
+    columns: NDArray[np.int_]  # those of interest last
+    rows: NDArray[np.int_]  # of a block; in others all elements are zero
+    has_prior: NDArray[np.bool_]  # of the columns
+
+
+def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -> _Layout:
+    """Return the layout, which is the same at every φ, from the information at one of them."""
+    interest = [information.names.index(name) for name in chosen]
+    columns = _connected_columns(blocks, interest)
+    largest_by_row = np.abs(blocks[:, :, columns]).max(axis=(0, 2))
+    has_prior = np.array([not (information.flat and owner == OWN) for owner in information.owners])
+    return _Layout(columns, np.flatnonzero(largest_by_row > 0.0), has_prior[columns])
+
+
+def _stack_blocks(blocks: Sequence[Array]) -> Array:
+    """Return blocks of at most 25 rows as one array, rounding errors set to zero."""
+    rows = max(len(block) for block in blocks)
+    stacked = np.zeros((len(blocks), rows, blocks[0].shape[1]))
+    for k, block in enumerate(blocks):
+        stacked[k, : len(block)] = block
+    stacked[np.abs(stacked) < _ROUNDING_ERROR * np.abs(stacked).max(axis=(0, 1))] = 0.0
     return stacked
 
 
-def _connected(blocks: Array, own: Sequence[int]) -> NDArray[np.int_]:
-    """Columns that share readings with those of interest, directly or through others; those of
-    interest last."""
+def _connected_columns(blocks: Array, interest: Sequence[int]) -> NDArray[np.int_]:
+    """Return the columns that share readings with those of interest, directly or through others.
+
+    Those of interest come last.
+    """
     size = np.abs(blocks)
-    _, label = connected_components(np.einsum("rij,rik->jk", size, size) > 0.0, directed=False)
-    joined = np.isin(label, label[list(own)])
-    joined[list(own)] = False
-    return np.array([*np.flatnonzero(joined), *own], dtype=int)
+    shares_readings = np.einsum("rij,rik->jk", size, size) > 0.0
+    _, component = connected_components(shares_readings, directed=False)
+    connected = np.isin(component, component[list(interest)])
+    connected[list(interest)] = False
+    return np.array([*np.flatnonzero(connected), *interest], dtype=int)

@@ -1,21 +1,15 @@
-"""The tests one could run, in which order to run them, what to expect of them, and the space of
-designs made of them.
+"""Candidates: the tests that one could run, the model bound to them, and the running order.
 
 Model properties, F0, force range and Ĉ, are the pilot's. Ball forms count as two terms as soon as
 any clocking differs; where none does, two terms and one are the same model.
-
-Expected are the posterior sd of every parameter, the information gained, constant or linear: of the
-linear Gaussian model at given hyper-parameters, averaged over these; sd inside the truncation,
-evidence without it. This takes the general route through `ldbb_bayes.model.information.Information`
-and none of the search's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,63 +17,100 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 
-__all__ = ["Clocking", "bind_tests", "running_order"]
+__all__ = [
+    "Clocking",
+    "bind_tests",
+    "foreseen_by",
+    "grid_of_tests",
+    "running_order",
+    "templates",
+]
 
+# Angles by which the work ball and the tool ball are turned [deg].
 Clocking = tuple[float, float]
 
 
 def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[CircularTest, ...]:
-    """A test without readings for every plane of the pilot and every direction, by default those of
-    the pilot there; else it is like the pilot's test in that plane with the median number of
-    readings, its angles in equal steps."""
-    made: list[CircularTest] = []
+    """Return a test without readings for every plane of the pilot and every direction.
+
+    The directions are by default those of the pilot in that plane. Otherwise the test is like the
+    pilot's test in that plane with the median number of readings, its angles in equal steps.
+    """
+    tests: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.tests):
-        there = [test for test in pilot.tests if test.plane == plane]
-        plain = sorted(there, key=lambda test: len(test.angle_deg))[len(there) // 2]
-        plain = replace(
-            plain.planned(), pressure_bar=None, name="", temperature_C=None, time_s=None
+        in_plane = [test for test in pilot.tests if test.plane == plane]
+        by_readings = sorted(in_plane, key=_number_of_angles)
+        median_test = by_readings[len(in_plane) // 2]
+        template = replace(
+            median_test.planned(), pressure_bar=None, name="", temperature_C=None, time_s=None
         )
-        ways: Sequence[Direction | None] = directions or tuple(
-            dict.fromkeys(test.direction for test in there)
-        )
-        made += [replace(plain, direction=way) for way in ways]
-    return tuple(made)
+        plane_directions: Iterable[Direction | None] = directions
+        if not directions:
+            plane_directions = dict.fromkeys(test.direction for test in in_plane)
+        tests += [replace(template, direction=direction) for direction in plane_directions]
+    return tuple(tests)
+
+
+def _number_of_angles(test: CircularTest) -> int:
+    return len(test.angle_deg)
+
+
+class _Kind(NamedTuple):
+    """What decides which parameters of the model a test can show."""
+
+    plane: str | None
+    setup: int | None
+    centre_mm: tuple[float, ...]
+    radius_mm: float | None
+    direction: Direction | None
 
 
 def foreseen_by(
     pilot: Campaign, candidates: Sequence[CircularTest], judged: Sequence[CircularTest] = ()
 ) -> Campaign:
-    """The pilot, knowing of tests of a kind it has not run: what only they can show is in its
-    model. Where candidates go both ways in a plane, so do those foreseen: hysteresis then counts
-    for every design. Tests that are only judged bring their parameters, not their direction."""
-    both = {
-        plane
-        for plane in PLANES
-        if {"CW", "CCW"} <= {test.direction for test in candidates if test.plane == plane}
-    }
-    possible = [(test, test.direction if str(test.plane) in both else None) for test in candidates]
-    possible += [(test, None) for test in judged]
-    offset = any(map(any, pilot.frames_mm.values())) or any(
-        any(t.circle.centre_mm) for t in (*pilot.scope, *candidates, *judged)
+    """Return the pilot with the kinds of tests that it has not run among those foreseen.
+
+    What only they can show is then in its model. Where candidates run both ways in a plane, so do
+    those foreseen: hysteresis then counts for every design. Tests that are only judged bring their
+    parameters, not their direction.
+    """
+    both_ways = _planes_run_both_ways(candidates)
+    # The radius decides on parameters only where something stands off the machine's origin.
+    has_offset = any(any(frame) for frame in pilot.frames_mm.values()) or any(
+        any(test.circle.centre_mm) for test in (*pilot.scope, *candidates, *judged)
     )
 
-    def kind(test: CircularTest, *way: Any) -> tuple[Any, ...]:
-        return (
-            test.plane,
-            test.setup,
-            test.circle.centre_mm,
-            test.radius_mm if offset else None,
-            *way,
-        )
+    def kind(test: CircularTest, direction: Direction | None = None) -> _Kind:
+        radius_mm = test.radius_mm if has_offset else None
+        return _Kind(test.plane, test.setup, test.circle.centre_mm, radius_mm, direction)
 
     # A direction counts as foreseen only where it is: the pilot's own tests need not be part of
     # what is analysed.
-    there = {kind(test) for test in pilot.scope} | {
-        kind(test, test.direction) for test in pilot.foreseen
-    }
-    further = {kind(test, *([way] if way else [])): (test, way) for test, way in reversed(possible)}
-    new = [replace(test, direction=way) for key, (test, way) in further.items() if key not in there]
-    return replace(pilot, foreseen=(*pilot.foreseen, *new)) if new else pilot
+    modelled = {kind(test) for test in pilot.scope}
+    modelled |= {kind(test, test.direction) for test in pilot.foreseen}
+    possible = []
+    for test in candidates:
+        direction = test.direction if str(test.plane) in both_ways else None
+        possible.append((kind(test, direction), test))
+    possible += [(kind(test), test) for test in judged]
+    # One test of every kind: the first. The kinds come in the order of their last tests, backwards.
+    test_by_kind = dict(reversed(possible))
+    new = []
+    for test_kind, test in test_by_kind.items():
+        if test_kind not in modelled:
+            new.append(replace(test, direction=test_kind.direction))
+    if not new:
+        return pilot
+    return replace(pilot, foreseen=(*pilot.foreseen, *new))
+
+
+def _planes_run_both_ways(tests: Sequence[CircularTest]) -> set[str]:
+    planes = set()
+    for plane in PLANES:
+        directions = {test.direction for test in tests if test.plane == plane}
+        if {"CW", "CCW"} <= directions:
+            planes.add(plane)
+    return planes
 
 
 def grid_of_tests(
@@ -88,61 +119,95 @@ def grid_of_tests(
     clockings_deg: Sequence[Clocking],
     radii_mm: Sequence[float],
 ) -> tuple[CircularTest, ...]:
-    """Every combination as a planned test: all forces of the first template, radius and clocking,
-    then of the next."""
-    return tuple(
-        replace(
-            like,
-            force_N=float(force),
-            work_ball_deg=float(work),
-            tool_ball_deg=float(tool),
-            radius_mm=float(radius),
+    """Return every combination of template, radius, clocking and force as a planned test.
+
+    All forces of the first template, radius and clocking come first, then those of the next.
+    """
+    tests = []
+    for template, radius_mm, clocking, force_N in product(
+        templates, radii_mm, clockings_deg, forces_N
+    ):
+        work_ball_deg, tool_ball_deg = clocking
+        test = replace(
+            template,
+            force_N=float(force_N),
+            work_ball_deg=float(work_ball_deg),
+            tool_ball_deg=float(tool_ball_deg),
+            radius_mm=float(radius_mm),
         )
-        for like, radius, (work, tool), force in product(
-            templates, radii_mm, clockings_deg, forces_N
-        )
-    )
+        tests.append(test)
+    return tuple(tests)
 
 
 def bind_tests(
     model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep: bool
 ) -> BoundModel:
-    """The model bound to a plan of these tests, after the pilot's own where these are kept; F0,
-    force range and Ĉ the pilot's."""
+    """Return the model bound to a plan of these tests, with the pilot's F0, force range and Ĉ.
+
+    Parameters
+    ----------
+    model
+        The model.
+    pilot
+        The campaign or plan that the design starts from.
+    tests
+        Planned tests.
+    keep
+        Whether the pilot's own tests come before them.
+
+    Returns
+    -------
+    BoundModel
+        The model bound to the plan.
+    """
     run = pilot.plan().tests
     planned = tuple(replace(test, name="") if test.name else test for test in tests)
-    known = (*pilot.foreseen, *(replace(test, direction=None) for test in run))
-    return BoundModel(
-        model, replace(pilot, tests=(*(run if keep else ()), *planned), foreseen=known), pilot=pilot
-    )
+    if keep:
+        planned = (*run, *planned)
+    foreseen = (*pilot.foreseen, *(replace(test, direction=None) for test in run))
+    return BoundModel(model, replace(pilot, tests=planned, foreseen=foreseen), pilot=pilot)
 
 
 def running_order(
     tests: Sequence[CircularTest], rng: np.random.Generator
 ) -> tuple[CircularTest, ...]:
-    """The tests in the order in which to run them, so that drift is not force: blocks of one
-    set-up, plane and radius, in them of one work-ball clocking, in them of one tool-ball clocking,
-    there and back; forces and directions of travel at random."""
+    """Return the tests in the order in which to run them, so that a drift does not look like force.
 
-    def blocks(
-        tests: Sequence[CircularTest], key: Callable[[CircularTest], Any]
-    ) -> list[list[CircularTest]]:
-        keys = sorted({key(test) for test in tests})
-        return [
-            [test for test in tests if key(test) == keys[i]] for i in rng.permutation(len(keys))
-        ]
-
+    Blocks are of one set-up, plane and radius; within them, of one clocking of the work ball, and
+    of one clocking of the tool ball, up and down in turn. Forces and directions of travel are at
+    random.
+    """
     ordered: list[CircularTest] = []
-    for mounted in blocks(tests, lambda test: test.setup or 1):
-        for place in blocks(mounted, lambda test: (str(test.plane), float(test.radius_mm or 0.0))):
-            for k, turned in enumerate(blocks(place, lambda test: test.work_ball_deg)):
-                for tool in sorted({test.tool_ball_deg for test in turned}, reverse=bool(k % 2)):
-                    alike = [test for test in turned if test.tool_ball_deg == tool]
-                    ordered += [alike[i] for i in rng.permutation(len(alike))]
+    for setup_block in _random_blocks(tests, _setup, rng):
+        for circle_block in _random_blocks(setup_block, _plane_and_radius, rng):
+            for k, work_ball_block in enumerate(_random_blocks(circle_block, _work_ball_deg, rng)):
+                angles = sorted({test.tool_ball_deg for test in work_ball_block})
+                if k % 2:
+                    angles.reverse()
+                for tool_ball_deg in angles:
+                    block = [t for t in work_ball_block if t.tool_ball_deg == tool_ball_deg]
+                    ordered += [block[i] for i in rng.permutation(len(block))]
     return tuple(replace(test, name="") for test in ordered)
 
 
-# ---- what to expect of tests before they are run
+def _random_blocks(
+    tests: Sequence[CircularTest], key: Callable[[CircularTest], Any], rng: np.random.Generator
+) -> list[list[CircularTest]]:
+    """Return the tests in blocks of one key, the blocks in random order."""
+    blocks: dict[Any, list[CircularTest]] = {}
+    for test in tests:
+        blocks.setdefault(key(test), []).append(test)
+    keys = sorted(blocks)
+    return [blocks[keys[i]] for i in rng.permutation(len(keys))]
 
 
-# ---- the space of designs
+def _setup(test: CircularTest) -> int:
+    return test.setup or 1
+
+
+def _plane_and_radius(test: CircularTest) -> tuple[str, float]:
+    return str(test.plane), float(test.radius_mm or 0.0)
+
+
+def _work_ball_deg(test: CircularTest) -> float:
+    return test.work_ball_deg

@@ -1,4 +1,8 @@
-"""TODO: say what this module is."""
+"""The objective of the search for a design: a criterion averaged over the hyper-parameters.
+
+A design is a number of tests n_i of every candidate. Each test adds its information G_iᵀG_i to the
+precision M of all parameters: M = P + Σ n_i G_iᵀG_i.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +16,18 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Objective"]
 
-
-_NOTHING = 1e-6
-
-
-_CHUNK = 1 << 22
+# A column of which less than this share remains beside the other columns is undetermined.
+_SINGULAR_SHARE = 1e-6
+# Number of matrix elements that `Objective.after_adding` holds at a time.
+_CHUNK_SIZE = 1 << 22
 
 
 @dataclass(frozen=True, eq=False)
 class Objective(Shown):
-    """Φ of designs, averaged over K values of the hyper-parameters; a design is its numbers of
-    tests, counts (candidates,)."""
+    """Φ of designs, averaged over K values of the hyper-parameters.
+
+    Designs are given by counts, shape (candidates,).
+    """
 
     #: G (K, candidates, m, p), in sd of the noise: one test of a candidate adds GᵀG to the
     #: precision
@@ -36,25 +41,28 @@ class Objective(Shown):
 
     @property
     def candidates(self) -> int:
+        """Number of candidates."""
         return int(self.rows.shape[1])
 
     def among(self, chosen: Array) -> Objective:
-        """The same with only some of the candidates."""
+        """Return the same objective with only some of the candidates."""
         return replace(self, rows=self.rows[:, chosen])
 
     def efficiency(self, value: float, best: float) -> float:
-        """Of a design with this value beside the best."""
-        return self.criterion.efficiency(value, best) if np.isfinite(value) else 0.0
+        """Return the efficiency, 0 … 1, of a design of this value relative to the best."""
+        if not np.isfinite(value):
+            return 0.0
+        return self.criterion.efficiency(value, best)
 
     def value(self, counts: Array) -> float:
-        """Φ of a design; −inf where it leaves something undetermined."""
+        """Return Φ of a design, −inf where it leaves something undetermined."""
         return float(self._values(self._precision(counts)).mean())
 
     def after_adding(self, counts: Array, chosen: Array) -> Array:
-        """Φ with one more test of each of some candidates in turn, shape (chosen,)."""
+        """Return Φ with one more test of each chosen candidate in turn, shape (chosen,)."""
         total = np.zeros(len(chosen))
         base = self._precision(counts)
-        size = max(1, _CHUNK // base.size)
+        size = max(1, _CHUNK_SIZE // base.size)
         for start in range(0, len(chosen), size):
             rows = self.rows[:, chosen[start : start + size]]
             precision = base + np.swapaxes(np.swapaxes(rows, -1, -2) @ rows, 0, 1)
@@ -63,31 +71,36 @@ class Objective(Shown):
         return total
 
     def sensitivity(self, counts: Array) -> tuple[float, Array]:
-        """Φ and ∂Φ/∂n_i = mean over K of ‖G_ki D_k‖², shape (candidates,), with ∂Φ/∂M = D Dᵀ."""
+        """Return Φ and ∂Φ/∂n_i, shape (candidates,).
+
+        With ∂Φ/∂M = D Dᵀ, ∂Φ/∂n_i is the mean of ‖G_ki D_k‖² over the K hyper-parameters.
+        """
         s = self.interest
         precision = self._precision(counts)
         nuisance = precision[..., :-s, :-s]
         cross = precision[..., :-s, -s:]
-        back = -np.linalg.solve(nuisance, cross)
-        root = np.linalg.cholesky(precision[..., -s:, -s:] + np.swapaxes(cross, -1, -2) @ back)
-        own = self.criterion.directions(root)
+        projection = -np.linalg.solve(nuisance, cross)
+        schur = precision[..., -s:, -s:] + np.swapaxes(cross, -1, -2) @ projection
+        root = np.linalg.cholesky(schur)
+        interest_directions = self.criterion.directions(root)
+        directions = np.concatenate(
+            [projection @ interest_directions, interest_directions], axis=-2
+        )
         slope = np.zeros(self.candidates)
-        for rows, direction in zip(
-            self.rows, np.concatenate([back @ own, own], axis=-2), strict=True
-        ):
-            seen = (rows.reshape(-1, rows.shape[-1]) @ direction).reshape(len(slope), -1)
-            slope += np.einsum("ij,ij->i", seen, seen)
+        for rows, direction in zip(self.rows, directions, strict=True):
+            projected = (rows.reshape(-1, rows.shape[-1]) @ direction).reshape(len(slope), -1)
+            slope += np.einsum("ij,ij->i", projected, projected)
         return float(self.criterion.value(root).mean()), slope / len(root)
 
     def _precision(self, counts: Array) -> Array:
-        """M, shape (K, p, p)."""
-        used = np.flatnonzero(counts)
-        scaled = self.rows[:, used] * np.sqrt(counts[used])[:, None, None]
+        """Return M, shape (K, p, p)."""
+        support = np.flatnonzero(counts)
+        scaled = self.rows[:, support] * np.sqrt(counts[support])[:, None, None]
         stacked = scaled.reshape(len(scaled), -1, scaled.shape[-1])
         return np.asarray(self.prior + np.swapaxes(stacked, -1, -2) @ stacked)
 
     def _values(self, precision: Array) -> Array:
-        """Φ of every matrix M, −inf where it is singular."""
+        """Return Φ of every matrix M, −inf where it is singular."""
         try:
             root = np.linalg.cholesky(precision)
         except np.linalg.LinAlgError:
@@ -95,16 +108,14 @@ class Objective(Shown):
                 return np.array([-np.inf])
             return np.concatenate([self._values(matrix[None]) for matrix in precision])
         values = self.criterion.value(root[:, -self.interest :, -self.interest :])
-        if self._open:
-            # Where only rounding kept a factorisation alive: what is left of a column beside the
-            # others is nothing.
-            left = np.diagonal(root, axis1=-2, axis2=-1) / np.sqrt(
-                np.diagonal(precision, axis1=-2, axis2=-1)
-            )
-            values = np.where(left.min(axis=-1) < _NOTHING, -np.inf, values)
+        if self._has_undetermined_prior:
+            # Rounding alone may let the factorisation of a singular matrix succeed.
+            root_diagonal = np.diagonal(root, axis1=-2, axis2=-1)
+            remaining_share = root_diagonal / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
+            values = np.where(remaining_share.min(axis=-1) < _SINGULAR_SHARE, -np.inf, values)
         return values
 
     @cached_property
-    def _open(self) -> bool:
+    def _has_undetermined_prior(self) -> bool:
         """Whether the tests must determine something that nothing determines before."""
         return bool(np.linalg.matrix_rank(self.prior).min() < self.prior.shape[-1])

@@ -1,13 +1,7 @@
-"""Optimum designs: criteria, the best shares of tests with their certificate, and the best whole
-tests.
+"""The search for the best whole numbers of tests (an exact design).
 
-A design is a number of tests n_i of every candidate, each of which adds its information G_iᵀG_i to
-the precision M of all parameters. S, shape (..., s, s), is what M says of the s parameters of
-interest, in units in which they are comparable, with all others projected out: the Schur
-complement. It comes as its lower triangular root, S = L Lᵀ. A criterion has a `value` Φ(S), shape
-(...), that never falls when information is added; `directions` Q (..., s, q) with ∂Φ/∂S = Q Qᵀ,
-which drive the search; whether it is `concave`, so that a local optimum over shares is the optimum;
-and the `efficiency`, 0 … 1, of a design beside the best.
+It starts from the best shares, rounded, and from random designs, and replaces one test at a time by
+a better one until none is (coordinate exchange).
 """
 
 from __future__ import annotations
@@ -20,44 +14,79 @@ from math import comb
 import numpy as np
 
 from ldbb_bayes.analysis.design.objective import Objective
-from ldbb_bayes.analysis.design.shares import Optimum, _better, _largest, optimal_shares
+from ldbb_bayes.analysis.design.shares import (
+    Optimum,
+    is_better,
+    largest_positions,
+    optimal_shares,
+)
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.results import Array
 
-__all__ = ["Found", "MOST_TESTS", "Search"]
+__all__ = ["MAX_TESTS", "ExactDesign", "Search", "efficient_rounding", "exchange"]
 
-
-# ---- shares
-
-_SWEEPS = 50
-
-
-# ---- whole tests
-
-_ALL = 64
-_LEADING = 12
-_THOROUGH = 128
-_SOME = 4
+# Largest number of tests in a design.
+MAX_TESTS = 300
+# Sweeps of an exchange over all tests of a design.
+_MAX_SWEEPS = 50
+# Up to so many candidates all are tried in every place.
+_FEW_CANDIDATES = 64
+# Of more, so many of the largest sensitivity and so many at random are tried …
+_TRIED_CANDIDATES = 12
+# … and so many at the end of a thorough exchange.
+_TRIED_AT_THE_END = 128
+# The sensitivities that select candidates are averaged over every fourth hyper-parameter.
+_HYPER_STEP = 4
+# Designs to start from: the rounded shares, and random ones. Every third of these is drawn from
+# all candidates alike, the others from the shares.
+_STARTS = 6
+# Relative excess that the certificate of the best shares may have.
+_SHARES_TOLERANCE = 1e-5
+# Perturbed restarts, at most, and the product of matrix elements, tests, candidates and restarts
+# that they may cost.
+_MAX_RESTARTS = 100
+_RESTART_COST = 4_000_000
+# With no more designs than these a restart finds nothing new.
+_FEW_DESIGNS = 1000
+# Forces nearer than this share of the range are merged where that keeps the efficiency up to a
+# ten-thousandth.
+_CLOSE_FORCES = 0.05
+_MERGING_LOSS = 1e-4
 
 
 def efficient_rounding(share: Array, tests: int) -> Array:
-    """Whole numbers of tests nearest to shares (Pukelsheim and Rieder 1992), shape (candidates,),
-    summing to ``tests``."""
+    """Return the whole numbers of tests nearest to shares (Pukelsheim and Rieder 1992).
+
+    Parameters
+    ----------
+    share
+        Shares, shape (candidates,).
+    tests
+        Number of tests.
+
+    Returns
+    -------
+    Array
+        Counts, shape (candidates,), sum ``tests``.
+    """
     share = share / share.sum()
     support = np.flatnonzero(share)
     if len(support) > tests:
-        support = support[_largest(share[support], tests)]
-    own = share[support]
-    counts = np.ceil((tests - 0.5 * len(support)) * own).astype(int)
-    while (total := counts.sum()) != tests:
-        if total < tests:
-            counts[_largest(-counts / own)] += 1
-        else:
-            counts[_largest((counts - 1) / own)] -= 1
-    every = np.zeros(len(share), dtype=int)
-    every[support] = counts
-    return every
+        support = support[largest_positions(share[support], tests)]
+    support_share = share[support]
+    counts = np.ceil((tests - 0.5 * len(support)) * support_share).astype(int)
+    while counts.sum() < tests:
+        counts[largest_positions(-counts / support_share)] += 1
+    while counts.sum() > tests:
+        counts[largest_positions((counts - 1) / support_share)] -= 1
+    all_counts = np.zeros(len(share), dtype=int)
+    all_counts[support] = counts
+    return all_counts
+
+
+def _always_feasible(_counts: Array) -> bool:
+    return True
 
 
 def exchange(
@@ -65,182 +94,207 @@ def exchange(
     start: Array,
     rng: np.random.Generator,
     *,
-    feasible: Callable[[Array], bool] = lambda counts: True,
+    feasible: Callable[[Array], bool] = _always_feasible,
     thorough: bool = True,
 ) -> tuple[Array, float]:
-    """Counts and value of a design in which one test at a time, those of ``start``, is replaced by
-    a better one until none is. All designs, that of ``start`` too, are ``feasible``; ``thorough``:
-    all candidates were tried in every place at the end (of many, those of the largest sensitivity),
-    else a few."""
+    """Return counts and value of a design that no exchange of one test improves.
+
+    Parameters
+    ----------
+    objective
+        The criterion of the candidates.
+    start
+        Counts to start from, shape (candidates,); must be feasible.
+    rng
+        Gives the order of the places, and candidates tried at random.
+    feasible
+        Whether a design is allowed; all designs by default.
+    thorough
+        Whether at the end all candidates (of many, those of the largest sensitivity) are tried in
+        every place; else a few are.
+
+    Returns
+    -------
+    counts : Array
+        The design, shape (candidates,).
+    value : float
+        Its Φ.
+    """
     n = objective.candidates
     counts = start.copy()
     value = objective.value(start.astype(float))
-    size = _LEADING if n > _ALL else n
-    for _ in range(_SWEEPS):
-        before = value
-        for i in rng.permutation(np.flatnonzero(counts)):
-            base = _with(counts, i, -1)
-            into = np.array(
-                [j for j in _likely(objective, base, size, rng) if feasible(_with(base, j))],
-                dtype=int,
-            )
-            values = objective.after_adding(base.astype(float), into)
-            for best in _largest(values):
-                if _better(values[best], value):
-                    counts = _with(base, into[best])
+    size = n
+    if n > _FEW_CANDIDATES:
+        size = _TRIED_CANDIDATES
+    for _ in range(_MAX_SWEEPS):
+        previous_value = value
+        for position in rng.permutation(np.flatnonzero(counts)):
+            base = _with_tests(counts, position, -1)
+            likely = _likely_candidates(objective, base, size, rng)
+            replacements = np.array([j for j in likely if feasible(_with_tests(base, j))], int)
+            values = objective.after_adding(base.astype(float), replacements)
+            for best in largest_positions(values):
+                if is_better(values[best], value):
+                    counts = _with_tests(base, replacements[best])
                     value = float(values[best])
-        if value > before:
+        if value > previous_value:
             continue
-        if size >= min(_THOROUGH, n) or not thorough:
+        if not thorough or size >= min(_TRIED_AT_THE_END, n):
             break
-        size = _THOROUGH
+        size = _TRIED_AT_THE_END
     return counts, value
 
 
-def _with(counts: Array, j: int, more: int = 1) -> Array:
+def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
+    """Return the counts with so many more tests of a candidate."""
     changed = counts.copy()
-    changed[j] += more
+    changed[candidate] += number
     return changed
 
 
-def _likely(objective: Objective, base: Array, size: int, rng: np.random.Generator) -> Array:
-    """The candidates of the largest sensitivity (at a few hyper-parameters), and some at random;
-    all when there are no more."""
+def _likely_candidates(
+    objective: Objective, base: Array, size: int, rng: np.random.Generator
+) -> Array:
+    """Return the candidates of the largest sensitivity and some at random; all if they are few."""
     n = objective.candidates
     if size >= n:
         return np.arange(n)
-    drawn = rng.choice(n, size, replace=False)
+    random_candidates = rng.choice(n, size, replace=False)
+    coarse = replace(
+        objective, rows=objective.rows[::_HYPER_STEP], prior=objective.prior[::_HYPER_STEP]
+    )
     try:
-        some = replace(objective, rows=objective.rows[::_SOME], prior=objective.prior[::_SOME])
-        return np.union1d(_largest(some.sensitivity(base.astype(float))[1], size), drawn)
+        sensitivity = coarse.sensitivity(base.astype(float))[1]
     except np.linalg.LinAlgError:
-        return drawn
-
-
-_STARTS = 6
-_TOLERANCE = 1e-5
-_MOST_SHAKES = 100
-_WORK = 4_000_000
-_FEW_DESIGNS = 1000
-_CLOSE = 0.05
-_NO_LOSS = 1e-4
-MOST_TESTS = 300
+        return random_candidates
+    return np.union1d(largest_positions(sensitivity, size), random_candidates)
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """A design of whole tests, and its efficiency beside the best shares of as many."""
+class ExactDesign:
+    """Whole numbers of tests, and the best shares of as many tests."""
 
-    counts: Array
-    value: float
-    optimum: Optimum
-    efficiency: float
+    counts: Array  #: shape (candidates,)
+    value: float  #: Φ
+    optimum: Optimum  #: the best shares
+    efficiency: float  #: relative to the best shares
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Candidates, each with its force, among which designs of at least ``levels`` different forces
-    are looked for."""
+    """The search among candidates, each with its force, for the best design."""
 
     objective: Objective
-    forces_N: Array
-    levels: int
+    forces_N: Array  #: of the candidates
+    levels: int  #: least number of different forces in a design
     seed: int
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
     def shares(self, tests: float) -> Optimum:
-        """The best shares of this many tests."""
+        """Return the best shares of this many tests, computed once."""
         if tests not in self._shares:
-            self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_TOLERANCE)
+            self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)
         return self._shares[tests]
 
-    def of_number(self, tests: int) -> Found:
-        """The best design of this many whole tests."""
-        there = min(tests, len(distinct_forces(self.forces_N)))
-        if there < self.levels:
-            cure = "Ask for more tests, offer more force levels, or use --augment."
+    def find_design(self, tests: int) -> ExactDesign:
+        """Return the best design of this many whole tests."""
+        possible_levels = min(tests, len(distinct_forces(self.forces_N)))
+        if possible_levels < self.levels:
             raise InputError(
                 f"tests must be at {self.levels} different forces at least for this degree, got"
-                f" {there}. {cure}"
+                f" {possible_levels}. Ask for more tests, offer more force levels, or use"
+                " --augment."
             )
         optimum = self.shares(float(tests))
         rng = np.random.default_rng(self.seed)
-        n = self.objective.candidates
-        share = optimum.share
-        best = np.zeros(n, dtype=int)
+        best = np.zeros(self.objective.candidates, dtype=int)
         value = -np.inf
-        # The rounded optimum, and draws from it and from all candidates in turn.
-        drawn = [
-            np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n)
-            for k in range(1, _STARTS)
-        ]
-        first = [efficient_rounding(share, tests), *drawn]
-        for k in range(_STARTS + self._shakes(tests)):
-            start = self._repaired(first[k] if k < _STARTS else _shaken(best, rng), rng)
-            counts, own = exchange(
-                self.objective, start, rng, feasible=self._feasible, thorough=False
+        starts = self._starting_designs(optimum.share, tests, rng)
+        for k in range(_STARTS + self._number_of_restarts(tests)):
+            if k >= _STARTS:
+                starts.append(_perturbed(best, rng))
+            start = self._with_enough_forces(starts[k], rng)
+            counts, start_value = exchange(
+                self.objective, start, rng, feasible=self._is_feasible, thorough=False
             )
-            if _better(own, value):
+            if is_better(start_value, value):
                 best = counts
-                value = own
-        best, value = exchange(self.objective, best, rng, feasible=self._feasible)
+                value = start_value
+        best, value = exchange(self.objective, best, rng, feasible=self._is_feasible)
         if not np.isfinite(value):
-            cure = "Ask for more tests, offer more force levels, or use proper priors."
             raise InputError(
-                f"tests must be enough to determine the parameters, got {tests}. {cure}"
+                f"tests must be enough to determine the parameters, got {tests}. Ask for more"
+                " tests, offer more force levels, or use proper priors."
             )
-        best, value = self._at_fewer_forces(best, value)
+        best, value = self._merge_close_forces(best, value)
         efficiency = self.objective.efficiency(value, optimum.value)
-        return Found(best, value, optimum, efficiency)
+        return ExactDesign(best, value, optimum, efficiency)
 
-    def _feasible(self, counts: Array) -> bool:
+    def _starting_designs(self, share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
+        """Return the rounded shares, and designs drawn from the shares or from all candidates."""
+        n = self.objective.candidates
+        starts = [efficient_rounding(share, tests)]
+        for k in range(1, _STARTS):
+            probabilities = share if k % 3 else None
+            starts.append(np.bincount(rng.choice(n, tests, p=probabilities), minlength=n))
+        return starts
+
+    def _is_feasible(self, counts: Array) -> bool:
         return len(distinct_forces(self.forces_N[counts > 0])) >= self.levels
 
-    def _at_fewer_forces(self, counts: Array, value: float) -> tuple[Array, float]:
-        """The design with tests at neighbouring forces at one of them, where that costs no more
-        than a ten-thousandth."""
-        least = value
+    def _merge_close_forces(self, counts: Array, value: float) -> tuple[Array, float]:
+        """Return the design with tests at neighbouring forces moved to one of the two.
+
+        Tests move only where that costs no more than a ten-thousandth of the efficiency.
+        """
+        unmerged_value = value
+        close_N = _CLOSE_FORCES * np.ptp(self.forces_N)
         for i, j in combinations(np.flatnonzero(counts).tolist(), 2):
-            if (
-                counts[i]
-                and counts[j]
-                and 0.0 < abs(self.forces_N[i] - self.forces_N[j]) <= _CLOSE * np.ptp(self.forces_N)
-            ):
-                moved = [
-                    _with(_with(counts, k, -int(counts[k])), m, int(counts[k]))
-                    for k, m in ((i, j), (j, i))
-                ]
-                values = [self.objective.value(own.astype(float)) for own in moved]
-                k = int(_largest(np.array(values))[0])
-                if self.objective.efficiency(values[k], least) >= 1.0 - _NO_LOSS and self._feasible(
-                    moved[k]
-                ):
-                    counts = moved[k]
-                    value = values[k]
+            distance_N = abs(self.forces_N[i] - self.forces_N[j])
+            if not (counts[i] and counts[j] and 0.0 < distance_N <= close_N):
+                continue
+            merged = [_merge_tests(counts, i, j), _merge_tests(counts, j, i)]
+            values = [self.objective.value(design.astype(float)) for design in merged]
+            best = int(largest_positions(np.array(values))[0])
+            efficiency = self.objective.efficiency(values[best], unmerged_value)
+            if efficiency >= 1.0 - _MERGING_LOSS and self._is_feasible(merged[best]):
+                counts = merged[best]
+                value = values[best]
         return counts, value
 
-    def _repaired(self, start: Array, rng: np.random.Generator) -> Array:
-        """The design, or one with a test at another force where it has too few forces."""
-        if not self._feasible(start):
-            start[np.argmax(start)] -= 1
-            start[rng.choice(np.flatnonzero(self.forces_N != self.forces_N[np.argmax(start)]))] += 1
+    def _with_enough_forces(self, start: Array, rng: np.random.Generator) -> Array:
+        """Return the design; where it has too few forces, with one test at another force."""
+        if self._is_feasible(start):
+            return start
+        start[np.argmax(start)] -= 1
+        other_forces = np.flatnonzero(self.forces_N != self.forces_N[np.argmax(start)])
+        start[rng.choice(other_forces)] += 1
         return start
 
-    def _shakes(self, tests: int) -> int:
-        """How often a part of the best design is drawn anew: as often as costs little, where there
-        are many designs."""
+    def _number_of_restarts(self, tests: int) -> int:
+        """Return the number of perturbed restarts: as many as cost little.
+
+        None where there are few designs.
+        """
         n = self.objective.candidates
-        size = self.objective.prior.size * tests * (n if n <= _ALL else 2 * _LEADING)
-        return min(_MOST_SHAKES, _WORK // size) if comb(n + tests - 1, tests) > _FEW_DESIGNS else 0
+        if comb(n + tests - 1, tests) <= _FEW_DESIGNS:
+            return 0
+        tried = n
+        if n > _FEW_CANDIDATES:
+            tried = 2 * _TRIED_CANDIDATES
+        return min(_MAX_RESTARTS, _RESTART_COST // (self.objective.prior.size * tests * tried))
 
 
-def _shaken(counts: Array, rng: np.random.Generator) -> Array:
-    """The design with a third of its tests drawn anew from all candidates."""
+def _merge_tests(counts: Array, source: int, target: int) -> Array:
+    """Return the counts with all tests of one candidate moved to another."""
+    number = int(counts[source])
+    return _with_tests(_with_tests(counts, source, -number), target, number)
+
+
+def _perturbed(counts: Array, rng: np.random.Generator) -> Array:
+    """Return the design with a third of its tests drawn anew from all candidates."""
     n = len(counts)
-    some = max(1, int(counts.sum()) // 3)
-    out = rng.choice(np.repeat(np.arange(n), counts), some, replace=False)
-    return np.asarray(
-        counts
-        - np.bincount(out, minlength=n)
-        + np.bincount(rng.integers(n, size=some), minlength=n)
-    )
+    number = max(1, int(counts.sum()) // 3)
+    removed = rng.choice(np.repeat(np.arange(n), counts), number, replace=False)
+    added = rng.integers(n, size=number)
+    return np.asarray(counts - np.bincount(removed, minlength=n) + np.bincount(added, minlength=n))

@@ -1,4 +1,4 @@
-"""TODO: say what this module is."""
+"""The best shares of tests (an approximate design), with the certificate of their optimality."""
 
 from __future__ import annotations
 
@@ -7,127 +7,173 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.results import Array, Shown
 
+__all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_shares"]
+
 # Values that differ by less, relative to the largest, count as equal: the first of them in the
 # candidates' order is taken.
-_EQUAL = 1e-9
-
-
-_ROUNDS = 400
-
-
-_ITERATIONS = 40
-
-
-_ADDED = 3
-
-
-_FIRST = 32
-
-
-_GONE = 1e-10
-
-
-_FRESH = 0.02
-
-
-_UNDETERMINED = 1e6
-
-
-_LOOSE = 1e-5
-
-
-_TIGHT = 1e-15
-
-
-_SLACK = 1e-3
-
-
+_EQUALITY_TOLERANCE = 1e-9
+# Rounds of solving for the shares of a few candidates, and letting others join them.
+_MAX_ROUNDS = 400
+# Iterations of SLSQP in each round.
+_SOLVER_ITERATIONS = 40
+# Candidates of the largest sensitivity that may join in a round.
+_JOINING_CANDIDATES = 3
+# Candidates, evenly spread, that the first round begins with.
+_FIRST_CANDIDATES = 32
+# A share below this is zero.
+_ZERO_SHARE = 1e-10
+# Together the shares of newly joined candidates start at least at this.
+_STARTING_SHARE = 0.02
+# Loss that SLSQP sees where the shares leave something undetermined.
+_UNDETERMINED_LOSS = 1e6
+# Tolerance of SLSQP in the first round, the least it is ever asked for, and its ratio to the
+# excess that is still there.
+_LOOSE_TOLERANCE = 1e-5
+_TIGHT_TOLERANCE = 1e-15
+_TOLERANCE_PER_EXCESS = 1e-3
+# A round that gains less, relative to the bound, ends the search.
 _NO_GAIN = 1e-13
 
 
-def _largest(values: Array, number: int = 1) -> NDArray[np.intp]:
-    """Positions of the largest values, those that count as equal in the order they have."""
+def largest_positions(values: Array, number: int = 1) -> NDArray[np.intp]:
+    """Return the positions of the largest values; equal ones keep their order."""
     finite = np.isfinite(values)
-    unit = _EQUAL * max(float(np.abs(values[finite]).max(initial=0.0)), 1e-300)
-    return np.argsort(-np.where(finite, np.rint(values / unit), -np.inf), kind="stable")[:number]
+    unit = _EQUALITY_TOLERANCE * max(float(np.abs(values[finite]).max(initial=0.0)), 1e-300)
+    rounded = np.where(finite, np.rint(values / unit), -np.inf)
+    return np.argsort(-rounded, kind="stable")[:number]
 
 
-def _better(value: float, than: float) -> bool:
-    """Whether a value is larger by more than rounding."""
-    return bool(value > than + (_EQUAL * max(1.0, abs(than)) if np.isfinite(than) else 0.0))
+def is_better(value: float, reference: float) -> bool:
+    """Return whether a value exceeds the reference by more than rounding."""
+    if not np.isfinite(reference):
+        return bool(value > reference)
+    return bool(value > reference + _EQUALITY_TOLERANCE * max(1.0, abs(reference)))
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum(Shown):
-    """Shares of N tests (candidates,), their Φ, and N ∂Φ/∂n_i, nowhere above its mean over the
-    shares if these are the best."""
+    """Shares of N tests, their Φ, and the sensitivities N ∂Φ/∂n_i.
 
-    share: Array
-    value: float
-    sensitivity: Array
-    bound: float
+    If the shares are the best, no sensitivity exceeds their mean over the shares.
+    """
+
+    share: Array  #: shape (candidates,), sum 1
+    value: float  #: Φ
+    sensitivity: Array  #: N ∂Φ/∂n_i, shape (candidates,)
+    bound: float  #: mean of the sensitivities over the shares
 
     @property
     def excess(self) -> float:
-        """Of the largest sensitivity over the bound: for a concave Φ no design is better by more
-        than bound · excess."""
+        """Largest sensitivity relative to the bound, minus one.
+
+        For a concave Φ no design is better by more than bound · excess.
+        """
         return float(self.sensitivity.max() / self.bound - 1.0)
 
 
 def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
-    """Value, sensitivities and bound of shares of N tests."""
+    """Return value, sensitivities and bound of shares of N tests.
+
+    Parameters
+    ----------
+    objective
+        The criterion of the candidates.
+    share
+        Shares, shape (candidates,), sum 1.
+    tests
+        Number of tests, N.
+
+    Returns
+    -------
+    Optimum
+        The shares with Φ, N ∂Φ/∂n_i and the bound of Kiefer and Wolfowitz (1960).
+    """
     value, slope = objective.sensitivity(tests * share)
     return Optimum(share, value, tests * slope, float(tests * slope @ share))
 
 
 def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
-    """The shares of N tests that make Φ largest, from equal shares on, until the relative excess is
-    within the tolerance. Fully corrective: shares of a few candidates are solved for, and
-    candidates above the bound join them. N does not matter where the prior is flat;
-    `Optimum.excess` says what was reached."""
+    """Return the shares of N tests that make Φ largest.
+
+    The algorithm is fully corrective: the shares of a few candidates are solved for, and candidates
+    whose sensitivity exceeds the bound join them, until the relative excess is within the
+    tolerance.
+
+    Parameters
+    ----------
+    objective
+        The criterion of the candidates.
+    tests
+        Number of tests, N. It does not matter where the prior is flat.
+    tolerance
+        Of the relative excess; `Optimum.excess` says what was reached.
+
+    Returns
+    -------
+    Optimum
+        The shares with their certificate.
+
+    Raises
+    ------
+    InputError
+        If all candidates do not determine the parameters.
+    """
     n = objective.candidates
     share = np.full(n, 1.0 / n)
     if not np.isfinite(objective.value(tests * share)):
-        cure = "Offer more force levels, or use proper priors."
         raise InputError(
-            f"the candidates must determine the parameters, got too few different ones. {cure}"
+            "the candidates must determine the parameters, got too few different ones. Offer more"
+            " force levels, or use proper priors."
         )
-    found = certificate(objective, share, tests)
-    spread = np.unique(np.linspace(0, n - 1, min(n, _FIRST)).astype(int))
-    active = np.union1d(spread, _largest(found.sensitivity, _ADDED))
-    slack = _LOOSE
-    before = -np.inf
-    for _ in range(_ROUNDS):
-        highest = _largest(found.sensitivity, _ADDED)
-        above = highest[found.sensitivity[highest] > found.bound]
-        new = np.setdiff1d(above if len(above) else highest[:1], active)
-        if not len(new) and slack <= _TIGHT and found.value - before <= _NO_GAIN * abs(found.bound):
-            break
-        slack = slack if len(new) else _TIGHT
-        active = np.concatenate([active, new])
-        inner = _solve(objective.among(active), tests, share[active], slack)
+    optimum = certificate(objective, share, tests)
+    spread = np.unique(np.linspace(0, n - 1, min(n, _FIRST_CANDIDATES)).astype(int))
+    active = np.union1d(spread, largest_positions(optimum.sensitivity, _JOINING_CANDIDATES))
+    solver_tolerance = _LOOSE_TOLERANCE
+    previous_value = -np.inf
+    for _ in range(_MAX_ROUNDS):
+        joining = np.setdiff1d(_candidates_above_bound(optimum), active)
+        if not len(joining):
+            gain = optimum.value - previous_value
+            if solver_tolerance <= _TIGHT_TOLERANCE and gain <= _NO_GAIN * abs(optimum.bound):
+                break
+            solver_tolerance = _TIGHT_TOLERANCE
+        active = np.concatenate([active, joining])
+        active_share = _solve_shares(
+            objective.among(active), tests, share[active], solver_tolerance
+        )
         share = np.zeros(n)
-        share[active] = inner
-        before = found.value
-        found = certificate(objective, share, tests)
-        if found.excess <= tolerance:
+        share[active] = active_share
+        previous_value = optimum.value
+        optimum = certificate(objective, share, tests)
+        if optimum.excess <= tolerance:
             break
-        active = active[inner > _GONE]
-        slack = max(_TIGHT, min(slack, _SLACK * found.excess))
-    return found
+        active = active[active_share > _ZERO_SHARE]
+        needed_tolerance = min(solver_tolerance, _TOLERANCE_PER_EXCESS * optimum.excess)
+        solver_tolerance = max(_TIGHT_TOLERANCE, needed_tolerance)
+    return optimum
 
 
-def _solve(objective: Objective, tests: float, start: Array, slack: float) -> Array:
-    """Shares among few candidates."""
+def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
+    """Return the candidates of the largest sensitivities above the bound, at least the first."""
+    highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
+    above = highest[optimum.sensitivity[highest] > optimum.bound]
+    if len(above):
+        return above
+    return highest[:1]
+
+
+def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
+    """Return the best shares among few candidates, by SLSQP."""
     n = objective.candidates
     if n == 1:
         return np.ones(1)
-    initial = np.maximum(start, _FRESH / n)
+    initial = np.maximum(start, _STARTING_SHARE / n)
     initial /= initial.sum()
     scale = abs(objective.sensitivity(tests * initial)[1] @ initial) * tests
 
@@ -135,22 +181,24 @@ def _solve(objective: Objective, tests: float, start: Array, slack: float) -> Ar
         try:
             value, slope = objective.sensitivity(tests * np.maximum(share, 0.0))
         except np.linalg.LinAlgError:
-            return _UNDETERMINED, np.zeros(n)
+            return _UNDETERMINED_LOSS, np.zeros(n)
         return -value / scale, -tests * slope / scale
 
-    from scipy import optimize
+    def sum_minus_one(share: Array) -> Any:
+        return share.sum() - 1.0
+
+    def gradient_of_sum(share: Array) -> Array:
+        return np.ones((1, len(share)))
 
     minimize: Any = optimize.minimize
-    one = {"type": "eq", "fun": lambda x: x.sum() - 1.0, "jac": lambda x: np.ones((1, len(x)))}
-    options = {"ftol": slack, "maxiter": _ITERATIONS}
-    x = minimize(
+    solution = minimize(
         loss,
         initial,
         jac=True,
         method="SLSQP",
         bounds=[(0.0, 1.0)] * n,
-        constraints=one,
-        options=options,
+        constraints={"type": "eq", "fun": sum_minus_one, "jac": gradient_of_sum},
+        options={"ftol": tolerance, "maxiter": _SOLVER_ITERATIONS},
     ).x
-    share = np.where(x > _GONE, x, 0.0)
+    share = np.where(solution > _ZERO_SHARE, solution, 0.0)
     return np.asarray(share / share.sum())

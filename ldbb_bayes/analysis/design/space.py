@@ -1,4 +1,4 @@
-"""TODO: say what this module is."""
+"""The space of designs: candidates, criterion and parameters of interest."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.analysis.design.campaign_objective import _prediction_weight, objective_of
+from ldbb_bayes.analysis.design.campaign_objective import objective_of, prediction_weight
 from ldbb_bayes.analysis.design.candidates import (
     Clocking,
     bind_tests,
@@ -19,43 +19,47 @@ from ldbb_bayes.analysis.design.candidates import (
     templates,
 )
 from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
-from ldbb_bayes.analysis.design.discrimination import discrimination_of
-from ldbb_bayes.analysis.design.forecast import Expected, Forecast, narrowed, posteriors
+from ldbb_bayes.analysis.design.discrimination import Discrimination, discrimination_of
+from ldbb_bayes.analysis.design.forecast import (
+    Forecast,
+    expected_uncertainties,
+    posteriors,
+    undetermined_forecast,
+)
 from ldbb_bayes.analysis.design.objective import Objective
-from ldbb_bayes.analysis.design.search import Found, Search
+from ldbb_bayes.analysis.design.search import ExactDesign, Search
 from ldbb_bayes.analysis.design.states import States, hyper_nodes, states_before
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.setting import TRAVEL_SIGNS
+from ldbb_bayes.results import Array
 from ldbb_bayes.units import inside_name
 
 __all__ = ["CriterionName", "Space"]
 
-
-_ALWAYS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
-
-
-_WHERE_DIFFERENT = ("plane", "direction", "setup")
-
-
 CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
-
-
-_SEARCHED = 12
-
-
-_REPORTED = 128
-
-
-_MOST_CANDIDATES = 5000
+# Columns that tables of tests always have beside the force, and those they have where they differ.
+_FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
+_OPTIONAL_COLUMNS = ("plane", "direction", "setup")
+# Hyper-parameters that the search averages over: more change no design.
+_SEARCH_NODES = 12
+# States of the machine that a forecast averages over.
+_FORECAST_STATES = 128
+_MAX_CANDIDATES = 5000
+# Groups of parameters that a criterion is about, where these are not all.
+_ALL_GROUPS = {"compliance", "slope", "geometric"}
+_GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """What is to be designed: the arguments of `ldbb_bayes.design` but for its goal, and what
-    follows from them. ``judged`` are the tests of designs that are to be compared."""
+    """What is to be designed: the arguments of `ldbb_bayes.design` but for its goal.
+
+    Repeated values are dropped. The pilot gets the kinds of tests that it has not run among those
+    foreseen.
+    """
 
     model: HybridModel
     pilot: Campaign
@@ -67,40 +71,62 @@ class Space:
     parameters: Sequence[str] = ()
     augment: bool = False
     slope_size: float = 1.0
-    judged: tuple[CircularTest, ...] = ()
+    judged: tuple[CircularTest, ...] = ()  #: tests of designs that are to be compared
     seed: int = 1
 
     def __post_init__(self) -> None:
-        radii = self.radii_mm or [
-            float(test.radius_mm or self.pilot.radius_mm) for test in self.pilot.tests
-        ]
-        turned = {
-            (work % 360.0, tool % 360.0): (work, tool)
-            for work, tool in reversed(self.clockings_deg)
-        }
-        given = {"forces_N": self.forces_N, "radii_mm": radii, "directions": self.directions}
-        self.__dict__.update({name: tuple(dict.fromkeys(values)) for name, values in given.items()})
-        self.__dict__["clockings_deg"] = tuple(reversed(turned.values()))
-        self._check()
-        self.__dict__["pilot"] = foreseen_by(self.pilot, self.tests, self.judged)
-        _ = self.chosen
+        radii_mm = self.radii_mm
+        if not radii_mm:
+            radii_mm = [float(test.radius_mm or self.pilot.radius_mm) for test in self.pilot.tests]
+        object.__setattr__(self, "forces_N", tuple(dict.fromkeys(self.forces_N)))
+        object.__setattr__(self, "radii_mm", tuple(dict.fromkeys(radii_mm)))
+        object.__setattr__(self, "directions", tuple(dict.fromkeys(self.directions)))
+        object.__setattr__(self, "clockings_deg", _distinct_clockings(self.clockings_deg))
+        self._check_candidates()
+        pilot = foreseen_by(self.pilot, self.tests, self.judged)
+        object.__setattr__(self, "pilot", pilot)
+        self._check_interest()
 
-    def _check(self) -> None:
-        sizes = {"forces": self.forces_N, "radii": self.radii_mm, "slope_size": (self.slope_size,)}
+    def _check_candidates(self) -> None:
+        sizes = {"forces": self.forces_N, "radii": self.radii_mm, "slope_size": [self.slope_size]}
         for name, values in sizes.items():
-            wrong = [value for value in values if not (np.isfinite(value) and value > 0.0)]
-            require(
-                not wrong, f"{name} must be finite and > 0, got {[*wrong, 0.0][0]:g}. Correct it."
-            )
+            for value in values:
+                require(
+                    np.isfinite(value) and value > 0.0,
+                    f"{name} must be finite and > 0, got {value:g}. Correct it.",
+                )
         check_known("direction", self.directions, TRAVEL_SIGNS)
-        count = (
-            len(self.forces_N) * len(self.clockings_deg) * len(self.radii_mm) * len(self.templates)
-        )
-        got = f"got {count}. Give forces and clockings, in longer steps where they are too many."
+        circles = len(self.clockings_deg) * len(self.radii_mm) * len(self.templates)
+        count = len(self.forces_N) * circles
         require(
-            1 <= count <= _MOST_CANDIDATES,
-            f"a design must choose among 1 to {_MOST_CANDIDATES} candidates, {got}",
+            1 <= count <= _MAX_CANDIDATES,
+            f"a design must choose among 1 to {_MAX_CANDIDATES} candidates, got {count}. Give"
+            " forces and clockings, in longer steps where they are too many.",
         )
+
+    def _check_interest(self) -> None:
+        """Check that criterion, parameters of interest and prior fit each other."""
+        groups = {p.group for p in self.bound.parameters if p.name in self.chosen}
+        number = len(self.chosen)
+        if self.criterion == "c":
+            require(number == 1, f"criterion c must be given one parameter, got {number}. Name it.")
+        if self.criterion == "discriminate":
+            require(
+                groups == {"slope"},
+                "criterion discriminate must be about slopes, got others or none. Name some"
+                " (C_XYX_1), or use a degree above 0.",
+            )
+        require(
+            groups <= _GROUPS_BY_CRITERION.get(self.criterion, _ALL_GROUPS),
+            "criterion i must be about compliances and their slopes, got a geometric error. Leave"
+            " it out.",
+        )
+        if self.criterion == "discriminate":
+            require(
+                not self.model.prior.flat,
+                "criterion discriminate must have proper priors, got flat ones. Use the default"
+                " preset.",
+            )
 
     @cached_property
     def bound(self) -> BoundModel:
@@ -111,34 +137,12 @@ class Space:
     def chosen(self) -> tuple[str, ...]:
         """The parameters of interest: those named, else all that the criterion is about."""
         check_known("criterion", [self.criterion], get_args(CriterionName))
-        every = {"compliance", "slope", "geometric"}
-        given = [inside_name(name) for name in self.parameters]
-        check_known("parameter", given, self.bound.names)
-        wanted = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}.get(
-            self.criterion, every
-        )
-        found = [
-            p for p in self.bound.parameters if (p.name in given if given else p.group in wanted)
-        ]
-        groups = {p.group for p in found}
-        only = self.criterion == "discriminate"
-        slopes = (
-            "criterion discriminate must be about slopes, got others or none. Name some (C_XYX_1),"
-            " or use a degree above 0."
-        )
-        one = self.criterion != "c" or len(found) == 1
-        require(one, f"criterion c must be given one parameter, got {len(found)}. Name it.")
-        require(not only or groups == wanted, slopes)
-        require(
-            groups <= wanted,
-            "criterion i must be about compliances and their slopes, got a geometric error. Leave"
-            " it out.",
-        )
-        proper = (
-            "criterion discriminate must have proper priors, got flat ones. Use the default preset."
-        )
-        require(not (only and self.model.prior.flat), proper)
-        return tuple(p.name for p in found)
+        named = [inside_name(name) for name in self.parameters]
+        check_known("parameter", named, self.bound.names)
+        if named:
+            return tuple(name for name in self.bound.names if name in named)
+        groups = _GROUPS_BY_CRITERION.get(self.criterion, _ALL_GROUPS)
+        return tuple(p.name for p in self.bound.parameters if p.group in groups)
 
     @cached_property
     def templates(self) -> tuple[CircularTest, ...]:
@@ -151,121 +155,143 @@ class Space:
         return grid_of_tests(self.templates, self.forces_N, self.clockings_deg, self.radii_mm)
 
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
-        """One row per test: its force, clockings and radius, and the rest where it differs among
-        candidates and judged."""
-        every = (*self.tests, *self.judged)
-        columns = [
-            "force_N",
-            *_ALWAYS,
-            *(
-                name
-                for name in _WHERE_DIFFERENT
-                if len({getattr(test, name) for test in every}) > 1
-            ),
-        ]
-        rows = [
-            ["" if (v := getattr(test, name)) is None else v for name in columns] for test in tests
-        ]
+        """Return one row per test: its force, clockings and radius.
+
+        Plane, direction and set-up are there where they differ among candidates and judged tests.
+        """
+        all_tests = (*self.tests, *self.judged)
+        columns = ["force_N", *_FIXED_COLUMNS]
+        for name in _OPTIONAL_COLUMNS:
+            if len({getattr(test, name) for test in all_tests}) > 1:
+                columns.append(name)
+        rows = []
+        for test in tests:
+            values = [getattr(test, name) for name in columns]
+            rows.append(["" if value is None else value for value in values])
         return pd.DataFrame(rows, columns=columns)
 
-    def tests_of(self, found: Found) -> tuple[CircularTest, ...]:
-        """The tests of a design, one as often as it is to be run."""
-        return tuple(self.tests[i] for i in np.repeat(np.arange(len(self.tests)), found.counts))
+    def tests_of(self, design: ExactDesign) -> tuple[CircularTest, ...]:
+        """Return the tests of a design, each as often as it is to be run."""
+        positions = np.repeat(np.arange(len(self.tests)), design.counts)
+        return tuple(self.tests[i] for i in positions)
 
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
-        """Equal steps of force, each at the nearest level, first clocking and radius; over planes
-        and directions in turn."""
+        """Return tests in equal steps of force, each at the nearest level.
+
+        They have the first clocking and radius; planes and directions take turns.
+        """
         levels = np.array(sorted(self.forces_N))
-        steps = np.linspace(levels[0], levels[-1], number)
-        nearest = [float(levels[np.argmin(np.round(np.abs(levels - step), 9))]) for step in steps]
-        every = len(self.templates)
-        first = (self.clockings_deg[:1], self.radii_mm[:1])
-        return tuple(
-            test
-            for k, like in enumerate(self.templates)
-            for test in grid_of_tests([like], nearest[k::every], *first)
-        )
+        nearest_levels = []
+        for step in np.linspace(levels[0], levels[-1], number):
+            distances = np.round(np.abs(levels - step), 9)
+            nearest_levels.append(float(levels[np.argmin(distances)]))
+        tests: list[CircularTest] = []
+        for k, template in enumerate(self.templates):
+            forces_N = nearest_levels[k :: len(self.templates)]
+            tests += grid_of_tests([template], forces_N, self.clockings_deg[:1], self.radii_mm[:1])
+        return tuple(tests)
+
+    @property
+    def _tests_run(self) -> int:
+        """Number of the pilot's tests that count as run."""
+        return len(self.pilot.tests) if self.augment else 0
 
     def objective(self, tests: Sequence[CircularTest]) -> Objective:
-        """The criterion of any tests, candidates or not."""
+        """Return the criterion of any tests, candidates or not."""
         bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
-        phi = hyper_nodes(self.model, self.pilot, _SEARCHED, self.seed)
-        run = len(self.pilot.tests) if self.augment else 0
+        phi = hyper_nodes(self.model, self.pilot, _SEARCH_NODES, self.seed)
+        criterion = self._criterion(bound)
+        return objective_of(bound, self._tests_run, phi, self.chosen, criterion)
+
+    def _criterion(self, bound: BoundModel) -> Criterion:
         size = len(self.chosen)
-        criterion: Criterion = Determinant(size)
         if self.criterion == "discriminate":
-            criterion = LogBayesFactor(self.slope_size)
-        elif self.criterion in ("a", "c", "i"):
-            criterion = Variance(
-                _prediction_weight(bound, self.chosen)
-                if self.criterion == "i"
-                else np.eye(size) / size
-            )
-        return objective_of(bound, run, phi, self.chosen, criterion)
+            return LogBayesFactor(self.slope_size)
+        if self.criterion == "i":
+            return Variance(prediction_weight(bound, self.chosen))
+        if self.criterion in ("a", "c"):
+            return Variance(np.eye(size) / size)
+        return Determinant(size)
 
     @cached_property
     def search(self) -> Search:
-        """The candidates under the criterion."""
-        forces = np.array([test.force_N for test in self.tests])
-        levels = 1 if self.augment or not self.model.degree else 2
-        return Search(self.objective(self.tests), forces, levels, self.seed)
+        """The search among the candidates under the criterion."""
+        forces_N = np.array([test.force_N for test in self.tests])
+        levels = 2
+        if self.augment or self.model.degree == 0:
+            levels = 1
+        return Search(self.objective(self.tests), forces_N, levels, self.seed)
 
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
-        """Of any tests, candidates or not, beside the best shares of as many candidates."""
+        """Return the efficiency of any tests relative to the best shares of as many candidates."""
         value = self.objective(tests).value(np.ones(len(tests)))
-        return self.search.objective.efficiency(value, self.search.shares(float(len(tests))).value)
+        best = self.search.shares(float(len(tests))).value
+        return self.search.objective.efficiency(value, best)
 
     @cached_property
     def states(self) -> States:
-        """The machine as it may be before these tests."""
-        return states_before(self.model, self.pilot, _REPORTED, self.seed, augment=self.augment)
+        """States of the machine before these tests."""
+        return states_before(
+            self.model, self.pilot, _FORECAST_STATES, self.seed, augment=self.augment
+        )
 
     def forecast(self, tests: Sequence[CircularTest], *, states: States | None = None) -> Forecast:
-        """What to expect of tests (added to the pilot's own when ``augment``), over more
-        hyper-parameters than the search uses. ``states``: the machine as it may be before them."""
-        states = states or self.states
+        """Return what to expect of tests, added to the pilot's own when ``augment``.
+
+        Parameters
+        ----------
+        tests
+            Planned tests.
+        states
+            States of the machine before them; default: `states`, more hyper-parameters than the
+            search uses.
+
+        Returns
+        -------
+        Forecast
+            Uncertainties, information gain, constant or linear.
+        """
+        if states is None:
+            states = self.states
         bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
-        after, floor = posteriors(bound, states.phi, len(self.pilot.tests) if self.augment else 0)
-        if after is None:
-            nothing = {
-                p.name: Expected(p.unit, p.prior_sd, *[np.inf] * 4) for p in bound.parameters
-            }
-            return Forecast(nothing, np.inf, None)
-        scale = bound.scale
-        covariance = after.covariance
-        gaussian = scale * np.sqrt(np.einsum("kii->ki", covariance).mean(axis=0))
-        variance, error = narrowed(bound, states, covariance * np.outer(scale, scale), self.seed)
-        inside = np.sqrt(variance)
-        columns = np.array(
-            [
-                inside,
-                0.5 * error / inside,
-                gaussian,
-                scale * floor * np.minimum(1.0, inside / gaussian),
-            ]
-        ).T
-        expected = {
-            p.name: Expected(p.unit, p.prior_sd, *own)
-            for p, own in zip(bound.parameters, columns.tolist(), strict=True)
-        }
+        posterior, floor = posteriors(bound, states.phi, self._tests_run)
+        if posterior is None:
+            return undetermined_forecast(bound)
+        covariance = posterior.covariance
+        expected = expected_uncertainties(bound, states, covariance, floor, self.seed)
         if self.model.prior.flat:
             return Forecast(expected, np.inf, None)
-        gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
-        slopes = (
-            self.chosen
-            if self.criterion == "discriminate"
-            else [p.name for p in bound.parameters if p.group == "slope"]
-        )
-        own = [bound.names.index(name) for name in slopes]
-        if not own:
-            return Forecast(expected, gain, None)
-        before = states.before.marginal(own) if self.augment and not self.pilot.is_plan else None
-        decision = discrimination_of(
-            covariance[:, own][:, :, own],
-            tuple(slopes),
+        information_gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
+        discrimination = self._discrimination(bound, states, covariance)
+        return Forecast(expected, information_gain, discrimination)
+
+    def _discrimination(
+        self, bound: BoundModel, states: States, covariance: Array
+    ) -> Discrimination | None:
+        """Return what ln B of the slopes will be; None without slopes."""
+        slopes = self.chosen
+        if self.criterion != "discriminate":
+            slopes = tuple(p.name for p in bound.parameters if p.group == "slope")
+        if not slopes:
+            return None
+        columns = [bound.names.index(name) for name in slopes]
+        before = None
+        if self.augment and not self.pilot.is_plan:
+            scale = bound.scale[columns]
+            marginal = states.before.marginal(columns)
+            before = Gaussian.factored(marginal.mean / scale, marginal.root, marginal.scale / scale)
+        return discrimination_of(
+            covariance[:, columns][:, :, columns],
+            slopes,
             size=self.slope_size,
-            before=before
-            and Gaussian.factored(before.mean / scale[own], before.root, before.scale / scale[own]),
+            before=before,
             seed=self.seed,
         )
-        return Forecast(expected, gain, decision)
+
+
+def _distinct_clockings(clockings_deg: Sequence[Clocking]) -> tuple[Clocking, ...]:
+    """Return the clockings that differ by more than whole turns, of equal ones the first."""
+    first_by_angles: dict[Clocking, Clocking] = {}
+    for work_deg, tool_deg in reversed(clockings_deg):
+        first_by_angles[work_deg % 360.0, tool_deg % 360.0] = (work_deg, tool_deg)
+    return tuple(reversed(first_by_angles.values()))

@@ -1,4 +1,7 @@
-"""TODO: say what this module is."""
+"""States of the machine before the tests of a design: hyper-parameters and parameters.
+
+They are drawn from the pilot's posterior, or from the prior where the pilot is a plan.
+"""
 
 from __future__ import annotations
 
@@ -14,96 +17,139 @@ from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.results import Array
 
-__all__ = ["States", "carried", "hyper_nodes", "states_before"]
+__all__ = ["States", "extend_hyper_parameters", "hyper_nodes", "states_before"]
 
-
-_KEPT: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
+# Posteriors of the hyper-parameters, by pilot, one for each model: they are costly.
+_POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """K equally likely states of the machine: hyper-parameters φ (K, h) [mm], and parameters β (K,
-    p) inside the truncation, none when their prior is flat. ``before``, at each φ, untruncated: the
-    prior, or the posterior of tests that count as run."""
+    """K equally likely states of the machine."""
 
-    phi: Array
+    phi: Array  #: hyper-parameters φ (K, h) [mm]
+    #: parameters β (K, p) inside the truncation; p = 0 where their prior is flat
     beta: Array
+    #: p(β | φ) without truncation: the prior, or the posterior of tests that count as run
     before: Gaussian
 
 
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
-    """Values of φ, equally likely, shape (size, h) [mm]: of its posterior given the pilot, or of
-    its prior for a plan. For a prior their number is rounded up to a power of two. With flat priors
-    variances are σ² times something that does not depend on it: one node, the root mean square."""
+    """Return equally likely values of φ, shape (size, h) [mm].
+
+    They are of the posterior given the pilot, or of the prior where the pilot is a plan; of a prior
+    their number is rounded up to a power of two. With flat priors all variances are σ² times
+    something that does not depend on it: there is one node, the root mean square.
+    """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
         points = qmc.Sobol(len(prior.names), rng=np.random.default_rng(seed))
-        nodes = np.asarray(prior.quantile(points.random(1 << int(np.ceil(np.log2(size))))))
+        power_of_two = 1 << int(np.ceil(np.log2(size)))
+        nodes = np.asarray(prior.quantile(points.random(power_of_two)))
     else:
-        posterior = _posterior(model, pilot)
-        nodes = posterior.bound.hyper_prior.phi(
-            posterior.brief.pick(size, np.random.default_rng(seed))
-        )
-    return np.sqrt((nodes**2).mean(axis=0, keepdims=True)) if model.prior.flat else nodes
+        posterior = _hyper_posterior(model, pilot)
+        free = posterior.brief.pick(size, np.random.default_rng(seed))
+        nodes = posterior.bound.hyper_prior.phi(free)
+    if model.prior.flat:
+        return np.sqrt((nodes**2).mean(axis=0, keepdims=True))
+    return nodes
 
 
-def carried(bound: BoundModel, phi: Array, run: int) -> Array:
-    """φ (K, h) of the pilot for a binding of ``run`` of its circles and of circles to come. These
-    have λ = 1, as 1/λ² is one on average; scales that do not act on the pilot are spread over their
-    prior."""
+def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
+    """Return φ for a binding of ``run`` circles of the pilot and of circles to come.
+
+    Circles to come have λ = 1, as 1/λ² is one on average. Scales that do not act on the pilot are
+    spread over their prior.
+
+    Parameters
+    ----------
+    bound
+        Model bound to the circles run, followed by those to come.
+    phi
+        φ of the pilot, shape (K, h) [mm].
+    run
+        Number of the pilot's circles in the binding.
+
+    Returns
+    -------
+    Array
+        φ of the binding, shape (K, number of its hyper-parameters) [mm].
+    """
     pilot = bound.pilot or bound.campaign
-    before = bound if pilot is bound.campaign else _posterior(bound.model, pilot).bound
-    place = {name: k for k, name in enumerate(before.hyper_prior.names)}
-    circles = dict(
-        zip(bound.setting.circle[:run].tolist(), before.setting.circle.tolist(), strict=False)
-    )
-    levels = np.random.default_rng(0).permuted(
-        np.tile((np.arange(len(phi)) + 0.5) / len(phi), (len(bound.hyper_prior.names), 1)), axis=1
-    )
-    found = bound.hyper_prior.quantile(levels.T)
-    for k, (name, law) in enumerate(
-        zip(bound.hyper_prior.names, bound.hyper_prior.laws, strict=True)
-    ):
-        own = circles.get(name, "") if law == "circle" else name
-        if own in place:
-            found[:, k] = phi[:, place[own]]
-        elif law == "circle":
-            found[:, k] = 1.0
-    return found
+    pilot_bound = bound
+    if pilot is not bound.campaign:
+        pilot_bound = _hyper_posterior(bound.model, pilot).bound
+    pilot_column = {name: k for k, name in enumerate(pilot_bound.hyper_prior.names)}
+    circles_run = bound.setting.circle[:run].tolist()
+    pilot_circle = dict(zip(circles_run, pilot_bound.setting.circle.tolist(), strict=False))
+
+    hyper_prior = bound.hyper_prior
+    nodes = len(phi)
+    even_levels = np.tile((np.arange(nodes) + 0.5) / nodes, (len(hyper_prior.names), 1))
+    levels = np.random.default_rng(0).permuted(even_levels, axis=1)
+    extended = hyper_prior.quantile(levels.T)
+    for k, (name, law) in enumerate(zip(hyper_prior.names, hyper_prior.laws, strict=True)):
+        is_circle = law == "circle"
+        pilot_name = pilot_circle.get(name, "") if is_circle else name
+        if pilot_name in pilot_column:
+            extended[:, k] = phi[:, pilot_column[pilot_name]]
+        elif is_circle:
+            extended[:, k] = 1.0
+    return extended
 
 
 def states_before(
     model: HybridModel, pilot: Campaign, size: int, seed: int, *, augment: bool
 ) -> States:
-    """States drawn from the pilot's posterior, or from the prior for a plan."""
+    """Return states of the machine drawn from the pilot's posterior, or from the prior for a plan.
+
+    Parameters
+    ----------
+    model
+        The model.
+    pilot
+        A campaign already run, or a plan.
+    size
+        Number of states.
+    seed
+        Of the random numbers.
+    augment
+        Whether the pilot's tests count as run.
+
+    Returns
+    -------
+    States
+        φ, β, and p(β | φ) before the new tests.
+    """
     bound = model.bind(pilot)
     rng = np.random.default_rng(seed)
     phi = hyper_nodes(model, pilot, size, seed)
-    shape = len(phi), len(bound.names)
+    nodes = len(phi)
+    p = len(bound.names)
     if model.prior.flat:
-        return States(
-            phi, np.zeros((len(phi), 0)), Gaussian(np.zeros((*shape, shape[1])), np.zeros(shape))
-        )
+        no_information = Gaussian(np.zeros((nodes, p, p)), np.zeros((nodes, p)))
+        return States(phi, np.zeros((nodes, 0)), no_information)
     if pilot.is_plan:
-        beta = bound.draw_parameters(len(phi), rng)
+        beta = bound.draw_parameters(nodes, rng)
     else:
-        beta = draw_parameters_given(_posterior(model, pilot), bound.hyper_prior.free(phi), rng)
+        posterior = _hyper_posterior(model, pilot)
+        beta = draw_parameters_given(posterior, bound.hyper_prior.free(phi), rng)
     if augment and not pilot.is_plan:
-        given = bound.given(phi)[1]
-        return States(phi, beta, Gaussian.factored(given.mean, given.root, given.scale))
-    return States(
-        phi,
-        beta,
-        Gaussian.of(
-            np.broadcast_to(bound.prior_mean, shape), np.broadcast_to(bound.prior_sd**2, shape)
-        ),
-    )
+        given_phi = bound.given(phi)[1]
+        before = Gaussian.factored(given_phi.mean, given_phi.root, given_phi.scale)
+        return States(phi, beta, before)
+    prior_mean = np.broadcast_to(bound.prior_mean, (nodes, p))
+    prior_variance = np.broadcast_to(bound.prior_sd**2, (nodes, p))
+    return States(phi, beta, Gaussian.of(prior_mean, prior_variance))
 
 
-def _posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
-    """p(φ | pilot), computed once while the pilot lives."""
-    kept = _KEPT.setdefault(pilot, [])
-    if not any(posterior.bound.model == model for posterior in kept):
-        bound = model.bind(pilot)
-        kept.append(HyperPosterior(bound, truncated=bound.truncation.active))
-    return next(posterior for posterior in kept if posterior.bound.model == model)
+def _hyper_posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
+    """Return p(φ | pilot), computed once while the pilot lives."""
+    posteriors = _POSTERIORS.setdefault(pilot, [])
+    for posterior in posteriors:
+        if posterior.bound.model == model:
+            return posterior
+    bound = model.bind(pilot)
+    posterior = HyperPosterior(bound, truncated=bound.truncation.active)
+    posteriors.append(posterior)
+    return posterior
