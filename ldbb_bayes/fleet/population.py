@@ -1,11 +1,11 @@
-"""c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(spread_scale), all in units of
-the parameters' prior sd.
+"""The population that machines of one kind come from, partially pooled.
 
-c_m are the parameters of machine m, the same in all its campaigns; b the errors of the one
-instrument. What the campaigns say of both is Gaussian (`FleetStatistics`), so that everything but s
-is integrated out exactly: every machine's deviation from μ for many s at once, then x = (μ, b); ln
-s is drawn about its mode and weighted. A machine is compared with what the others predict of it,
-everything but their spread integrated out.
+c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(spread_scale)
+
+Everything is in units of the parameters' prior sd. c_m are the parameters of machine m, the same in
+all its campaigns; b the errors of the one instrument. What the campaigns say of both is Gaussian
+(`FleetStatistics`), so that everything but s is integrated out exactly (`spread_density`). A
+machine is compared with what the others predict of it (`outlying_machines`).
 """
 
 from __future__ import annotations
@@ -13,31 +13,31 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 from scipy.special import ndtri
 
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.campaign_statistics import mixture_covariance
 from ldbb_bayes.fleet.compliance_meaning import Meaning
 from ldbb_bayes.fleet.deviations import estimate_separately
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics
 from ldbb_bayes.fleet.interval_summary import Summary, keyed
-from ldbb_bayes.fleet.outlying_machines import Belonging, belonging_of
+from ldbb_bayes.fleet.outlying_machines import JudgedMachines, judge_machines
 from ldbb_bayes.fleet.population_prior import digest_of
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, choose, labels
 from ldbb_bayes.fleet.spread_density import (
     SpreadDensity,
     Spreads,
-    common_of,
     draw_spreads,
-    estimates_of,
-    machines_of,
+    machine_estimates,
+    machine_likelihoods,
+    shared_quantities,
 )
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.gaussian import Gaussian
@@ -64,16 +64,33 @@ from ldbb_bayes.units import (
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "pool", "population"]
 
-FEWEST = 6
-FALSE_ALARMS = 0.05
+# Machines that there must be before one is compared with the others.
+_FEWEST_MACHINES = 6
+# p-value below which a machine is flagged: probability of a false alarm, over all machines.
+_FALSE_ALARMS = 0.05
+# Names of constant compliances.
+_CONSTANT_COMPLIANCE = re.compile(r"C_...")
+# Where a table has nothing to state.
+_NOTHING = "–"
 
-# ---- machines of a population, everything but their spreads integrated out
+
+class _DrawLimits(NamedTuple):
+    """How many draws of s, a power of two: as many as so many pairs of draw and machine allow."""
+
+    pairs: int
+    lowest: int
+    highest: int
+
+    def size(self, machines: int) -> int:
+        """Return the number of draws for so many machines."""
+        count = min(max(self.pairs / machines, self.lowest), self.highest)
+        return int(2 ** int(np.log2(count)))
 
 
-# ---- which machines do not belong
-
-
-# ---- what is found
+# Draws for the spreads themselves.
+_SPREAD_DRAWS = _DrawLimits(pairs=4_000_000, lowest=2048, highest=8192)
+# Draws for every machine: the first of these.
+_MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 
 @dataclass(frozen=True)
@@ -81,7 +98,7 @@ class PooledParameter(Result):
     """One parameter over the machines."""
 
     unit: str
-    prior_sd: float  #: of what was believed of the mean of the population, about zero
+    prior_sd: float  #: of the mean of the population, about zero, before the readings
     mean: Summary  #: of the population
     spread: Summary  #: standard deviation of the machines about it
     next: Summary  #: a machine of the population that was not measured
@@ -92,29 +109,29 @@ class PooledParameter(Result):
 
 @dataclass(frozen=True)
 class PooledMachine(Result):
-    """One machine. ``p_value`` is, at most, that of so many machines of one population a parameter
-    of one stands out so much from the others (Bonferroni over parameters, Holm over machines); none
-    with too few machines."""
+    """One machine of a population."""
 
     name: Annotated[str, Field(exclude=True)]
     campaigns: int
-    estimate: dict[str, Summary]  #: with what the population tells of it
+    estimate: dict[str, Summary]  #: with what the population says of it
     #: from its campaigns and the prior of a fit, the instrument's errors as all campaigns know
     #: them
     alone: dict[str, Summary]
+    #: at most the probability that of so many machines of one population a parameter of one stands
+    #: out so much from the others (Bonferroni over parameters, Holm over machines); None with too
+    #: few machines
     p_value: float | None = None
     flag: bool = False  #: the p-value is below 5 %
     #: of each parameter, against what the other machines predict
     z: dict[str, float] = field(default_factory=dict)
 
 
-_CONSTANT = re.compile(r"C_...")
-
-
 @dataclass(frozen=True, eq=False)
 class Population(Result):
-    """Machines of one kind, partially pooled; only where all could be ``judged`` none standing out
-    means that."""
+    """Machines of one kind, partially pooled.
+
+    That none stands out means something only where all could be ``judged``.
+    """
 
     parameters: dict[str, PooledParameter]  #: mean, spread and next machine, by name
     machine: dict[str, PooledMachine]  #: by machine_id
@@ -136,202 +153,107 @@ class Population(Result):
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
-        """Machines that stand out from the others, the worst first."""
-        flagged = sorted(own.name for own in self.machine.values() if own.flag)
-        return tuple(ranked(flagged, lambda name: max(map(abs, self.machine[name].z.values()))))
+        """Return the machines that stand out from the others, the worst first."""
+        flagged = sorted(machine.name for machine in self.machine.values() if machine.flag)
+        return tuple(ranked(flagged, self._largest_z))
+
+    def _largest_z(self, name: str) -> float:
+        return max(abs(z) for z in self.machine[name].z.values())
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: population.json; ``next`` is what `prior_from` reads."""
-        following = {
-            name: {"unit": own.unit, "mean": own.next.mean, "sd": own.next.sd}
-            for name, own in self.parameters.items()
-            if _CONSTANT.fullmatch(name)
-        }
-        found = {
+        """Return what population.json holds; ``next`` is what `prior_from` reads."""
+        next_machine = {}
+        for name, parameter in self.parameters.items():
+            if _CONSTANT_COMPLIANCE.fullmatch(name):
+                next_machine[name] = {
+                    "unit": parameter.unit,
+                    "mean": parameter.next.mean,
+                    "sd": parameter.next.sd,
+                }
+        return {
             "schema": 1,
             "kind": "population",
             "machines": len(self.machine),
             **keyed(super().as_dict(), self.ci_prob),
+            "next": next_machine,
+            "not_belonging": list(self.not_belonging),
         }
-        return found | {"next": following, "not_belonging": list(self.not_belonging)}
 
     def machines_table(self) -> pd.DataFrame:
-        """One row per machine, inside units."""
+        """Return one row per machine, in inside units."""
         rows: dict[str, dict[str, Any]] = {}
-        for name, own in self.machine.items():
-            rows[name] = {what: getattr(own, what) for what in ("campaigns", "p_value", "flag")}
-            for parameter, one in own.estimate.items():
-                by_itself = own.alone[parameter]
-                numbers = (
-                    one.mean,
-                    one.sd,
-                    *one.interval,
-                    by_itself.mean,
-                    by_itself.sd,
-                    own.z.get(parameter),
-                )
-                heads = ("mean", "sd", "ci_low", "ci_high", "alone_mean", "alone_sd", "z")
+        for name, machine in self.machine.items():
+            rows[name] = {
+                "campaigns": machine.campaigns,
+                "p_value": machine.p_value,
+                "flag": machine.flag,
+            }
+            for parameter, estimate in machine.estimate.items():
+                low, high = estimate.interval
+                separate = machine.alone[parameter]
                 rows[name] |= {
-                    f"{parameter}.{head}": value for head, value in zip(heads, numbers, strict=True)
+                    f"{parameter}.mean": estimate.mean,
+                    f"{parameter}.sd": estimate.sd,
+                    f"{parameter}.ci_low": low,
+                    f"{parameter}.ci_high": high,
+                    f"{parameter}.alone_mean": separate.mean,
+                    f"{parameter}.alone_sd": separate.sd,
+                    f"{parameter}.z": machine.z.get(parameter),
                 }
         return readable(pd.DataFrame.from_dict(rows, orient="index").rename_axis("machine"))
 
 
 @with_words.register
-def _in_words(found: Population) -> dict[str, Any]:
-    record = found.as_dict() | {"doubts": list(population_doubts(found))}
+def _population_record(result: Population) -> dict[str, Any]:
+    record = result.as_dict() | {"doubts": list(population_doubts(result))}
     return {**record, "sha256": digest_of(json.loads(json_text(record)))}
 
 
 @parts_of.register
-def _parts(found: Population) -> tuple[Table | str, ...]:
-    """A row per parameter with its unit, then what to mind."""
-    rows = []
-    for name, own in found.parameters.items():
-        factor, unit = display_unit(own.unit)
-        whole = (
-            plus_minus(one.mean, one.sd, one.interval, own.unit) for one in (own.mean, own.next)
-        )
-        mean, following = (text.removesuffix(f" {unit}") for text in whole)
-        common = (
-            round_uncertainty(2.0 * own.instrument_sd * factor)[0]
-            if own.instrument_sd > 0.0
-            else "–"
-        )
-        spread = state(own.spread.mean, own.spread.sd, own.spread.interval, own.unit)
-        rows.append(
-            (display_name(name), unit, mean, common, spread.value, spread.interval, following)
-        )
+def _population_parts(result: Population) -> tuple[Table | str, ...]:
+    """Return a table with a row per parameter, the findings and what limits them."""
     heads = (
         "parameter",
         "unit",
         "mean",
         "U of the bar",
         "spread",
-        f"spread, {100 * found.ci_prob:g} %",
+        f"spread, {100 * result.ci_prob:g} %",
         "next machine",
     )
+    rows = [_table_row(name, parameter) for name, parameter in result.parameters.items()]
     table = Table.of("Population", heads, rows, text=("unit",))
-    return (table, PAGE["population"], "", *population_sentences(found), *population_doubts(found))
-
-
-def _summaries(scale: Array, mean: Array, sd: Array, ends: Array) -> list[Summary]:
-    """Of every parameter, arrays of shape (c,), ends (2, c), in inside units."""
-    parts = ((scale * part).tolist() for part in (mean, sd, *ends))
-    return [Summary(m, u, (a, b)) for m, u, a, b in zip(*parts, strict=True)]
-
-
-def _mixture(
-    weight: Array, mean: Array, sd: Array, tails: tuple[float, float]
-) -> tuple[Array, Array, Array]:
-    return (*mixture_moments(weight, mean, sd), mixture_quantiles(weight, mean, sd, tails))
-
-
-def _pooled_parameters(
-    statistics: FleetStatistics,
-    spreads: Spreads,
-    few: Spreads,
-    common: Gaussian,
-    tails: tuple[float, float],
-) -> dict[str, PooledParameter]:
-    """μ and the next machine from conditional Gaussians, s from its draws; ``few`` are the first,
-    ``common`` is theirs."""
-    c = len(statistics.parameters)
-    weight = few.weight
-    scale = statistics.prior_sd[:c]
-    mean = common.mean[:, :c]
-    sd = common.sd[:, :c]
-    mu, following = (_mixture(weight, mean, own, tails) for own in (sd, np.hypot(sd, few.spread)))
-    moments = mixture_moments(spreads.weight, spreads.spread, np.zeros_like(spreads.spread))
-    known = np.diagonal(np.linalg.inv(common.precision[:, :c, :c]), axis1=1, axis2=2)
-    shared = np.sqrt(weight @ (sd**2 - known).clip(min=0.0)) * bool(statistics.instrument)
-    parts = [
-        _summaries(scale, *own)
-        for own in (
-            mu,
-            (*moments, weighted_quantiles(spreads.weight, spreads.spread, tails)),
-            following,
-        )
-    ]
-    rows = zip(
-        statistics.parameters,
-        statistics.units,
-        scale.tolist(),
-        *parts,
-        (scale * shared).tolist(),
-        strict=True,
+    return (
+        table,
+        PAGE["population"],
+        "",
+        *population_sentences(result),
+        *population_doubts(result),
     )
-    return {name: PooledParameter(*own) for name, *own in rows}
 
 
-def _pooled_machines(
-    statistics: FleetStatistics,
-    machines: Sequence[str],
-    likelihood: Gaussian,
-    spreads: Spreads,
-    common: Gaussian,
-    belonging: Belonging | None,
-    tails: tuple[float, float],
-) -> dict[str, PooledMachine]:
-    """Every machine with the population, alone, and against the others."""
-    names = statistics.parameters
-    c = len(statistics.parameters)
-    weight = spreads.weight
-    mean, sd, _, _ = estimates_of(likelihood, spreads.spread, common)
-    b, covariance = mixture_covariance(weight, common.mean[:, c:], common.covariance[:, c:, c:])
-    inverse, seen, estimate = estimate_separately(likelihood, c)
-    gain = seen[..., c:]
-    middle = estimate - gain @ b
-    width = np.sqrt(
-        np.diagonal(inverse + gain @ covariance @ np.swapaxes(gain, 1, 2), axis1=1, axis2=2)
+def _table_row(name: str, parameter: PooledParameter) -> tuple[str, ...]:
+    factor, unit = display_unit(parameter.unit)
+    common = _NOTHING
+    if parameter.instrument_sd > 0.0:
+        common = round_uncertainty(2.0 * parameter.instrument_sd * factor)[0]
+    spread = parameter.spread
+    stated_spread = state(spread.mean, spread.sd, spread.interval, parameter.unit)
+    return (
+        display_name(name),
+        unit,
+        _without_unit(parameter.mean, parameter.unit),
+        common,
+        stated_spread.value,
+        stated_spread.interval,
+        _without_unit(parameter.next, parameter.unit),
     )
-    pooled = _mixture(weight, mean, sd, tails)
-    by_itself = (middle, width, middle + ndtri(tails)[:, None, None] * width)
-    campaigns = Counter(statistics.machines)
-    found = {}
-    for m, name in enumerate(machines):
-        together, apart = (
-            dict(
-                zip(
-                    names,
-                    _summaries(statistics.prior_sd[:c], own[0][m], own[1][m], own[2][:, m]),
-                    strict=True,
-                )
-            )
-            for own in (pooled, by_itself)
-        )
-        judged: dict[str, Any] = {}
-        if belonging is not None:
-            value = float(belonging.p_value[m])
-            z = dict(zip(names, belonging.z[m].tolist(), strict=True))
-            judged = {"p_value": value, "flag": value < FALSE_ALARMS, "z": z}
-        found[name] = PooledMachine(name, campaigns[name], together, apart, **judged)
-    return found
 
 
-def _caveats(
-    statistics: FleetStatistics,
-    parameters: Mapping[str, PooledParameter],
-    spreads: Spreads,
-    belonging: Belonging | None,
-    machines: Sequence[str],
-) -> Iterator[Caveat]:
-    yield from statistics.caveats
-    if not spreads.trusted:
-        yield Caveat(CaveatKind.SPREADS_NOT_TRUSTED, values=(spreads.pareto_k, spreads.good_k))
-    if statistics.instrument:
-        shares = {
-            name: 100.0 * (own.instrument_sd / own.mean.sd) ** 2 for name, own in parameters.items()
-        }
-        most = ranked(shares, lambda name: shares[name])[0]
-        errors = ", ".join(map(nuisance_words, statistics.instrument))
-        yield Caveat(CaveatKind.ONE_INSTRUMENT, (most,), (min(100.0, shares[most]),), errors)
-    if belonging is None:
-        yield Caveat(CaveatKind.FEW_MACHINES, values=(len(machines), FEWEST))
-        return
-    if belonging.doubtful.any():
-        names = tuple(name for name, own in zip(machines, belonging.doubtful, strict=True) if own)
-        yield Caveat(CaveatKind.UNCERTAIN_P_VALUES, names)
+def _without_unit(summary: Summary, unit: str) -> str:
+    _, shown_unit = display_unit(unit)
+    stated = plus_minus(summary.mean, summary.sd, summary.interval, unit)
+    return stated.removesuffix(f" {shown_unit}")
 
 
 def population(
@@ -348,11 +270,9 @@ def population(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
-    """The population that the machines of a batch come from, the next machine, and which machines
-    do not belong.
+    """Return the population that the machines of a batch come from.
 
-    InputError for rows that are no batch's, fewer than two machines, machines with other joints, or
-    options out of range.
+    It says what the next machine may be, and which machines do not belong.
 
     Parameters
     ----------
@@ -364,15 +284,22 @@ def population(
         forces, one bar.
     spread_scale : prior of each spread: HalfNormal(spread_scale · default prior sd of the
         parameter), see `reference_sd`.
-    ci_prob : float
-    seed : int
-    progress : told of machines that are left out by drawing anew: done and total.
+    ci_prob : of the intervals.
+    seed : of the draws.
+    progress : called with the numbers of machines left out by drawing anew: done and total.
+
+    Raises
+    ------
+    InputError
+        For rows that are no batch's, fewer than two machines, machines with other joints, or
+        options out of range.
     """
     check_probability(ci_prob)
-    said = (
-        f"spread_scale must be a finite number above zero, got {spread_scale}. The default is 0.3."
-    )
-    require(0.0 < spread_scale < np.inf, said)
+    if not 0.0 < spread_scale < np.inf:
+        raise InputError(
+            f"spread_scale must be a finite number above zero, got {spread_scale}. The default is"
+            " 0.3."
+        )
     relied, caveats = choose(rows, exclude, since, include_misfits)
     statistics = fleet_statistics(
         relied,
@@ -380,26 +307,20 @@ def population(
         reference_force_N=reference_force_N,
         one_instrument=one_instrument,
     )
-    why = " ".join(("Add campaigns of others.", *map(caveat_words, caveats)))
-    several = len(set(statistics.machines)) > 1
-    require(
-        several,
-        f"a population must have at least two machines, got only {statistics.machines[0]}. {why}",
-    )
-    found = pool(
+    if len(set(statistics.machines)) < 2:
+        advice = " ".join(("Add campaigns of others.", *map(caveat_words, caveats)))
+        raise InputError(
+            "a population must have at least two machines, got only"
+            f" {statistics.machines[0]}. {advice}"
+        )
+    pooled = pool(
         statistics, spread_scale=spread_scale, ci_prob=ci_prob, seed=seed, progress=progress
     )
-    nameless = ~relied["machine_id"].map(lambda own: isinstance(own, str)).astype(bool)
-    if nameless.any():
-        caveats.append(Caveat(CaveatKind.MACHINES_OF_THEIR_OWN, tuple(labels(relied[nameless]))))
-    readings = tuple(str(own) for own in relied["sha256"] if isinstance(own, str))
-    return replace(found, caveats=(*caveats, *found.caveats), readings=readings)
-
-
-# Draws of s, a power of two, as many as so many pairs of draw and machine allow: of the spreads
-# themselves, of every machine.
-_SPREADS = (4_000_000, 2048, 8192)
-_MACHINES = (1_000_000, 256, 2048)
+    lacks_id = [not isinstance(machine_id, str) for machine_id in relied["machine_id"]]
+    if any(lacks_id):
+        caveats.append(Caveat(CaveatKind.MACHINES_OF_THEIR_OWN, tuple(labels(relied[lacks_id]))))
+    readings = tuple(digest for digest in relied["sha256"] if isinstance(digest, str))
+    return replace(pooled, caveats=(*caveats, *pooled.caveats), readings=readings)
 
 
 @one_blas_thread
@@ -411,39 +332,217 @@ def pool(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
-    """The same from statistics of at least two machines; options as for `population`."""
-    machines, likelihood = machines_of(statistics)
-    sizes = [
-        2 ** int(np.log2(min(max(pairs / len(machines), fewest), most)))
-        for pairs, fewest, most in (_SPREADS, _MACHINES)
-    ]
+    """Return the population of the machines of campaigns; see `population`.
+
+    Parameters
+    ----------
+    statistics : of campaigns of at least two machines.
+    spread_scale, ci_prob, seed, progress
+        As for `population`.
+    """
+    machines, likelihood = machine_likelihoods(statistics)
     density = SpreadDensity(likelihood, spread_scale)
     tails = (0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob)
-    spreads = draw_spreads(density, len(statistics.parameters), seed=seed, size=sizes[0])
-    few = spreads.first(sizes[1])
-    common = common_of(likelihood, few.spread)
-    parameters = _pooled_parameters(statistics, spreads, few, common, tails)
-    belonging = (
-        belonging_of(density, few, common, seed=seed, progress=progress)
-        if len(machines) >= FEWEST
-        else None
+    spreads = draw_spreads(
+        density,
+        len(statistics.parameters),
+        seed=seed,
+        size=_SPREAD_DRAWS.size(len(machines)),
+    )
+    first_spreads = spreads.first(_MACHINE_DRAWS.size(len(machines)))
+    shared = shared_quantities(likelihood, first_spreads.spread)
+    parameters = _pool_parameters(statistics, spreads, first_spreads, shared, tails)
+    judged = None
+    if len(machines) >= _FEWEST_MACHINES:
+        judged = judge_machines(density, first_spreads, shared, seed=seed, progress=progress)
+    pooled_machines = _pool_machines(
+        statistics, machines, likelihood, first_spreads, shared, judged, tails
     )
     return Population(
         parameters=parameters,
-        machine=_pooled_machines(statistics, machines, likelihood, few, common, belonging, tails),
+        machine=pooled_machines,
         campaigns=len(statistics),
-        **{
-            key: getattr(statistics, key)
-            for key in ("reference_force_N", "forces_N", "topology", "compliances", "instrument")
-        },
+        reference_force_N=statistics.reference_force_N,
+        forces_N=statistics.forces_N,
+        topology=statistics.topology,
+        compliances=statistics.compliances,
+        instrument=statistics.instrument,
         spread_scale=spread_scale,
         seed=seed,
         pareto_k=spreads.pareto_k,
         trusted=spreads.trusted,
-        caveats=tuple(_caveats(statistics, parameters, spreads, belonging, machines)),
+        caveats=tuple(_caveats(statistics, parameters, spreads, judged, machines)),
         ci_prob=ci_prob,
-        judged=belonging is not None and not belonging.doubtful.any(),
+        judged=judged is not None and not judged.doubtful.any(),
     )
 
 
-# ---- the prior of one more machine
+class _Moments(NamedTuple):
+    """Moments and interval of several quantities, in units of the prior sd."""
+
+    mean: Array  #: shape (...)
+    sd: Array  #: shape (...)
+    interval: Array  #: ends, shape (2, ...)
+
+
+def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _Moments:
+    """Return moments and quantiles of a mixture over draws of s."""
+    mixture_mean, mixture_sd = mixture_moments(weight, mean, sd)
+    return _Moments(mixture_mean, mixture_sd, mixture_quantiles(weight, mean, sd, tails))
+
+
+def _summarize(scale: Array, moments: _Moments) -> list[Summary]:
+    """Return the summary of every parameter, in inside units; moments have shape (c,)."""
+    mean = (scale * moments.mean).tolist()
+    sd = (scale * moments.sd).tolist()
+    low = (scale * moments.interval[0]).tolist()
+    high = (scale * moments.interval[1]).tolist()
+    return [Summary(mean[j], sd[j], (low[j], high[j])) for j in range(len(scale))]
+
+
+def _pool_parameters(
+    statistics: FleetStatistics,
+    spreads: Spreads,
+    first_spreads: Spreads,
+    shared: Gaussian,
+    tails: tuple[float, float],
+) -> dict[str, PooledParameter]:
+    """Return mean, spread and next machine of every parameter.
+
+    μ and the next machine are mixtures of conditional Gaussians over the first draws of s, to which
+    ``shared`` belongs; s is summarised from all its draws.
+    """
+    c = len(statistics.parameters)
+    scale = statistics.prior_sd[:c]
+    weight = first_spreads.weight
+    mean = shared.mean[:, :c]
+    sd = shared.sd[:, :c]
+    population_mean = _mix(weight, mean, sd, tails)
+    next_machine = _mix(weight, mean, np.hypot(sd, first_spreads.spread), tails)
+    spread_mean, spread_sd = mixture_moments(
+        spreads.weight, spreads.spread, np.zeros_like(spreads.spread)
+    )
+    spread_interval = weighted_quantiles(spreads.weight, spreads.spread, tails)
+    mean_summaries = _summarize(scale, population_mean)
+    spread_summaries = _summarize(scale, _Moments(spread_mean, spread_sd, spread_interval))
+    next_summaries = _summarize(scale, next_machine)
+    instrument_sd = scale * _instrument_sd(statistics, weight, shared, sd)
+    pooled = {}
+    for j, name in enumerate(statistics.parameters):
+        pooled[name] = PooledParameter(
+            unit=statistics.units[j],
+            prior_sd=float(scale[j]),
+            mean=mean_summaries[j],
+            spread=spread_summaries[j],
+            next=next_summaries[j],
+            instrument_sd=float(instrument_sd[j]),
+        )
+    return pooled
+
+
+def _instrument_sd(
+    statistics: FleetStatistics, weight: Array, shared: Gaussian, sd: Array
+) -> Array:
+    """Return the part of the sd of μ that comes with the instrument's errors, shape (c,)."""
+    c = len(statistics.parameters)
+    if not statistics.instrument:
+        return np.zeros(c)
+    conditional = np.linalg.inv(shared.precision[:, :c, :c])
+    variance = np.diagonal(conditional, axis1=1, axis2=2)
+    return np.asarray(np.sqrt(weight @ (sd**2 - variance).clip(min=0.0)))
+
+
+def _pool_machines(
+    statistics: FleetStatistics,
+    machines: Sequence[str],
+    likelihood: Gaussian,
+    spreads: Spreads,
+    shared: Gaussian,
+    judged: JudgedMachines | None,
+    tails: tuple[float, float],
+) -> dict[str, PooledMachine]:
+    """Return every machine with the population, alone, and against the others."""
+    names = statistics.parameters
+    scale = statistics.prior_sd[: len(names)]
+    estimates = machine_estimates(likelihood, spreads.spread, shared)
+    pooled = _mix(spreads.weight, estimates.mean, estimates.sd, tails)
+    separate = _estimate_machines_separately(likelihood, len(names), spreads.weight, shared, tails)
+    campaigns = Counter(statistics.machines)
+    by_name = {}
+    for m, machine in enumerate(machines):
+        by_name[machine] = PooledMachine(
+            name=machine,
+            campaigns=campaigns[machine],
+            estimate=dict(zip(names, _summarize(scale, _of_machine(pooled, m)), strict=True)),
+            alone=dict(zip(names, _summarize(scale, _of_machine(separate, m)), strict=True)),
+        )
+        if judged is not None:
+            p_value = float(judged.p_value[m])
+            by_name[machine] = replace(
+                by_name[machine],
+                p_value=p_value,
+                flag=p_value < _FALSE_ALARMS,
+                z=dict(zip(names, judged.z[m].tolist(), strict=True)),
+            )
+    return by_name
+
+
+def _of_machine(moments: _Moments, m: int) -> _Moments:
+    return _Moments(moments.mean[m], moments.sd[m], moments.interval[:, m])
+
+
+def _estimate_machines_separately(
+    likelihood: Gaussian,
+    parameters: int,
+    weight: Array,
+    shared: Gaussian,
+    tails: tuple[float, float],
+) -> _Moments:
+    """Return what each machine says by itself, shape (n, c).
+
+    The instrument's errors are as all campaigns know them.
+    """
+    c = parameters
+    b_mean, b_covariance = mixture_covariance(
+        weight, shared.mean[:, c:], shared.covariance[:, c:, c:]
+    )
+    separate = estimate_separately(likelihood, c)
+    response = separate.response[..., c:]
+    mean = separate.value - response @ b_mean
+    covariance = separate.covariance + response @ b_covariance @ np.swapaxes(response, 1, 2)
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return _Moments(mean, sd, mean + ndtri(tails)[:, None, None] * sd)
+
+
+def _caveats(
+    statistics: FleetStatistics,
+    parameters: Mapping[str, PooledParameter],
+    spreads: Spreads,
+    judged: JudgedMachines | None,
+    machines: Sequence[str],
+) -> list[Caveat]:
+    caveats = list(statistics.caveats)
+    if not spreads.trusted:
+        values = (spreads.pareto_k, spreads.good_k)
+        caveats.append(Caveat(CaveatKind.SPREADS_NOT_TRUSTED, values=values))
+    if statistics.instrument:
+        caveats.append(_instrument_caveat(statistics, parameters))
+    if judged is None:
+        values = (len(machines), _FEWEST_MACHINES)
+        caveats.append(Caveat(CaveatKind.FEW_MACHINES, values=values))
+    elif judged.doubtful.any():
+        names = tuple(machines[m] for m in np.flatnonzero(judged.doubtful))
+        caveats.append(Caveat(CaveatKind.UNCERTAIN_P_VALUES, names))
+    return caveats
+
+
+def _instrument_caveat(
+    statistics: FleetStatistics, parameters: Mapping[str, PooledParameter]
+) -> Caveat:
+    """Name the parameter of which the instrument explains the largest share of the variance."""
+    shares = {}
+    for name, parameter in parameters.items():
+        shares[name] = 100.0 * (parameter.instrument_sd / parameter.mean.sd) ** 2
+    largest = ranked(shares, lambda name: shares[name])[0]
+    errors = ", ".join(nuisance_words(name) for name in statistics.instrument)
+    return Caveat(CaveatKind.ONE_INSTRUMENT, (largest,), (min(100.0, shares[largest]),), errors)

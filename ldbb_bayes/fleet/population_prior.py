@@ -1,4 +1,4 @@
-"""Split from its neighbours; see there."""
+"""The prior that a population of machines gives for one more machine."""
 
 from __future__ import annotations
 
@@ -13,27 +13,24 @@ from typing import Any
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.compliance_meaning import Meaning, same_meaning, stands_for
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.report.wording import (
-    PAGE,
-)
+from ldbb_bayes.report.wording import PAGE
 from ldbb_bayes.results import Shown, read_result
 
 __all__ = ["PopulationPrior", "digest_of", "prior_from"]
 
-
+# Relative difference of two reference forces that are still the same.
 _SAME_FORCE = 1e-9
 
 
 @dataclass(frozen=True)
 class PopulationPrior(Shown):
-    """What a population of machines says of the next one: C ~ N(mean, sd²) at the population's
-    reference force.
+    """What a population of machines says of the next one: C ~ N(mean, sd²).
 
-    Compliances alone, in inside units (mm, N, rad): their slopes and the geometric errors keep the
-    model's own priors.
+    It speaks of compliances alone, at the population's reference force and in inside units (mm, N,
+    rad): their slopes and the geometric errors keep the model's own priors.
     """
 
     reference_force_N: float  #: F0, at which the compliances are meant
@@ -43,46 +40,58 @@ class PopulationPrior(Shown):
     sds: Mapping[str, float]  #: by compliance
     sha256: str  #: of the population
     topology: str  #: of the machines
-    #: one that is missing is the campaign's
+    #: what they stand for; one that is missing is the campaign's
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
     machine_ids: frozenset[str] = frozenset()  #: of the machines
     readings: frozenset[str] = frozenset()  #: SHA-256 of the campaigns
-    own_doubts: tuple[str, ...] = ()  #: what the population says is to be minded
+    population_doubts: tuple[str, ...] = ()  #: what limits the population, in sentences
 
     def model(self, model: HybridModel) -> HybridModel:
-        """The same model with these priors of the compliances, at the population's reference force;
-        slopes keep their sd."""
+        """Return the model with these priors of the compliances; slopes keep their sd.
+
+        Its compliances are meant at the population's reference force.
+
+        Parameters
+        ----------
+        model : one with proper priors, in which the compliances are free.
+
+        Raises
+        ------
+        InputError
+            If the model cannot take the priors.
+        """
         prior = model.prior
-        cure = "got flat ones. Use the default preset."
-        require(not prior.flat, f"the model must have proper priors to take a population's, {cure}")
+        if prior.flat:
+            raise InputError(
+                "the model must have proper priors to take a population's, got flat ones. Use the"
+                " default preset."
+            )
         for name in self.means:
-            free = name not in model.fixed
-            require(
-                free,
-                f"{name} must be free to have the population's prior, got one fixed at zero."
-                " Free it.",
+            _check_takes_prior(model, name)
+        force = model.reference_force_N
+        if force is not None and not np.isclose(force, self.reference_force_N, rtol=_SAME_FORCE):
+            raise InputError(
+                f"reference_force_N must be the population's {self.reference_force_N:g} N, at which"
+                f" its compliances are meant, got {force:g} N. Leave reference_force_N out of the"
+                " model."
             )
-            two = name in prior.overrides or name in prior.means
-            require(
-                not two,
-                f"{name} must have one prior, got the population's and the model's own. Remove one"
-                " of them.",
-            )
-        own = self.reference_force_N if model.reference_force_N is None else model.reference_force_N
-        got = f"got {own:g} N. Leave reference_force_N out of the model."
-        said = (
-            f"reference_force_N must be the population's {self.reference_force_N:g} N, at which its"
-            f" compliances are meant, {got}"
-        )
-        require(np.isclose(own, self.reference_force_N, rtol=_SAME_FORCE), said)
         prior = replace(
             prior, overrides={**prior.overrides, **self.sds}, means={**prior.means, **self.means}
         )
         return replace(model, reference_force_N=self.reference_force_N, prior=prior)
 
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
-        """What speaks against using it for a campaign (or plan), in sentences; a machine that it
-        does not speak of is refused."""
+        """Return what speaks against using the prior for a campaign, in sentences.
+
+        Parameters
+        ----------
+        campaign : or a plan.
+
+        Raises
+        ------
+        InputError
+            If the population does not speak of its machine.
+        """
         check_campaign(campaign)
         self._check_machine(campaign)
         doubts = []
@@ -94,76 +103,96 @@ class PopulationPrior(Shown):
             doubts.append(
                 PAGE["other_forces"].format(force=self.reference_force_N, low=low, high=high)
             )
-        return (*doubts, *(f"The population says: {doubt}" for doubt in self.own_doubts))
+        doubts += [f"The population says: {doubt}" for doubt in self.population_doubts]
+        return tuple(doubts)
 
     def _check_machine(self, campaign: Campaign) -> None:
-        got = f"got {campaign.topology!r}. Use a population of such machines, or no --prior-from."
-        same = campaign.topology == self.topology
-        require(
-            same, f"topology must be the population's {self.topology!r} to use its prior, {got}"
-        )
-        sums = stands_for(campaign)
-        missing = [name for name in self.means if name not in sums]
-        got = (
-            f"got {', '.join(sums)} without {', '.join(missing)}. Use a population whose circles"
-            " lie in the same planes."
-        )
-        require(not missing, f"the campaign must have the population's compliances, {got}")
+        if campaign.topology != self.topology:
+            raise InputError(
+                f"topology must be the population's {self.topology!r} to use its prior, got"
+                f" {campaign.topology!r}. Use a population of such machines, or no --prior-from."
+            )
+        meanings = stands_for(campaign)
+        missing = [name for name in self.means if name not in meanings]
+        if missing:
+            raise InputError(
+                "the campaign must have the population's compliances, got"
+                f" {', '.join(meanings)} without {', '.join(missing)}. Use a population whose"
+                " circles lie in the same planes."
+            )
         for name in self.means:
-            got = (
-                "got circles or joints' frames that stand elsewhere, so that it is the sum of other"
-                " compliances"
+            stated = self.compliances.get(name)
+            if stated is not None and not same_meaning(name, stated, meanings[name]):
+                raise InputError(
+                    f"the campaign must mean by {name} what the population does, got circles or"
+                    " joints' frames that stand elsewhere, so that it is the sum of other"
+                    " compliances. Use a population measured in the same place."
+                )
+        if campaign.sha256 in self.readings:
+            raise InputError(
+                "the campaign must not be in the population that gives its prior, got readings that"
+                " it was made from: they would count twice. Make the population without it"
+                " (--exclude), or fit without --prior-from."
             )
-            same = name not in self.compliances or same_meaning(
-                name, self.compliances[name], sums[name]
-            )
-            cure = "Use a population measured in the same place."
-            require(
-                same, f"the campaign must mean by {name} what the population does, {got}. {cure}"
-            )
-        got = "got readings that it was made from: they would count twice"
-        cure = "Make the population without it (--exclude), or fit without --prior-from."
-        apart = campaign.sha256 not in self.readings
-        require(
-            apart, f"the campaign must not be in the population that gives its prior, {got}. {cure}"
+
+
+def _check_takes_prior(model: HybridModel, name: str) -> None:
+    """Refuse a compliance that is fixed or has a prior of its own."""
+    if name in model.fixed:
+        raise InputError(
+            f"{name} must be free to have the population's prior, got one fixed at zero. Free it."
+        )
+    if name in model.prior.overrides or name in model.prior.means:
+        raise InputError(
+            f"{name} must have one prior, got the population's and the model's own. Remove one of"
+            " them."
         )
 
 
 def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:
-    """The prior for one more machine in a population's result, unchanged: its folder, or the
-    ``population.json`` in it."""
+    """Return the prior for one more machine that a population gives.
+
+    Parameters
+    ----------
+    path : folder of a population's result, or the ``population.json`` in it, unchanged.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it was edited.
+    """
     return read_result(Path(path), "population", "population", _prior_of)
 
 
 def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:
-    if (record["kind"], record["schema"], record["sha256"]) != ("population", 1, digest_of(record)):
+    is_population = record["kind"] == "population" and record["schema"] == 1
+    if not is_population or record["sha256"] != digest_of(record):
         raise ValueError(
             "its sha256 is not that of its contents: it was edited, or is of another edition"
         )
+    next_machine = record["next"]
     return PopulationPrior(
-        **{
-            name: record[name]
-            for name in (
-                "reference_force_N",
-                "machines",
-                "campaigns",
-                "topology",
-                "sha256",
-                "compliances",
-            )
-        },
-        means={name: entry["mean"] for name, entry in record["next"].items()},
-        sds={name: entry["sd"] for name, entry in record["next"].items()},
+        reference_force_N=record["reference_force_N"],
+        machines=record["machines"],
+        campaigns=record["campaigns"],
+        means={name: entry["mean"] for name, entry in next_machine.items()},
+        sds={name: entry["sd"] for name, entry in next_machine.items()},
+        sha256=record["sha256"],
+        topology=record["topology"],
+        compliances=record["compliances"],
         machine_ids=frozenset(record["machine"]),
         readings=frozenset(record["readings_sha256"]),
-        own_doubts=tuple(record["doubts"]),
+        population_doubts=tuple(record["doubts"]),
     )
 
 
 def digest_of(record: Mapping[str, Any]) -> str:
-    """SHA-256 of a population.json, as read, but for its ``sha256``: of its JSON with sorted
-    keys."""
-    plain = {name: value for name, value in record.items() if name != "sha256"}
-    return hashlib.sha256(
-        json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()
-    ).hexdigest()
+    """Return the SHA-256 of a population.json, its own ``sha256`` aside.
+
+    Parameters
+    ----------
+    record : as read; it counts as JSON with sorted keys.
+    """
+    content = {name: value for name, value in record.items() if name != "sha256"}
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()

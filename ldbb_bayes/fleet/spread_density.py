@@ -1,9 +1,19 @@
-"""Split from its neighbours; see there."""
+"""Density of the spreads of machines, the machines themselves integrated out.
+
+c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(τ)
+
+Everything is in units of the parameters' prior sd; c_m are the parameters of machine m, b the
+instrument's errors. Given s all is Gaussian, so that c_m, μ and b are integrated exactly. ln s is
+drawn about its mode and weighted.
+
+Sizes: k values of s, n machines, c parameters, q parameters and instrument errors.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaincinv, ndtri
@@ -17,155 +27,213 @@ from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.newton import newton
 from ldbb_bayes.results import Array
 
-# Pairs of a spread and a machine that are worked on at once.
-_TOGETHER = 4096
+__all__ = [
+    "MachineEstimates",
+    "SpreadDensity",
+    "Spreads",
+    "draw_spreads",
+    "machine_estimates",
+    "machine_likelihoods",
+    "shared_quantities",
+    "spread_slices",
+]
+
+# Pairs of a spread and a machine that are worked on at once, so that they stay in the cache.
+_PAIRS_AT_ONCE = 4096
+# Degrees of freedom of the Student t from which ln s is drawn.
+_DEGREES_OF_FREEDOM = 5.0
+# Step of the differences that give the Hessian, in ln s.
+_DIFFERENCE_STEP = 1e-4
+# Rise of the log density below which the search for the mode ends [nat].
+_MODE_GAIN = 1e-10
+# Range of ln s below ln τ and above the larger of ln τ and the mode.
+_RANGE_BELOW = 80.0
+_RANGE_ABOVE = 25.0
+# Share of the draws that are effective, above which they are not drawn a second time.
+_EFFECTIVE_SHARE = 0.2
+# Share of the variance about the mode that is added to that of the draws.
+_ADDED_VARIANCE = 0.05
+# Smallest curvature of the log density at the mode that counts.
+_SMALLEST_CURVATURE = 1e-3
+# Distance of the quasi-random points from 0 and 1.
+_POINT_MARGIN = 1e-12
 
 
-def machines_of(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
-    """The machines in the order in which they first appear, and the product of each one's
-    likelihoods, shape (n, q)."""
-    place = {name: k for k, name in enumerate(dict.fromkeys(statistics.machines))}
-    of = [place[name] for name in statistics.machines]
-    sums = []
-    for part in (statistics.likelihood.precision, statistics.likelihood.shift):
-        sums.append(np.zeros((len(place), *part.shape[1:])))
-        np.add.at(sums[-1], of, part)
-    return tuple(place), Gaussian(*sums)
+def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
+    """Return the machines and the likelihood of each, shape (n, q).
+
+    Machines stand in the order in which they first appear; a machine's likelihood is the product of
+    those of its campaigns.
+
+    Parameters
+    ----------
+    statistics : of the campaigns.
+    """
+    machines = tuple(dict.fromkeys(statistics.machines))
+    place_by_name = {name: place for place, name in enumerate(machines)}
+    places = [place_by_name[name] for name in statistics.machines]
+    precision = np.zeros((len(machines), *statistics.likelihood.precision.shape[1:]))
+    shift = np.zeros((len(machines), *statistics.likelihood.shift.shape[1:]))
+    np.add.at(precision, places, statistics.likelihood.precision)
+    np.add.at(shift, places, statistics.likelihood.shift)
+    return machines, Gaussian(precision, shift)
 
 
-def chunks(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
-    """Slices of spreads, so many that what they take with all machines stays near the processor."""
-    size = max(1, _TOGETHER // len(likelihood.shift))
-    return (slice(start, start + size) for start in range(0, len(spread), size))
+def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
+    """Yield slices of spreads so short that their work with all machines stays in the cache.
+
+    Parameters
+    ----------
+    spread : s, shape (k, c).
+    likelihood : of the machines, shape (n, q).
+    """
+    size = max(1, _PAIRS_AT_ONCE // len(likelihood.shift))
+    for start in range(0, len(spread), size):
+        yield slice(start, start + size)
 
 
-def common_of(likelihood: Gaussian, spread: Array) -> Gaussian:
-    """x = (μ, b) for k spreads (k, c), shape (k, q); ``log_integral`` is ln p(y | s), up to a
-    constant."""
-    (k, c), q = spread.shape, likelihood.shift.shape[1]
-    square = np.empty((k, q + 1, q + 1))
-    constant = np.empty(k)
-    for rows in chunks(spread, likelihood):
-        whole = whitened(likelihood, spread[rows])
-        flat = whole[:, c:].transpose(2, 1, 0, 3).reshape(whole.shape[2], q + 1, -1)
-        square[rows] = flat @ np.swapaxes(flat, 1, 2)
-        constant[rows] = -np.log(whole[range(c), range(c)]).sum(axis=(0, 2))
-    precision = np.eye(q) + likelihood.precision.sum(axis=0) - square[:, :q, :q]
+def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
+    """Return (μ, b) given the spreads, shape (k, q).
+
+    ``log_integral`` is ln p(y | s), up to a constant.
+
+    Parameters
+    ----------
+    likelihood : of the machines, shape (n, q).
+    spread : s, shape (k, c).
+    """
+    k, c = spread.shape
+    q = likelihood.shift.shape[1]
+    gram = np.empty((k, q + 1, q + 1))
+    log_constant = np.empty(k)
+    for rows in spread_slices(spread, likelihood):
+        system = whitened(likelihood, spread[rows])
+        flat = system[:, c:].transpose(2, 1, 0, 3).reshape(system.shape[2], q + 1, -1)
+        gram[rows] = flat @ np.swapaxes(flat, 1, 2)
+        log_constant[rows] = -np.log(system[range(c), range(c)]).sum(axis=(0, 2))
     return Gaussian(
-        precision, likelihood.shift.sum(axis=0) - square[:, :q, q], constant + 0.5 * square[:, q, q]
+        np.eye(q) + likelihood.precision.sum(axis=0) - gram[:, :q, :q],
+        likelihood.shift.sum(axis=0) - gram[:, :q, q],
+        log_constant + 0.5 * gram[:, q, q],
     )
 
 
-def estimates_of(likelihood: Gaussian, spread: Array, common: Gaussian) -> Array:
-    """Mean and sd of c_m, mean and variance of z_m = (c_m − μ) / s, shape (4, k, n, c)."""
+class MachineEstimates(NamedTuple):
+    """Moments of c_m and of z_m = (c_m − μ) / s given the spreads, each of shape (k, n, c)."""
+
+    mean: Array  #: of c_m
+    sd: Array  #: of c_m
+    z_mean: Array
+    z_variance: Array
+
+
+def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> MachineEstimates:
+    """Return what is known of every machine given the spreads.
+
+    Parameters
+    ----------
+    likelihood : of the machines, shape (n, q).
+    spread : s, shape (k, c).
+    shared : see `shared_quantities`.
+    """
     c = spread.shape[1]
     q = likelihood.shift.shape[1]
-    root = np.swapaxes(common.spread(), 1, 2)
-    found = np.empty((4, len(spread), len(likelihood.shift), c))
-    for rows in chunks(spread, likelihood):
-        whole = whitened(likelihood, spread[rows], inverse=True)
-        inverse = whole[:, c + q + 1 :]
+    root = np.swapaxes(shared.spread(), 1, 2)
+    shape = (len(spread), len(likelihood.shift), c)
+    estimates = MachineEstimates(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
+    for rows in spread_slices(spread, likelihood):
+        system = whitened(likelihood, spread[rows], inverse=True)
+        inverse = system[:, c + q + 1 :]
         s = spread[rows].T[..., None]
-        gain = np.einsum("ijkn,irkn->jrkn", inverse, whole[:, c : c + q + 1])
-        z = gain[:, q] - np.einsum("jrkn,kr->jkn", gain[:, :q], common.mean[rows])
-        own = np.eye(c, q)[..., None, None] - s[:, None] * gain[:, :q]
-        of_z, of_c = (
-            ((root[rows] @ part.transpose(0, 2, 1, 3)) ** 2).sum(axis=2)
-            for part in (gain[:, :q], own)
-        )
-        share = (inverse**2).sum(axis=0)
-        parts = (
-            common.mean[rows, :c].T[..., None] + s * z,
-            np.sqrt(s**2 * share + of_c),
-            z,
-            share + of_z,
-        )
-        found[:, rows] = np.moveaxis(np.stack(parts), 1, -1)
-    return found
+        gain = np.einsum("ijkn,irkn->jrkn", inverse, system[:, c : c + q + 1])
+        z_response = gain[:, :q]
+        z_mean = gain[:, q] - np.einsum("jrkn,kr->jkn", z_response, shared.mean[rows])
+        c_response = np.eye(c, q)[..., None, None] - s[:, None] * z_response
+        conditional_variance = (inverse**2).sum(axis=0)
+        z_variance = conditional_variance + _explained_variance(root[rows], z_response)
+        c_variance = s**2 * conditional_variance + _explained_variance(root[rows], c_response)
+        c_mean = shared.mean[rows, :c].T[..., None] + s * z_mean
+        estimates.mean[rows] = np.moveaxis(c_mean, 0, -1)
+        estimates.sd[rows] = np.moveaxis(np.sqrt(c_variance), 0, -1)
+        estimates.z_mean[rows] = np.moveaxis(z_mean, 0, -1)
+        estimates.z_variance[rows] = np.moveaxis(z_variance, 0, -1)
+    return estimates
 
 
-_FREEDOM = 5.0
-
-
-_STEP = 1e-4
-
-
-_DOWN = 80.0
-
-
-_UP = 25.0
-
-
-_GOOD_SHARE = 0.2
-
-
-_LEAST_VARIANCE = 0.05
-
-
-_FLATTEST = 1e-3
+def _explained_variance(root: Array, response: Array) -> Array:
+    """Return the variance that comes with (μ, b), shape (c, k, n)."""
+    return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 
 
 @dataclass(frozen=True, eq=False)
 class SpreadDensity:
-    """ln p(t | y) of t = ln s, up to a constant; τ = ``scale``, in units of the prior sd."""
+    """ln p(t | y) of t = ln s, up to a constant."""
 
-    likelihood: Gaussian
-    scale: float
+    likelihood: Gaussian  #: of the machines, shape (n, q)
+    scale: float  #: τ, in units of the prior sd
 
     def log(self, t: Array) -> Array:
-        """ln p(t | y), shape (k,), of t of shape (k, c)."""
+        """Return ln p(t | y), shape (k,), of t of shape (k, c)."""
         prior = (t - 0.5 * np.exp(2.0 * (t - np.log(self.scale)))).sum(axis=-1)
-        return np.asarray(common_of(self.likelihood, np.exp(t)).log_integral + prior)
+        shared = shared_quantities(self.likelihood, np.exp(t))
+        return np.asarray(shared.log_integral + prior)
 
     def gradient(self, t: Array) -> Array:
-        """∂ ln p(t | y) / ∂ t, shape (k, c): Σ_m (E[z_m² | y, s] − 1) (Fisher's identity) and the
-        prior's."""
+        """Return ∂ ln p(t | y) / ∂ t, shape (k, c).
+
+        It is Σ_m (E[z_m² | y, s] − 1) (Fisher's identity) and the prior's.
+        """
         s = np.exp(t)
-        _, _, z, variance = estimates_of(self.likelihood, s, common_of(self.likelihood, s))
-        return np.asarray((z**2 + variance - 1.0).sum(axis=1) + 1.0 - (s / self.scale) ** 2)
+        shared = shared_quantities(self.likelihood, s)
+        estimates = machine_estimates(self.likelihood, s, shared)
+        of_machines = (estimates.z_mean**2 + estimates.z_variance - 1.0).sum(axis=1)
+        return np.asarray(of_machines + 1.0 - (s / self.scale) ** 2)
 
     def derivatives(self, t: Array) -> tuple[Array, Array]:
-        """Gradient (c,) and Hessian (c, c) at one t."""
-        step = _STEP * np.eye(len(t))
-        slope = self.gradient(np.concatenate([t[None], t + step, t - step]))
-        hessian = (slope[1 : len(t) + 1] - slope[len(t) + 1 :]) / (2.0 * _STEP)
-        return slope[0], 0.5 * (hessian + hessian.T)
+        """Return the gradient (c,) and the Hessian (c, c) at one t."""
+        c = len(t)
+        step = _DIFFERENCE_STEP * np.eye(c)
+        gradient = self.gradient(np.concatenate([t[None], t + step, t - step]))
+        hessian = (gradient[1 : c + 1] - gradient[c + 1 :]) / (2.0 * _DIFFERENCE_STEP)
+        return gradient[0], 0.5 * (hessian + hessian.T)
 
     def mode(self, start: Array) -> tuple[Array, Array]:
-        """Where the density is highest, shape (c,), and the curvature there, every eigenvalue by
-        its size and none near zero."""
-        t = newton(self.log, self.derivatives, start, gain=1e-10)
-        values, vectors = np.linalg.eigh(-self.derivatives(t)[1])
-        return t, np.asarray((vectors * np.maximum(np.abs(values), _FLATTEST)) @ vectors.T)
+        """Return the mode of the density (c,) and the curvature there (c, c).
+
+        Every eigenvalue of the curvature is positive and none near zero.
+        """
+        t = newton(self.log, self.derivatives, start, gain=_MODE_GAIN)
+        _, hessian = self.derivatives(t)
+        values, vectors = np.linalg.eigh(-hessian)
+        curvature = (vectors * np.maximum(np.abs(values), _SMALLEST_CURVATURE)) @ vectors.T
+        return t, np.asarray(curvature)
 
 
 @dataclass(frozen=True, eq=False)
 class Spreads:
-    """Weighted draws of s (k, c), in units of the prior sd. ``log_weight`` is ln of target over
-    proposal, as it came, ``weight`` Pareto-smoothed, summing to one; above ``good_k`` the draws
-    cannot be trusted. ``mode`` is that of ln s."""
+    """Weighted draws of s, in units of the prior sd."""
 
-    spread: Array
-    log_weight: Array
-    weight: Array
+    spread: Array  #: shape (k, c)
+    log_weight: Array  #: ln of target over proposal, as it came, shape (k,)
+    weight: Array  #: Pareto-smoothed, summing to one, shape (k,)
     pareto_k: float
-    good_k: float
-    mode: Array
+    good_k: float  #: above it the draws cannot be trusted
+    mode: Array  #: of ln s, shape (c,)
 
     @property
     def trusted(self) -> bool:
-        """Whether Pareto's k̂ is low enough."""
+        """Return whether Pareto's k̂ is low enough."""
         return self.pareto_k <= self.good_k
 
     @property
     def effective(self) -> float:
-        """Effective number of draws, 1 / Σ w²."""
+        """Return the effective number of draws, 1 / Σ w²."""
         return 1.0 / float(np.sum(self.weight**2))
 
     def first(self, size: int) -> Spreads:
-        """The first draws alone: they are spread as evenly as all of them."""
+        """Return the first draws; they are spread as evenly as all of them."""
         log_weight = self.log_weight[:size]
-        return Spreads(self.spread[:size], log_weight, *pareto_smooth(log_weight), self.mode)
+        return _weight_draws(self.spread[:size], log_weight, self.mode)
 
 
 def draw_spreads(
@@ -176,37 +244,61 @@ def draw_spreads(
     size: int = 2048,
     start: Array | None = None,
 ) -> Spreads:
-    """Draws from a Student t about the mode, weighted; once more about their own moments where
-    these fit better. Points are scrambled Sobol ones, ``size`` a power of two; the search for the
-    mode starts at ln τ, or ``start``."""
-    mode, curvature = density.mode(
-        np.full(parameters, np.log(density.scale)) if start is None else start
-    )
-    inverse = np.linalg.inv(curvature)
-    found = _weighed(density, mode, mode, inverse, seed=seed, size=size)
-    if found.trusted and found.effective > _GOOD_SHARE * size:
-        return found
-    middle, covariance = mixture_covariance(found.weight, np.log(found.spread))
-    other = _weighed(
-        density, mode, middle, covariance + _LEAST_VARIANCE * inverse, seed=seed + 1, size=size
-    )
-    return min(
-        found,
-        other,
-        key=lambda own: (not own.trusted, own.pareto_k if not own.trusted else -own.effective),
-    )
+    """Draw spreads from a Student t about the mode of ln s, and weight them.
+
+    They are drawn once more, about their own moments, where these fit better.
+
+    Parameters
+    ----------
+    density : of ln s.
+    parameters : c.
+    seed : of the scrambled Sobol points.
+    size : number of draws, a power of two.
+    start : of the search for the mode, shape (c,); default: ln τ.
+    """
+    if start is None:
+        start = np.full(parameters, np.log(density.scale))
+    mode, curvature = density.mode(start)
+    covariance = np.linalg.inv(curvature)
+    about_mode = _draw_about(density, mode, mode, covariance, seed=seed, size=size)
+    if about_mode.trusted and about_mode.effective > _EFFECTIVE_SHARE * size:
+        return about_mode
+    centre, own_covariance = mixture_covariance(about_mode.weight, np.log(about_mode.spread))
+    widened = own_covariance + _ADDED_VARIANCE * covariance
+    about_mean = _draw_about(density, mode, centre, widened, seed=seed + 1, size=size)
+    return _better(about_mode, about_mean)
 
 
-def _weighed(
-    density: SpreadDensity, mode: Array, middle: Array, covariance: Array, *, seed: int, size: int
+def _better(first: Spreads, second: Spreads) -> Spreads:
+    """Return the draws that can be trusted; of two such, those with more effective draws."""
+    if first.trusted != second.trusted:
+        second_is_better = second.trusted
+    elif first.trusted:
+        second_is_better = second.effective > first.effective
+    else:
+        second_is_better = second.pareto_k < first.pareto_k
+    return second if second_is_better else first
+
+
+def _draw_about(
+    density: SpreadDensity, mode: Array, centre: Array, covariance: Array, *, seed: int, size: int
 ) -> Spreads:
-    c = len(middle)
-    points = np.clip(
-        qmc.Sobol(c + 1, rng=np.random.default_rng(seed)).random(size), 1e-12, 1.0 - 1e-12
+    c = len(centre)
+    points = qmc.Sobol(c + 1, rng=np.random.default_rng(seed)).random(size)
+    points = np.clip(points, _POINT_MARGIN, 1.0 - _POINT_MARGIN)
+    chi_square = 2.0 * gammaincinv(0.5 * _DEGREES_OF_FREEDOM, points[:, 0])
+    student_t = ndtri(points[:, 1:]) * np.sqrt(_DEGREES_OF_FREEDOM / chi_square)[:, None]
+    log_scale = np.log(density.scale)
+    lowest = log_scale - _RANGE_BELOW
+    highest = max(log_scale, float(mode.max())) + _RANGE_ABOVE
+    t = np.clip(centre + student_t @ np.linalg.cholesky(covariance).T, lowest, highest)
+    squared_distance = (student_t**2).sum(axis=1)
+    log_weight = density.log(t) + 0.5 * (_DEGREES_OF_FREEDOM + c) * np.log1p(
+        squared_distance / _DEGREES_OF_FREEDOM
     )
-    chi = 2.0 * gammaincinv(0.5 * _FREEDOM, points[:, 0])
-    white = ndtri(points[:, 1:]) * np.sqrt(_FREEDOM / chi)[:, None]
-    limits = np.log(density.scale) - _DOWN, max(np.log(density.scale), float(mode.max())) + _UP
-    t = np.clip(middle + white @ np.linalg.cholesky(covariance).T, *limits)
-    log_weight = density.log(t) + 0.5 * (_FREEDOM + c) * np.log1p((white**2).sum(axis=1) / _FREEDOM)
-    return Spreads(np.exp(t), log_weight, *pareto_smooth(log_weight), mode)
+    return _weight_draws(np.exp(t), log_weight, mode)
+
+
+def _weight_draws(spread: Array, log_weight: Array, mode: Array) -> Spreads:
+    weight, pareto_k, good_k = pareto_smooth(log_weight)
+    return Spreads(spread, log_weight, weight, pareto_k, good_k, mode)

@@ -22,16 +22,16 @@ from ldbb_bayes.fleet import outlying_machines
 from ldbb_bayes.fleet.compliance_meaning import same_meaning, stands_for
 from ldbb_bayes.fleet.deviations import estimate_separately
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
-from ldbb_bayes.fleet.outlying_machines import Belonging, belonging_of
+from ldbb_bayes.fleet.outlying_machines import JudgedMachines, judge_machines
 from ldbb_bayes.fleet.population import Population, pool
 from ldbb_bayes.fleet.population_prior import digest_of
 from ldbb_bayes.fleet.spread_density import (
     SpreadDensity,
     Spreads,
-    common_of,
     draw_spreads,
-    estimates_of,
-    machines_of,
+    machine_estimates,
+    machine_likelihoods,
+    shared_quantities,
 )
 from ldbb_bayes.machine.linear import compliance_jacobian
 from ldbb_bayes.machine.parameters import ComplianceName
@@ -45,7 +45,7 @@ OUTLIER = np.array([3.0, 0, 0, 0, 0, 0])
 
 
 def density_of(statistics: FleetStatistics, scale: float = SCALE) -> SpreadDensity:
-    return SpreadDensity(machines_of(statistics)[1], scale)
+    return SpreadDensity(machine_likelihoods(statistics)[1], scale)
 
 
 def fixed(spread: np.ndarray) -> Spreads:
@@ -56,8 +56,10 @@ def fixed(spread: np.ndarray) -> Spreads:
     )
 
 
-def judged(density: SpreadDensity, spreads: Spreads) -> Belonging:
-    return belonging_of(density, spreads, common_of(density.likelihood, spreads.spread), seed=1)
+def judged(density: SpreadDensity, spreads: Spreads) -> JudgedMachines:
+    return judge_machines(
+        density, spreads, shared_quantities(density.likelihood, spreads.spread), seed=1
+    )
 
 
 # ---- given the spreads
@@ -71,15 +73,15 @@ def statistics(rng: np.random.Generator) -> FleetStatistics:
 
 def test_the_dense_gaussian(statistics: FleetStatistics) -> None:
     spreads = np.array([SPREAD, 0.5 * SPREAD, SPREAD[::-1]])
-    machines, likelihood = machines_of(statistics)
+    machines, likelihood = machine_likelihoods(statistics)
     assert machines == ("a", "b", "c", "d")
-    common = common_of(likelihood, spreads)
+    common = shared_quantities(likelihood, spreads)
     expected = [dense(statistics, spread) for spread in spreads]
     log_density = np.array([own[0] for own in expected])
     np.testing.assert_allclose(
         common.log_integral - common.log_integral[0], log_density - log_density[0], atol=1e-8
     )
-    found = estimates_of(likelihood, spreads, common)
+    found = machine_estimates(likelihood, spreads, common)
     for k, (_, mean, covariance) in enumerate(expected):
         np.testing.assert_allclose(common.mean[k], mean[12:], atol=1e-8)
         np.testing.assert_allclose(common.covariance[k], covariance[12:, 12:], atol=1e-9)
@@ -97,10 +99,12 @@ def test_the_dense_gaussian(statistics: FleetStatistics) -> None:
 
 def test_chunks_are_the_whole(rng: np.random.Generator) -> None:
     """Many spreads at once, and one by one."""
-    _, likelihood = machines_of(fleet(rng, machines=300, parameters=2))
+    _, likelihood = machine_likelihoods(fleet(rng, machines=300, parameters=2))
     spreads = rng.uniform(0.1, 0.5, (70, 2))
-    together = common_of(likelihood, spreads).log_integral
-    single = [float(common_of(likelihood, spread[None]).log_integral[0]) for spread in spreads]
+    together = shared_quantities(likelihood, spreads).log_integral
+    single = [
+        float(shared_quantities(likelihood, spread[None]).log_integral[0]) for spread in spreads
+    ]
     np.testing.assert_allclose(together, single, rtol=1e-12)
 
 
@@ -118,9 +122,9 @@ def test_draws_are_those_of_a_grid(
     grid = np.stack(np.meshgrid(*[axis] * parameters, indexing="ij"), axis=-1).reshape(
         -1, parameters
     )
-    log_weight = common_of(target.likelihood, grid).log_integral + halfnorm(scale=SCALE).logpdf(
-        grid
-    ).sum(axis=1)
+    log_weight = shared_quantities(target.likelihood, grid).log_integral + halfnorm(
+        scale=SCALE
+    ).logpdf(grid).sum(axis=1)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     mean = weight @ grid
@@ -145,7 +149,7 @@ def test_the_gradient_has_prior_and_jacobian(rng: np.random.Generator) -> None:
     both = np.array([t, t + np.array([0.3, 0.0])])
     prior = np.diff(halfnorm(scale=SCALE).logpdf(np.exp(both)).sum(axis=1) + both.sum(axis=1))
     apart = np.diff(target.log(both)) - np.diff(
-        common_of(target.likelihood, np.exp(both)).log_integral
+        shared_quantities(target.likelihood, np.exp(both)).log_integral
     )
     assert apart == pytest.approx(prior, rel=1e-9)
 
@@ -178,14 +182,14 @@ def test_a_machine_against_the_dense_prediction(rng: np.random.Generator) -> Non
     information = made.likelihood.precision
     weighted = made.likelihood.shift
     spreads = np.array([TWO, TWO[::-1], 2.0 * TWO])
-    x = common_of(made.likelihood, spreads)
-    log_density, _ = outlying_machines._left_out(
+    x = shared_quantities(made.likelihood, spreads)
+    log_density, _ = outlying_machines._leave_out_each(
         made.likelihood, estimate_separately(made.likelihood, 2), spreads, x
     )
-    whole = common_of(made.likelihood, spreads).log_integral
+    whole = shared_quantities(made.likelihood, spreads).log_integral
     for m in range(6):
         kept = of_campaigns(made, [k for k in range(6) if k != m])
-        left_out = whole - common_of(kept.likelihood, spreads).log_integral
+        left_out = whole - shared_quantities(kept.likelihood, spreads).log_integral
         np.testing.assert_allclose(np.diff(log_density[:, m]), np.diff(left_out), rtol=1e-8)
         _, mean, covariance = dense(kept, TWO)
         mean = mean[10:]
@@ -197,8 +201,8 @@ def test_a_machine_against_the_dense_prediction(rng: np.random.Generator) -> Non
         single = np.linalg.inv(rows[:, :2] + np.eye(2))
         z = (single @ left) / np.sqrt(np.diag(single @ spread @ single.T))
         np.testing.assert_allclose(found.z[m], z, rtol=1e-6)
-        np.testing.assert_allclose(found.single[m], 2.0 * norm.sf(np.abs(z)), rtol=1e-6)
-    least = np.sort(np.minimum(1.0, 2.0 * found.single.min(axis=1)))
+        np.testing.assert_allclose(found.parameter_p_value[m], 2.0 * norm.sf(np.abs(z)), rtol=1e-6)
+    least = np.sort(np.minimum(1.0, 2.0 * found.parameter_p_value.min(axis=1)))
     assert found.p_value.min() == pytest.approx(min(1.0, 6.0 * least[0]), rel=1e-9)
     assert found.p_value.max() == pytest.approx(
         max(np.minimum(1.0, least * np.arange(6, 0, -1))), rel=1e-9
@@ -224,7 +228,7 @@ def test_drawn_anew_or_weighted(rng: np.random.Generator, monkeypatch: pytest.Mo
     """Weights that can be trusted give what draws without the machine give."""
     density = density_of(fleet(rng, machines=12, parameters=2))
     spreads = draw_spreads(density, 2, seed=1)
-    common = common_of(density.likelihood, spreads.spread)
+    common = shared_quantities(density.likelihood, spreads.spread)
     weighed = judged(density, spreads)
     calls = []
     real = outlying_machines.pareto_smooth
@@ -235,11 +239,13 @@ def test_drawn_anew_or_weighted(rng: np.random.Generator, monkeypatch: pytest.Mo
         return real(log_ratio) if next(machines, None) is None else unsmoothed
 
     monkeypatch.setattr(outlying_machines, "pareto_smooth", first_in_vain)
-    anew = belonging_of(
+    anew = judge_machines(
         density, spreads, common, seed=1, progress=lambda done, total: calls.append((done, total))
     )
     assert calls[-1] == (12, 12)
-    np.testing.assert_allclose(anew.single, weighed.single, rtol=0.1, atol=2e-3)
+    np.testing.assert_allclose(
+        anew.parameter_p_value, weighed.parameter_p_value, rtol=0.1, atol=2e-3
+    )
     np.testing.assert_allclose(anew.z, weighed.z, atol=0.1)
 
 
@@ -253,7 +259,7 @@ def test_p_values_are_uniform_and_z_standard() -> None:
         mean = rng.standard_normal(2)
         density = density_of(fleet(rng, machines=7, parameters=2, spread=spread, mean=mean))
         found = judged(density, draw_spreads(density, 2, seed=1, size=256))
-        p.append(found.single[3])
+        p.append(found.parameter_p_value[3])
         z.append(found.z[3])
     assert kstest(np.ravel(p), "uniform").pvalue > 0.01
     assert kstest(np.ravel(z), "norm").pvalue > 0.01
@@ -323,7 +329,7 @@ def test_alone_is_a_fit_with_the_instrument_known_as_all_know_it(rng: np.random.
     result = pool(made)
     density = density_of(made)
     spreads = draw_spreads(density, 2, seed=1)
-    common = common_of(density.likelihood, spreads.spread)
+    common = shared_quantities(density.likelihood, spreads.spread)
     pick = rng.choice(len(spreads.weight), 40_000, p=spreads.weight)
     x = Gaussian(common.precision[pick], common.shift[pick]).draw(rng)
     a = density.likelihood.shift[1, :2]
