@@ -230,10 +230,7 @@ def _fit_campaigns(
     with closing(done(fit, jobs, executor)) as results:  # type: ignore[type-var]
         for index, result in results:
             job = jobs[index]
-            if isinstance(result, Lost):
-                row = failed_row(settings, job, result.reason)
-            else:
-                row = result
+            row = _row_of(settings, job, result)
             save_row(journal, job.number, row)
             failed.discard(job.number)
             if row["status"] == "failed":
@@ -242,6 +239,12 @@ def _fit_campaigns(
             if progress is not None:
                 progress(finished, campaigns, len(failed))
     return len(jobs)
+
+
+def _row_of(settings: Settings, job: Job, result: dict[str, Any] | Lost) -> dict[str, Any]:
+    if isinstance(result, Lost):
+        return failed_row(settings, job, result.reason)
+    return result
 
 
 def _pending_jobs(journal: sqlite3.Connection, retry: bool) -> list[Job]:
