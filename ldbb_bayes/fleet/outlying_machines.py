@@ -86,8 +86,8 @@ def judge_machines(
     redrawn = np.flatnonzero(doubtful)
     by_p_value = np.argsort(p_value.min(axis=1)[redrawn], kind="stable")
     redrawn = redrawn[by_p_value][:_MOST_REDRAWN]
-    for count, m in enumerate(redrawn, start=1):
-        new_spreads, z = _draw_without(density, separate, spreads.mode, int(m), seed)
+    for count, m in enumerate(redrawn.tolist(), start=1):
+        new_spreads, z = _draw_without(density, separate, spreads.mode, m, seed)
         new_p_value, new_side = _two_sided_p_value(new_spreads.weight[None], z)
         doubtful[m] = not new_spreads.trusted
         p_value[m] = new_p_value[0]

@@ -531,7 +531,7 @@ def _caveats(
         values = (len(machines), _FEWEST_MACHINES)
         caveats.append(Caveat(CaveatKind.FEW_MACHINES, values=values))
     elif judged.doubtful.any():
-        names = tuple(machines[m] for m in np.flatnonzero(judged.doubtful))
+        names = tuple(machines[m] for m in np.flatnonzero(judged.doubtful).tolist())
         caveats.append(Caveat(CaveatKind.UNCERTAIN_P_VALUES, names))
     return caveats
 

@@ -1,8 +1,8 @@
 """Workers of Dask, on this machine or on a cluster.
 
 `distributed.Client.get_executor()` cannot be used: a result that is lost between its arrival and
-its use reaches it as an error of its own (a ValueError while it unpacks the outcome), which cannot
-be told from an error of the job, so that such a job could not be run again.
+its use reaches the caller as a ValueError (raised while the outcome is unpacked), which looks like
+an error of the job, so that such a job could not be run again.
 """
 
 from __future__ import annotations
