@@ -23,11 +23,11 @@ from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference import evidence
 from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.evidence import Evidences, probabilities
-from ldbb_bayes.inference.fit import Concern, ConcernKind, fit_of_parts
+from ldbb_bayes.inference.fit import Concern, ConcernKind, assess_fit
 from ldbb_bayes.inference.mcmc import StoppingRule, assess
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
 from ldbb_bayes.inference.posterior import build_tree
-from ldbb_bayes.inference.sample import densities_of, groups_of, prior_draws_of, record_from
+from ldbb_bayes.inference.record import densities_of, groups_of, prior_draws_of, record_from
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
@@ -150,7 +150,7 @@ def average(
     prior_levels = [
         draws_of_model.bound.log_prior(draws_of_model.beta).mean() for draws_of_model in prior_draws
     ]
-    fit = fit_of_parts(
+    fit = assess_fit(
         bound,
         posterior_draws,
         groups,

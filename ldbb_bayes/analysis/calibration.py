@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from pydantic import model_serializer
 
 from ldbb_bayes.analysis.rank_uniformity import ecdf, simultaneous_band
@@ -57,8 +58,24 @@ class Validation(Result):
     @cached_property
     def band(self) -> tuple[Array, Array]:
         """The band of `ecdf` for one quantity, shape (draws,) each: together they hold with
-        probability ``prob``."""
+        probability ``prob``.
+        """
         return simultaneous_band(self.replicates, self.draws, self.prob ** (1.0 / len(self.names)))
+
+    @property
+    def pit(self) -> xr.DataTree:
+        """Return the ranks as shares of the draws in ArviZ's group ``prior_sbc``.
+
+        For ``arviz_plots.plot_ecdf_pit``. A replicate stands where ArviZ expects a draw; a share is
+        (rank + ½) / (draws + 1).
+        """
+        shares = (self.ranks + 0.5) / (self.draws + 1.0)
+        data = {
+            name: (("chain", "draw"), shares[None, :, index])
+            for index, name in enumerate(self.names)
+        }
+        coordinates = {"chain": [0], "draw": np.arange(self.replicates)}
+        return xr.DataTree.from_dict({"prior_sbc": xr.Dataset(data, coordinates)})
 
     def ecdf(self, name: str) -> Array:
         """Return the empirical distribution of one quantity's ranks, shape (draws,)."""
@@ -184,7 +201,8 @@ def _ranks(
     seed: np.random.SeedSequence,
 ) -> Array | str:
     """Ranks of the truth among the draws of one simulated campaign, then whether emcee took over;
-    or why there are none."""
+    or why there are none.
+    """
     simulating, sampling = seed.spawn(2)
     simulation = generator.simulate(plan, seed=int(simulating.generate_state(1)[0]))
     bound = model.bind(simulation.campaign)

@@ -251,7 +251,7 @@ def _replicates(
                 name,
                 int(count),
                 rng,
-                each=circles_per_draw,
+                circles_per_draw=circles_per_draw,
             )
             circles.append(replicates)
     return np.concatenate(circles)

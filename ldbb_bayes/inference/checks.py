@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, ndtr, stdtr
@@ -31,36 +32,48 @@ from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
 __all__ = [
+    "SHIFTED",
     "Check",
     "CheckKind",
-    "SHIFTED",
     "TestChecks",
+    "all_checks",
     "autocorrelation",
-    "averaged_checks",
+    "average_checks",
     "centre_shift",
-    "effects",
-    "every_check",
-    "failing",
+    "check_predictions",
+    "effects_of_failures",
+    "failing_checks",
     "in_order_of_force",
-    "predictive_checks",
 ]
 
-_DRAWS = 500
-_STRETCH = 100_000
+# p-value below which a shift of the circles' centre in proportion to force is named.
 SHIFTED = 0.01
+# Draws at most by which checks are computed.
+_DRAWS = 500
+# p-value below which a check fails, after allowing for the number of checks.
 _FAILS = 0.01
-_SMALLEST = 1e-300
-_FEWEST_SHIFTED = 4
+# p-values are ranked by their logarithms, of at least this.
+_SMALLEST_P = 1e-300
+# Readings at most of which the autocorrelation is computed.
+_LONGEST_STRETCH = 100_000
+# A residual's sum of squares below this share of the readings' is rounding.
+_ROUNDING = 1e-24
+# Tests of a plane needed to see a shift of the centre in proportion to force ...
+_FEWEST_TESTS = 4
+# ... and forces among them.
+_FEWEST_FORCES = 3
+# p-value below which the tests ran in an order of force.
 _IN_ORDER = 0.05
+# Orders next to those of the basis, at which noise is looked at.
+_NEXT_ORDERS = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
 
 
 class CheckKind(StrEnum):
-    """What a posterior predictive check looks at: an order of the circle, the scatter beyond the
-    orders, its correlation."""
+    """What a posterior predictive check looks at."""
 
-    ORDER = "order"
-    NOISE = "noise"
-    AUTOCORRELATION = "autocorrelation"
+    ORDER = "order"  #: an order of the circle
+    NOISE = "noise"  #: the scatter beyond the orders
+    AUTOCORRELATION = "autocorrelation"  #: the correlation of that scatter
 
 
 @dataclass(frozen=True)
@@ -78,7 +91,7 @@ class TestChecks(Result):
     """Posterior predictive p-values of one test; None where it has too few readings.
 
     Of the residual at order n = 0 … 12 after machine and shared nuisances: the probability that a
-    new circle lies further out, averaged over the posterior. Of the others two-sided.
+    new circle lies further out, averaged over the posterior. The other p-values are two-sided.
     """
 
     __test__ = False
@@ -89,202 +102,254 @@ class TestChecks(Result):
     autocorrelation_p: float | None  #: of its lag-one autocorrelation against white noise
 
     def of(self, test: str) -> list[Check]:
-        """Every p-value there is as a check of this test."""
-        others = (
-            (CheckKind.NOISE, self.noise_p),
-            (CheckKind.AUTOCORRELATION, self.autocorrelation_p),
-        )
-        orders = [Check(CheckKind.ORDER, test, p, n) for n, p in self.orders_p.items()]
-        return orders + [Check(kind, test, p) for kind, p in others if p is not None]
+        """Return all p-values as checks of this test."""
+        checks = [Check(CheckKind.ORDER, test, p, order) for order, p in self.orders_p.items()]
+        if self.noise_p is not None:
+            checks.append(Check(CheckKind.NOISE, test, self.noise_p))
+        if self.autocorrelation_p is not None:
+            checks.append(Check(CheckKind.AUTOCORRELATION, test, self.autocorrelation_p))
+        return checks
 
 
-def every_check(checks: Mapping[str, TestChecks]) -> list[Check]:
-    """All checks of all tests, the smallest p first."""
-    every = [check for name, own in checks.items() for check in own.of(name)]
-    return ranked(every, lambda check: -math.log(max(check.p, _SMALLEST)))
+def all_checks(checks_by_test: Mapping[str, TestChecks]) -> list[Check]:
+    """Return all checks of all tests, the smallest p first."""
+    checks: list[Check] = []
+    for test, test_checks in checks_by_test.items():
+        checks += test_checks.of(test)
+    return ranked(checks, _surprise)
 
 
-def failing(checks: Sequence[Check]) -> tuple[Check, ...]:
-    """Those that fail at 1 % after allowing for their number (Bonferroni)."""
+def _surprise(check: Check) -> float:
+    return -math.log(max(check.p, _SMALLEST_P))
+
+
+def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
+    """Return those that fail at 1 % after allowing for their number (Bonferroni)."""
     return tuple(check for check in checks if check.p * len(checks) < _FAILS)
 
 
-def effects(
+def effects_of_failures(
     bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]
 ) -> tuple[dict[str, float], float]:
-    """What failing checks would do to the intervals at φ (h,): of tests with a failing order the
-    largest change of a parameter, in its sd, when the test is left out; and the share by which an
-    interval grows with the noise next to the basis elsewhere."""
-    found = failing(every_check(checks))
-    names = dict.fromkeys(check.test for check in found if check.kind == CheckKind.ORDER)
-    given = bound.given(phi[None])[1]
-    shift = dict[str, float]()
-    for name in names if len(bound.test_names) > 1 and not bound.model.prior.flat else ():
-        rest = bound.keeping([other for other in bound.test_names if other != name])
-        shift[name] = float((np.abs(rest.given(phi[None])[1].mean - given.mean) / given.sd).max())
+    """Return what failing checks would do to the intervals, at φ (h,).
+
+    The first is, of tests with a failing order, the largest change of a parameter, in its sd, when
+    the test is left out. The second is the share by which an interval grows with noise as strong
+    as that next to the basis, where the checks of noise fail.
+    """
+    failing = failing_checks(all_checks(checks))
+    of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
+    of_noise = [check.test for check in failing if check.kind != CheckKind.ORDER]
+    shift = _shift_without(bound, phi, list(dict.fromkeys(of_order)))
+    return shift, _widening_by_noise(bound, phi, of_noise)
+
+
+def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[str, float]:
+    """Return the largest change of a parameter, in its sd, without each of the tests."""
+    if len(bound.test_names) < 2 or bound.model.prior.flat:
+        return {}
+    shift: dict[str, float] = {}
+    conditional = bound.given(phi[None])[1]
+    for test in tests:
+        remaining = bound.keeping([name for name in bound.test_names if name != test])
+        change = remaining.given(phi[None])[1].mean - conditional.mean
+        shift[test] = float((np.abs(change) / conditional.sd).max())
+    return shift
+
+
+def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> float:
+    """Return the share by which an interval grows with the noise beyond the basis of tests."""
     sigma = bound.hyper_prior.names.index("sigma")
+    fails = np.isin(bound.test_names, tests)
+    power = np.ones(1)
+    if fails.any():
+        excess = np.maximum(_power_beyond(bound) / phi[sigma] ** 2, 1.0)
+        power = np.where(fails, excess, 1.0)
     noisy = phi.copy()
-    fails = np.isin(
-        bound.test_names, [check.test for check in found if check.kind != CheckKind.ORDER]
-    )
-    power = (
-        np.where(fails, np.maximum(_power_beyond(bound) / phi[sigma] ** 2, 1.0), 1.0)
-        if fails.any()
-        else np.ones(1)
-    )
     noisy[sigma] *= np.sqrt(power.mean())
-    before, after = (information_of(bound, own).variances() for own in (phi, noisy))
-    return shift, float(np.sqrt((after / before).max()) - 1.0)
+    variance = information_of(bound, phi).variances()
+    variance_with_noise = information_of(bound, noisy).variances()
+    return float(np.sqrt((variance_with_noise / variance).max()) - 1.0)
 
 
 def _power_beyond(bound: BoundModel) -> Array:
-    """Variance [mm²] of white noise as strong as what the readings of each test have at the orders
-    13 to 16, next to those of the basis, but for what tests of one plane, radius and direction
-    share there: a pattern of the machine is no noise."""
+    """Return the variance of white noise that explains the orders 13 to 16, by test [mm²].
+
+    What tests of one plane, radius and direction share there is left out: a pattern of the machine
+    is no noise.
+    """
     setting = bound.setting
-    orders = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
-    waves = []
-    for test in tests_in_order(bound):
-        angle = test.angles_rad()
-        turned = np.exp(1j * np.outer(angle, orders))
-        columns = np.column_stack([basis(angle), turned.real, turned.imag])
-        waves.append(np.linalg.lstsq(columns, test.readings_mm(), rcond=RANK_TOLERANCE)[0][SIZE:])
+    waves = np.array([_waves_beyond(test) for test in tests_in_order(bound)])
     power = np.zeros(len(waves))
     kinds = list(zip(setting.plane, setting.radius_mm, setting.travel, strict=True))
     for kind in set(kinds):
-        alike = [r for r, other in enumerate(kinds) if other == kind]
-        each = np.array(waves)[alike]
-        many = len(alike) > 1
-        power[alike] = np.mean((each - many * each.mean(axis=0)) ** 2, axis=1) * (
-            len(alike) / (len(alike) - many)
-        )
-    return power * np.array([test.readings for test in bound.reduced]) / 2.0
+        tests = [r for r, other in enumerate(kinds) if other == kind]
+        deviation = waves[tests]
+        freedom = len(tests)
+        if len(tests) > 1:
+            deviation = deviation - deviation.mean(axis=0)
+            freedom = len(tests) - 1
+        power[tests] = np.mean(deviation**2, axis=1) * (len(tests) / freedom)
+    return power * np.array([reduced.readings for reduced in bound.reduced]) / 2.0
+
+
+def _waves_beyond(test: CircularTest) -> Array:
+    """Return least-squares harmonics at the orders 13 to 16 beside those of the basis [mm]."""
+    angle = test.angles_rad()
+    turned = np.exp(1j * np.outer(angle, _NEXT_ORDERS))
+    columns = np.column_stack([basis(angle), turned.real, turned.imag])
+    return np.linalg.lstsq(columns, test.readings_mm(), rcond=RANK_TOLERANCE)[0][SIZE:]
 
 
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
-    """Axes along which the circles' centre shifts in proportion to force, beyond what the machine β
-    (p,) does, and the p-value of no such shift, at 1 % after allowing for the axes' number:
-    Student's t of the slope of order 1 over force. For planes of at least four tests at three
-    forces."""
-    misfits = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
-    rest = [harmonics_of(bound, r) @ misfit for r, misfit in enumerate(misfits)]
-    found: dict[str, float] = {}
-    for plane, _, own in bound.setting.each("plane"):
-        force = bound.setting.force_N[own]
-        if len(force) < _FEWEST_SHIFTED or len(np.unique(force)) < _FEWEST_SHIFTED - 1:
+    """Return axes along which the circles' centre shifts in proportion to force.
+
+    Beyond what the machine β (p,) does. Values are p-values of no such shift, Student's t of the
+    slope of order 1 over force; axes are named at 1 % after allowing for their number. For planes
+    of at least four tests at three forces.
+    """
+    residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
+    harmonics = [harmonics_of(bound, r) @ residual for r, residual in enumerate(residuals)]
+    p_values: dict[str, float] = {}
+    for plane, _, in_plane in bound.setting.each("plane"):
+        force = bound.setting.force_N[in_plane]
+        if len(force) < _FEWEST_TESTS or len(np.unique(force)) < _FEWEST_FORCES:
             continue
         for axis, k in zip(PLANES[plane], harmonic_index(1), strict=False):
-            found[axis] = _p_value_of_no_slope(
-                force, np.array([rest[r][k] for r in np.flatnonzero(own)])
-            )
-    return {axis: p for axis, p in found.items() if p * len(found) < SHIFTED}
+            centre = np.array([harmonics[r][k] for r in np.flatnonzero(in_plane)])
+            p_values[axis] = _p_value_of_no_slope(force, centre)
+    return {axis: p for axis, p in p_values.items() if p * len(p_values) < SHIFTED}
 
 
 def in_order_of_force(bound: BoundModel) -> bool:
-    """Whether the tests of a plane ran in an order of force, so that a steady drift passes for a
-    change with force: Student's t of the ranks at 5 %. Where not every test has a time, they ran as
-    listed."""
-    time = (
-        bound.setting.time_h
-        if np.isfinite(bound.setting.time_h).all()
-        else np.arange(bound.setting.tests)
-    )
-    ranks = [
-        np.unique(values, return_inverse=True)[1].astype(float)
-        for values in (bound.setting.force_N, time)
-    ]
-    pairs = [[rank[own] for rank in ranks] for _, _, own in bound.setting.each("plane")]
-    return any(
-        np.ptp(force) > 0.0 and _p_value_of_no_slope(force, order) < _IN_ORDER
-        for force, order in pairs
-    )
+    """Return whether the tests of a plane ran in an order of force.
+
+    A steady drift then passes for a change with force. By Student's t of the ranks at 5 %; where
+    not every test has a time, they ran as listed.
+    """
+    setting = bound.setting
+    time = setting.time_h
+    if not np.isfinite(time).all():
+        time = np.arange(setting.tests)
+    force_rank = _ranks(setting.force_N)
+    time_rank = _ranks(time)
+    for _, _, in_plane in setting.each("plane"):
+        force = force_rank[in_plane]
+        if np.ptp(force) > 0.0 and _p_value_of_no_slope(force, time_rank[in_plane]) < _IN_ORDER:
+            return True
+    return False
+
+
+def _ranks(values: Array) -> Array:
+    return np.unique(values, return_inverse=True)[1].astype(float)
 
 
 def _p_value_of_no_slope(force: Array, values: Array) -> float:
-    """The p-value of no slope of values over force."""
+    """Return the p-value of no slope of values over force."""
     lever = force - force.mean()
     freedom = max(len(force) - 2, 1)
     slope = lever @ values / (lever @ lever)
-    left = values - values.mean() - slope * lever
-    spread = np.sqrt(left @ left / freedom / (lever @ lever))
-    return float(2.0 * stdtr(freedom, -abs(slope) / max(spread, 1e-300)))
+    residual = values - values.mean() - slope * lever
+    slope_sd = np.sqrt(residual @ residual / freedom / (lever @ lever))
+    return float(2.0 * stdtr(freedom, -abs(slope) / max(slope_sd, _SMALLEST_P)))
 
 
-def predictive_checks(
+def check_predictions(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> dict[str, TestChecks]:
-    """Compare every test with new circles under the posterior, φ (draws, h) [mm] and β (draws,
-    p)."""
-    _, phi, beta = ModelDraws(bound, phi, beta).thinned(_DRAWS)
-    shared = draw_shared_coefficients(bound, phi, beta, rng)
-    sigma = phi[:, bound.hyper_prior.names.index("sigma")]
+    """Compare every test with new circles under the posterior.
+
+    From draws of φ (draws, h) [mm] and β (draws, p).
+    """
+    draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
+    shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)
+    sigma = draws.phi[:, bound.hyper_prior.names.index("sigma")]
     checks = {}
-    for r, (test, reduced) in enumerate(zip(tests_in_order(bound), bound.reduced, strict=True)):
-        inverse = harmonics_of(bound, r)
-        residual = (np.asarray(reduced.projection) - shared[:, r] @ reduced.factor.T) @ inverse.T
-        seen = inverse @ reduced.factor
-        noise = (inverse, np.tile(sigma[:, None], inverse.shape[1]))
-        parts = [noise, *((seen @ columns, sd) for columns, sd in private_terms(bound, phi, r))]
-        columns, sd = (np.concatenate(own, axis=1) for own in zip(*parts, strict=True))
-        orders = {
-            n: _tail(residual[:, n == ORDERS], columns[n == ORDERS], sd)
-            for n in range(MAX_ORDER + 1)
-        }
+    for r, test in enumerate(tests_in_order(bound)):
+        orders_p = _p_values_of_orders(draws, r, shared[:, r], sigma)
+        reduced = bound.reduced[r]
         outside = reduced.readings - SIZE
-        noise_p = correlation = correlation_p = None
         if outside > 0:
             tail = chdtrc(outside, reduced.residual_ss / sigma**2).mean()
             noise_p = float(2.0 * min(tail, 1.0 - tail))
             correlation, correlation_p = autocorrelation(test)
-        checks[str(test.name)] = TestChecks(orders, noise_p, correlation, correlation_p)
+            checks[str(test.name)] = TestChecks(orders_p, noise_p, correlation, correlation_p)
+        else:
+            checks[str(test.name)] = TestChecks(orders_p, None, None, None)
     return checks
 
 
-def averaged_checks(
-    share: Array, checks: Sequence[Mapping[str, TestChecks]]
+def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) -> dict[int, float]:
+    """Return the p-value of test r's residual at every order, given shared coefficients (w, 25)."""
+    reduced = draws.bound.reduced[r]
+    inverse = harmonics_of(draws.bound, r)
+    residual = (np.asarray(reduced.projection) - shared @ reduced.factor.T) @ inverse.T
+    visible = inverse @ reduced.factor
+    columns = [inverse]
+    sd = [np.tile(sigma[:, None], inverse.shape[1])]
+    for term in private_terms(draws.bound, draws.phi, r):
+        columns.append(visible @ term.columns)
+        sd.append(term.sd)
+    expected = _Scatter(np.concatenate(columns, axis=1), np.concatenate(sd, axis=1))
+    p_values = {}
+    for order in range(MAX_ORDER + 1):
+        at_order = order == ORDERS
+        of_order = _Scatter(expected.columns[at_order], expected.sd)
+        p_values[order] = _mean_tail_probability(residual[:, at_order], of_order)
+    return p_values
+
+
+class _Scatter(NamedTuple):
+    """Independent sources of scatter: covariance C S² Cᵀ of every draw."""
+
+    columns: Array  #: C, (k, v)
+    sd: Array  #: diagonal of S, (draws, v)
+
+
+def _mean_tail_probability(residual: Array, scatter: _Scatter) -> float:
+    """Return the mean over draws of P(χ² ≥ rᵀ V⁻¹ r), r (draws, k)."""
+    columns = scatter.columns
+    covariance = np.einsum("iv,jv,wv->wij", columns, columns, scatter.sd**2)
+    solved = np.linalg.solve(covariance, residual[..., None])[..., 0]
+    square = np.einsum("wi,wi->w", residual, solved)
+    return float(chdtrc(residual.shape[1], square).mean())
+
+
+def average_checks(
+    shares: Array, checks_by_model: Sequence[Mapping[str, TestChecks]]
 ) -> dict[str, TestChecks]:
-    """The checks of several models, averaged with these shares."""
+    """Return the checks of several models, averaged with these shares."""
     averaged = {}
-    for name, first in checks[0].items():
-        every = [own[name] for own in checks]
-        orders = {
-            n: float(np.dot(share, [own.orders_p[n] for own in every])) for n in first.orders_p
-        }
-        noise_p = (
-            None
-            if first.noise_p is None
-            else float(np.dot(share, [own.noise_p or 0.0 for own in every]))
+    for name, first in checks_by_model[0].items():
+        of_test = [checks[name] for checks in checks_by_model]
+        orders_p = {}
+        for order in first.orders_p:
+            orders_p[order] = float(np.dot(shares, [checks.orders_p[order] for checks in of_test]))
+        noise_p = None
+        if first.noise_p is not None:
+            noise_p = float(np.dot(shares, [checks.noise_p or 0.0 for checks in of_test]))
+        averaged[name] = TestChecks(
+            orders_p, noise_p, first.autocorrelation, first.autocorrelation_p
         )
-        averaged[name] = TestChecks(orders, noise_p, first.autocorrelation, first.autocorrelation_p)
     return averaged
 
 
 def autocorrelation(test: CircularTest) -> tuple[float, float]:
-    """Lag-one autocorrelation of the readings after orders 0 … 12 are taken out, and its two-sided
-    p-value under white noise.
+    """Return the lag-one autocorrelation of the readings beyond order 12, and its p-value.
 
-    Under white noise it has mean tr(M S) / tr(M) and nearly variance 1/n, M the projection off the
-    basis, S the shift to the next reading. Of very many readings, a stretch is looked at.
+    The p-value is two-sided under white noise, where the autocorrelation has mean tr(M S) / tr(M)
+    and nearly variance 1/n, M the projection off the basis, S the shift to the next reading. Of
+    very many readings a stretch is looked at.
     """
-    order = np.argsort(test.angle_deg, kind="stable")[:_STRETCH]
+    order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]
     angle = test.angles_rad()[order]
     reading = test.readings_mm()[order]
     columns = np.linalg.qr(basis(angle))[0]
-    rest = reading - columns @ (columns.T @ reading)
-    square = float(rest @ rest)
-    if square <= 1e-24 * float(reading @ reading):
+    residual = reading - columns @ (columns.T @ reading)
+    square = float(residual @ residual)
+    if square <= _ROUNDING * float(reading @ reading):
         return 0.0, 1.0
-    n = len(rest)
+    n = len(residual)
     expected = -float((columns[1:] * columns[:-1]).sum()) / (n - SIZE)
-    value = float(rest[1:] @ rest[:-1]) / square
+    value = float(residual[1:] @ residual[:-1]) / square
     return value, float(2.0 * ndtr(-abs(value - expected) * np.sqrt(n)))
-
-
-def _tail(residual: Array, columns: Array, sd: Array) -> float:
-    """Mean over the draws of P(χ² ≥ rᵀ V⁻¹ r), r (draws, k), V = C S² Cᵀ, C (k, v), S (draws,
-    v)."""
-    covariance = np.einsum("iv,jv,wv->wij", columns, columns, sd**2)
-    square = np.einsum(
-        "wi,wi->w", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]
-    )
-    return float(chdtrc(residual.shape[1], square).mean())

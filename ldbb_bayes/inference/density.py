@@ -120,7 +120,7 @@ class LogDensity(Shown):
         return self._evaluate(x, self._log_prior)
 
     def log_likelihood(self, x: Array) -> Any:
-        """Return ln p(y | x) of the readings in mm; −inf where a hyper-parameter is out of bounds."""
+        """Return ln p(y | x), readings in mm; −inf where a hyper-parameter is out of bounds."""
         return self._evaluate(x, self._log_likelihood)
 
     def prior_transform(self, u: Array) -> Array:
@@ -311,8 +311,8 @@ def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState)
     InputError
         Where the readings leave next to no room inside the truncation.
     """
-    drawn = redraw.draw(_DRAWS_PER_START * n, random, temperature=_START_TEMPERATURE)
-    inside = drawn.points[np.isfinite(drawn.log_target)]
+    candidates = redraw.draw(_DRAWS_PER_START * n, random, temperature=_START_TEMPERATURE)
+    inside = candidates.points[np.isfinite(candidates.log_target)]
     require(
         len(inside) >= n,
         "the posterior must leave room where no compliance is negative, got almost none. The"

@@ -13,34 +13,40 @@ from ldbb_bayes.inference.checks import (
     Check,
     CheckKind,
     TestChecks,
-    averaged_checks,
+    all_checks,
+    average_checks,
     centre_shift,
-    effects,
-    every_check,
-    failing,
-    predictive_checks,
+    check_predictions,
+    effects_of_failures,
+    failing_checks,
 )
-from ldbb_bayes.inference.coefficients import (
-    ModelDraws,
-    pool_draws,
-    shared_coefficients,
-)
+from ldbb_bayes.inference.coefficients import ModelDraws, pool_draws, shared_coefficients
 from ldbb_bayes.inference.diagnostics import power_sensitivity
-from ldbb_bayes.inference.residuals import quality_of
+from ldbb_bayes.inference.residuals import FitQuality, quality_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array, Finite, Result
 from ldbb_bayes.units import ranked
 
-__all__ = ["Concern", "ConcernKind", "Fit", "State", "fit_of_parts"]
+__all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 
-
+# Power-scaling sensitivity above which a posterior moves with the prior (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
-
-
-_MOVED = 0.5
-
-
-_WIDER = 0.1
+# A failing check matters where leaving its test out changes a parameter by more than so many u ...
+_LARGEST_SHIFT = 0.5
+# ... or where the noise it finds widens an interval by more than this share.
+_LARGEST_WIDENING = 0.1
+# Draws by which the quality of the fit is computed.
+_QUALITY_DRAWS = 1000
+# Draws by which the posterior predictive checks are computed.
+_CHECKED_DRAWS = 500
+# ln P(T | y) below which the readings speak against non-negative compliance.
+_IMPROBABLE = float(np.log(1e-3))
+# Prior probability below which a hyper-parameter is expected.
+_EXPECTED_HYPER = 0.999
+# A mean farther from its stated prior mean, in sd of what the prior expects, is a concern.
+_LARGEST_PRIOR_DISTANCE = 3.0
+# Share of the prior variance that the data are taken to explain at least.
+_SMALLEST_VARIANCE_SHARE = 0.05
 
 
 class State(StrEnum):
@@ -95,159 +101,214 @@ class Fit(Result):
     predictive_checks: dict[str, TestChecks]
     #: by power-scaling of prior, hyper_prior and likelihood, of each parameter
     sensitivity: dict[str, dict[str, float]]
-    #: Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is left
-    #: out; not of flat priors.
+    #: Of tests with an order of the circle that is not expected: the largest change of a parameter,
+    #: in its u, when the test is left out; not of flat priors.
     shift: dict[str, float]
-    #: By which share an interval grows at most with noise as strong as what tests do not share at the orders 13 to 16, where the
-    #: checks of noise and of its autocorrelation fail.
+    #: By which share an interval grows at most with noise as strong as what tests do not share at
+    #: the orders 13 to 16, where the checks of noise and of its autocorrelation fail.
     widening: float
 
     @property
     def checks(self) -> list[Check]:
-        """Posterior predictive checks, the smallest p first."""
-        return every_check(self.predictive_checks)
+        """Return the posterior predictive checks, the smallest p first."""
+        return all_checks(self.predictive_checks)
 
     @property
     def unexpected(self) -> tuple[Check, ...]:
-        """Checks that fail at 1 % after allowing for their number (Bonferroni), worst first."""
-        return failing(self.checks)
+        """Return the checks that fail at 1 %, allowing for their number, worst first."""
+        return failing_checks(self.checks)
 
     @property
     def misfits(self) -> tuple[Check, ...]:
-        """Those for which intervals would move: by half a u without the test, or by a tenth of
-        their width."""
+        """Return the failing checks for which intervals would move.
 
-        def moves(own: Check) -> bool:
-            return (
-                self.shift.get(own.test, np.inf) > _MOVED
-                if own.kind == CheckKind.ORDER
-                else self.widening > _WIDER
-            )
+        By half a u without the test, or by a tenth of their width.
+        """
+        return tuple(check for check in self.unexpected if self._moves_intervals(check))
 
-        return tuple(filter(moves, self.unexpected))
+    def _moves_intervals(self, check: Check) -> bool:
+        if check.kind == CheckKind.ORDER:
+            return self.shift.get(check.test, np.inf) > _LARGEST_SHIFT
+        return self.widening > _LARGEST_WIDENING
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds of concerns and of checks that fail, each once."""
-        return tuple(
-            dict.fromkeys(
-                [str(found.kind) for found in self.concerns]
-                + [str(check.kind) for check in self.misfits]
-            )
-        )
+        """Return the kinds of concerns and of checks that fail, each once."""
+        concerns = [str(concern.kind) for concern in self.concerns]
+        misfits = [str(check.kind) for check in self.misfits]
+        return tuple(dict.fromkeys(concerns + misfits))
 
     @property
     def state(self) -> State:
-        """Unusable: not converged. Doubtful: readings that the model does not expect, or against
-        non-negative compliance."""
+        """Return whether the numbers can be used.
+
+        Unusable: not converged. Doubtful: readings that the model does not expect, or against
+        non-negative compliance.
+        """
         kinds = {concern.kind for concern in self.concerns}
         if ConcernKind.NOT_CONVERGED in kinds:
             return State.UNUSABLE
-        return State.DOUBTFUL if self.misfits or ConcernKind.TRUNCATION in kinds else State.USABLE
+        if self.misfits or ConcernKind.TRUNCATION in kinds:
+            return State.DOUBTFUL
+        return State.USABLE
 
     @property
     def sensitive(self) -> tuple[str, ...]:
-        """Parameters whose posterior moves with the prior (power-scaling sensitivity above 0.05),
-        most first."""
-        found = [name for name in self.parameters if self.sensitivity[name]["prior"] > _SENSITIVE]
-        return tuple(ranked(found, lambda name: self.sensitivity[name]["prior"]))
+        """Return the parameters whose posterior moves with the prior, the most sensitive first.
+
+        Their power-scaling sensitivity is above 0.05.
+        """
+        names = [name for name in self.parameters if self._prior_sensitivity(name) > _SENSITIVE]
+        return tuple(ranked(names, self._prior_sensitivity))
+
+    def _prior_sensitivity(self, name: str) -> float:
+        return self.sensitivity[name]["prior"]
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Those of ``sensitivity`` but for the hyper-parameters."""
+        """Return the names in ``sensitivity`` but for the hyper-parameters."""
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 
 
-_QUALITY_DRAWS = 1000
-
-
-_CHECKED_DRAWS = 500
-
-
-_IMPROBABLE = float(np.log(1e-3))
-
-
-_EXTREME = 0.999
-
-
-_FAR = 3.0
-
-
-_CLOSE = 0.05
-
-
-def fit_of_parts(
+def assess_fit(
     bound: BoundModel,
-    parts: Sequence[ModelDraws],
+    draws_by_model: Sequence[ModelDraws],
     groups: Mapping[str, Mapping[str, Array]],
     truncation: tuple[float, float],
-    missed: Sequence[Concern],
+    concerns: Sequence[Concern],
     rng: np.random.Generator,
     prior_level: Array | float = 0.0,
 ) -> Fit:
-    """How well models fit whose draws, part by part, are those of ``groups``; ``bound`` has all
-    their parameters, ``prior_level`` is the mean of ln p(β) in the prior of each draw's model: what
-    scaling the prior must not count."""
-    share = np.array([len(part.phi) for part in parts]) / sum(len(part.phi) for part in parts)
-    few, thinned = (
-        [part.thinned(int(np.ceil(own * most))) for own, part in zip(share, parts, strict=True)]
-        for most in (_QUALITY_DRAWS, _CHECKED_DRAWS)
+    """Return how well one model or several fit.
+
+    Parameters
+    ----------
+    bound : BoundModel
+        With the parameters of all models.
+    draws_by_model : sequence of ModelDraws
+        The draws of ``groups``, model by model.
+    groups : mapping
+        Groups posterior, log_prior and sample_stats of the tree.
+    truncation : pair
+        ln P(T | y) and its error.
+    concerns : sequence of Concern
+        Of the sampler.
+    rng : Generator
+    prior_level : float or array
+        Mean of ln p(β) in the prior of each draw's model, which scaling the prior must not count.
+
+    Returns
+    -------
+    Fit
+    """
+    sizes = np.array([len(draws.phi) for draws in draws_by_model])
+    shares = sizes / sizes.sum()
+    quality = _quality(bound, draws_by_model, shares)
+    checks = _average_checks(draws_by_model, shares, rng)
+    posterior = groups["posterior"]
+    beta, phi = pool_draws(
+        _stack(posterior, bound.names), _stack(posterior, bound.hyper_prior.names)
     )
-    predicted = [shared_coefficients(*part).mean(axis=0) for part in few]
-    quality = quality_of(bound, np.tensordot(share, predicted, axes=1))
-    group = groups["posterior"]
-    beta, phi = (
-        np.stack([group[str(name)] for name in names], axis=-1)
-        for names in (bound.names, bound.hyper_prior.names)
-    )
-    flat_beta, flat_phi = pool_draws(beta, phi)
-    prior = groups["log_prior"]["parameters"]
-    hyper_prior = groups["log_prior"]["hyper"]
-    jacobian = bound.hyper_prior.log_density_of_free(bound.hyper_prior.free(phi)) - hyper_prior
-    likelihood = groups["sample_stats"]["lp"] - prior - hyper_prior - jacobian
-    checks = averaged_checks(share, [predictive_checks(*own, rng) for own in thinned])
-    scaled = {"prior": prior - prior_level, "hyper_prior": hyper_prior, "likelihood": likelihood}
+    log_prob_truncation, log_prob_truncation_error = truncation
+    linearisation_error_mm = bound.largest_linearisation_error_mm(beta.mean(axis=0))
+    of_posterior = _concerns(bound, phi, beta, log_prob_truncation)
+    shift, widening = effects_of_failures(bound, phi.mean(axis=0), checks)
     return Fit(
-        quality.rmse_um,
-        quality.fitness_percent,
-        *truncation,
-        bound.log_prob_truncation_prior,
-        bound.largest_linearisation_error_mm(flat_beta.mean(axis=0)) * 1e3,
-        (*missed, *_concerns(bound, flat_phi, flat_beta, truncation[0])),
-        checks,
-        power_sensitivity(group, scaled),
-        *effects(bound, flat_phi.mean(axis=0), checks),
+        rmse_um=quality.rmse_um,
+        fitness_percent=quality.fitness_percent,
+        log_prob_truncation=log_prob_truncation,
+        log_prob_truncation_error=log_prob_truncation_error,
+        log_prob_truncation_prior=bound.log_prob_truncation_prior,
+        linearisation_error_um=linearisation_error_mm * 1e3,
+        concerns=(*concerns, *of_posterior),
+        predictive_checks=checks,
+        sensitivity=power_sensitivity(posterior, _log_densities(bound, groups, prior_level)),
+        shift=shift,
+        widening=widening,
     )
+
+
+def _quality(bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Array) -> FitQuality:
+    """Return the quality of the mean prediction of all models."""
+    predictions = []
+    for share, draws in zip(shares, draws_by_model, strict=True):
+        thinned = draws.thinned(int(np.ceil(share * _QUALITY_DRAWS)))
+        predictions.append(
+            shared_coefficients(thinned.bound, thinned.phi, thinned.beta).mean(axis=0)
+        )
+    return quality_of(bound, np.tensordot(shares, predictions, axes=1))
+
+
+def _average_checks(
+    draws_by_model: Sequence[ModelDraws], shares: Array, rng: np.random.Generator
+) -> dict[str, TestChecks]:
+    """Return the posterior predictive checks, averaged over models."""
+    checks = []
+    for share, draws in zip(shares, draws_by_model, strict=True):
+        thinned = draws.thinned(int(np.ceil(share * _CHECKED_DRAWS)))
+        checks.append(check_predictions(thinned.bound, thinned.phi, thinned.beta, rng))
+    return average_checks(shares, checks)
+
+
+def _stack(group: Mapping[str, Array], names: Sequence[str]) -> Array:
+    """Return variables side by side, shape (chains, draws, variables)."""
+    return np.stack([group[str(name)] for name in names], axis=-1)
+
+
+def _log_densities(
+    bound: BoundModel, groups: Mapping[str, Mapping[str, Array]], prior_level: Array | float
+) -> dict[str, Array]:
+    """Return the log densities that power-scaling scales, each (chains, draws)."""
+    phi = _stack(groups["posterior"], bound.hyper_prior.names)
+    log_prior = groups["log_prior"]["parameters"]
+    log_hyper_prior = groups["log_prior"]["hyper"]
+    free = bound.hyper_prior.free(phi)
+    log_jacobian = bound.hyper_prior.log_density_of_free(free) - log_hyper_prior
+    log_posterior = groups["sample_stats"]["lp"]
+    return {
+        "prior": log_prior - prior_level,
+        "hyper_prior": log_hyper_prior,
+        "likelihood": log_posterior - log_prior - log_hyper_prior - log_jacobian,
+    }
 
 
 def _concerns(
     bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float
 ) -> Iterator[Concern]:
+    """Yield what to mind of a posterior, from draws of φ (n, h) [mm] and β (n, p)."""
     if log_prob_truncation < _IMPROBABLE:
         yield Concern(ConcernKind.TRUNCATION, log_prob_truncation, _IMPROBABLE)
     levels = bound.campaign.force_levels
     needed = bound.model.degree + 2
     if levels < needed:
         yield Concern(ConcernKind.FORCES, levels, needed)
-    limit = bound.hyper_prior.quantile(np.full(phi.shape[1], _EXTREME))
-    sizes = zip(
-        bound.hyper_prior.names, np.median(phi, axis=0), limit, bound.hyper_prior.in_mm, strict=True
-    )
-    for name, median, top, is_length in sizes:
-        if is_length and median > top:
-            yield Concern(ConcernKind.HYPER, float(median), float(top), str(name))
-    moved = np.abs(beta.mean(axis=0) - bound.prior_mean)
-    variance = bound.prior_sd**2
-    stated = {
-        *bound.model.prior.overrides,
-        *bound.model.prior.means,
-    }  # the data move a mean by a draw of N(0, sd0² − u²)
-    for name, z in zip(
-        bound.names,
-        moved / np.sqrt(np.maximum(variance - beta.var(axis=0), _CLOSE * variance)),
-        strict=True,
-    ):
-        if z > _FAR and name in stated:
-            yield Concern(ConcernKind.PRIOR, float(z), _FAR, name)
+    yield from _large_hyper_parameters(bound, phi)
+    yield from _distant_means(bound, beta)
     for axis, p in centre_shift(bound, beta.mean(axis=0)).items():
         yield Concern(ConcernKind.CENTRE, p, SHIFTED, axis)
+
+
+def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
+    """Yield the hyper-parameters whose median is beyond their prior."""
+    prior = bound.hyper_prior
+    limits = prior.quantile(np.full(phi.shape[1], _EXPECTED_HYPER))
+    medians = np.median(phi, axis=0)
+    for name, median, limit, is_length in zip(
+        prior.names, medians, limits, prior.in_mm, strict=True
+    ):
+        if is_length and median > limit:
+            yield Concern(ConcernKind.HYPER, float(median), float(limit), str(name))
+
+
+def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
+    """Yield the parameters whose mean is far from their stated prior mean."""
+    stated = {*bound.model.prior.overrides, *bound.model.prior.means}
+    prior_variance = bound.prior_sd**2
+    # By the prior, the data move a mean by a draw of N(0, sd0² − u²).
+    expected_variance = np.maximum(
+        prior_variance - beta.var(axis=0), _SMALLEST_VARIANCE_SHARE * prior_variance
+    )
+    distance = np.abs(beta.mean(axis=0) - bound.prior_mean) / np.sqrt(expected_variance)
+    for name, z in zip(bound.names, distance, strict=True):
+        if z > _LARGEST_PRIOR_DISTANCE and name in stated:
+            yield Concern(ConcernKind.PRIOR, float(z), _LARGEST_PRIOR_DISTANCE, name)

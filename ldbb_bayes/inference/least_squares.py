@@ -12,13 +12,8 @@ import pandas as pd
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.coefficients import (
-    machine_coefficients,
-)
-from ldbb_bayes.inference.residuals import (
-    FitQuality,
-    fit_quality,
-)
+from ldbb_bayes.inference.coefficients import machine_coefficients
+from ldbb_bayes.inference.residuals import FitQuality, fit_quality
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.parallel import one_blas_thread
@@ -26,7 +21,7 @@ from ldbb_bayes.results import Array, ByRow, Numbers, Result, readable
 
 __all__ = ["LeastSquares", "least_squares"]
 
-
+# A Jacobian whose smallest singular value is below this share of its largest is singular.
 _SINGULAR = 1e-10
 
 
@@ -34,8 +29,9 @@ _SINGULAR = 1e-10
 class LeastSquares(Result):
     """A least-squares estimate and how well it fits."""
 
-    #: One row per parameter: unit, estimate, u (standard uncertainty from the scatter of the residuals, as if they were white
-    #: noise; not a number where the readings do not determine the parameters), in inside units.
+    #: One row per parameter: unit, estimate, u (standard uncertainty from the scatter of the
+    #: residuals, as if they were white noise; not a number where the readings do not determine the
+    #: parameters), in inside units.
     table: ByRow
     #: RMSE over all readings and of every test [µm], fitness of every test [%] (Eq. 34-35)
     quality: FitQuality
@@ -43,7 +39,7 @@ class LeastSquares(Result):
 
     @property
     def estimate(self) -> dict[str, float]:
-        """Parameter to estimate, in inside units."""
+        """Return the estimate of every parameter, in inside units."""
         return {str(name): float(value) for name, value in self.table["estimate"].items()}
 
 
@@ -57,53 +53,65 @@ def least_squares(
 ) -> LeastSquares:
     """Estimate compliances, slopes and geometric errors by the pseudoinverse (Eq. 31).
 
-    InputError for a plan, or fewer than degree + 2 force levels.
-
     Parameters
     ----------
-    campaign : with readings.
+    campaign : Campaign
+        With readings.
     degree : {0, 1, 2}
         Compliance constant, linear (Eq. 33) or quadratic in force.
-    reference_force_N : F0; default: mid-range of the campaign's forces. 0 gives Eq. 33 literally.
-    fixed : parameters held at zero.
+    reference_force_N : float, optional
+        F0; default: mid-range of the campaign's forces. 0 gives Eq. 33 literally.
+    fixed : tuple of str
+        Parameters held at zero.
+
+    Returns
+    -------
+    LeastSquares
+        In mm, N and rad.
+
+    Raises
+    ------
+    InputError
+        For a plan, or fewer than degree + 2 force levels.
     """
     check_campaign(campaign)
     if campaign.is_plan:
         raise InputError(
             "least squares must have readings, got a plan. Run the tests, or simulate it."
         )
-    bound = HybridModel(
-        degree, (), HybridModel.paper().prior, reference_force_N, "paper", fixed
-    ).bind(campaign)
-    predicted = machine_coefficients(bound, bound.centre[None])[0]
-    readings = {
-        test.name: basis(test.angles_rad()) @ own * 1e3
-        for test, own in zip(campaign.tests, predicted, strict=True)
+    flat_prior = HybridModel.paper().prior
+    model = HybridModel(degree, (), flat_prior, reference_force_N, "paper", fixed)
+    bound = model.bind(campaign)
+    # Under a flat prior the centre is the least-squares estimate.
+    estimate = bound.centre
+    coefficients = machine_coefficients(bound, estimate[None])[0]
+    predicted_um = {
+        test.name: basis(test.angles_rad()) @ of_test * 1e3
+        for test, of_test in zip(campaign.tests, coefficients, strict=True)
     }
-    quality = fit_quality(bound, np.ones((1, 1)), bound.centre[None])
+    quality = fit_quality(bound, np.ones((1, 1)), estimate[None])
     units = [parameter.unit for parameter in bound.parameters]
-    table = pd.DataFrame(
-        {"unit": units, "estimate": bound.centre, "u": _uncertainty(bound, quality)},
-        index=list(bound.names),
-    )
-    if table["u"].isna().any():
+    uncertainty = _uncertainty(bound, quality)
+    columns = {"unit": units, "estimate": estimate, "u": uncertainty}
+    table = pd.DataFrame(columns, index=list(bound.names))
+    if np.isnan(uncertainty).any():
         table["estimate"] = np.nan
-    return LeastSquares(readable(table, "Least squares"), quality, readings)
+    return LeastSquares(readable(table, "Least squares"), quality, predicted_um)
 
 
 def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
-    """Square roots of the diagonal of s² (JᵀJ)⁻¹, shape (p,); not a number where J is singular or
-    as many as the readings."""
-    readings = sum(test.readings for test in bound.reduced)
-    square = readings * (quality.rmse_um * 1e-3) ** 2
+    """Return the square roots of the diagonal of s² (JᵀJ)⁻¹, shape (p,).
+
+    Not a number where J is singular or has as many columns as there are readings.
+    """
+    readings = sum(reduced.readings for reduced in bound.reduced)
+    sum_of_squares = readings * (quality.rmse_um * 1e-3) ** 2
     freedom = readings - len(bound.names)
-    rows = (
-        np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)])
-        * bound.scale
-    )
-    singular, right = np.linalg.svd(rows, full_matrices=False)[1:]
-    if freedom <= 0 or len(rows) < rows.shape[1] or singular[-1] < _SINGULAR * singular[0]:
+    rows = [reduced.factor @ bound.interest[r] for r, reduced in enumerate(bound.reduced)]
+    jacobian = np.concatenate(rows) * bound.scale
+    singular, right = np.linalg.svd(jacobian, full_matrices=False)[1:]
+    too_few = freedom <= 0 or len(jacobian) < jacobian.shape[1]
+    if too_few or singular[-1] < _SINGULAR * singular[0]:
         return np.full(len(bound.names), np.nan)
-    return np.asarray(
-        np.sqrt(square / freedom * ((right.T / singular) ** 2).sum(axis=1)) * bound.scale
-    )
+    inverse_diagonal = ((right.T / singular) ** 2).sum(axis=1)
+    return np.asarray(np.sqrt(sum_of_squares / freedom * inverse_diagonal) * bound.scale)

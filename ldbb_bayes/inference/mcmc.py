@@ -220,7 +220,7 @@ def run_ensembles(
 def _seconds_left(
     assessment: Assessment, rule: StoppingRule, steps: int, walkers: int, elapsed: float
 ) -> float | None:
-    """Return the time until the sample sizes are reached at the present pace, or the steps are spent."""
+    """Return the time until the target is reached at the present pace, or the steps are spent."""
     share = assessment.share(rule, walkers=walkers)
     if not share > 0.0:
         return None

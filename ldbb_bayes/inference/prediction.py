@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import require
@@ -21,111 +22,208 @@ from ldbb_bayes.inference.coefficients import (
 )
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import model_draws_of
-from ldbb_bayes.inference.residuals import (
-    harmonics_of,
-)
+from ldbb_bayes.inference.residuals import harmonics_of
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
 
-if TYPE_CHECKING:
-    import xarray as xr
+__all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_left_out"]
 
-__all__ = [
-    "band_um",
-    "new_circles",
-    "readings_drawn",
-    "replicate_left_out",
-]
+# Draws at most by which readings are predicted.
+_DRAWS = 4000
 
 
-def new_circles(part: ModelDraws, plan: Campaign, rng: np.random.Generator) -> Iterator[Array]:
-    """Readings (draws, n) [mm] of each planned test in turn, one circle for every draw."""
-    bound = part.bound
-    beta = part.beta
-    measured, planned = _beside(bound, plan)
+@one_blas_thread
+def predict(
+    posterior: xr.DataTree, plan: Campaign, *, ci_prob: float = 0.95, seed: int = 1
+) -> pd.DataFrame:
+    """Predict the readings of new circles on the machine of a posterior.
+
+    Bar, balls, mount and force device are those of the posterior. Machine and what circles share
+    come from the posterior; set-up shift, discrepancy, scatter, random force error and white noise
+    are drawn anew. What the campaign says nothing of, such as the bar's length at another radius,
+    has its prior. Nuisances are integrated out: draws of them, given each draw of the posterior,
+    are not kept; `nuisances` gives their mean and sd.
+
+    Parameters
+    ----------
+    posterior : DataTree
+        From `sample`, `load` or `average`.
+    plan : Campaign
+        The circles; any readings are ignored.
+    ci_prob : float
+        Probability of the equal-tailed interval of a reading.
+    seed : int
+
+    Returns
+    -------
+    DataFrame
+        One row per test and angle: test, force_N, angle_deg, mean_um, median_um, ci_low_um,
+        ci_high_um.
+
+    Raises
+    ------
+    InputError
+        For another machine, or circles that show parameters which the fit does not have.
+
+    Examples
+    --------
+    >>> circle = lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0))
+    >>> table = lb.predict(posterior, lb.Plan((circle,)))
+    """
+    check_probability(ci_prob)
+    check_campaign(plan)
+    rng = np.random.default_rng(seed)
+    levels = [0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob]
+    circles = [new_circles(draws, plan, rng) for draws in model_draws_of(posterior, _DRAWS)]
+    tables = []
+    for test, *readings_by_model in zip(plan.tests, *circles, strict=True):
+        readings_um = np.concatenate(readings_by_model) * 1e3
+        median, low, high = np.quantile(readings_um, levels, axis=0)
+        columns = {
+            "test": test.name,
+            "force_N": test.force_N,
+            "angle_deg": test.angle_deg,
+            "mean_um": readings_um.mean(axis=0),
+            "median_um": median,
+            "ci_low_um": low,
+            "ci_high_um": high,
+        }
+        tables.append(pd.DataFrame(columns))
+    return pd.concat(tables, ignore_index=True)
+
+
+def new_circles(draws: ModelDraws, plan: Campaign, rng: np.random.Generator) -> Iterator[Array]:
+    """Yield readings (draws, n) [mm] of each planned test in turn, one circle for every draw."""
+    measured, planned = _bind_with_plan(draws.bound, plan)
     names = planned.hyper_prior.names
-    phi = planned.hyper_prior.draw(len(beta), rng)
-    for j, name in enumerate(bound.hyper_prior.names):
-        phi[:, names.index(name)] = part.phi[:, j]
-    value = dict(zip(names, phi.T, strict=True))
-    learnt = [name for term in shared_terms(measured.nuisance_columns) for name in term.names]
-    drawn = draw_shared(measured, phi, beta, rng)
+    phi = planned.hyper_prior.draw(len(draws.beta), rng)
+    for column, name in enumerate(draws.bound.hyper_prior.names):
+        phi[:, names.index(name)] = draws.phi[:, column]
+    coefficients = _draw_shared_of_plan(measured, planned, phi, draws.beta, rng)
+    sigma = phi[:, names.index("sigma")]
+    for r, test in enumerate(plan.tests):
+        circle = coefficients[:, r] + draw_of_circle(planned, phi, r, rng)
+        yield readings_drawn(circle, sigma, test.angles_rad(), rng)
+
+
+def _draw_shared_of_plan(
+    measured: BoundModel,
+    planned: BoundModel,
+    phi: Array,
+    beta: Array,
+    rng: np.random.Generator,
+) -> Array:
+    """Draw machine plus shared nuisances of the planned tests, (draws, tests, 25) [mm].
+
+    Nuisances that the measured tests have come from their posterior, others from their prior.
+    """
+    value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
+    learnt: list[str] = []
+    for term in shared_terms(measured.nuisance_columns):
+        learnt += term.names
+    posterior_draws = draw_shared(measured, phi, beta, rng)
     total = machine_coefficients(planned, beta)
     for term in shared_terms(planned.nuisance_columns):
-        own = term.sd_at(value) * rng.standard_normal((len(beta), len(term.names))) + (
-            0.0 if term.mean is None else term.mean
-        )
-        for j, name in enumerate(term.names):
+        standard = rng.standard_normal((len(beta), len(term.names)))
+        nuisances = term.sd_at(value) * standard
+        if term.mean is not None:
+            nuisances = nuisances + term.mean
+        for column, name in enumerate(term.names):
             if name in learnt:
-                own[:, j] = drawn[:, learnt.index(name)]
-        total = total + np.einsum("tkq,wq->wtk", term.values, own)
-    for r, test in enumerate(plan.tests):
-        own = total[:, r] + draw_of_circle(planned, phi, r, rng)
-        yield readings_drawn(own, value["sigma"], test.angles_rad(), rng)
+                nuisances[:, column] = posterior_draws[:, learnt.index(name)]
+        total = total + np.einsum("tkq,wq->wtk", term.values, nuisances)
+    return total
 
 
 def readings_drawn(
     coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.random.Generator
 ) -> Array:
-    """Readings (draws, n) [mm] of circles (draws, 25) with white noise (draws,)."""
+    """Draw readings (draws, n) [mm] of circles (draws, 25) with white noise of sd (draws,)."""
     smooth = coefficients @ basis(angle_rad).T
     return np.asarray(smooth + sigma_mm[:, None] * rng.standard_normal(smooth.shape))
 
 
-def _beside(bound: BoundModel, plan: Campaign) -> tuple[BoundModel, BoundModel]:
-    """The tests measured and those planned as one campaign's: with both balls' forms, all radii and
-    directions of either."""
+class _MeasuredAndPlanned(NamedTuple):
+    """The tests measured and those planned, bound with the same nuisances."""
+
+    measured: BoundModel
+    planned: BoundModel
+
+
+def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
+    """Bind the tests measured and those planned as one campaign's.
+
+    Both have the balls' forms, radii and directions of either.
+    """
     campaign = bound.campaign
-    model = bound.model
-    machines = [(one.topology, dict(one.frames_mm)) for one in (campaign, plan)]
-    got = f"got {machines[1][0]}. Make the plan with the campaign's topology and frames."
+    machine = (campaign.topology, dict(campaign.frames_mm))
+    planned_machine = (plan.topology, dict(plan.frames_mm))
     require(
-        machines[0] == machines[1],
-        f"the plan must be of the posterior's machine {machines[0][0]}, its frames too, {got}",
+        planned_machine == machine,
+        f"the plan must be of the posterior's machine {campaign.topology}, its frames too, got"
+        f" {plan.topology}. Make the plan with the campaign's topology and frames.",
     )
-    new = tuple(replace(test.with_reading_um(None), name="") for test in plan.tests)
-    union = replace(campaign, tests=(*campaign.plan().tests, *new))
-    model = model if bound.setting.circle[0] else model.without("circle-scale")
-    whole = BoundModel(model, union, pilot=campaign)
-    other = sorted(set(whole.names) ^ set(bound.names))
-    cure = "Fit with replace(campaign, foreseen=plan.tests), so that the model knows of them."
+    new_tests = [replace(test.with_reading_um(None), name="") for test in plan.tests]
+    union = replace(campaign, tests=(*campaign.plan().tests, *new_tests))
+    model = bound.model
+    if not bound.setting.circle[0]:
+        model = model.without("circle-scale")
+    union_bound = BoundModel(model, union, pilot=campaign)
+    unknown = ", ".join(sorted(set(union_bound.names) ^ set(bound.names)))
     require(
-        not other,
-        f"the plan must show only what the fit has, got planes or set-ups with {', '.join(other)}"
-        f" too. {cure}",
+        not unknown,
+        f"the plan must show only what the fit has, got planes or set-ups with {unknown} too. Fit"
+        " with replace(campaign, foreseen=plan.tests), so that the model knows of them.",
     )
     names = [test.name for test in union.tests]
-    run = len(campaign.tests)
-    measured = whole.keeping(names[:run])
+    measured = union_bound.keeping(names[: len(campaign.tests)])
     measured.reduced = bound.reduced
-    return measured, whole.keeping(names[run:])
+    return _MeasuredAndPlanned(measured, union_bound.keeping(names[len(campaign.tests) :]))
 
 
 def replicate_left_out(
     bound: BoundModel,
-    others: Nodes,
+    remaining: Nodes,
     name: str,
     size: int,
     rng: np.random.Generator,
     *,
-    each: int = 1,
+    circles_per_draw: int = 1,
 ) -> Array:
-    """Least-squares harmonics of circles that the others expect in the place of a test of
-    ``bound``, shape (size, 25) [mm]; so many of each posterior draw."""
+    """Draw circles that the other tests expect in the place of a test of ``bound``.
+
+    Parameters
+    ----------
+    bound : BoundModel
+        With the test.
+    remaining : Nodes
+        Of the posterior without it.
+    name : str
+        Of the test.
+    size : int
+        Number of circles.
+    rng : Generator
+    circles_per_draw : int
+        Circles of one posterior draw.
+
+    Returns
+    -------
+    array, shape (size, 25)
+        Their least-squares harmonics [mm].
+    """
     r = bound.test_names.index(name)
-    beta, phi = others.draw(-(-size // each), rng)
+    beta, phi = remaining.draw(-(-size // circles_per_draw), rng)
+    shared = draw_shared(remaining.bound, phi, beta, rng) @ shared_columns(bound)[r].T
     machine = beta @ bound.interest[r].T + bound.known_offset[r]
-    machine = machine + draw_shared(others.bound, phi, beta, rng) @ shared_columns(bound)[r].T
-    machine = np.repeat(machine, each, axis=0)[:size]
-    phi = np.repeat(phi, each, axis=0)[:size]
+    coefficients = np.repeat(machine + shared, circles_per_draw, axis=0)[:size]
+    phi = np.repeat(phi, circles_per_draw, axis=0)[:size]
     factor = bound.reduced[r].factor
-    noise = phi[:, [bound.hyper_prior.names.index("sigma")]] * rng.standard_normal(
-        (size, len(factor))
-    )
-    circle = (machine + draw_of_circle(bound, phi, r, rng)) @ factor.T + noise
+    sigma = phi[:, [bound.hyper_prior.names.index("sigma")]]
+    noise = sigma * rng.standard_normal((size, len(factor)))
+    circle = (coefficients + draw_of_circle(bound, phi, r, rng)) @ factor.T + noise
     return np.asarray(circle @ harmonics_of(bound, r).T)
 
 
@@ -137,58 +235,9 @@ def band_um(
     *,
     prob: float = 0.95,
 ) -> Array:
-    """Equal-tailed pointwise band of readings, white noise included: (2, angles) [µm] from (draws,
-    25) and (draws,)."""
+    """Return the equal-tailed pointwise band of readings, white noise included, (2, angles) [µm].
+
+    From coefficients (draws, 25) [mm] and the sd of white noise (draws,) [mm].
+    """
     readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
     return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3
-
-
-_PREDICTED = 4000
-
-
-@one_blas_thread
-def predict(
-    posterior: xr.DataTree, plan: Campaign, *, ci_prob: float = 0.95, seed: int = 1
-) -> pd.DataFrame:
-    """Predict the readings of new circles on the machine of a posterior, with its bar, balls, mount
-    and force device.
-
-    Machine and what circles share come from the posterior; set-up shift, discrepancy, scatter,
-    random force error and white noise are drawn anew. What the campaign says nothing of, such as
-    the bar's length at another radius, has its prior. Nuisances are integrated out: draws of them,
-    given each draw of the posterior, are not kept; `nuisances` gives their mean and sd.
-
-    InputError for another machine, or circles that show parameters which the fit does not have.
-
-    Parameters
-    ----------
-    posterior : from `sample`, `load` or `average`.
-    plan : the circles; any readings are ignored.
-    ci_prob : probability of the equal-tailed interval of a reading.
-
-    Returns
-    -------
-    One row per test and angle: test, force_N, angle_deg, mean_um, median_um, ci_low_um, ci_high_um.
-
-    Examples
-    --------
-    >>> table = lb.predict(posterior, lb.Plan((lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0)),)))
-    """
-    check_probability(ci_prob)
-    check_campaign(plan)
-    rng = np.random.default_rng(seed)
-    levels = [0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob]
-    parts = [new_circles(part, plan, rng) for part in model_draws_of(posterior, _PREDICTED)]
-    tables = []
-    for test, *drawn in zip(plan.tests, *parts, strict=True):
-        readings = np.concatenate(drawn) * 1e3
-        columns = np.vstack([readings.mean(axis=0), np.quantile(readings, levels, axis=0)])
-        numbers = dict(
-            zip(("mean_um", "median_um", "ci_low_um", "ci_high_um"), columns, strict=True)
-        )
-        tables.append(
-            pd.DataFrame(
-                {"test": test.name, "force_N": test.force_N, "angle_deg": test.angle_deg, **numbers}
-            )
-        )
-    return pd.concat(tables, ignore_index=True)

@@ -20,7 +20,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies
 from ldbb_bayes.analysis.value_of_certificates import uncertainty_with
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes, judge_parameters
-from ldbb_bayes.inference.checks import centre_shift, effects, predictive_checks
+from ldbb_bayes.inference.checks import centre_shift, check_predictions, effects_of_failures
 from ldbb_bayes.inference.coefficients import compliance_curves
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -64,9 +64,18 @@ def analysed(kind: str, seed: int) -> dict[str, float]:
         mean, sd = nodes.moments()
         beta, phi = nodes.draw(DRAWS, np.random.default_rng(seed))
         low, high = np.quantile(beta, LEVELS, axis=0)
-        checks = predictive_checks(bound, phi, beta, np.random.default_rng(seed))
+        checks = check_predictions(bound, phi, beta, np.random.default_rng(seed))
         fit = Fit(
-            0.0, {}, 0.0, 0.0, 0.0, 0.0, (), checks, {}, *effects(bound, phi.mean(axis=0), checks)
+            0.0,
+            {},
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            (),
+            checks,
+            {},
+            *effects_of_failures(bound, phi.mean(axis=0), checks),
         )
         row |= {
             f"{edition}/misfit": bool(fit.misfits),

@@ -342,7 +342,7 @@ def test_replicates_are_the_predictive_distribution() -> None:
     cold = HyperPosterior(found.bound, truncated=False).nodes(1e-2)
     assert found.evidence.log_value == pytest.approx(cold.evidence.log_value, abs=5e-3)
     rng = np.random.default_rng(1)
-    replicates = replicate_left_out(bound, found, name, 40_000, rng, each=4)
+    replicates = replicate_left_out(bound, found, name, 40_000, rng, circles_per_draw=4)
 
     oracle = oracle_of(campaign, 1)
     own = np.concatenate([np.full(t.angle.size, i == test) for i, t in enumerate(oracle.tests)])

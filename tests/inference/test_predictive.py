@@ -15,7 +15,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.inference.checks import (
     TestChecks,
     autocorrelation,
-    effects,
+    effects_of_failures,
 )
 from ldbb_bayes.inference.coefficients import (
     machine_coefficients,
@@ -138,7 +138,9 @@ def test_only_what_circles_do_not_share_beyond_the_orders_widens_intervals() -> 
             test.with_reading_um(np.asarray(test.reading_um) + wave) for test, wave in pairs
         )
         fails = {test.name: TestChecks({}, 1e-9, 0.9, 1e-9) for test in tests}
-        widening.append(effects(MODEL.bind(replace(campaign, tests=tests)), PHI[0], fails)[1])
+        widening.append(
+            effects_of_failures(MODEL.bind(replace(campaign, tests=tests)), PHI[0], fails)[1]
+        )
     growth = np.sqrt(np.diag(oracle.given(noisy)[2]) / np.diag(oracle.given(PHI[0])[2])).max() - 1.0
     assert widening == [pytest.approx(0.0, abs=0.1), pytest.approx(growth, rel=0.05)]
 
