@@ -23,7 +23,7 @@ from sphinx.pycode import ModuleAnalyzer
 
 import ldbb_bayes
 from ldbb_bayes.fleet import dataset
-from ldbb_bayes.reading import headers
+from ldbb_bayes.reading import words
 from ldbb_bayes.results import Result
 from ldbb_bayes.units import _ATOMS as atoms
 from ldbb_bayes.units import _UNITS as units_of_reading
@@ -189,7 +189,7 @@ def table(heads: str, rows: Mapping[str, Any]) -> str:
 def roles() -> str:
     """Words for what a column holds."""
     return table(
-        "Column | Words", {role: ", ".join(words) for role, words in headers.ROLES.items()}
+        "Column | Words", {role: ", ".join(synonyms) for role, synonyms in words.ROLES.items()}
     )
 
 
@@ -197,7 +197,7 @@ def units() -> str:
     """Units of what a column holds, in the names that the layout of tables uses."""
     return table(
         "Of | Units",
-        {role: ", ".join(f"`{unit}`" for unit in known) for role, known in headers.UNITS.items()},
+        {role: ", ".join(f"`{unit}`" for unit in known) for role, known in words.UNITS.items()},
     )
 
 

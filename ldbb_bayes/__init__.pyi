@@ -5,7 +5,6 @@ from .analysis.budgets import budgets as budgets
 from .analysis.calibration import Validation as Validation
 from .analysis.calibration import validate as validate
 from .analysis.circularity import circularity as circularity
-from .analysis.circularity import compare_record as compare_record
 from .analysis.circularity import contributions as contributions
 from .analysis.circularity import measured_circularity as measured_circularity
 from .analysis.comparison import Comparison as Comparison
@@ -32,10 +31,7 @@ from .campaign.campaign import ForceLaw as ForceLaw
 from .campaign.campaign import Instrument as Instrument
 from .campaign.campaign import MountCompensation as MountCompensation
 from .campaign.campaign import Plan as Plan
-from .campaign.certificates import BallbarFeature as BallbarFeature
-from .campaign.certificates import BallbarRecord as BallbarRecord
-from .campaign.certificates import read_b5r as read_b5r
-from .campaign.certificates import read_dcc as read_dcc
+from .campaign.dcc import read_dcc as read_dcc
 from .campaign.folder import embedded_campaign as embedded_campaign
 from .campaign.folder import read_campaign as read_campaign
 from .campaign.folder import write_campaign as write_campaign
@@ -91,12 +87,12 @@ from .model.terms import Term as Term
 from .model.terms import Uncertainties as Uncertainties
 from .model.terms import Unit as Unit
 from .model.terms import uncertainties as uncertainties
-from .reading.headers import Layout as Layout
-from .reading.headers import read_layout as read_layout
 from .reading.importing import Imported as Imported
 from .reading.importing import import_campaign as import_campaign
-from .reading.importing import mask_angles as mask_angles
-from .reading.importing import mask_reversals as mask_reversals
+from .reading.layout import Layout as Layout
+from .reading.layout import read_layout as read_layout
+from .reading.masks import mask_angles as mask_angles
+from .reading.masks import mask_reversals as mask_reversals
 from .report import figures as figures
 from .report.figures import save_figures as save_figures
 from .report.page import write_dcc as write_dcc

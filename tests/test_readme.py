@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import ldbb_bayes
 from ldbb_bayes.cli import app
-from ldbb_bayes.reading.headers import Layout, TestLayout
+from ldbb_bayes.reading.layout import Layout, TestLayout
 
 
 def pages(root: Path) -> list[Path]:

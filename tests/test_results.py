@@ -66,9 +66,6 @@ def shown() -> tuple[list[Any], list[pd.DataFrame]]:
     ]
     judged = lb.conformity(posterior, {"G": "30 µm", "C_XXX": "80 nm/N"})
     budgets = lb.budgets(posterior)
-    record = lb.BallbarRecord(
-        "<b>", *[""] * 8, "XY", 150.0, None, (lb.BallbarFeature("AF_CIRCULARITY", 9.0, "µm"),)
-    )
     angle = np.arange(8.0)
     verdict = next(iter(lb.verdicts(posterior).values()))
     return [
@@ -108,9 +105,7 @@ def shown() -> tuple[list[Any], list[pd.DataFrame]]:
         judged["G"],
         budgets["C_XXX"],
         MODEL.simulate(campaign, seed=1),
-        record,
-        record.features[0],
-        lb.Imported(campaign, lb.Layout(), (), (), (record,)),
+        lb.Imported(campaign, lb.Layout(), (), ()),
         lb.log_density(MODEL, campaign),
         Gaussian.of(np.zeros(2), np.eye(2)),
     ], [
@@ -129,7 +124,6 @@ def shown() -> tuple[list[Any], list[pd.DataFrame]]:
         population.machines_table(),
         lb.patterns(machine, circle, angle),
         lb.hybrid_jacobian(machine, circle, angle, 300.0, degree=1),
-        lb.compare_record(record, campaign),
     ]
 
 

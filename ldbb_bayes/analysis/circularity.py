@@ -18,7 +18,6 @@ import pandas as pd
 import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
-from ldbb_bayes.campaign.certificates import BallbarRecord
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.coefficients import draw_shared, shared_columns, shared_terms
 from ldbb_bayes.inference.posterior import bound_of, draws_of, model_draws_of
@@ -39,7 +38,6 @@ __all__ = [
     "TOGETHER",
     "Zone",
     "circularity",
-    "compare_record",
     "contribution_paths",
     "contributions",
     "first_circle",
@@ -165,69 +163,6 @@ def measured_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFram
     return by_test, readable(
         pd.DataFrame.from_dict(pairs, orient="index", columns=columns), "Both directions", units
     )
-
-
-_COUNTERPART = {"AF_CIRCULARITY": "G", "AF_SQUARENESS": "squareness"}
-
-
-def compare_record(record: BallbarRecord, campaign: Campaign) -> pd.DataFrame:
-    """What Renishaw's software found, beside the readings of a campaign as `measured_circularity`
-    has them.
-
-    InputError for a plan, or a record of another plane.
-
-    Returns
-    -------
-    One row per test in the record's plane, or pair of tests, and feature: feature, quantity,
-    force_N, radius_mm, unit, record, measured, difference (measured less record). Circularity is
-    beside G, of a pair beside G_b; squareness beside squareness, in the sign that each has. A
-    record is of an unloaded bar: they agree where force does little.
-    """
-    require(
-        not campaign.is_plan, "a record must be compared with readings, got a plan. Run the tests."
-    )
-    tests, pairs = measured_circularity(campaign)
-    planes = sorted(set(tests["plane"]))
-    cure = "Compare it with tests of its plane."
-    require(
-        record.plane in planes,
-        f"the record must be of plane {' or '.join(planes)}, got {record.plane or 'none'}. {cure}",
-    )
-    rows = []
-    index = list[str]()
-    own_plane = [table[table["plane"] == record.plane] for table in (tests, pairs)]
-    for test, row in [each for table in own_plane for each in table.iterrows()]:
-        for own in record.features:
-            quantity = _COUNTERPART.get(own.name, "")
-            quantity = (
-                quantity if quantity in row else "G_b" if quantity == "G" and not own.run else ""
-            )
-            if quantity and own.run in ("", row.get("direction") or own.run):
-                places = (row["force_N"], row.get("radius_mm", np.nan), own.unit)
-                rows.append(
-                    (
-                        f"{own.name} {own.run}".strip(),
-                        quantity,
-                        *places,
-                        own.value,
-                        row[quantity],
-                        row[quantity] - own.value,
-                    )
-                )
-                index.append(str(test))
-    columns = [
-        "feature",
-        "quantity",
-        "force_N",
-        "radius_mm",
-        "unit",
-        "record",
-        "measured",
-        "difference",
-    ]
-    at = f", R = {record.radius_mm:g} mm" if record.radius_mm else ""
-    caption = f"{record.file}, plane {record.plane}{at}, beside the readings"
-    return readable(pd.DataFrame(rows, index=index, columns=columns), caption)
 
 
 def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from ldbb_bayes.cli.questions import MACHINES
 from ldbb_bayes.cli.reporting import REPORT_OPTIONS
 from ldbb_bayes.cli.sources import ReportSource, SourceCampaign
 from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.reading.importing import matching
+from ldbb_bayes.reading.file_patterns import matching
 
 __all__ = [
     "FIELDS",

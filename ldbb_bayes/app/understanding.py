@@ -13,7 +13,7 @@ import numpy as np
 import ldbb_bayes as lb
 from ldbb_bayes.app.fields import FIELDS, FILES, read_files
 from ldbb_bayes.errors import InputError, plain_reason
-from ldbb_bayes.reading.headers import Assumption
+from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.text import two_digits
 

@@ -33,10 +33,10 @@ from ldbb_bayes.campaign.campaign import (
     Positive,
     TestFields,
 )
-from ldbb_bayes.campaign.certificates import read_dcc
+from ldbb_bayes.campaign.dcc import read_dcc
+from ldbb_bayes.campaign.text_table import columns_of, read_strict_table, strict_numbers
 from ldbb_bayes.errors import InputError, check_known, nearest, placed, require
 from ldbb_bayes.files import read_toml, staged_folder, validated
-from ldbb_bayes.reading.spreadsheet import columns_of, numbers_of, read_strict_table
 from ldbb_bayes.results import Array
 
 __all__ = [
@@ -351,7 +351,7 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
         name: (
             np.array(own, dtype=object)
             if name in _TEXTS
-            else numbers_of(str(path), name, lines, own, decimal, strict=True)
+            else strict_numbers(str(path), name, lines, own, decimal)
         )
         for name, own in columns.items()
     }

@@ -17,7 +17,7 @@ from ldbb_bayes.cli.options import REQUIRED, command, group, option
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.model.specification import Truths, is_truths, read_truths
-from ldbb_bayes.reading.headers import layout_to_toml
+from ldbb_bayes.reading.layout import layout_to_toml
 from ldbb_bayes.report.text import parts_of
 
 __all__ = ["check", "import_", "simulate"]

@@ -21,7 +21,8 @@ from ldbb_bayes.files import staged_folder
 from ldbb_bayes.inference.evidence import Evidences
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
 from ldbb_bayes.parallel import ahead, second_process
-from ldbb_bayes.reading.headers import Assumption, layout_to_toml
+from ldbb_bayes.reading.assumptions import Assumption
+from ldbb_bayes.reading.layout import layout_to_toml
 from ldbb_bayes.report import text, wording
 from ldbb_bayes.report.page import REPORT_FILES, Document
 

@@ -16,7 +16,6 @@ from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.analysis.machine_description import DescribedMachine, VisibleParameter
 from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.certificates import BallbarRecord
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.inference.density import LogDensity
 from ldbb_bayes.inference.fit import Fit
@@ -31,9 +30,7 @@ from ldbb_bayes.results import (
     Passage,
     Shown,
     Table,
-    entries_of,
     parts_of,
-    table_of,
 )
 from ldbb_bayes.units import (
     display_name,
@@ -112,28 +109,7 @@ def _(result: Imported) -> tuple[Passage, ...]:
         f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed"
         " (change it with the option named):"
     )
-    beside: list[Passage] = []
-    for own in result.records:
-        from ldbb_bayes.analysis.circularity import (
-            compare_record,
-        )  # what shows no record starts without it
-
-        alike = own.plane in campaign.machine().planes
-        beside += [table_of(compare_record(own, campaign))] if alike else parts_of(own)
-    return (head, tuple(map(wording.assumption_words, result.assumptions)), *beside)
-
-
-@parts_of.register
-def _(record: BallbarRecord) -> tuple[Passage, ...]:
-    header = [
-        (name.replace("_", " "), str(own))
-        for name, own in entries_of(record).items()
-        if own and name != "features"
-    ]
-    rows = [(own.name, own.value, own.unit, own.run, own.analysis) for own in record.features]
-    heads = ("feature", "value", "unit", "run", "analysis")
-    head = Table.of("Ball-bar record", ("of the test", "as it says"), header, text=("as it says",))
-    return (head, Table.of("Features", heads, rows, text=heads[2:]))
+    return (head, tuple(map(wording.assumption_words, result.assumptions)))
 
 
 @parts_of.register

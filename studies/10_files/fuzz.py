@@ -32,7 +32,7 @@ from ldbb_bayes.analysis.design import read_design
 from ldbb_bayes.cli import app
 from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.model.specification import model_to_toml, read_model, read_truths
-from ldbb_bayes.reading.headers import layout_to_toml
+from ldbb_bayes.reading.layout import layout_to_toml
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))

@@ -18,7 +18,7 @@ from reports import NOT_COMPARED, undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import app, questions, reporting
-from ldbb_bayes.reading.importing import matching
+from ldbb_bayes.reading.file_patterns import matching
 
 FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 HEAD = (

@@ -8,21 +8,15 @@ import math
 import pytest
 from campaigns import cases
 
-from ldbb_bayes.reading.headers import (
-    directions_said,
-    load_in_name,
-    load_is_ambiguous,
-    plane_in_name,
-    radius_in_name,
-    said_above,
-    unit_of,
-)
+from ldbb_bayes.reading.columns import unit_of
+from ldbb_bayes.reading.lines_above import directions_stated, statements_in
+from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, plane_in_name, radius_in_name
 
 CASES: dict[str, list[list[str]]] = cases(__file__, "headers.toml")
 
 
 def said(line: str) -> dict[str, float]:
-    return {key: own[0].value for key, own in said_above([(1, line)]).items()}
+    return {key: own[0].value for key, own in statements_in([(1, line)]).items()}
 
 
 @pytest.mark.parametrize(("header", "name", "unit"), CASES["units"])
@@ -72,5 +66,6 @@ def test_radius_and_plane_in_a_name(name: str, radius: str, plane: str, number: 
 @pytest.mark.parametrize(("line", "names", "found"), CASES["directions"])
 def test_direction(line: str, names: str, found: str) -> None:
     assert (
-        sorted(directions_said([(1, line)], names.split(", "))) == found.replace("none", "").split()
+        sorted(directions_stated([(1, line)], names.split(", ")))
+        == found.replace("none", "").split()
     )

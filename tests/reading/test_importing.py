@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 from openpyxl import Workbook
 
 import ldbb_bayes as lb
-from ldbb_bayes.reading.headers import layout_to_toml
-from ldbb_bayes.reading.importing import angles_from_time, average_laps, on_the_circle
-from ldbb_bayes.reading.spreadsheet import decimal_mark, numbers_of, read_sheets, seconds_of
+from ldbb_bayes.reading.laps import angles_from_time, average_laps, on_the_circle
+from ldbb_bayes.reading.layout import layout_to_toml
+from ldbb_bayes.reading.numerals import decimal_mark, numbers_of, seconds_of
+from ldbb_bayes.reading.spreadsheet import read_sheets
 
 CASES = cases(__file__, "importing.toml")
 

@@ -1,0 +1,188 @@
+"""Digital calibration certificates (DCC, schema 2 and 3) read from XML.
+
+The file comes from elsewhere and is not trusted: document types, and with them entities, are
+refused.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+from xml.etree import ElementTree
+
+from ldbb_bayes.campaign.certificates import CalibrationCertificate, CertifiedQuantity
+from ldbb_bayes.errors import InputError, placed, require
+from ldbb_bayes.files import bytes_of, xml_of
+
+__all__ = ["read_dcc"]
+
+_DCC = "{https://ptb.de/dcc}"
+_SI = "{https://ptb.de/si}"
+_LARGEST_BYTES = 32 * 2**20
+# Characters of a tag that a message shows.
+_TAG_SHOWN = 80
+# Elements whose numbers are no results.
+_NO_RESULTS = (
+    "usedMethods",
+    "usedSoftware",
+    "measuringEquipments",
+    "influenceConditions",
+    "measurementMetaData",
+)
+# Elements that hold one number or a list of them.
+_NUMBER_ELEMENTS = ("real", "realListXMLList", "hybrid/*")
+# Elements of an expanded uncertainty, and of the number in them, of D-SI 2 and 1.
+_EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
+# Likewise of a standard uncertainty.
+_STANDARD_UNCERTAINTIES = {
+    "standardMU": "valueStandardMU",
+    "coverageIntervalMU": "valueStandardMU",
+    "coverageInterval": "standardUnc",
+}
+_T = TypeVar("_T")
+
+
+def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
+    """Return the numbers among the results of a digital calibration certificate.
+
+    Parameters
+    ----------
+    path
+        An XML file.
+
+    Returns
+    -------
+    The certificate; its method `fields` gives what it states of an instrument.
+
+    Raises
+    ------
+    InputError
+        For what is no DCC; the message names the file.
+    """
+    path = Path(path)
+    raw = bytes_of(path, _LARGEST_BYTES, what="a digital calibration certificate (XML)")
+    with placed(path):
+        root = xml_of(raw, "the DCC itself, an .xml file")
+        require(
+            root.tag == f"{_DCC}digitalCalibrationCertificate",
+            "the file must be a digital calibration certificate (namespace https://ptb.de/dcc), got"
+            f" the root element {root.tag[:_TAG_SHOWN]!r}. Give the DCC of the laboratory, not its"
+            " PDF or another XML.",
+        )
+        identifier = root.findtext(
+            f"{_DCC}administrativeData/{_DCC}coreData/{_DCC}uniqueIdentifier"
+        )
+        results = root.find(f"{_DCC}measurementResults")
+        quantities: tuple[CertifiedQuantity, ...] = ()
+        if results is not None:
+            quantities = tuple(_quantities_in(results, ()))
+        identifier = " ".join((identifier or "of no identifier").split())
+        return CalibrationCertificate(path, identifier, quantities)
+
+
+def _quantities_in(
+    holder: ElementTree.Element, holders: tuple[str, ...]
+) -> Iterator[CertifiedQuantity]:
+    """Yield all quantities in an element, with the names of what holds them."""
+    for element in holder:
+        name = _name_of(element)
+        ref_type = element.get("refType", "")
+        if element.tag == f"{_DCC}quantity":
+            for path in _NUMBER_ELEMENTS:
+                for number_element in element.iterfind(_SI + path):
+                    yield from _quantities_of(number_element, name, ref_type, holders)
+        elif element.tag.removeprefix(_DCC) not in _NO_RESULTS:
+            names = [text for text in (name, ref_type) if text]
+            yield from _quantities_in(element, (*holders, *names))
+
+
+def _name_of(element: ElementTree.Element) -> str:
+    """Return the name of an element, in all its languages, each wording once."""
+    wordings = []
+    for content in element.iterfind(f"{_DCC}name/{_DCC}content"):
+        wording = " ".join((content.text or "").split())
+        if wording and wording not in wordings:
+            wordings.append(wording)
+    return " / ".join(wordings)
+
+
+@dataclass
+class _Uncertainty:
+    """Uncertainties of one number or of a list, with coverage factors and probabilities."""
+
+    U: list[float] = field(default_factory=list)
+    k: list[float] = field(default_factory=list)
+    coverage: list[float] = field(default_factory=list)
+
+
+def _quantities_of(
+    element: ElementTree.Element, name: str, ref_type: str, holders: tuple[str, ...]
+) -> Iterator[CertifiedQuantity]:
+    """Yield the finite numbers of si:real or si:realListXMLList; a list of one holds for all."""
+    units = _words(element, "unit")
+    uncertainty = _uncertainty_of(element, name)
+    values = _numbers(element, "value", name)
+    for k, value in enumerate(values[: _shortest_list(units, uncertainty)]):
+        if math.isfinite(value):
+            yield CertifiedQuantity(
+                name=name,
+                ref_type=ref_type,
+                holders=holders,
+                value=value,
+                unit=_entry(units, k),
+                U=_entry(uncertainty.U, k),
+                k=_entry(uncertainty.k, k),
+                coverage=_entry(uncertainty.coverage, k),
+            )
+
+
+def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
+    """Return the uncertainty that is stated last; a standard uncertainty has k = 1."""
+    uncertainty = _Uncertainty()
+    for inner in element.iter():
+        tag = inner.tag.removeprefix(_SI).removesuffix("XMLList")
+        if tag in _EXPANDED_UNCERTAINTIES:
+            uncertainty = _Uncertainty(
+                _numbers(inner, _EXPANDED_UNCERTAINTIES[tag], name),
+                _numbers(inner, "coverageFactor", name),
+                _numbers(inner, "coverageProbability", name),
+            )
+        elif tag in _STANDARD_UNCERTAINTIES:
+            uncertainty = _Uncertainty(_numbers(inner, _STANDARD_UNCERTAINTIES[tag], name), [1.0])
+    return uncertainty
+
+
+def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | None:
+    """Return the length of the shortest list of several entries; None where there is none."""
+    lengths = [len(units), len(uncertainty.U), len(uncertainty.k), len(uncertainty.coverage)]
+    lengths = [length for length in lengths if length > 1]
+    return min(lengths) if lengths else None
+
+
+def _entry(entries: Sequence[_T], k: int) -> _T | None:
+    """Return entry k of a list; the one entry of a list of one; None of an empty list."""
+    if not entries:
+        return None
+    if len(entries) == 1:
+        return entries[0]
+    return entries[k]
+
+
+def _words(element: ElementTree.Element, tag: str) -> list[str]:
+    """Return the words of an element or of its list."""
+    text = element.findtext(_SI + tag) or element.findtext(f"{_SI}{tag}XMLList") or ""
+    return text.split()
+
+
+def _numbers(element: ElementTree.Element, tag: str, name: str) -> list[float]:
+    words = _words(element, tag)
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        raise InputError(
+            f"{name}: {tag} must be numbers, got {words[0]!r}. Use a decimal point."
+        ) from None

@@ -1,0 +1,74 @@
+r"""Units of the D-SI, as digital calibration certificates write them: ``\newton\bar\tothe{-1}``."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+__all__ = ["DCC_WORDS", "UnitSize", "parse_unit"]
+
+# Prefixes, units and words of certificates.
+DCC_WORDS: Mapping[str, Any] = tomllib.loads(
+    (Path(__file__).parent / "dcc.toml").read_text(encoding="utf-8")
+)
+_PREFIXES: Mapping[str, float] = DCC_WORDS["prefixes"]
+_UNITS: Mapping[str, tuple[float, str]] = DCC_WORDS["units"]
+_WHOLE_UNIT = re.compile(r"(\\[a-zA-Z]+(\{[-+]?\d\})?)+")
+_FACTOR = re.compile(r"\\([a-zA-Z]+)(?:\\tothe\{([-+]?\d)\})?")
+
+
+class UnitSize(NamedTuple):
+    """Size and dimension of a unit."""
+
+    factor: float  #: in SI units, with bar for pressure
+    dimension: str  #: m, N, N/bar, …; empty for a number
+
+
+def parse_unit(unit: str | None) -> UnitSize | None:
+    r"""Return size and dimension of a D-SI unit; None for what is not known.
+
+    Parameters
+    ----------
+    unit
+        A unit such as ``\micro\metre`` or ``\newton\per\bar``.
+    """
+    if unit is None or _WHOLE_UNIT.fullmatch(unit) is None:
+        return None
+    factor = 1.0
+    powers = Counter[str]()
+    prefix = 1.0
+    sign = 1
+    for name, power in _FACTOR.findall(unit):
+        if name in _UNITS:
+            size, dimension = _UNITS[name]
+            exponent = sign * int(power or 1)
+            factor *= (prefix * size) ** exponent
+            powers[dimension] += exponent
+            prefix = 1.0
+            sign = 1
+        elif name in _PREFIXES:
+            prefix = _PREFIXES[name]
+        elif name == "per":
+            sign = -1
+        else:
+            return None
+    return UnitSize(factor, _dimension_text(powers))
+
+
+def _dimension_text(powers: Mapping[str, int]) -> str:
+    """Return a dimension as text, numerators first: N/bar."""
+    numerators = ""
+    denominators = ""
+    for dimension, power in powers.items():
+        if not dimension or not power:
+            continue
+        exponent = "" if abs(power) == 1 else str(abs(power))
+        if power > 0:
+            numerators += f"{dimension}{exponent}"
+        else:
+            denominators += f"/{dimension}{exponent}"
+    return numerators + denominators

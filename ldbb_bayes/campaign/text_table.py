@@ -1,0 +1,193 @@
+"""Tables as text: bytes into text, text into rows of cells, cells into columns of numbers.
+
+The tables of a campaign folder are read strictly, by `read_strict_table` and `strict_numbers`.
+Files as they are found use the same steps, with encoding, separator and decimal mark found out
+first.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.files import LARGEST_TABLE_BYTES, bytes_of
+from ldbb_bayes.results import Array
+
+__all__ = [
+    "ARCHIVE_SIGNATURE",
+    "BYTE_ORDER_MARKS",
+    "COMPOUND_SIGNATURE",
+    "LARGEST_TABLE",
+    "LONGEST_CELL_SHOWN",
+    "Row",
+    "columns_of",
+    "decode_text",
+    "number_error",
+    "read_strict_table",
+    "rows_of_text",
+    "strict_numbers",
+    "table_bytes",
+]
+
+# Cells of a table at most.
+LARGEST_TABLE = 4_000_000
+# Characters of a line at most.
+_LONGEST_LINE = 100_000
+# Characters of a cell that a message shows.
+LONGEST_CELL_SHOWN = 60
+# How the encodings with a byte-order mark begin.
+BYTE_ORDER_MARKS = {
+    "utf-8": b"\xef\xbb\xbf",
+    "utf-16-le": b"\xff\xfe",
+    "utf-16-be": b"\xfe\xff",
+}
+# How a zip archive begins (XLSX, ODS).
+ARCHIVE_SIGNATURE = b"PK\x03\x04"
+# How a compound file begins (XLS, or a workbook with a password).
+COMPOUND_SIGNATURE = b"\xd0\xcf\x11\xe0"
+# End of file in old text files.
+_CONTROL_Z = b"\x1a"
+
+
+class Row(NamedTuple):
+    """One line of a table."""
+
+    line: int  #: as the file counts it, from 1
+    cells: list[str]
+
+
+def read_strict_table(path: Path) -> tuple[list[Row], str]:
+    """Return the rows of a table in UTF-8 whose first line is its header, and its separator.
+
+    The separator is a comma, a semicolon or a tab.
+    """
+    text = decode_text(path, table_bytes(path), "utf-8")
+    header = text.partition("\n")[0]
+    separator = max(",;\t", key=header.count)
+    return rows_of_text(path, text, separator), separator
+
+
+def table_bytes(path: Path) -> bytes:
+    """Return the bytes of a file that is not empty."""
+    raw = bytes_of(path, LARGEST_TABLE_BYTES, what="a file")
+    require(
+        raw.strip(b" \t\r\n\0"),
+        f"{path} must hold a table, got an empty file. Leave it out or export it again.",
+    )
+    return raw
+
+
+def decode_text(path: Path, raw: bytes, encoding: str) -> str:
+    r"""Return the text of a file, with ``\n`` at the ends of lines.
+
+    Raises
+    ------
+    InputError
+        For a workbook, for bytes that the encoding does not have, and for control characters.
+    """
+    require(
+        not raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE)),
+        f"{path} must be a text file, got a workbook. Import it: ldbb-bayes import {path} --out"
+        " FOLDER.",
+    )
+    for mark in BYTE_ORDER_MARKS.values():
+        if raw.startswith(mark):
+            raw = raw[len(mark) :]
+            break
+    remedy = "Save it as 'CSV UTF-8', or import it with --encoding."
+    try:
+        text = raw.rstrip(_CONTROL_Z).decode(encoding)
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise InputError(
+            f"{path}, line {line}: text must be {encoding}, got other bytes. {remedy}"
+        ) from None
+    control_character = re.search(r"[^ -\U0010ffff\t\r\n\f]", text)
+    if control_character is not None:
+        line = text.count("\n", 0, control_character.start()) + 1
+        raise InputError(f"{path}, line {line}: a table must be text, got binary data. {remedy}")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def rows_of_text(path: Path, text: str, separator: str) -> list[Row]:
+    """Return the lines of a text that are not empty, each with its cells."""
+    if text.count("\n") + text.count(separator) > LARGEST_TABLE:
+        raise InputError(f"{path} must hold at most {LARGEST_TABLE} cells, got more. Split it.")
+    rows = []
+    for line, content in enumerate(text.split("\n"), start=1):
+        if len(content) > _LONGEST_LINE:
+            raise InputError(
+                f"{path}, line {line}: a line must hold at most {_LONGEST_LINE} signs, got"
+                f" {len(content)}. Export it again."
+            )
+        if content.strip():
+            rows.append(Row(line, _split_line(path, line, content, separator)))
+    return rows
+
+
+def _split_line(path: Path, line: int, content: str, separator: str) -> list[str]:
+    """Return cells without the blanks around them; quotes close on the line they open on."""
+    if separator == " ":
+        return content.split()
+    if '"' not in content:
+        return [cell.strip() for cell in content.split(separator)]
+    try:
+        cells = next(csv.reader(io.StringIO(content), delimiter=separator, strict=True))
+    except (csv.Error, StopIteration):
+        raise InputError(
+            f"{path}, line {line}: quotes must be closed in their cell, got"
+            f" {content[:LONGEST_CELL_SHOWN]!r}. Correct the line."
+        ) from None
+    return [cell.strip() for cell in cells]
+
+
+def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:
+    """Return lines and columns of rows that are equally wide."""
+    for row in rows:
+        if len(row.cells) < width or any(row.cells[width:]):
+            raise InputError(
+                f"{place}, line {row.line}: rows must have {width} cells, got {len(row.cells)}."
+                " Complete or remove the line; with decimal commas separate the cells by"
+                " semicolons."
+            )
+    lines = [row.line for row in rows]
+    cells = (row.cells[:width] for row in rows)
+    columns = [list(column) for column in zip(*cells, strict=True)]
+    return lines, columns
+
+
+def strict_numbers(
+    place: str, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str
+) -> Array:
+    """Return one column of finite numbers that have no marks between thousands, shape (n,)."""
+    values = np.full(len(cells), np.nan)
+    for k, cell in enumerate(cells):
+        with suppress(ValueError):
+            values[k] = float(cell.replace(decimal, "."))
+    not_finite = np.flatnonzero(~np.isfinite(values))
+    if not_finite.size:
+        first = not_finite[0]
+        raise number_error(place, lines[first], name, cells[first])
+    return values
+
+
+def number_error(
+    place: str, line: int, name: str, cell: str, remedy: str = "Correct or remove the line."
+) -> InputError:
+    """Return the error of a cell that is no finite number."""
+    content = "nothing"
+    if cell:
+        content = repr(cell[:LONGEST_CELL_SHOWN])
+    if re.match(r"\d{4}-\d\d-\d\d", cell):
+        remedy = "A spreadsheet took a number for a date: format the column as number."
+    return InputError(
+        f"{place}, line {line}: {name} must be a finite number, got {content}. {remedy}"
+    )

@@ -1,0 +1,291 @@
+"""Fields of the campaign that its files state, and what is assumed where they state nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.campaign.campaign import LABELS, CircularTest, ForceLaw, MountCompensation
+from ldbb_bayes.campaign.preview import resolution_of
+from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.machine.chain import PLANES
+from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.names import plane_in_name
+from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
+
+__all__ = ["find_resolution", "note_assumed_fields", "take_stated_fields"]
+
+# Fields that lines above a table may state, and the options that state them otherwise.
+_OPTIONS = {
+    "plane": "--plane",
+    "resolution_um": "--resolution-um",
+    "mount": "--raw, --mount-um-per-bar",
+    "feed_mm_per_min": "--feed-mm-per-min",
+    **{key: option_for(key) for key in LABELS},
+}
+# Fields of which each test may have a value of its own.
+_FIELDS_OF_EACH = ("plane", "date")
+# Fields of which all values are named: people, places and instruments.
+_NAMES = ("operator", "place", "ball_bar", "force_device")
+# Fields of which several values do not contradict each other.
+_MAY_DIFFER = (*_NAMES, "ball_bar_calibrated", "feed_mm_per_min")
+# Decimal places to which stated numbers are compared.
+_COMPARED_PLACES = 9
+# The smallest and the largest step that a readout may have [µm].
+_SMALLEST_STEP_UM = 0.001
+_LARGEST_STEP_UM = 5.0
+# The largest step of a readout as a share of the span of its readings.
+_LARGEST_STEP_SHARE = 0.1
+# Share by which a force may differ from what the force law makes of its pressure.
+_OFF_FORCE_LAW = 0.05
+# What is assumed of the machine where nothing states it, and the option that does.
+_ASSUMED = {
+    "topology": ("wCAFYXZSt", "--topology"),
+    "plane": ("XY", "--plane"),
+    "radius_mm": ("150 mm", "--radius-mm"),
+    "resolution_um": ("0.24 µm", "--resolution-um"),
+    "mount": ("readings compensated for its deflection", "--raw"),
+}
+# Characters of a list that a message shows.
+_LIST_SHOWN = 200
+
+
+class _StatedValue(NamedTuple):
+    """A value of a field, and where it is stated."""
+
+    value: Any
+    source: str  # inside the file of the test
+    place: str  # with the file
+
+
+def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
+    """Fill the campaign's fields that nobody gave from lines above tables and from names.
+
+    Plane and temperature go to each test, the other fields to the campaign.
+
+    Parameters
+    ----------
+    campaign
+        Fields of the campaign that options state; stated fields are added.
+    recordings
+        The tests; planes and temperatures are added to their fields.
+    """
+    for key, option in _OPTIONS.items():
+        places: dict[Any, str] = {}
+        for recording in recordings:
+            values = _stated_values(recording, key)
+            certain = _certain_value(recording, key)
+            if certain is not None:
+                _note_contradictions(recording, key, certain, values)
+                continue
+            places_of_test = {value: stated.place for value, stated in values.items()}
+            places |= places_of_test
+            compared = places_of_test if key in _FIELDS_OF_EACH else places
+            _check_stated(recording, key, compared)
+            for value, stated in values.items():
+                shown = value
+                if key in UNITS_SHOWN:
+                    shown = f"{value:g} {UNITS_SHOWN[key]}"
+                recording.note(key, shown, stated.source, option)
+                if key == "plane":
+                    recording.fields[key] = value
+        if key == "plane" and not _is_common_plane(recordings, places):
+            continue
+        if places:
+            _take_field(campaign, key, list(places))
+    machine_id = campaign.get("serial_number") or campaign.get("machine_type")
+    campaign.setdefault("machine_id", machine_id)
+    for recording in recordings:
+        _take_temperature(recording)
+
+
+def _stated_values(recording: Recording, key: str) -> dict[Any, _StatedValue]:
+    """Return what the lines above a table state of a field, and of the plane its name, by value."""
+    values: dict[Any, _StatedValue] = {}
+    if key == "plane":
+        plane = plane_in_name(recording.names())
+        if plane is not None:
+            values[plane] = _StatedValue(plane, "its name", "its name")
+    for statement in recording.statements.get(key, ()):
+        value = statement.value
+        if not isinstance(value, str):
+            if math.isnan(value):
+                continue
+            value = round(value, _COMPARED_PLACES)
+        source = f"line {statement.line}"
+        place = source
+        if " of " not in source:
+            place = f"{source} of {recording.sheet.place}"
+        values[value] = _StatedValue(value, source, place)
+    return values
+
+
+def _certain_value(recording: Recording, key: str) -> Any:
+    """Return what a user or a column states of a field; None where neither does."""
+    value = recording.stated.get(key) or recording.fields.get(key) or recording.stated_value(key)
+    if isinstance(value, MountCompensation):
+        return "compensated" if value.compensated else "raw"
+    return value
+
+
+def _note_contradictions(
+    recording: Recording, key: str, certain: Any, values: Mapping[Any, _StatedValue]
+) -> None:
+    """Note values other than the certain one; raw readings are never taken as compensated."""
+    others = {value: stated for value, stated in values.items() if value != certain}
+    if "raw" in others:
+        raise InputError(
+            f"{recording.place}: {key} must be said once, got {certain} as given and raw in"
+            f" {others['raw'].place}. Correct the line, or give --raw."
+        )
+    for value, stated in others.items():
+        reason = f"{stated.source} says {value}"
+        recording.note(key, f"{certain}, as given", reason, _OPTIONS[key])
+
+
+def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:
+    """Refuse several values where there is one, and planes that do not exist."""
+    listed = " and ".join(f"{value} in {place}" for value, place in places.items())
+    remedy = f"Correct the lines, or give {_OPTIONS[key]}."
+    require(
+        len(places) <= 1 or key in _MAY_DIFFER,
+        f"{recording.place}: {key} must be said once, got {listed}. {remedy}",
+    )
+    require(
+        key != "plane" or places.keys() <= PLANES.keys(),
+        f"{recording.place}: {key} must be one of {', '.join(PLANES)}, got {listed}. {remedy}",
+    )
+
+
+def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str]) -> bool:
+    """Return whether all tests have the one plane that is stated."""
+    planes = {recording.fields.get("plane") for recording in recordings}
+    return len(places) == 1 and planes == set(places)
+
+
+def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> None:
+    """Set a field of the campaign from its stated values.
+
+    People, places and instruments are all named; of calibrations the last counts, of other dates
+    the first. Feeds that differ are not of the campaign.
+    """
+    if key == "mount":
+        campaign[key] = MountCompensation(compensated=list(values) == ["compensated"])
+    elif key in _NAMES:
+        campaign[key] = ", ".join(values)
+    elif key == "ball_bar_calibrated":
+        campaign[key] = max(values)
+    elif key != "feed_mm_per_min" or len(values) == 1:
+        campaign[key] = min(values)
+
+
+def _take_temperature(recording: Recording) -> None:
+    """Set the temperature of a test from the first line that states one."""
+    statements = recording.statements.get("temperature_C", ())
+    if not statements or "temperature_C" in recording.stated:
+        return
+    if recording.fields.get("temperature_C") is not None:
+        return
+    temperature = statements[0]
+    recording.fields["temperature_C"] = temperature.value
+    recording.note(
+        "temperature_C",
+        f"{temperature.value:g} °C",
+        f"line {temperature.line}",
+        "a [[test]] in --layout",
+    )
+
+
+def find_resolution(
+    campaign: dict[str, Any], tests: Sequence[CircularTest], log: AssumptionLog
+) -> None:
+    """Set the resolution to the smallest step of the readings, where a readout may have it.
+
+    Parameters
+    ----------
+    campaign
+        Fields of the campaign; nothing is done where they hold a resolution.
+    tests
+        All tests; each has to have a likely step.
+    log
+        Notes the resolution.
+    """
+    if "resolution_um" in campaign:
+        return
+    steps = []
+    for test in tests:
+        step = resolution_of(test.reading_um)
+        largest = min(_LARGEST_STEP_UM, _LARGEST_STEP_SHARE * float(np.ptp(test.reading_um)))
+        if not step or not _SMALLEST_STEP_UM <= step <= largest:
+            return
+        steps.append(step)
+    if not steps:
+        return
+    resolution = float(f"{min(steps):.3g}")
+    campaign["resolution_um"] = resolution
+    reason = "the smallest step of the readings"
+    log.add("", "resolution_um", f"{resolution:g} µm", reason, "--resolution-um")
+
+
+def note_assumed_fields(
+    campaign: Mapping[str, Any],
+    tests: Sequence[CircularTest],
+    log: AssumptionLog,
+    unclear: Mapping[str, str],
+) -> tuple[str, ...]:
+    """Note what the model needs of the machine and nothing states.
+
+    Parameters
+    ----------
+    campaign
+        Fields of the campaign that are stated.
+    tests
+        All tests.
+    log
+        Notes what is assumed.
+    unclear
+        By field, why a line that speaks of it was not understood.
+
+    Returns
+    -------
+    The fields for which the usual value is taken.
+    """
+    reasons = dict(unclear)
+    assumed = []
+    for key, (value, option) in _ASSUMED.items():
+        if key in campaign:
+            continue
+        if key in ("radius_mm", "plane") and all(getattr(test, key) for test in tests):
+            continue
+        log.add("", key, value, reasons.pop(key, "nothing says otherwise"), option)
+        assumed.append(key)
+    for key, reason in reasons.items():
+        log.add("", key, "not taken from there", reason, option_for(key))
+    if "force_law" not in campaign:
+        _note_force_law(tests, log)
+    return tuple(assumed)
+
+
+def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
+    """Note forces that differ from the usual force law, and forces that follow from it."""
+    law = ForceLaw()
+    options = "--force-slope, --force-offset"
+    stated = []
+    by_law = []
+    for test in tests:
+        if test.force_N is None or test.pressure_bar is None:
+            continue
+        force_by_law = law.force_N(test.pressure_bar)
+        if abs(force_by_law - test.force_N) > _OFF_FORCE_LAW * abs(test.force_N):
+            stated.append(f"{test.force_N:g} N at {test.pressure_bar:g} bar")
+            by_law.append(f"{force_by_law:.4g} N")
+    if stated:
+        forces = ", ".join(stated)[:_LIST_SHOWN]
+        reason = f"of the pressures the force law makes {', '.join(by_law)[:_LIST_SHOWN]}"
+        log.add("", "force", forces, reason, options)
+    if any(test.force_N is None for test in tests):
+        words = f"{law.slope_N_per_bar:g} N/bar × pressure − {-law.offset_N:g} N"
+        log.add("", "force", words, "pressure alone is given", options)

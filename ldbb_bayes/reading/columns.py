@@ -1,0 +1,289 @@
+"""Which column of a table is what: names and units of headers, and the roles that they play."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from ldbb_bayes.campaign.campaign import PER_TEST
+from ldbb_bayes.errors import InputError, nearest, require
+from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.names import load_in_name
+from ldbb_bayes.reading.numerals import is_missing, looks_like_number
+from ldbb_bayes.reading.words import (
+    LONGEST_NAME,
+    OTHER_QUANTITY,
+    ROLES,
+    comparable,
+    unit_named,
+)
+
+__all__ = [
+    "BRACKET",
+    "RULE",
+    "ColumnRoles",
+    "Header",
+    "count_numbers",
+    "find_columns",
+    "has_role",
+    "names_any_role",
+    "names_columns",
+    "unit_of",
+]
+
+# Beside the word for a test in the header of the column that names it.
+_NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
+# Words of at most this many letters have to stand alone: "t", "dir".
+_SHORT_WORD = 3
+BRACKET = re.compile(r"[\[({<]")
+_INSIDE_BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
+# A range before a unit of angle: 0-360°.
+_RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
+# What scales the unit behind it: 10-3 mm, x 10 µm, 0.1 µm.
+_FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
+# One or two digits number the column; ten scales.
+_COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
+_UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
+_UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
+# A cell that underlines a header.
+RULE = re.compile(r"[-=+_|: ]*")
+
+
+class Header(NamedTuple):
+    """What a header names."""
+
+    name: str
+    unit: str  #: ours; what is no unit stands as it is; empty where none is named
+
+
+def unit_of(header: str) -> Header:
+    """Return a header's name and unit: ``Angle [°]`` → ("Angle", "deg").
+
+    What stands in brackets or after "in" and is no unit comes back as it is, to be refused where
+    the column is used.
+    """
+    header = header.strip().lstrip("#").strip()
+    if len(header) > LONGEST_NAME:
+        return Header(header, "")
+    name = BRACKET.split(header)[0].strip(" _")
+    bracketed = [_RANGE.sub("", text) for text in _INSIDE_BRACKETS.findall(header)]
+    if name and bracketed:
+        after_brackets = re.split(r"[\])}>]", header)[-1]
+        is_scaled = re.search(r"\d", after_brackets) is not None
+        is_after_in = _UNIT_AFTER_IN.fullmatch(header) is not None
+        return Header(name, _stated_unit(name, bracketed, is_scaled and not is_after_in))
+    after_in = _UNIT_AFTER_IN.fullmatch(header)
+    if after_in:
+        name = after_in[1].strip(" _")
+        bracketed = [after_in[2].strip()]
+    if name and bracketed:
+        return Header(name, _stated_unit(name, bracketed, is_scaled=False))
+    return _unit_at_end(header)
+
+
+def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
+    """Return the unit that texts in brackets or after "in" name, or the texts."""
+    is_german_angle = comparable(name).startswith("winkel")
+    if is_german_angle and len(texts) == 1 and comparable(texts[0]) == "grad":
+        return "deg"  # elsewhere a grad is a gon
+    units = {unit_named(text) for text in texts} - {""}
+    if len(units) == 1 and not is_scaled:
+        return units.pop()
+    stated = " and ".join(texts)
+    if is_scaled:
+        return f"{stated} …"
+    return stated
+
+
+def _unit_at_end(header: str) -> Header:
+    """Return name and unit of a header such as ``reading_um`` or ``Reading, µm``."""
+    match = _UNIT_AT_END.fullmatch(header)
+    if not match:
+        return Header(header, "")
+    name = match[1].strip(" _")
+    unit = unit_named(match[2])
+    if not unit:
+        return Header(header, "")
+    last_word = re.split(r"[\s_]+", name)[-1]
+    if _FACTOR.fullmatch(last_word) and not _COLUMN_NUMBER.fullmatch(last_word):
+        return Header(name, f"({last_word}) {unit}")
+    if not name:
+        return Header(header, "")
+    return Header(name, unit)
+
+
+def has_role(name: str, role: str) -> bool:
+    """Return whether the name of a column has a word for the role."""
+    name_words = re.findall(r"[^\W\d_]+", comparable(name[:LONGEST_NAME]))
+    role_words = ROLES[role]
+    if role in ("force", "pressure") and OTHER_QUANTITY.search(" ".join(name_words)):
+        return False
+    if role == "test" and not set(name_words) <= {*role_words, *_NUMBERING}:
+        return False
+    for role_word in role_words:
+        if role_word in name_words:
+            return True
+        if len(role_word) > _SHORT_WORD and any(w.startswith(role_word) for w in name_words):
+            return True
+    return False
+
+
+def names_any_role(cell: str) -> bool:
+    """Return whether a cell names a column."""
+    name = unit_of(cell).name
+    return any(has_role(name, role) for role in ROLES)
+
+
+def names_columns(cells: Sequence[str]) -> bool:
+    """Return whether a row has two words or more and no number.
+
+    Beside numbers, two of the words have to name what every table has.
+    """
+    words = [cell for cell in cells if _is_word(cell)]
+    if len(words) < 2:
+        return False
+    if count_numbers(cells) == 0:
+        return True
+    names = [unit_of(word).name for word in words]
+    n_roles = 0
+    for role in ("angle", "reading", "time"):
+        n_roles += any(has_role(name, role) for name in names)
+    return n_roles >= 2
+
+
+def _is_word(cell: str) -> bool:
+    if not cell or looks_like_number(cell) or is_missing(cell):
+        return False
+    return RULE.fullmatch(cell) is None
+
+
+def count_numbers(cells: Sequence[str]) -> int:
+    """Return how many cells are numbers."""
+    return sum(looks_like_number(cell) for cell in cells)
+
+
+@dataclass
+class ColumnRoles:
+    """Which column plays which role."""
+
+    columns: dict[str, int] = field(default_factory=dict)  #: by role, counted from 0
+    #: All columns of readings, each of a test of its own where there are several.
+    readings: list[int] = field(default_factory=list)
+
+
+def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRoles:
+    """Return which column is what: as the layout says, else by the words of the headers.
+
+    Raises
+    ------
+    InputError
+        For a column that is not there, and where several may play a role.
+    """
+    roles = _stated_columns(place, layout, headers)
+    if not any(headers):
+        return _columns_without_header(place, roles, len(headers))
+    for role in ROLES:
+        if role not in roles.columns:
+            _find_role(place, role, roles, headers)
+    if "angle" in roles.columns:
+        if "time" not in layout.columns:
+            roles.columns.pop("time", None)
+    elif "time" not in roles.columns and "time_s" in headers:
+        roles.columns["time"] = list(headers).index("time_s")
+    for role, column in list(roles.columns.items()):
+        if role != "reading" and column in roles.readings:
+            del roles.columns[role]
+    if not roles.readings and "reading" in roles.columns:
+        roles.readings = [roles.columns["reading"]]
+    if len(roles.readings) > 1 and "test" in roles.columns:
+        test_header = headers[roles.columns["test"]][:LONGEST_NAME]
+        raise InputError(
+            f"{place}: a table must have one column of readings, or none that names the test, got"
+            f" {len(roles.readings)} of readings beside {test_header!r}. Say which:"
+            " --reading-column."
+        )
+    return roles
+
+
+def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRoles:
+    """Return the columns that the layout states."""
+    roles = ColumnRoles()
+    for role, stated in layout.columns.items():
+        references = stated if isinstance(stated, list) else [stated]
+        columns = [_column_index(place, role, reference, headers) for reference in references]
+        if not columns:
+            continue
+        roles.columns[role] = columns[0]
+        if role == "reading":
+            roles.readings = columns
+    return roles
+
+
+def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> ColumnRoles:
+    """Return the stated columns, or the first two as angle and reading."""
+    has_abscissa = "angle" in roles.columns or "time" in roles.columns
+    if "reading" not in roles.columns or not has_abscissa:
+        require(
+            not roles.columns and width == 2,
+            f"{place}: columns without a header must be named by number, got {width} of them. Give"
+            " --reading-column and --angle-column or --time-column.",
+        )
+        roles.columns = {"angle": 0, "reading": 1}
+    if not roles.readings:
+        roles.readings = [roles.columns["reading"]]
+    return roles
+
+
+def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]) -> None:
+    """Add the column whose header names the role, if there is one."""
+    taken = set(roles.columns.values())
+    free = [column for column in range(len(headers)) if column not in taken]
+    candidates = [column for column in free if has_role(unit_of(headers[column]).name, role)]
+    # A column called exactly like a field of a test is that field.
+    candidates = [k for k in candidates if headers[k] not in PER_TEST] or candidates
+    if role == "reading":
+        # Columns may be called by the load of their test: 36 N [mm], reading 238 N.
+        loaded = [column for column in free if load_in_name([headers[column]]) is not None]
+        if len(loaded) > 1 and set(candidates) <= set(loaded):
+            roles.readings = loaded
+            candidates = loaded[:1]
+    if len(candidates) > 1:
+        names = " and ".join(repr(headers[column][:LONGEST_NAME]) for column in candidates)
+        advice = ""
+        if role == "reading":
+            advice = ", or all, each a test of its own, by naming it once for each"
+        raise InputError(
+            f"{place}: one column must hold the {role}, got {names}. Say which:"
+            f" --{role}-column{advice}."
+        )
+    if candidates and (role == "reading" or headers[candidates[0]] not in PER_TEST):
+        roles.columns[role] = candidates[0]
+
+
+def _column_index(place: str, role: str, reference: str | int, headers: Sequence[str]) -> int:
+    """Return the column of a number, or of a header with or without its unit."""
+    if isinstance(reference, int):
+        require(
+            1 <= reference <= len(headers),
+            f"{place}: column of the {role} must be 1 to {len(headers)}, got {reference}. Correct"
+            " it.",
+        )
+        return reference - 1
+    wanted = comparable(reference)
+    matching = [k for k, header in enumerate(headers) if comparable(header) == wanted]
+    if not matching:
+        wanted = comparable(unit_of(reference).name)
+        names = [comparable(unit_of(header).name) for header in headers]
+        matching = [k for k, name in enumerate(names) if name == wanted]
+    if len(matching) == 1:
+        return matching[0]
+    candidates = ", ".join(repr(header[:LONGEST_NAME]) for header in headers if header)
+    hint = ""
+    if any(headers):
+        hint = f" Did you mean {nearest(reference, headers)!r}?"
+    raise InputError(
+        f"{place}: column of the {role} must be one of {candidates or 'no header'}, got"
+        f" {reference!r} ({len(matching) or 'none'} such).{hint}"
+    )

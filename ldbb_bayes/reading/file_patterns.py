@@ -1,0 +1,88 @@
+"""Names of files with ``*`` and ``?``, made into the files they stand for."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path, PureWindowsPath
+
+from ldbb_bayes.errors import require
+
+__all__ = ["matching"]
+
+# Characters of a list of names that a message shows.
+_LONGEST_LIST = 200
+
+
+def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
+    """Return the files that are named, with ``*`` and ``?`` standing for what they match.
+
+    Not every shell expands them. Matches come in natural order. Backslashes may separate folders;
+    hidden files, and those that a spreadsheet program has open (``~$``), match nothing.
+
+    Raises
+    ------
+    InputError
+        For a pattern that matches nothing, and where no file is named.
+    """
+    paths: list[Path] = []
+    for file in files:
+        text = os.fspath(file).strip('"')
+        path = _path_of(text)
+        wild_part = _first_wild_part(path)
+        if wild_part is None or path.exists():
+            paths.append(path)
+            continue
+        matches = _matches_of(text, path, wild_part)
+        paths += [match for match in matches if match not in paths]
+    require(paths, "files must be given, got none. Name the tables to read.")
+    return paths
+
+
+def _path_of(text: str) -> Path:
+    """Return a path whose folders backslashes may separate."""
+    path = Path(text)
+    windows_path = PureWindowsPath(text)
+    if "\\" not in text or windows_path.anchor or path.exists():
+        return path
+    return Path(*windows_path.parts)
+
+
+def _first_wild_part(path: Path) -> int | None:
+    for k, part in enumerate(path.parts):
+        if "*" in part or "?" in part:
+            return k
+    return None
+
+
+def _matches_of(text: str, path: Path, wild_part: int) -> list[Path]:
+    """Return the files that a path matches, or the folders where it matches no file."""
+    folder = Path(*path.parts[:wild_part])
+    pattern = "/".join(path.parts[wild_part:]).replace("[", "[[]")
+    matches = [match for match in folder.glob(pattern) if not _is_hidden(match)]
+    matches = [match for match in matches if match.is_file()] or matches
+    if not matches:
+        require(
+            folder.is_dir(),
+            f"{text} must match a file, got none: there is no folder {folder}. Name the files, or"
+            " correct the pattern.",
+        )
+        names = [entry.name for entry in folder.glob("*") if not _is_hidden(entry)]
+        content = ", ".join(repr(name) for name in sorted(names, key=_natural_order))
+        require(
+            matches,
+            f"{text} must match a file, got none: {folder} holds"
+            f" {content[:_LONGEST_LIST] or 'nothing'}. Name the files, or correct the pattern.",
+        )
+    return sorted(matches, key=_natural_order)
+
+
+def _is_hidden(path: Path) -> bool:
+    return path.name.startswith((".", "~$"))
+
+
+def _natural_order(name: object) -> list[str | int]:
+    """Return a key that sorts 2 N before 10 N."""
+    parts = re.split(r"([0-9]+)", str(name).casefold())
+    return [int(part) if part.isdigit() else part for part in parts]

@@ -1,0 +1,117 @@
+"""Half circles in files of their own, joined into one test."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.errors import placed
+from ldbb_bayes.reading.laps import TURN_DEG
+from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.results import Array
+
+__all__ = ["MeasuredArc", "join_half_circles"]
+
+# Arcs of which two make a circle [deg].
+_SHORTEST_HALF_DEG = 150.0
+_LONGEST_HALF_DEG = 240.0
+# Fields in which two halves of one test may differ.
+_FIELDS_OF_A_FILE = ("name", "time_s", "temperature_C")
+# Two halves may leave a gap of this many steps.
+_LARGEST_GAP_STEPS = 3.0
+
+
+@dataclass
+class MeasuredArc:
+    """A circular test as its file has it: the other half of it may stand in another file."""
+
+    recording: Recording
+    fields: dict[str, Any]  #: of the circular test, without those that are None
+    angle_deg: Array  #: shape (n,)
+    reading_um: Array  #: shape (n,)
+
+    def to_test(self) -> CircularTest:
+        """Return the circular test."""
+        with placed(self.recording.sheet.place):
+            return CircularTest(angle_deg=self.angle_deg, reading_um=self.reading_um, **self.fields)
+
+    @property
+    def step_deg(self) -> float:
+        """Return the median step of the angles [deg]."""
+        return float(np.median(np.abs(np.diff(self.angle_deg))))
+
+    @property
+    def is_half_circle(self) -> bool:
+        """Return whether the arc is about half a circle."""
+        return _SHORTEST_HALF_DEG <= float(np.ptp(self.angle_deg)) <= _LONGEST_HALF_DEG
+
+    @property
+    def runs_counter_clockwise(self) -> bool:
+        """Return whether the angles increase."""
+        return bool(self.angle_deg[-1] > self.angle_deg[0])
+
+    def shared_fields(self) -> dict[str, Any]:
+        """Return the fields that two halves of one test have in common."""
+        return {key: value for key, value in self.fields.items() if key not in _FIELDS_OF_A_FILE}
+
+
+def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
+    """Return arcs with two halves of one test joined where the first stands."""
+    remaining = list(arcs)
+    joined = []
+    while remaining:
+        arc = remaining.pop(0)
+        for k, other in enumerate(remaining):
+            if _are_halves(arc, other):
+                del remaining[k]
+                arc = _join(arc, other)
+                break
+        joined.append(arc)
+    return joined
+
+
+def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
+    """Return whether two arcs of one force and direction make a circle between them."""
+    if not (first.is_half_circle and second.is_half_circle):
+        return False
+    if first.shared_fields() != second.shared_fields():
+        return False
+    if first.runs_counter_clockwise != second.runs_counter_clockwise:
+        return False
+    angles = np.concatenate([first.angle_deg, second.angle_deg])
+    around = np.sort(np.mod(angles, TURN_DEG))
+    largest_gap = float(np.diff(np.append(around, around[0] + TURN_DEG)).max())
+    return largest_gap <= _LARGEST_GAP_STEPS * max(first.step_deg, second.step_deg)
+
+
+def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
+    """Return both as one test, the angles running on."""
+    n_turns = round((first.angle_deg[-1] - second.angle_deg[0]) / TURN_DEG)
+    first_name = str(first.fields["name"])
+    second_name = str(second.fields["name"])
+    name = _common_beginning(first_name, second_name).rstrip(" _-.,+(") or first_name
+    first.recording.log.add(
+        "",
+        "half circles",
+        f"{first_name!r} and {second_name!r} are one test",
+        "of one force and direction, together they make a circle",
+        "setup of a [[test]] in --layout",
+    )
+    return replace(
+        first,
+        fields=first.fields | {"name": name},
+        angle_deg=np.concatenate([first.angle_deg, second.angle_deg + TURN_DEG * n_turns]),
+        reading_um=np.concatenate([first.reading_um, second.reading_um]),
+    )
+
+
+def _common_beginning(first: str, second: str) -> str:
+    """Return the letters with which both texts begin."""
+    for k, (letter, other) in enumerate(zip(first, second, strict=False)):
+        if letter != other:
+            return first[:k]
+    return min(first, second, key=len)

@@ -1,0 +1,159 @@
+"""Angles along a recording: from time, over whole turns and laps, and which way they run."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.results import Array
+
+__all__ = ["TURN_DEG", "angles_from_time", "average_laps", "direction_run", "on_the_circle"]
+
+TURN_DEG = 360.0
+
+
+def angles_from_time(
+    time_s: Array,
+    *,
+    feed_mm_per_min: float,
+    radius_mm: float,
+    start_deg: float,
+    overshoot_deg: float,
+    sense: int,
+) -> Array:
+    """Return the angle of every reading of a log over time, not modulo 360°.
+
+    The axes run at constant feed F along the circle of radius R:
+    θ(t) = start + sense · (F (t − t0) / R − overshoot), with t0 the time of the first reading.
+    Acceleration at the ends is inside the overshoot, or neglected.
+
+    Parameters
+    ----------
+    time_s
+        Time of every reading, shape (n,) [s].
+    feed_mm_per_min
+        Feed F along the circle [mm/min].
+    radius_mm
+        Radius R of the circle [mm].
+    start_deg
+        Angle at which the circle begins [deg].
+    overshoot_deg
+        Angle of the run-in before it [deg].
+    sense
+        1 counter-clockwise, −1 clockwise.
+
+    Returns
+    -------
+    Angles, shape (n,) [deg].
+
+    Raises
+    ------
+    InputError
+        For a log that covers less than the overshoot and half a turn.
+    """
+    degrees_per_second = np.rad2deg(feed_mm_per_min / 60.0 / radius_mm)
+    travelled = degrees_per_second * (time_s - time_s[0])
+    require(
+        travelled[-1] >= overshoot_deg + 0.5 * TURN_DEG,
+        f"a log must cover the overshoot and half a turn, got {travelled[-1]:.1f}° at"
+        f" {feed_mm_per_min:g} mm/min on {radius_mm:g} mm. Check feed, radius and the unit of"
+        " time.",
+    )
+    return start_deg + sense * (travelled - overshoot_deg)
+
+
+def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[np.bool_]:
+    """Return which readings of a log lie on the circle, without run-in and run-out.
+
+    The circle goes from its start over whole turns. A turn may lack its closing reading. A log that
+    ends before a turn is complete is an arc, kept to its end.
+
+    Parameters
+    ----------
+    angle_deg
+        Angles that run in one direction, shape (n,) [deg].
+    start_deg
+        Angle at which the circle begins [deg].
+    sense
+        1 counter-clockwise, −1 clockwise.
+
+    Returns
+    -------
+    True for readings on the circle, shape (n,).
+    """
+    travelled = sense * (angle_deg - start_deg)
+    step = float(np.median(np.diff(travelled)))
+    n_turns = max(1.0, np.floor((travelled.max() + 1.5 * step) / TURN_DEG))
+    is_after_start = travelled > -0.5 * step
+    is_before_end = travelled < TURN_DEG * n_turns - 0.5 * step
+    on_circle: NDArray[np.bool_] = is_after_start & is_before_end
+    return on_circle
+
+
+def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
+    """Return angles and mean readings of the whole laps, at the angles of the first.
+
+    Later laps are interpolated; readings beyond the last whole lap are left out.
+
+    Parameters
+    ----------
+    angle_deg, reading_um
+        Angles [deg] and readings [µm] of two laps or more, shape (n,).
+
+    Returns
+    -------
+    Angles [deg] and mean readings [µm] of one lap, shape (m,).
+
+    Raises
+    ------
+    InputError
+        For angles that change direction, and fewer than two whole laps.
+    """
+    is_new_angle = np.concatenate([[True], np.diff(angle_deg) != 0.0])
+    angle_deg = angle_deg[is_new_angle]
+    reading_um = reading_um[is_new_angle]
+    steps = np.diff(angle_deg)
+    require(
+        np.all(steps > 0.0) or np.all(steps < 0.0),
+        "angles must run in one direction for laps to be averaged, got changes of direction. Keep"
+        " the laps (--laps keep).",
+    )
+    travelled = np.abs(angle_deg - angle_deg[0])
+    step = float(np.median(np.abs(steps)))
+    n_laps = int((travelled[-1] + 1.01 * step) // TURN_DEG)
+    require(
+        n_laps >= 2,
+        "a recording must hold two whole laps to be averaged, got"
+        f" {travelled[-1] / TURN_DEG:.2f}. Keep the laps (--laps keep).",
+    )
+    in_first_lap = travelled < TURN_DEG - 1e-6 * step
+    first_lap = travelled[in_first_lap]
+    laps = [np.interp(first_lap + lap * TURN_DEG, travelled, reading_um) for lap in range(n_laps)]
+    return angle_deg[in_first_lap], np.mean(laps, axis=0)
+
+
+def direction_run(angle_deg: Array) -> str | None:
+    """Return CW or CCW, as the angles run; None for less than half a turn.
+
+    Parameters
+    ----------
+    angle_deg
+        Angles, not modulo 360°, shape (n,) [deg].
+
+    Raises
+    ------
+    InputError
+        For angles that run there and back: these are two tests.
+    """
+    travelled = angle_deg - angle_deg[0]
+    farthest = float(travelled[np.argmax(np.abs(travelled))])
+    if abs(farthest) <= 0.5 * TURN_DEG:
+        return None
+    if abs(farthest - travelled[-1]) > 0.5 * TURN_DEG:
+        raise InputError(
+            f"angles must run one way in a test, got {travelled[-1] - farthest:+.0f}° after"
+            f" {farthest:+.0f}°. Name the test of each row in a column (--test-column), or split"
+            " the file."
+        )
+    return "CCW" if farthest > 0.0 else "CW"

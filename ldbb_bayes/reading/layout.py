@@ -1,0 +1,180 @@
+"""How tables are to be read, as a user states it: a layout in TOML, with options before it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomli_w
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic.dataclasses import dataclass as validated_dataclass
+
+from ldbb_bayes.campaign.campaign import Number, TestFields
+from ldbb_bayes.errors import check_known
+from ldbb_bayes.files import read_toml, validated
+from ldbb_bayes.reading.words import ROLES, UNITS, unit_named
+from ldbb_bayes.results import Shown
+
+__all__ = ["Layout", "TestLayout", "layout_to_toml", "read_layout"]
+
+# Separators by the names that options use.
+_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
+# Lists of loads in the layout, and the field of a test that each gives.
+_LOAD_LISTS = {"forces_N": "force_N", "pressures_bar": "pressure_bar"}
+
+
+@validated_dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
+class TestLayout(TestFields):
+    """Fields of one test that its table does not state.
+
+    ``file`` is the name of its file, of its sheet, or its label in the column of tests.
+    """
+
+    file: str
+    start_deg: Number | None = None
+
+    def stated(self) -> dict[str, Any]:
+        """Return the fields that it states, the file's name included."""
+        return {key: value for key, value in vars(self).items() if value is not None}
+
+
+def _check_encoding(name: str) -> str:
+    try:
+        "".encode(name)
+    except (LookupError, ValueError):
+        raise ValueError(
+            "it should be one that Python knows, for example utf-8, utf-16-le, utf-16-be, cp1252"
+        ) from None
+    return name
+
+
+def _separator_sign(separator: str) -> str:
+    """Return the sign of a separator that may be given by its name."""
+    if separator in _SEPARATORS.values():
+        return separator
+    if separator not in _SEPARATORS:
+        raise ValueError(f"it should be one of {', '.join(_SEPARATORS)}, or the sign itself")
+    return _SEPARATORS[separator]
+
+
+# Header or number of a column; of readings there may be several.
+_Column = str | int | list[str | int]
+
+
+class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
+    """How tables are read. What is None is found out from each file, and noted."""
+
+    schema_: Literal[1] = Field(default=1, alias="schema")
+    encoding: Annotated[str, AfterValidator(_check_encoding)] | None = None
+    separator: Annotated[str, AfterValidator(_separator_sign)] | None = None
+    decimal: Literal[".", ","] | None = None
+    #: 0: there is none, columns then go by number from 1
+    header_line: int | None = Field(default=None, ge=0)
+    sheets: list[str] = Field(default_factory=list)
+    #: by role: header or number; several of the reading, each a test
+    columns: dict[str, _Column] = Field(default_factory=dict)
+    #: Of the tests, in the order they stand in files, sheets and rows; before what a [[test]] says.
+    forces_N: list[Number] = Field(default_factory=list)
+    pressures_bar: list[Number] = Field(default_factory=list)
+    reading_unit: str | None = None
+    angle_unit: str | None = None
+    time_unit: str | None = None
+    force_unit: str | None = None
+    pressure_unit: str | None = None
+    #: readings are deviations from the radius, or distances of the balls
+    zero: Literal["deviation", "distance"] | None = None
+    sign: Literal[1, -1] = 1  #: −1 where the instrument counts a longer bar as negative
+    angle_sign: Literal[1, -1] = 1  #: −1 where the file counts clockwise
+    #: of the plane's first axis, as the file counts: θ = angle_sign · (angle − angle_offset_deg)
+    angle_offset_deg: float = 0.0
+    start_deg: float | None = None  #: of a log over time: where the circle begins
+    overshoot_deg: float | None = Field(default=None, ge=0.0)  #: likewise: run-in before it
+    feed_mm_per_min: float | None = Field(default=None, gt=0.0)  #: likewise: along the circle
+    direction: Literal["CW", "CCW"] | None = None
+    laps: Literal["keep", "average"] | None = None  #: of a recording longer than a turn
+    test: list[TestLayout] = Field(default_factory=list)
+
+    @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")
+    @classmethod
+    def _check_unit(cls, value: str | None, info: ValidationInfo) -> str | None:
+        if value is None:
+            return None
+        role = str(info.field_name).removesuffix("_unit")
+        unit = unit_named(value)
+        if unit not in UNITS[role]:
+            raise ValueError(f"it should be one of {', '.join(UNITS[role])}")
+        return unit
+
+    @field_validator("test")
+    @classmethod
+    def _check_files_differ(cls, tests: list[TestLayout]) -> list[TestLayout]:
+        files = set()
+        for entry in tests:
+            if entry.file in files:
+                raise ValueError(
+                    "[[test]] must be one for each file, sheet or label, got two for"
+                    f" {entry.file!r}"
+                )
+            files.add(entry.file)
+        return tests
+
+    @field_validator("columns")
+    @classmethod
+    def _check_single_columns(cls, columns: dict[str, _Column]) -> dict[str, _Column]:
+        for role, column in columns.items():
+            if role != "reading" and isinstance(column, list):
+                raise ValueError(f"the {role} must be one column")
+        return columns
+
+    def with_given(self, options: dict[str, Any]) -> Layout:
+        """Return the layout with options put before what it states.
+
+        Options that are None change nothing. What an option states of all tests goes from the
+        [[test]] entries.
+        """
+        stated = {key: value for key, value in options.items() if value is not None}
+        keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()
+        if _LOAD_LISTS.keys() & stated.keys():
+            keys_of_tests |= set(_LOAD_LISTS.values())
+            stated = {key: [] for key in _LOAD_LISTS} | stated
+        if keys_of_tests and "test" not in options:
+            stated["test"] = [_without(entry.stated(), keys_of_tests) for entry in self.test]
+        return validated(Layout, {**self.model_dump(by_alias=True), **stated}, "options")
+
+
+def _without(fields: dict[str, Any], keys: set[str]) -> dict[str, Any]:
+    return {key: value for key, value in fields.items() if key not in keys}
+
+
+def layout_to_toml(layout: Layout) -> str:
+    """Return a layout as TOML, so that the next import of the same files assumes nothing."""
+    content = layout.model_dump(by_alias=True, exclude_none=True)
+    tests = content.pop("test")
+    content = {key: value for key, value in content.items() if value not in ([], {})}
+    text = tomli_w.dumps(content)
+    for entry in tests:
+        text += f"\n[[test]]\n{tomli_w.dumps(entry)}"
+    return text
+
+
+def read_layout(path: str | os.PathLike[str]) -> Layout:
+    """Return a layout from a TOML file.
+
+    Parameters
+    ----------
+    path
+        The file, in the format of `import.toml`.
+
+    Returns
+    -------
+    The layout, for `import_campaign`.
+
+    Raises
+    ------
+    InputError
+        For what does not fit; the message names its place.
+    """
+    layout = validated(Layout, read_toml(Path(path)), str(path))
+    check_known(f"{path}: columns key", layout.columns, ROLES)
+    return layout

@@ -1,0 +1,80 @@
+"""Circular tests without some of their readings: arcs, and the reversal points of the axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.errors import InputError, require
+
+__all__ = ["mask_angles", "mask_reversals"]
+
+# Where the axes of a plane reverse [deg].
+_REVERSALS_DEG = (0.0, 90.0, 180.0, 270.0)
+
+
+def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> CircularTest:
+    """Return the test without the readings inside some arcs.
+
+    Parameters
+    ----------
+    test
+        The circular test; it stays as it is.
+    arcs_deg
+        Start and end of each arc, counter-clockwise, modulo 360° [deg].
+
+    Returns
+    -------
+    A test with the other readings.
+
+    Raises
+    ------
+    InputError
+        For an angle that is not finite, and arcs that leave no reading.
+    """
+    keep = np.ones(len(test.angle_deg), dtype=bool)
+    for start, end in arcs_deg:
+        if not (np.isfinite(start) and np.isfinite(end)):
+            raise InputError(
+                f"arcs_deg must be finite angles, got ({start}, {end}). Give start and end in"
+                " degrees."
+            )
+        width = np.mod(end - start, 360.0)
+        if abs(end - start) >= 360.0:
+            width = 360.0
+        keep &= np.mod(test.angle_deg - start, 360.0) > width
+    require(
+        keep.any(),
+        f"arcs_deg must leave readings, got arcs that cover all of test {test.name!r}. Make them"
+        " smaller.",
+    )
+    return test.select(keep)
+
+
+def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularTest:
+    """Return the test without the readings near the reversal points 0°, 90°, 180° and 270°.
+
+    Parameters
+    ----------
+    test
+        The circular test; it stays as it is.
+    half_width_deg
+        Distance from a reversal point up to which readings go, above 0 and below 45 [deg].
+
+    Returns
+    -------
+    A test with the other readings.
+
+    Raises
+    ------
+    InputError
+        For a width out of range, and where no reading is left.
+    """
+    require(
+        0.0 < half_width_deg < 45.0,
+        f"half_width_deg must lie between 0 and 45, got {half_width_deg}. Choose a few degrees.",
+    )
+    arcs = [(angle - half_width_deg, angle + half_width_deg) for angle in _REVERSALS_DEG]
+    return mask_angles(test, arcs)

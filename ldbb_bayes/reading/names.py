@@ -1,0 +1,123 @@
+"""Load, radius and plane that the name of a file, sheet, column or test states."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, may_be_thousands, number_in_text
+from ldbb_bayes.reading.words import LONGEST_TEXT, UNITS, unit_named
+
+__all__ = [
+    "LOAD_IN_NAME",
+    "NamedLoad",
+    "load_in_name",
+    "load_is_ambiguous",
+    "plane_in_name",
+    "radius_in_name",
+]
+
+# A number with a unit of force or pressure: 238N, 2.5 bar.
+LOAD_IN_NAME = re.compile(
+    rf"(?<![\d.,A-Za-z])({NUMBER_IN_TEXT})[ _-]?"
+    r"(kN|daN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
+    re.IGNORECASE,
+)
+# A decimal mark that a file name cannot hold (3_5bar), marks between thousands (1 238 N; there is
+# no force of 10 236 N).
+_AMBIGUOUS_LOAD = re.compile(
+    r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)"
+    r"|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])"
+    r"|\d[_p\-]\d[ _]?N(?![a-z])"
+    r"|(?<![a-zA-Z\d])[1-5][ ']\d{3}[ _]?k?N(?![a-z])",
+    re.IGNORECASE,
+)
+# A force without its unit, of three digits at most: F2000 is a feed.
+_FORCE_AFTER_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
+# A radius from 50 mm on: R10 numbers a run.
+_RADIUS_AFTER_R = re.compile(
+    r"(?<![a-zA-Z0-9])R(?:adius)?[ _=]?([5-9]\d|[1-9]\d{2,3})(?:[ _]?mm)?(?![a-zA-Z\d.,])"
+)
+_PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ)(?![a-zA-Z])")
+# Planes named the other way round.
+_PLANE_NAMES = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
+
+
+class NamedLoad(NamedTuple):
+    """A load that a name states."""
+
+    key: str  #: force_N or pressure_bar
+    value: float  #: in the unit of its key
+    name: str  #: that states it
+
+
+class _WrittenLoad(NamedTuple):
+    """A number and a unit as they stand in a name."""
+
+    key: str
+    text: str
+    unit_size: float
+
+
+def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
+    """Return the load of the first name that states exactly one: ``238N``, ``2.5 bar``, ``f238``.
+
+    Parameters
+    ----------
+    names
+        Names of test, column, sheet and file, the most telling first.
+    key
+        force_N or pressure_bar; empty for either.
+    """
+    for name in names:
+        text = name[:LONGEST_TEXT]
+        written = [load for load in _written_loads(text) if key in ("", load.key)]
+        after_f = _FORCE_AFTER_F.findall(text)
+        if not written and len(after_f) == 1:
+            return NamedLoad("force_N", float(after_f[0]), name)
+        if len(written) != 1 or _AMBIGUOUS_LOAD.search(name):
+            continue
+        load = written[0]
+        if load.key == "force_N" and may_be_thousands(load.key, load.text):
+            continue
+        return NamedLoad(load.key, abs(number_in_text(load.text)) * load.unit_size, name)
+    return None
+
+
+def _written_loads(text: str) -> list[_WrittenLoad]:
+    """Return all numbers with a unit, the forces first."""
+    forces = []
+    pressures = []
+    for digits, word in LOAD_IN_NAME.findall(text):
+        unit = unit_named(word)
+        if unit in UNITS["force"]:
+            forces.append(_WrittenLoad("force_N", digits, UNITS["force"][unit]))
+        if unit in UNITS["pressure"]:
+            pressures.append(_WrittenLoad("pressure_bar", digits, UNITS["pressure"][unit]))
+    return forces + pressures
+
+
+def load_is_ambiguous(names: Sequence[str]) -> bool:
+    """Return whether the number before a unit may be the rest of another: ``1 238 N``."""
+    return any(_AMBIGUOUS_LOAD.search(name) for name in names)
+
+
+def radius_in_name(names: Sequence[str]) -> float | None:
+    """Return the radius [mm] of the first name that states exactly one: ``R100``."""
+    for name in names:
+        radii = set(_RADIUS_AFTER_R.findall(name[:LONGEST_TEXT]))
+        if len(radii) == 1:
+            return float(radii.pop())
+    return None
+
+
+def plane_in_name(names: Sequence[str]) -> str | None:
+    """Return the plane of the first name that states exactly one; ``XZ`` is ``ZX``."""
+    for name in names:
+        planes = set()
+        for plane in _PLANE.findall(name[:LONGEST_TEXT]):
+            planes.add(_PLANE_NAMES.get(plane, plane))
+        if len(planes) == 1:
+            return str(planes.pop())
+    return None

@@ -1,0 +1,249 @@
+"""Numbers and times as people and programs write them: decimal marks, thousands, times of day."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from ldbb_bayes.campaign.text_table import LONGEST_CELL_SHOWN, number_error
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.results import Array
+
+__all__ = [
+    "NUMBER_IN_TEXT",
+    "constant_value",
+    "could_be_thousands",
+    "decimal_mark",
+    "is_clock",
+    "is_missing",
+    "looks_like_number",
+    "may_be_thousands",
+    "number",
+    "number_in_text",
+    "numbers_of",
+    "seconds_of",
+]
+
+# Between thousands: a blank of any width, or an apostrophe.
+_GAP = r"[ '\u00a0\u202f\u2009]"
+_EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"
+# A cell that is a number, whatever its decimal mark.
+_NUMBER_CELL = re.compile(
+    rf"[+\-−–]?(?:\d{{1,3}}(?:{_GAP}\d{{3}})+(?:[.,]\d+)?|\d[\d.,]*{_EXPONENT}|[.,]\d+{_EXPONENT})"
+)
+# A number inside a line or a name, for use in larger patterns.
+NUMBER_IN_TEXT = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
+# Signs for minus that are no ASCII, as typesetters and spreadsheets write it.
+_MINUS_SIGNS = str.maketrans("−–", "--")
+# 12:00:01.250, 00:01,25 (minutes, seconds), 2026-03-04T12:00:01Z, 12:00:01 PM.
+_DATE = r"(?:\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{4})[T ]"
+_ZONE = r"Z|[+-]\d\d:\d\d|\s?(?P<half_day>[AaPp])\.?[Mm]\.?"
+_CLOCK = re.compile(
+    rf"(?:{_DATE})?(?:(?P<hours>\d{{1,2}}):)?(?P<minutes>\d{{1,2}}):"
+    rf"(?P<seconds>\d{{1,2}}(?:[.,]\d{{1,9}})?)(?:{_ZONE})?"
+)
+_DAY_S = 86_400.0
+_HOUR_S = 3_600.0
+# What stands in a cell whose number is missing.
+_MISSING = (
+    "-",
+    "--",
+    "---",
+    "nan",
+    "n/a",
+    "na",
+    "#n/a",
+    "#div/0!",
+    "#value!",
+    "#ref!",
+    "null",
+    "none",
+)
+# Up to these a number with a mark before three digits may be of thousands: 1,000 N, not 150.000 mm.
+_LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
+
+
+def looks_like_number(cell: str) -> bool:
+    """Return whether a cell is a number, whatever its decimal mark, or a time of day."""
+    return _NUMBER_CELL.fullmatch(cell) is not None or is_clock(cell)
+
+
+def is_missing(cell: str) -> bool:
+    """Return whether a cell stands for a missing number.
+
+    Such a row belongs to the table, and is refused by its line.
+    """
+    return cell.casefold() in _MISSING
+
+
+def is_clock(cell: str) -> bool:
+    """Return whether a cell is a time of day, or minutes and seconds."""
+    return ":" in cell and _CLOCK.fullmatch(cell) is not None
+
+
+def could_be_thousands(cell: str) -> bool:
+    """Return whether the mark in a cell may stand between thousands.
+
+    ``12,310`` may be 12310; ``0,310`` and ``12,31`` may not.
+    """
+    return re.fullmatch(r"[+\-−–]?[1-9]\d{0,2}[.,]\d{3}", cell) is not None
+
+
+def may_be_thousands(key: str, text: str) -> bool:
+    """Return whether a mark before three digits may stand between thousands of this quantity."""
+    if not could_be_thousands(text):
+        return False
+    digits = re.sub(r"[^\d]", "", text)
+    return float(digits) <= _LARGEST_THOUSANDS.get(key, 0.0)
+
+
+def _is_grouped(text: str, mark: str) -> bool:
+    """Return whether the mark (a pattern) stands between groups of three digits."""
+    return re.fullmatch(rf"[+\-]?\d{{1,3}}(?:{mark}\d{{3}})+", text) is not None
+
+
+def number(cell: str, decimal: str = ".") -> float:
+    """Return the number in a cell.
+
+    Blanks, apostrophes, or the other of comma and point may separate thousands.
+
+    Raises
+    ------
+    ValueError
+        For what is no number.
+    """
+    if "_" in cell:  # Python reads 1_000 as a number
+        raise ValueError(cell)
+    if decimal == ".":
+        with suppress(ValueError):
+            return float(cell)
+    text = cell.strip().translate(_MINUS_SIGNS)
+    other_mark = "," if decimal == "." else r"\."
+    for mark in (_GAP, other_mark):
+        if re.search(mark, text):
+            if not _is_grouped(text.partition(decimal)[0], mark):
+                raise ValueError(cell)
+            text = re.sub(mark, "", text)
+    return float(text.replace(decimal, ".").replace("D", "E").replace("d", "e"))
+
+
+def number_in_text(text: str) -> float:
+    """Return a number found in a line or a name; a comma in it is its decimal mark."""
+    decimal = "," if "," in text else "."
+    return number(text, decimal)
+
+
+def numbers_of(
+    place: str, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str | None
+) -> Array:
+    """Return one column of finite numbers, shape (n,); `InputError` names the first bad line."""
+    values = np.full(len(cells), np.nan)
+    for k, cell in enumerate(cells):
+        with suppress(ValueError):
+            values[k] = number(cell, decimal or ".")
+    not_finite = np.flatnonzero(~np.isfinite(values))
+    if not_finite.size:
+        first = not_finite[0]
+        remedy = "Correct or remove the line."
+        if re.fullmatch(r"[+\-−–]?\d+[.,]\d+", cells[first]):
+            remedy = "Correct it, or give another --decimal."
+        raise number_error(place, lines[first], name, cells[first], remedy)
+    return values
+
+
+def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
+    """Return the decimal mark of a table; None where no cell has one.
+
+    Where a cell has a comma and a point, the last is the decimal mark. Cells with commas only
+    beside cells with points only contradict each other, unless one kind can only be thousands.
+
+    Parameters
+    ----------
+    place
+        What a message calls the table.
+    cells
+        Line and text of every cell.
+    """
+    certain: str | None = None
+    single: dict[str, tuple[int, str]] = {}  # first cell with that mark only
+    for line, cell in cells:
+        comma = cell.rfind(",")
+        point = cell.rfind(".")
+        mark = "," if comma > point else "."
+        if comma >= 0 and point >= 0:
+            if certain not in (None, mark):
+                raise _contradicting_marks(place, line, cell)
+            certain = mark
+        elif comma >= 0 or point >= 0:
+            single.setdefault(mark, (line, cell))
+    if certain is None:
+        if len(single) == 2:
+            raise _contradicting_marks(place, *max(single.values()))
+        return next(iter(single), None)
+    other = "." if certain == "," else ","
+    if other in single:
+        line, cell = single[other]
+        if not _is_grouped(cell, re.escape(other)):
+            raise _contradicting_marks(place, line, cell)
+    return certain
+
+
+def _contradicting_marks(place: str, line: int, cell: str) -> InputError:
+    return InputError(
+        f"{place}, line {line}: the decimal mark must be the same in all rows, got"
+        f" {cell[:LONGEST_CELL_SHOWN]!r}. Correct it; or give --decimal, if the other stands"
+        " between thousands."
+    )
+
+
+def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
+    """Return times of day as seconds that go on over midnight, shape (n,) [s].
+
+    Minutes and seconds without hours go on over the full hour. A date is ignored.
+    """
+    times = np.zeros(len(cells))
+    period = _HOUR_S
+    for k, cell in enumerate(cells):
+        match = _CLOCK.fullmatch(cell)
+        if match is None:
+            raise InputError(
+                f"{place}, line {lines[k]}: time must be as in 12:00:01.25, got"
+                f" {cell[:LONGEST_CELL_SHOWN]!r}. Correct the line."
+            )
+        hours = int(match["hours"] or 0)
+        if match["half_day"]:
+            hours = hours % 12
+            if match["half_day"] in "pP":
+                hours += 12
+        if match["hours"]:
+            period = _DAY_S
+        seconds = number(match["seconds"].replace(",", "."))
+        times[k] = 3600.0 * hours + 60.0 * int(match["minutes"]) + seconds
+    starts_again = np.diff(times) < -0.5 * period
+    return times + period * np.concatenate([[0.0], np.cumsum(starts_again)])
+
+
+def constant_value(
+    place: str,
+    test: str,
+    name: str,
+    lines: Sequence[int],
+    cells: Sequence[str],
+    decimal: str | None,
+) -> str | float | None:
+    """Return the one value that a column holds in all rows of a test; None where it is empty."""
+    first = cells[0]
+    for line, cell in zip(lines, cells, strict=True):
+        if cell != first:
+            raise InputError(
+                f"{place}, line {line}: {name} must be the same in all rows of test {test!r}, got"
+                f" {cell[:LONGEST_CELL_SHOWN]!r} after {first[:LONGEST_CELL_SHOWN]!r}. Correct it."
+            )
+    if not first:
+        return None
+    if name in ("plane", "direction"):
+        return first
+    return float(numbers_of(place, name, lines[:1], cells[:1], decimal)[0])

@@ -1,0 +1,135 @@
+"""Which sheets hold a table of angles and readings, and which are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.columns import has_role, unit_of
+from ldbb_bayes.reading.headers import Heading, NoTableError, find_heading
+from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.numerals import looks_like_number
+from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
+from ldbb_bayes.reading.sheet import Sheet
+
+__all__ = ["HeadedSheet", "SheetSelection", "select_sheets"]
+
+
+class HeadedSheet(NamedTuple):
+    """A sheet and the heading of its table."""
+
+    sheet: Sheet
+    heading: Heading
+
+
+@dataclass
+class SheetSelection:
+    """Sheets with a table of readings, and those left out."""
+
+    tables: list[HeadedSheet] = field(default_factory=list)
+    left_out: list[Sheet] = field(default_factory=list)
+
+
+def select_sheets(
+    sheets: Sequence[Sheet],
+    layout: Layout,
+    log: AssumptionLog,
+    matched: Collection[Path] = (),
+) -> SheetSelection:
+    """Return the sheets with their headings, and those left out, which is noted.
+
+    Left out is what has no table of angles and readings: one of several sheets in a workbook, or a
+    file that a pattern matched. If nothing else is there, that is refused.
+
+    Parameters
+    ----------
+    sheets
+        All sheets, in the order of files.
+    layout
+        What a user states of them; sheets that it names must have a table.
+    log
+        Notes what is left out.
+    matched
+        Files that a pattern matched, and nobody named.
+    """
+    selection = SheetSelection()
+    incomplete: list[HeadedSheet] = []  # tables without angles or readings
+    errors: list[InputError] = []
+    optional = {*matched}
+    if not layout.sheets:
+        optional |= _workbooks_of_several_sheets(sheets)
+    for sheet in sheets:
+        is_optional = sheet.path in optional
+        try:
+            heading = find_heading(sheet, layout)
+        except InputError as error:
+            if not is_optional or not _has_no_readings(sheet, error):
+                raise
+            errors.append(error)
+            selection.left_out.append(sheet)
+            continue
+        table = HeadedSheet(sheet, heading)
+        if is_optional and not _is_complete(heading):
+            incomplete.append(table)
+            selection.left_out.append(sheet)
+        else:
+            selection.tables.append(table)
+    if not selection.tables:
+        if not incomplete:
+            raise errors[-1]
+        # The reader of rows says which column is missing.
+        selection = SheetSelection(tables=incomplete)
+        return _mark_only_tables(selection, list(incomplete))
+    for sheet in selection.left_out:
+        log.add(
+            sheet.place,
+            "left out",
+            "the sheet" if sheet.name else "the file",
+            "it holds no table of angles and readings",
+            "--sheets",
+        )
+    return _mark_only_tables(selection, selection.tables)
+
+
+def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
+    paths = set()
+    for sheet, following in pairwise(sheets):
+        if sheet.path == following.path:
+            paths.add(sheet.path)
+    return paths
+
+
+def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
+    """Return whether a refused sheet has no table, or none whose header names readings."""
+    if isinstance(error, NoTableError):
+        return True
+    return not any(_names_readings(row.cells) for row in sheet.rows[:LONGEST_OVERVIEW])
+
+
+def _names_readings(cells: Sequence[str]) -> bool:
+    """Return whether a row names angle or time, and reading."""
+    names = [unit_of(cell).name for cell in cells if cell and not looks_like_number(cell)]
+    has_abscissa = any(has_role(name, "angle") or has_role(name, "time") for name in names)
+    return has_abscissa and any(has_role(name, "reading") for name in names)
+
+
+def _is_complete(heading: Heading) -> bool:
+    """Return whether a table has readings, and angles or times."""
+    has_abscissa = "angle" in heading.roles or "time" in heading.roles
+    return has_abscissa and bool(heading.readings)
+
+
+def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
+    """Return the selection with the only table of a file marked as such."""
+    paths = [table.sheet.path for table in tables]
+    marked = []
+    for sheet, heading in tables:
+        if paths.count(sheet.path) == 1:
+            sheet = replace(sheet, is_only_table=True)
+        marked.append(HeadedSheet(sheet, heading))
+    return SheetSelection(marked, selection.left_out)

@@ -1,0 +1,298 @@
+"""Sheets split into the recordings of their tests, with columns made into numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ldbb_bayes.campaign.campaign import LABELS, PER_TEST
+from ldbb_bayes.campaign.text_table import Row, columns_of
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.headers import Heading, note_heading
+from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.lines_above import statements_in
+from ldbb_bayes.reading.numerals import (
+    constant_value,
+    could_be_thousands,
+    decimal_mark,
+    is_clock,
+    is_missing,
+    looks_like_number,
+    numbers_of,
+    seconds_of,
+)
+from ldbb_bayes.reading.overview import overview_lines
+from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.results import Array
+
+__all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
+
+# Columns of words, and of readings, which each test has for itself.
+_NOT_SHARED = ("test", "direction", "reading")
+# Fields that lines of a sheet without a table state of all tests.
+FIELDS_OF_ALL_TESTS = {
+    "plane",
+    "resolution_um",
+    "mount",
+    "feed_mm_per_min",
+    "radius_mm",
+    "temperature_C",
+    *LABELS,
+}
+
+
+@dataclass(frozen=True)
+class _SheetColumns:
+    """The rows of a sheet by columns."""
+
+    sheet: Sheet
+    heading: Heading
+    lines: list[int]  # of the rows in the file
+    cells: list[list[str]]  # by column
+    clock_column: int | None  # of times of day
+    decimal: str | None  # mark
+
+    def numbers(self, role: str, column: int) -> Array:
+        """Return a column of numbers, shape (n,)."""
+        title = self.heading.column_title(role, column)
+        place = self.sheet.place
+        return numbers_of(place, title, self.lines, self.cells[column], self.decimal)
+
+    def constant(self, test: str, key: str, column: int, rows: Sequence[int]) -> Any:
+        """Return the one value that a column holds in the rows of a test."""
+        lines = [self.lines[k] for k in rows]
+        cells = [self.cells[column][k] for k in rows]
+        return constant_value(self.sheet.place, test, key, lines, cells, self.decimal)
+
+    def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
+        """Return the words in the column of directions, with the line where each first stands."""
+        words: dict[str, int] = {}
+        if "direction" in self.heading.roles:
+            column = self.heading.roles["direction"]
+            for k in rows:
+                words.setdefault(self.cells[column][k], self.lines[k])
+        return words
+
+
+def split_sheet(
+    sheet: Sheet,
+    heading: Heading,
+    layout: Layout,
+    campaign: Mapping[str, Any],
+    log: AssumptionLog,
+    left_out: Sequence[Sheet],
+) -> Iterator[Recording]:
+    """Yield the tests of one sheet, in the order of their first rows.
+
+    Parameters
+    ----------
+    sheet, heading
+        The sheet and its columns.
+    layout
+        What a user states of the tables.
+    campaign
+        Fields of the campaign that options state.
+    log
+        Notes what is assumed.
+    left_out
+        Sheets without a table, which may state something of all tests or of one.
+    """
+    columns = _read_columns(sheet, heading, layout, log)
+    numbers = _shared_numbers(columns, layout)
+    labels = _labels_of(columns)
+    rows_by_label: dict[str, list[int]] = {}
+    for k, label in enumerate(labels):
+        rows_by_label.setdefault(label, []).append(k)
+    field_columns = _field_columns(columns, labels, log)
+    holds_several = len(rows_by_label) > 1 or len(heading.readings) > 1 or bool(sheet.name_in_file)
+    for test_heading in columns.heading.split_by_readings():
+        for column in test_heading.readings:
+            numbers["reading"] = columns.numbers("reading", column)
+        for label, rows in rows_by_label.items():
+            title = label or test_heading.label
+            stated = _stated_fields(sheet, title, layout, holds_several)
+            fields = {
+                key: columns.constant(title, key, column, rows)
+                for key, column in field_columns.items()
+            }
+            name = label or sheet.name or sheet.path.stem
+            overview = overview_lines(left_out, [name, sheet.path.name])
+            lines_above = [*test_heading.lines_above, *overview.of_this_test]
+            statements = {
+                key: stated_of_all
+                for key, stated_of_all in statements_in(overview.of_all_tests).items()
+                if key in FIELDS_OF_ALL_TESTS
+            }
+            yield Recording(
+                sheet=sheet,
+                heading=replace(test_heading, lines_above=lines_above),
+                label=title,
+                lines=[columns.lines[k] for k in rows],
+                numbers={role: values[rows] for role, values in numbers.items()},
+                direction_words=columns.direction_words(rows),
+                statements=statements | statements_in(lines_above),
+                layout=layout,
+                stated=stated,
+                campaign=campaign,
+                log=log,
+                fields=fields,
+                lines_of_all_tests=overview.of_all_tests,
+            )
+
+
+def _read_columns(
+    sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog
+) -> _SheetColumns:
+    """Return the rows of a table by columns, with the decimal mark, which is noted."""
+    lines, cells = columns_of(sheet.place, _table_rows(sheet, heading), len(heading.headers))
+    note_heading(sheet, heading, layout, log)
+    clock_column = None
+    if "time" in heading.roles and is_clock(cells[heading.roles["time"]][0]):
+        clock_column = heading.roles["time"]
+    number_columns = []
+    for role, column in heading.roles.items():
+        if role not in _NOT_SHARED and column != clock_column:
+            number_columns.append(column)
+    number_columns += heading.readings
+    cells_by_line: list[tuple[int, str]] = []
+    for k, line in enumerate(lines):
+        cells_by_line += [(line, cells[column][k]) for column in number_columns]
+    decimal = _decimal_mark_of(sheet, cells_by_line, layout, log)
+    if clock_column is not None:
+        units = list(heading.units)
+        units[clock_column] = "s"
+        heading = replace(heading, units=units)
+    return _SheetColumns(sheet, heading, lines, cells, clock_column, decimal)
+
+
+def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
+    """Return the rows of a table; below it rows without numbers may stand."""
+    rows = sheet.rows[heading.first_row :]
+    while rows and not _has_number(rows[-1]):
+        rows.pop()
+    return rows
+
+
+def _has_number(row: Row) -> bool:
+    return any(looks_like_number(cell) or is_missing(cell) for cell in row.cells)
+
+
+def _decimal_mark_of(
+    sheet: Sheet, cells: Sequence[tuple[int, str]], layout: Layout, log: AssumptionLog
+) -> str | None:
+    """Return the decimal mark, as stated or found out; it is noted where it may be another."""
+    if layout.decimal is not None:
+        _note_stated_mark(sheet, cells, layout.decimal, log)
+        return layout.decimal
+    decimal = decimal_mark(sheet.place, cells)
+    if decimal is None:
+        return None
+    log.keep(decimal=decimal)
+    marked = [cell for _, cell in cells if decimal in cell]
+    if all(could_be_thousands(cell) for cell in marked):
+        reason = "thousands are as likely: three digits behind each"
+        log.add(sheet.place, "decimal mark", decimal, reason, "--decimal")
+    elif decimal == ",":
+        log.add(sheet.place, "decimal mark", decimal, "no cell has a point", "--decimal")
+    return decimal
+
+
+def _note_stated_mark(
+    sheet: Sheet, cells: Sequence[tuple[int, str]], decimal: str, log: AssumptionLog
+) -> None:
+    """Note a stated decimal mark that no cell has, while cells have the other."""
+    other = "," if decimal == "." else "."
+    if any(decimal in cell for _, cell in cells):
+        return
+    if any(other in cell for _, cell in cells):
+        reason = f"cells have {other!r} alone: thousands"
+        log.add(sheet.place, "decimal mark", f"{decimal}, as given", reason, "--decimal")
+
+
+def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
+    """Return the columns of numbers but the readings, by role."""
+    numbers = {}
+    for role, column in columns.heading.roles.items():
+        if role not in _NOT_SHARED and column != columns.clock_column:
+            numbers[role] = columns.numbers(role, column)
+    if columns.clock_column is not None:
+        if layout.time_unit not in (None, "s"):
+            raise InputError(
+                f"{columns.sheet.place}: times of day have no unit, got {layout.time_unit!r}. Leave"
+                " --time-unit out."
+            )
+        cells = columns.cells[columns.clock_column]
+        numbers["time"] = seconds_of(columns.sheet.place, columns.lines, cells)
+    return numbers
+
+
+def _labels_of(columns: _SheetColumns) -> list[str]:
+    """Return the label of the test of every row; empty where there is no such column."""
+    if "test" not in columns.heading.roles:
+        return [""] * len(columns.lines)
+    labels = columns.cells[columns.heading.roles["test"]]
+    if "" in labels:
+        line = columns.lines[labels.index("")]
+        raise InputError(
+            f"{columns.sheet.place}, line {line}: rows must name their test, got none. Complete or"
+            " remove the line."
+        )
+    return labels
+
+
+def layout_names(sheet: Sheet, label: str) -> list[str]:
+    """Return the names by which a [[test]] of the layout may call a test, the closest first."""
+    path = sheet.path
+    names = (label, sheet.name_in_file, path.name, path.stem, str(path), sheet.name)
+    return [name for name in names if name]
+
+
+def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool) -> dict[str, Any]:
+    """Return what the layout states of a test by any of its names, the closest name first."""
+    entries = {entry.file: entry for entry in layout.test}
+    fields: dict[str, Any] = {}
+    for name in reversed(layout_names(sheet, label)):
+        if name not in entries:
+            continue
+        entry = entries[name]
+        is_of_file = name not in (label, sheet.name_in_file)
+        if is_of_file and holds_several and (entry.force_N or entry.pressure_bar):
+            raise InputError(
+                f"{sheet.place}: a force or pressure given for the file must be of one test, got"
+                " several in it. Give --forces-N with one for each, a [[test]] for each in"
+                " --layout, or a column."
+            )
+        fields |= entry.stated()
+    return fields
+
+
+def _field_columns(
+    columns: _SheetColumns, labels: Sequence[str], log: AssumptionLog
+) -> dict[str, int]:
+    """Return the columns that hold one field of each test.
+
+    Times and temperatures of every reading are left out, which is noted.
+    """
+    heading = columns.heading
+    field_columns = {
+        header: column
+        for column, header in enumerate(heading.headers)
+        if header in PER_TEST and column not in heading.roles.values()
+    }
+    for key in ("temperature_C", "time_s"):
+        if key not in field_columns:
+            continue
+        values = set(zip(labels, columns.cells[field_columns[key]], strict=True))
+        if len(values) > len(set(labels)):
+            log.add(
+                columns.sheet.place,
+                "columns not used",
+                key,
+                "it changes within a test",
+                "a [[test]] in --layout",
+            )
+            del field_columns[key]
+    return field_columns

@@ -1,0 +1,264 @@
+"""Load, radius, feed and direction of a test, from all that states them.
+
+A column and what a user states are certain: what contradicts them is noted. Lines above a table
+and names are evidence: they are noted where they are used, and refused where they contradict each
+other.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.reading.lines_above import directions_stated
+from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, radius_in_name
+from ldbb_bayes.reading.recording import (
+    LOAD_ROLES,
+    UNITS_SHOWN,
+    Recording,
+    option_for,
+)
+from ldbb_bayes.reading.words import UNITS, WORDS
+
+__all__ = ["direction_of", "loads_of", "quantity_of", "unit_size"]
+
+# Share by which a value in a line may be rounded.
+_ROUNDED_IN_LINE = 1e-3
+# Share by which a value in a name may be rounded.
+_ROUNDED_IN_NAME = 0.02
+# Share by which the rows of a column may differ that holds one value.
+_CONSTANT = 1e-9
+# Characters of a text from a file that a message shows.
+_TEXT_SHOWN = 60
+_UNIT_SHOWN = 40
+
+
+class _Evidence(NamedTuple):
+    """A value of a quantity and where it stands."""
+
+    value: float
+    source: str
+    tolerance: float  # share by which it may be rounded
+
+
+def quantity_of(recording: Recording, key: str, column_value: float | None = None) -> float | None:
+    """Return a quantity of a test; None where nothing states it.
+
+    Parameters
+    ----------
+    recording
+        The test.
+    key
+        The field: force_N, pressure_bar, radius_mm, feed_mm_per_min, start_deg or overshoot_deg.
+    column_value
+        The value in its column, in the unit of the field; None where there is no column.
+
+    Raises
+    ------
+    InputError
+        For lines and names that contradict each other, and a mark that may be of thousands.
+    """
+    certain = _certain_evidence(recording, key, column_value)
+    uncertain = _uncertain_evidence(recording, key)
+    if not certain and not uncertain:
+        return None
+    unit = UNITS_SHOWN.get(key, "°")
+    option = option_for(key)
+    evidence, *others = certain + uncertain
+    value = evidence.value
+    if math.isnan(value):
+        raise InputError(
+            f"{recording.place}: {key} must be one number, got a mark in {evidence.source} that may"
+            f" stand between thousands. Give {option}."
+        )
+    for other in others:
+        if math.isnan(other.value) or np.isclose(other.value, value, rtol=other.tolerance):
+            continue
+        if not certain:
+            raise InputError(
+                f"{recording.place}: {key} must be said once, got {value:g} {unit} in"
+                f" {evidence.source} and {other.value:g} {unit} in {other.source}. Give {option}."
+            )
+        taken = f"{value:g} {unit}, {evidence.source}"
+        recording.note(key, taken, f"{other.source} says {other.value:g} {unit}", option)
+    if not certain:
+        statements = recording.statements.get(key)
+        reason = evidence.source
+        if statements and not statements[0].unit:
+            reason += ", no unit there"
+        recording.note(key, f"{value:g} {unit}", reason, option)
+    return value
+
+
+def _certain_evidence(
+    recording: Recording, key: str, column_value: float | None
+) -> list[_Evidence]:
+    """Return what a user and the column state; of a radius the column comes first."""
+    sources = [(recording.stated_value(key), "as given"), (column_value, "its column")]
+    if key == "radius_mm":
+        sources.reverse()
+    evidence = []
+    for value, source in sources:
+        if value is not None:
+            evidence.append(_Evidence(float(value), source, _ROUNDED_IN_LINE))
+    return evidence
+
+
+def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
+    """Return what the lines above the table and the names state."""
+    evidence = []
+    for statement in recording.statements.get(key, ()):
+        source = f"line {statement.line}"
+        evidence.append(_Evidence(statement.value, source, _ROUNDED_IN_LINE))
+    if key in LOAD_ROLES:
+        load = load_in_name(recording.names(), key)
+        if load is not None and load.key == key:
+            evidence.append(_Evidence(load.value, f"the name {load.name!r}", _ROUNDED_IN_NAME))
+    if key == "radius_mm":
+        radius = radius_in_name(recording.names())
+        if radius is not None:
+            evidence.append(_Evidence(radius, "its name", _ROUNDED_IN_NAME))
+    return evidence
+
+
+def loads_of(recording: Recording) -> dict[str, float]:
+    """Return force_N, pressure_bar, or both."""
+    is_stated = any(recording.stated_value(key) is not None for key in LOAD_ROLES)
+    loads = {}
+    for key in LOAD_ROLES:
+        column_value = None if is_stated else _constant_load(recording, key)
+        value = quantity_of(recording, key, column_value)
+        if value is not None:
+            loads[key] = value
+    question = ""
+    if load_is_ambiguous(recording.names()):
+        question = f" (which number does {recording.title!r} mean?)"
+    require(
+        loads,
+        f"{recording.place}: force or pressure must be known, got neither from a column, the lines"
+        f" above the table or the name{question}. Give --forces-N or --pressures-bar, one for each"
+        " test in the order of files and sheets, or a [[test]] in --layout.",
+    )
+    return loads
+
+
+def _constant_load(recording: Recording, key: str) -> float | None:
+    """Return the one value of a column of loads; None where there is no such column."""
+    role = LOAD_ROLES[key]
+    unit = UNITS_SHOWN[key]
+    if role not in recording.numbers:
+        return None
+    values = recording.numbers[role] * unit_size(recording, role, unit)
+    tolerance = _CONSTANT * max(float(np.abs(values).max()), 1.0)
+    different = np.flatnonzero(np.abs(values - values[0]) > tolerance)
+    if different.size:
+        raise InputError(
+            f"{recording.place}, line {recording.lines[different[0]]}: {role} must be the same in"
+            f" all rows of a test, got {values.min():g} to {values.max():g} {unit}. Name the test"
+            " of each row in a column (--test-column), or give the nominal value"
+            f" ({option_for(key)})."
+        )
+    return float(values[0])
+
+
+def unit_size(
+    recording: Recording, role: str, usual: str, reason: str = "no unit in the header"
+) -> float:
+    """Return the size of a column's unit in ours.
+
+    It is the unit that a user states, else the one that the header names, else the usual one, which
+    is noted.
+
+    Parameters
+    ----------
+    recording
+        The test.
+    role
+        Of the column.
+    usual
+        The unit where none is named.
+    reason
+        Why the usual unit is taken.
+    """
+    header_line = recording.heading.line
+    header_unit = recording.heading.units[recording.heading.roles[role]]
+    stated_unit: str | None = getattr(recording.layout, f"{role}_unit")
+    unit = stated_unit or header_unit or usual
+    option = "--unit" if role == "reading" else f"--{role}-unit"
+    if unit not in UNITS[role]:
+        raise InputError(
+            f"{recording.place}: the {role} must be in {', '.join(UNITS[role])}, got"
+            f" {unit[:_UNIT_SHOWN]!r} in line {header_line}. Correct the header, or give {option}."
+        )
+    subject = f"unit of the {role}"
+    if not stated_unit and not header_unit:
+        recording.note(subject, usual, reason, option)
+    elif header_unit not in ("", unit):
+        contradiction = f"line {header_line} says {header_unit}"
+        recording.note(subject, f"{unit}, as given", contradiction, option)
+    recording.log.keep(**{f"{role}_unit": None if header_unit else unit})
+    return UNITS[role][unit]
+
+
+def _senses_by_word() -> dict[str, str]:
+    senses = {}
+    for sense in ("CW", "CCW"):
+        for word in WORDS["directions"][sense]:
+            senses[word] = sense
+    return senses
+
+
+_SENSES_BY_WORD = _senses_by_word()
+
+
+def _sense_of(word: str) -> str:
+    """Return CW or CCW, or the word itself in capitals."""
+    letters = re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", word.upper())
+    return _SENSES_BY_WORD.get(letters, word.upper())
+
+
+def direction_of(recording: Recording) -> str | None:
+    """Return CW or CCW; None where nothing states it.
+
+    A user's word comes before the column, the column before lines above the table and names, and
+    these before sheets without a table.
+    """
+    column_senses: dict[str, int] = {}
+    for word, line in recording.direction_words.items():
+        if word:
+            column_senses.setdefault(_sense_of(word), line)
+    senses = set(column_senses)
+    if not senses:
+        senses = directions_stated(recording.heading.lines_above, recording.names())
+    if not senses:
+        elsewhere = directions_stated(recording.lines_of_all_tests)
+        if len(elsewhere) == 1:  # both would not be of one test
+            senses = elsewhere
+    stated: str | None = recording.stated_value("direction")
+    if stated is not None:
+        if senses - {stated}:
+            reason = "the file says the other"
+            recording.note("direction", f"{stated}, as given", reason, "--direction")
+        return stated
+    if len(column_senses) > 1 or set(column_senses) - {"CW", "CCW"}:
+        words = ", ".join(sorted(column_senses))
+        raise InputError(
+            f"{recording.place}, line {max(column_senses.values())}: direction must be CW or CCW in"
+            f" all rows of a test, got {words[:_TEXT_SHOWN]!r}. Correct it, or give --direction."
+        )
+    require(
+        len(senses) <= 1,
+        f"{recording.place}: direction must be said once, got CW and CCW above the table or in"
+        " names. Give --direction.",
+    )
+    if not senses:
+        return None
+    direction = senses.pop()
+    if not column_senses:
+        reason = "a line above the table, or the name"
+        recording.note("direction", direction, reason, "--direction")
+    return direction

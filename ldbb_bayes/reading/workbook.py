@@ -1,0 +1,138 @@
+"""Sheets of workbooks (XLSX, XLS, ODS), with archives checked before they are unpacked."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import python_calamine
+
+from ldbb_bayes.campaign.text_table import (
+    ARCHIVE_SIGNATURE,
+    COMPOUND_SIGNATURE,
+    LARGEST_TABLE,
+    Row,
+)
+from ldbb_bayes.errors import InputError, check_known, require
+from ldbb_bayes.reading.sheet import Sheet
+
+__all__ = ["WORKBOOK_SUFFIXES", "read_workbook"]
+
+WORKBOOK_SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
+_MEGABYTE = 2**20
+# Bytes that the parts of a workbook may unpack to.
+_LARGEST_UNPACKED = 256 * _MEGABYTE
+# How many times larger than the archive they may be.
+_LARGEST_RATIO = 200.0
+# Bytes that an archive of any size may unpack to.
+_SMALL_ARCHIVE = _MEGABYTE
+# A cell so far out that the table up to it does not fit into memory.
+_DISTANT_CELL = re.compile(rb'\br="([A-Z]{3,}\d+|[A-Z]+\d{6,})"')
+# Compound files consist of sectors of this many bytes.
+_SECTOR = 512
+# Whole numbers up to this are written without a point; doubles hold them exactly.
+_LARGEST_WHOLE = 1e15
+
+
+def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
+    """Return the sheets that hold anything, or those wanted.
+
+    A formula counts by the value that was saved with it.
+    """
+    if raw.startswith(ARCHIVE_SIGNATURE):
+        _check_archive(path, raw)
+    is_compound = raw.startswith(COMPOUND_SIGNATURE)
+    if is_compound and len(raw) % _SECTOR:
+        raise _unreadable(path, "a cut one")
+    # Only by its path does the library tell that a compound file has a password.
+    source: Any = path if is_compound else io.BytesIO(raw)
+    try:
+        with python_calamine.load_workbook(source) as book:
+            sheets = _sheets_of(path, book, wanted)
+    except python_calamine.PasswordError:
+        raise InputError(
+            f"{path} must be a workbook without a password, got one with. Save it without."
+        ) from None
+    except (python_calamine.CalamineError, OSError) as error:
+        raise _unreadable(path, f"a damaged one ({error})") from None
+    except BaseException as error:
+        # The library's assertions are no Exception, and have no name to import.
+        if type(error).__name__ != "PanicException":
+            raise
+        raise _unreadable(path, f"a damaged one ({error})") from None
+    require(sheets, f"{path} must hold a table, got empty sheets. Leave it out or export it again.")
+    size = sum(len(sheet.rows) * len(sheet.rows[0].cells) for sheet in sheets)
+    require(
+        size <= LARGEST_TABLE,
+        f"{path} must hold at most {LARGEST_TABLE} cells, got {size}. Split it.",
+    )
+    return sheets
+
+
+def _unreadable(path: Path, state: str) -> InputError:
+    return InputError(
+        f"{path} must hold a workbook that can be read, got {state}. Open and save it again."
+    )
+
+
+def _sheets_of(
+    path: Path, book: python_calamine.CalamineWorkbook, wanted: Sequence[str]
+) -> list[Sheet]:
+    check_known(f"{path}: sheet", wanted, book.sheet_names)
+    sheets = []
+    for name in wanted or book.sheet_names:
+        cells = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+        rows = []
+        for line, values in enumerate(cells, start=1):
+            texts = [_cell_text(value) for value in values]
+            if any(texts):
+                rows.append(Row(line, texts))
+        if rows:
+            sheets.append(Sheet(path, name, rows))
+    return sheets
+
+
+def _cell_text(value: object) -> str:
+    """Return a cell as text; a whole number without a point."""
+    if isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_WHOLE:
+        return f"{value:.0f}"
+    return str(value).strip()
+
+
+def _check_archive(path: Path, raw: bytes) -> None:
+    """Refuse an archive that unpacks to too much, or has a cell too far out."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            parts = archive.infolist()
+            _check_size(path, parts)
+            for part in parts:
+                if part.filename.startswith("xl/worksheets/"):
+                    _check_cells(path, archive.read(part))
+    except InputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - whatever a damaged archive makes of the library
+        raise _unreadable(path, f"a damaged one ({type(error).__name__})") from None
+
+
+def _check_size(path: Path, parts: Sequence[zipfile.ZipInfo]) -> None:
+    unpacked = sum(part.file_size for part in parts)
+    packed = sum(part.compress_size for part in parts)
+    require(
+        unpacked <= min(_LARGEST_UNPACKED, _LARGEST_RATIO * packed + _SMALL_ARCHIVE),
+        f"{path} must unpack to at most {_LARGEST_UNPACKED / _MEGABYTE:.0f} MB and"
+        f" {_LARGEST_RATIO:.0f} times its size, got {unpacked / _MEGABYTE:.0f} MB from"
+        f" {packed / _MEGABYTE:.2f} MB. Do not open it unless you know where it comes from.",
+    )
+
+
+def _check_cells(path: Path, worksheet: bytes) -> None:
+    distant = _DISTANT_CELL.search(worksheet)
+    if distant:
+        raise InputError(
+            f"{path} must hold its cells within column ZZ and row 99999, got cell"
+            f" {distant[1][:20].decode()}. Delete it, or save the sheet as 'CSV UTF-8'."
+        )
