@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from ldbb_bayes.campaign.campaign import PER_TEST
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
-from ldbb_bayes.reading.columns import (
+from ldbb_bayes.reading.column_roles import (
     BRACKET,
     RULE,
     count_numbers,

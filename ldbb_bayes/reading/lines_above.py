@@ -10,7 +10,7 @@ from datetime import date
 from functools import cache
 from typing import Any, NamedTuple
 
-from ldbb_bayes.reading.columns import names_any_role
+from ldbb_bayes.reading.column_roles import names_any_role
 from ldbb_bayes.reading.numerals import (
     NUMBER_IN_TEXT,
     is_missing,

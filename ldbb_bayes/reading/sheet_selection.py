@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
-from ldbb_bayes.reading.columns import has_role, unit_of
+from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.headers import Heading, NoTableError, find_heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number
