@@ -1,10 +1,9 @@
-"""The dense textbook version of the model, written from the measurement model alone, in both its
-editions.
+"""The dense textbook version of the model, in both its editions.
 
-Nothing of ldbb_bayes is imported. Every test's columns are evaluated at its own angles, the
-covariance of all readings is one n × n matrix, hyper-parameters are integrated by importance
-sampling about the mode, the truncation is by rejection. Columns are typed in for the paper's
-machine: tool at x = R cos θ, y = R sin θ.
+It is written from the measurement model alone: nothing of ldbb_bayes is imported. Every test's
+columns are evaluated at its own angles, the covariance of all readings is one n × n matrix,
+hyper-parameters are integrated by importance sampling about the mode, and the truncation is by
+rejection. Columns are typed in for the paper's machine: tool at x = R cos θ, y = R sin θ.
 """
 
 from __future__ import annotations
@@ -13,30 +12,44 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg, optimize, special, stats
 
+# Parameters of interest with their prior sd: compliances [mm/N …] and geometric errors.
 INTEREST = ["C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"]
 GEOMETRIC = ["E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
 SD_C = np.array([1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9])
 SD_E = np.array([2e-4, 1e-6, 1e-6, 2e-4, 5e-5, 0.02, 0.02])
 TERMS = {"first": ("form", "length", "mount", "force", "setup", "discrepancy")}
 TERMS["second"] = (*TERMS["first"], "pattern", "joint", "position", "angle", "hysteresis", "circle")
-SCALES = {
-    "first": {"sigma": 1e-3, "delta": 1e-3, "kappa": 1e-3, "tau": 5e-3}
-}  # of half-normal priors, mm
+# Scales of the half-normal priors [mm].
+SCALES = {"first": {"sigma": 1e-3, "delta": 1e-3, "kappa": 1e-3, "tau": 5e-3}}
 SCALES["second"] = SCALES["first"] | {"tau": 1.5e-3, "omega": 1.5e-3, "eta": 2e-3}
-Phi = Mapping[str, float] | np.ndarray  # by name, or in the order of Oracle.hypers
+# Order of the hyper-parameters that circles share.
+HYPERS = ("sigma", "delta", "kappa", "tau", "p", "omega", "eta")
+# Exponent p of the balls' form: a normal prior between two limits.
+P_MEAN = 2.0
+P_SD = 0.7
+P_LIMITS = (0.5, 3.5)
+# The compliances that must not be negative: C_XXX, C_YYY and C_CCY.
+PHYSICAL = (0, 2, 5)
+# Uniform numbers keep this distance from zero and one.
+LEAST_UNIFORM = 1e-12
+# Hyper-parameters by name, or in the order of Oracle.hypers.
+Phi = Mapping[str, float] | np.ndarray
 
 
 @dataclass
 class OracleTest:
+    """One circular test: N, bar, rad and mm."""
+
     force: float
     pressure: float
-    angle: np.ndarray  # rad
-    reading: np.ndarray  # mm
-    work: float = 0.0  # rad
+    angle: np.ndarray
+    reading: np.ndarray
+    work: float = 0.0
     tool: float = 0.0
     radius: float = 150.0
     direction: float = 1.0  # CW or not stated +1, CCW −1
@@ -44,13 +57,15 @@ class OracleTest:
 
 @dataclass
 class Stated:
-    """What is known of the parts; a U is expanded, k = 2. The defaults are what the model assumes
-    where nothing is stated."""
+    """What certificates state; a U is expanded, k = 2.
 
-    sphericity_um: dict[str, float] = field(default_factory=dict)  # ball -> S
-    harmonics_um: dict[str, dict[int, tuple[float, float, float]]] = field(
-        default_factory=dict
-    )  # amplitude, phase (deg), U
+    The defaults are what the model assumes where nothing is stated.
+    """
+
+    # Sphericity S by ball.
+    sphericity_um: dict[str, float] = field(default_factory=dict)
+    # Amplitude, phase [deg] and U by ball and order.
+    harmonics_um: dict[str, dict[int, tuple[float, float, float]]] = field(default_factory=dict)
     length_error_um: float = 0.0
     length_U_um: float = 18.8
     mount_um_per_bar: float = 2.33
@@ -59,6 +74,22 @@ class Stated:
     linearity_percent: float = math.sqrt(3.0)
     random_N: float = 4.0
     angle_U_deg: float = 0.2
+
+
+class Conditional(NamedTuple):
+    """ln p(y | φ), mean and covariance of β given y and φ."""
+
+    log_evidence: float
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+class Proposals(NamedTuple):
+    """Points of ln φ, ln p(y, φ) over their density, and β given φ of those inside the prior."""
+
+    log_phi: np.ndarray
+    log_weight: np.ndarray
+    conditional: list[Conditional]
 
 
 def compliance_columns(theta: np.ndarray, R: np.ndarray) -> np.ndarray:
@@ -75,19 +106,19 @@ def geometric_columns(theta: np.ndarray, R: np.ndarray) -> np.ndarray:
 
 def waves(order: int, angle: np.ndarray) -> np.ndarray:
     """cos nθ and sin nθ; of order 0 a column of ones."""
-    return np.stack([np.cos(order * angle), np.sin(order * angle)][: 2 if order else 1], axis=1)
+    if order == 0:
+        return np.ones((len(angle), 1))
+    return np.stack([np.cos(order * angle), np.sin(order * angle)], axis=1)
 
 
 @cache
 def spectrum_of_power(power: float) -> np.ndarray:
     """Coefficients of cos nθ in |cos θ|^power, n = 0 to 12, by the midpoint rule."""
     grid = (np.arange(2**16) + 0.5) * np.pi / 2**15
-    return np.array(
-        [
-            np.mean(np.abs(np.cos(grid)) ** power * np.cos(n * grid)) * (2.0 if n else 1.0)
-            for n in range(13)
-        ]
-    )
+    values = np.abs(np.cos(grid)) ** power
+    spectrum = np.array([np.mean(values * np.cos(n * grid)) for n in range(13)])
+    spectrum[1:] *= 2.0
+    return spectrum
 
 
 def projected_power(power: float, angle: np.ndarray) -> np.ndarray:
@@ -95,10 +126,28 @@ def projected_power(power: float, angle: np.ndarray) -> np.ndarray:
     return np.cos(np.outer(angle, np.arange(13))) @ spectrum_of_power(power)
 
 
+def inside_unit_interval(uniform: np.ndarray) -> np.ndarray:
+    return np.clip(uniform, LEAST_UNIFORM, 1.0 - LEAST_UNIFORM)
+
+
+def log_probability_inside(conditional: Conditional, rows: np.ndarray, normal: np.ndarray) -> float:
+    """ln P(rows · β ≥ 0) as the share of standard normal points (draws, rows) inside."""
+    root = np.linalg.cholesky(rows @ conditional.covariance @ rows.T)
+    inside = (rows @ conditional.mean + normal @ root.T >= 0.0).all(axis=1)
+    return float(np.log(max(inside.mean(), 1e-300)))
+
+
+def is_clocked(angle: np.ndarray) -> bool:
+    """Whether the clocking of a ball differs between readings."""
+    return bool(np.abs(np.exp(1j * (angle - angle[0])) - 1.0).max() > 1e-9)
+
+
 @dataclass
 class Oracle:
-    """The model of one campaign; ``terms`` lists the nuisances that are on, all those of the
-    edition by default."""
+    """The model of one campaign.
+
+    ``terms`` lists the nuisances that are on, by default all those of the edition.
+    """
 
     tests: list[OracleTest]
     degree: int
@@ -106,103 +155,144 @@ class Oracle:
     compensated: bool = True
     resolution: float = 0.24e-3
     truncated: bool = True
-    given_priors: dict[str, tuple[float, float]] = field(
-        default_factory=dict
-    )  # parameter -> prior mean and sd
+    # Prior mean and sd by parameter.
+    given_priors: dict[str, tuple[float, float]] = field(default_factory=dict)
     edition: str = "first"
     stated: Stated = field(default_factory=Stated)
     names: list[str] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.terms = TERMS[self.edition] if self.terms is None else self.terms
-        sizes = [t.angle.size for t in self.tests]
-        self.theta, self.y = (
-            np.concatenate([getattr(t, name) for t in self.tests]) for name in ("angle", "reading")
-        )
-        self.force, self.pressure, self.radius, self.travel, self.work, self.tool = (
-            np.repeat([getattr(t, name) for t in self.tests], sizes)
-            for name in ("force", "pressure", "radius", "direction", "work", "tool")
-        )
-        self.circle = np.repeat(np.arange(len(sizes)), sizes)
+        if self.terms is None:
+            self.terms = TERMS[self.edition]
+        self._join_tests()
+        self._build_columns()
+        self.grams: dict[tuple[tuple[str, ...], int], np.ndarray] = {
+            ((), 0): np.zeros((self.y.size, self.y.size))
+        }
+        add_term = {
+            "form": self._form,
+            "length": self._length,
+            "mount": self._mount,
+            "force": self._force,
+            "setup": self._setup,
+            "discrepancy": self._discrepancy,
+            "pattern": self._pattern,
+            "joint": self._joint,
+            "position": self._position,
+            "angle": self._angle,
+            "hysteresis": self._hysteresis,
+        }
+        for term in self.terms:
+            if term != "circle":
+                add_term[term]()
+        self.hypers = self._list_hypers()
+        self.scales = np.array([SCALES[self.edition].get(name, 1.0) for name in self.hypers])
+
+    def _join_tests(self) -> None:
+        """Join the readings of all tests, and repeat what is stated of a test for each of them."""
+        self.theta = np.concatenate([test.angle for test in self.tests])
+        self.y = np.concatenate([test.reading for test in self.tests])
+        self.force = self._repeat([test.force for test in self.tests])
+        self.pressure = self._repeat([test.pressure for test in self.tests])
+        self.radius = self._repeat([test.radius for test in self.tests])
+        self.travel = self._repeat([test.direction for test in self.tests])
+        self.work = self._repeat([test.work for test in self.tests])
+        self.tool = self._repeat([test.tool for test in self.tests])
+        self.circle = self._repeat(list(range(len(self.tests))))
         if not self.compensated:
             self.y = self.y - 1e-3 * self.stated.mount_um_per_bar * self.pressure
         self.unique = np.unique(self.force)
         self.reference = 0.5 * (self.force.min() + self.force.max())
-        self.span, self.most = np.ptp(self.force), self.force.max()
-        self.bow = 4.0 * (self.force / self.most) * (1.0 - self.force / self.most)
+        self.span = np.ptp(self.force)
+        self.largest = self.force.max()
+        self.bow = 4.0 * (self.force / self.largest) * (1.0 - self.force / self.largest)
+
+    def _repeat(self, values: list[float]) -> np.ndarray:
+        return np.repeat(values, [test.angle.size for test in self.tests])
+
+    def _build_columns(self) -> None:
+        """Build the columns of the parameters of interest, and their priors."""
         self.compliance = compliance_columns(self.theta, self.radius)
-        whole = np.hstack(
-            [self.force[:, None] * self.compliance, geometric_columns(self.theta, self.radius)]
-        )
+        elastic = self.force[:, None] * self.compliance
+        geometric = geometric_columns(self.theta, self.radius)
+        constant = np.hstack([elastic, geometric])
         scale = np.concatenate([SD_C, SD_E])
-        self.estimate = np.linalg.pinv(whole * scale, rcond=1e-10) @ self.y * scale
-        self.axes = (
-            (0.0, abs(self.estimate[0])),
-            (np.pi / 2.0, abs(self.estimate[2])),
-        )  # angle and |Ĉ_aa| of X and Y
-        size = (
-            SD_C if self.edition == "first" else np.maximum(np.abs(self.estimate[:6]), SD_C / 20.0)
-        )
-        steps = range(1, self.degree + 1)
-        slopes = [((self.force - self.reference) ** k)[:, None] * whole[:, :6] for k in steps]
-        self.J = np.hstack([whole[:, :6], *slopes, whole[:, 6:]])
-        self.sd = np.concatenate([SD_C, *[0.3 * size / self.span**k for k in steps], SD_E])
-        self.names = INTEREST + [f"{name}_{k}" for k in steps for name in INTEREST] + GEOMETRIC
+        self.estimate = np.linalg.pinv(constant * scale, rcond=1e-10) @ self.y * scale
+        # Angle and |Ĉ_aa| of X and Y.
+        self.axes = ((0.0, abs(self.estimate[0])), (np.pi / 2.0, abs(self.estimate[2])))
+        size = SD_C
+        if self.edition == "second":
+            size = np.maximum(np.abs(self.estimate[:6]), SD_C / 20.0)
+        slopes = []
+        slope_sd = []
+        slope_names = []
+        for k in range(1, self.degree + 1):
+            slopes.append(((self.force - self.reference) ** k)[:, None] * elastic)
+            slope_sd.append(0.3 * size / self.span**k)
+            slope_names += [f"{name}_{k}" for name in INTEREST]
+        self.J = np.hstack([elastic, *slopes, geometric])
+        self.sd = np.concatenate([SD_C, *slope_sd, SD_E])
+        self.names = INTEREST + slope_names + GEOMETRIC
         self.mean = np.zeros(self.sd.size)
         for name, (mean, sd) in self.given_priors.items():
-            self.mean[self.names.index(name)], self.sd[self.names.index(name)] = mean, sd
-        self.grams: dict[tuple[tuple[str, ...], int], np.ndarray] = {
-            ((), 0): np.zeros((self.y.size, self.y.size))
-        }
-        for term in (term for term in self.terms if term != "circle"):
-            getattr(self, f"_{term}")()
-        used = {
-            name for hypers, order in self.grams for name in (*hypers, *(["p"] if order else []))
-        } | {"sigma"}
-        self.hypers = [
-            name for name in ("sigma", "delta", "kappa", "tau", "p", "omega", "eta") if name in used
-        ]
-        self.hypers += [name for r in range(len(sizes)) for name in self._odd(r) if name in used]
-        self.scales = np.array([SCALES[self.edition].get(name, 1.0) for name in self.hypers])
+            j = self.names.index(name)
+            self.mean[j] = mean
+            self.sd[j] = sd
+
+    def _list_hypers(self) -> list[str]:
+        """The hyper-parameters that the terms need, in their order."""
+        needed = {"sigma"}
+        for hypers, order in self.grams:
+            needed.update(hypers)
+            if order:
+                needed.add("p")
+        names = [name for name in HYPERS if name in needed]
+        for r in range(len(self.tests)):
+            names += [name for name in self._circle_scale(r) if name in needed]
+        return names
 
     def _add(self, columns: np.ndarray, sd: float, *hypers: str, order: int = 0) -> None:
-        """Coefficients of standard deviation sd × hyper-parameters × (order/6)^−p, the last where
-        an order is given."""
+        """Add coefficients of standard deviation sd × hyper-parameters × (order/6)^−p.
+
+        The last factor where an order is stated.
+        """
         scaled = columns.reshape(self.y.size, -1) * sd
         self.grams[hypers, order] = self.grams.get((hypers, order), 0.0) + scaled @ scaled.T
 
-    def _odd(self, r: int) -> tuple[str, ...]:
-        return (f"lambda_{r + 1}",) if "circle" in self.terms and len(self.tests) >= 4 else ()
+    def _circle_scale(self, r: int) -> tuple[str, ...]:
+        """The name of the scale λ of a circle, if it has one."""
+        if "circle" in self.terms and len(self.tests) >= 4:
+            return (f"lambda_{r + 1}",)
+        return ()
 
     def _form(self) -> None:
-        for ball, angle in (
-            ("work", self.theta - self.work),
-            ("tool", self.theta + np.pi - self.tool),
-        ):
-            for n in range(2, 13):
-                columns = waves(n, angle)
-                if n in self.stated.harmonics_um.get(ball, {}):
-                    amplitude, phase, expanded = self.stated.harmonics_um[ball][n]
-                    self.y = self.y - 1e-3 * amplitude * np.cos(n * (angle - np.deg2rad(phase)))
-                    self._add(columns, 0.5e-3 * expanded)
-                elif self.edition == "first":
-                    self._add(columns, math.sqrt(0.5) / n, "tau")
-                else:
-                    self._add(columns, math.sqrt(0.5), "tau", order=n)
-                    if n in (2, 3):
-                        self._add(
-                            columns,
-                            1e-3 * self.stated.sphericity_um.get(ball, 2.5) / math.sqrt(24.0),
-                        )
+        self._form_of_ball("work", self.theta - self.work)
+        self._form_of_ball("tool", self.theta + np.pi - self.tool)
+
+    def _form_of_ball(self, ball: str, angle: np.ndarray) -> None:
+        certified = self.stated.harmonics_um.get(ball, {})
+        sphericity_um = self.stated.sphericity_um.get(ball, 2.5)
+        for n in range(2, 13):
+            columns = waves(n, angle)
+            if n in certified:
+                amplitude, phase, expanded = certified[n]
+                self.y = self.y - 1e-3 * amplitude * np.cos(n * (angle - np.deg2rad(phase)))
+                self._add(columns, 0.5e-3 * expanded)
+            elif self.edition == "first":
+                self._add(columns, math.sqrt(0.5) / n, "tau")
+            else:
+                self._add(columns, math.sqrt(0.5), "tau", order=n)
+                if n in (2, 3):
+                    self._add(columns, 1e-3 * sphericity_um / math.sqrt(24.0))
 
     def _pattern(self) -> None:
-        clocked = any(
-            abs(np.exp(1j * (turn - turn[0])) - 1.0).max() > 1e-9 for turn in (self.work, self.tool)
-        )
-        for way, radius in set(zip(self.travel, self.radius, strict=True)) if clocked else ():
-            here = (self.travel == way) & (self.radius == radius)
+        """Add a pattern of the circle where a ball is clocked: by direction and radius."""
+        if not is_clocked(self.work) and not is_clocked(self.tool):
+            return
+        for travel, radius in set(zip(self.travel, self.radius, strict=True)):
+            readings = (self.travel == travel) & (self.radius == radius)
             for n in range(4, 13):
-                self._add(here[:, None] * waves(n, self.theta), 1.0, "omega", order=n)
+                self._add(readings[:, None] * waves(n, self.theta), 1.0, "omega", order=n)
 
     def _length(self) -> None:
         self.y = self.y - 1e-3 * self.stated.length_error_um
@@ -210,9 +300,8 @@ class Oracle:
             self._add(self.radius == radius, 0.5e-3 * self.stated.length_U_um)
 
     def _mount(self) -> None:
-        self._add(
-            self.pressure, 1e-3 * self.stated.mount_um_per_bar * self.stated.mount_U_percent / 200.0
-        )
+        relative_sd = self.stated.mount_U_percent / 200.0
+        self._add(self.pressure, 1e-3 * self.stated.mount_um_per_bar * relative_sd)
         if self.edition == "second":
             self._add(self.bow, 0.5e-3)
 
@@ -220,37 +309,32 @@ class Oracle:
         deflection = self.compliance @ self.estimate[:6]
         self._add(self.force * deflection, self.stated.force_U_percent / 200.0)
         if self.edition == "second":
-            self._add(
-                self.most * self.bow * deflection,
-                self.stated.linearity_percent / 100.0 / math.sqrt(3.0),
-            )
+            linearity_sd = self.stated.linearity_percent / 100.0 / math.sqrt(3.0)
+            self._add(self.largest * self.bow * deflection, linearity_sd)
         for r in range(len(self.tests)):
             self._add((self.circle == r) * deflection, self.stated.random_N)
 
     def joint_columns(self) -> list[tuple[np.ndarray, float]]:
         """Two of X and two of Y, with their sd."""
-        found = []
-        for place, size in self.axes:
-            F = self.force
-            square = np.cos(self.theta - place) ** 2
-            angle = self.theta - place
-            found.append(
-                (
-                    F * (F * projected_power(3.0, angle) - self.reference * square) / self.most,
-                    0.2 * size,
-                )
-            )
-            contact = F ** (2 / 3) * self.reference ** (1 / 3) * projected_power(5 / 3, angle)
-            found.append((contact - F * square, 0.2 * size))
-        return found
+        columns = []
+        force = self.force
+        for axis, size in self.axes:
+            angle = self.theta - axis
+            square = np.cos(angle) ** 2
+            stiffening = force * projected_power(3.0, angle) - self.reference * square
+            columns.append((force * stiffening / self.largest, 0.2 * size))
+            contact_force = force ** (2 / 3) * self.reference ** (1 / 3)
+            contact = contact_force * projected_power(5 / 3, angle)
+            columns.append((contact - force * square, 0.2 * size))
+        return columns
 
     def _joint(self) -> None:
         for column, sd in self.joint_columns():
             self._add(column, sd)
 
     def _position(self) -> None:
-        for place, size in self.axes:
-            u = np.cos(self.theta - place)
+        for axis, size in self.axes:
+            u = np.cos(self.theta - axis)
             self._add(self.force * u**3, 0.07 * size)
             self._add(self.force * (u**4 - u**2 / 2.0), 0.04 * size)
 
@@ -264,19 +348,15 @@ class Oracle:
     def _setup(self) -> None:
         for r in range(len(self.tests)):
             for n in (0, 1):
-                self._add(
-                    (self.circle == r)[:, None] * waves(n, self.theta), 1.0, "delta", *self._odd(r)
-                )
+                self._add(self._waves_of_circle(r, n), 1.0, "delta", *self._circle_scale(r))
 
     def _discrepancy(self) -> None:
         for r in range(len(self.tests)):
             for n in range(2, 13):
-                self._add(
-                    (self.circle == r)[:, None] * waves(n, self.theta),
-                    1.0 / n,
-                    "kappa",
-                    *self._odd(r),
-                )
+                self._add(self._waves_of_circle(r, n), 1.0 / n, "kappa", *self._circle_scale(r))
+
+    def _waves_of_circle(self, r: int, order: int) -> np.ndarray:
+        return (self.circle == r)[:, None] * waves(order, self.theta)
 
     def _hysteresis(self) -> None:
         if np.ptp(self.travel):  # both directions are run
@@ -286,75 +366,80 @@ class Oracle:
                 self._add(self.force[:, None] * columns, 2e-6 / max(n, 1))
 
     def by_name(self, phi: Phi) -> Mapping[str, float]:
-        return phi if isinstance(phi, Mapping) else dict(zip(self.hypers, phi, strict=True))
+        """Hyper-parameters by their names."""
+        if isinstance(phi, Mapping):
+            return phi
+        return dict(zip(self.hypers, phi, strict=True))
 
     def shared(self, phi: Phi) -> np.ndarray:
-        """Covariance of what is not separate for every test: without set-up shift, discrepancy and
-        noise."""
+        """Covariance without what is separate for every test: set-up shift, discrepancy, noise."""
         return self._sum(phi, [key for key in self.grams if not {"delta", "kappa"} & set(key[0])])
 
     def covariance(self, phi: Phi) -> np.ndarray:
-        return self._sum(phi, list(self.grams)) + self.by_name(phi)["sigma"] ** 2 * np.eye(
-            self.y.size
-        )
+        """Covariance of all readings given β and φ."""
+        noise = self.by_name(phi)["sigma"] ** 2 * np.eye(self.y.size)
+        return self._sum(phi, list(self.grams)) + noise
 
     def _sum(self, phi: Phi, keys: list[tuple[tuple[str, ...], int]]) -> np.ndarray:
+        """Sum of these Gram matrices times their hyper-parameters squared."""
         value = self.by_name(phi)
-        fall = [(n / 6.0) ** -value["p"] if n else 1.0 for _, n in keys]
-        return sum(
-            (math.prod(value[h] for h in key[0]) * f) ** 2 * self.grams[key]
-            for key, f in zip(keys, fall, strict=True)
-        )
+        total = np.zeros((self.y.size, self.y.size))
+        for hypers, order in keys:
+            scale = math.prod(value[name] for name in hypers)
+            if order:
+                scale *= (order / 6.0) ** -value["p"]
+            total = total + scale**2 * self.grams[hypers, order]
+        return total
 
     def log_likelihood(self, phi: Phi, beta: Mapping[str, float] | np.ndarray) -> float:
-        beta = np.array([beta[name] for name in self.names]) if isinstance(beta, Mapping) else beta
+        """ln p(y | β, φ)."""
+        if isinstance(beta, Mapping):
+            beta = np.array([beta[name] for name in self.names])
         return float(stats.multivariate_normal(self.J @ beta, self.covariance(phi)).logpdf(self.y))
 
     def log_prior(self, phi: Phi) -> float:
         """Of σ, δ, κ, τ, p, ω, η and λ themselves."""
         value = self.by_name(phi)
+        floor = self.resolution / np.sqrt(12.0)
+        if value["sigma"] < floor:
+            return -np.inf
         total = 0.0
         for name, scale in zip(self.hypers, self.scales, strict=True):
             if name == "p":
-                total += stats.truncnorm.logpdf(
-                    value[name], -1.5 / 0.7, 1.5 / 0.7, loc=2.0, scale=0.7
-                )
+                limits = [(limit - P_MEAN) / P_SD for limit in P_LIMITS]
+                total += stats.truncnorm.logpdf(value[name], *limits, loc=P_MEAN, scale=P_SD)
             elif name.startswith("lambda"):
-                total += stats.invgamma.logpdf(value[name] ** 2, 1.5, scale=1.5) + np.log(
-                    2.0 * value[name]
-                )
+                log_density = stats.invgamma.logpdf(value[name] ** 2, 1.5, scale=1.5)
+                total += log_density + np.log(2.0 * value[name])
             else:
                 total += stats.halfnorm.logpdf(value[name], scale=scale)
-        floor = self.resolution / np.sqrt(12.0)
-        return (
-            float(total - stats.halfnorm.logsf(floor, scale=self.scales[0]))
-            if value["sigma"] >= floor
-            else -np.inf
-        )
+        return float(total - stats.halfnorm.logsf(floor, scale=self.scales[0]))
 
     def phi(self, free: np.ndarray) -> np.ndarray:
-        """From ln φ; of p from its logit within 0.5 to 3.5."""
-        p = np.array(self.hypers) == "p"
-        return np.where(p, 0.5 + 3.0 * special.expit(free), np.exp(np.where(p, 0.0, free)))
+        """From ln φ; of p from its logit within its limits."""
+        is_p = np.array(self.hypers) == "p"
+        low, high = P_LIMITS
+        p = low + (high - low) * special.expit(free)
+        return np.where(is_p, p, np.exp(np.where(is_p, 0.0, free)))
 
     def log_prior_of_log(self, free: np.ndarray) -> float:
-        """Of ln φ and logit p; beyond 30 scales is next to nothing, and the dense covariance too
-        ill-conditioned."""
+        """Of ln φ and logit p.
+
+        Beyond 30 scales is next to nothing, and the dense covariance too ill-conditioned.
+        """
         phi = self.phi(free)
         if np.any(phi > 30.0 * self.scales):
             return -np.inf
-        change = [
-            (v - 0.5) * (3.5 - v) / 3.0 if name == "p" else v
-            for name, v in zip(self.hypers, phi, strict=True)
-        ]
-        return self.log_prior(phi) + float(np.log(change).sum())
+        low, high = P_LIMITS
+        is_p = np.array(self.hypers) == "p"
+        jacobian = np.where(is_p, (phi - low) * (high - phi) / (high - low), phi)
+        return self.log_prior(phi) + float(np.log(jacobian).sum())
 
-    def given(self, phi: Phi) -> tuple[float, np.ndarray, np.ndarray]:
+    def given(self, phi: Phi) -> Conditional:
         """ln p(y | φ), mean and covariance of β given y, φ; truncation aside."""
         root = linalg.cholesky(self.covariance(phi), lower=True)
-        white = linalg.solve_triangular(
-            root, np.column_stack([self.J * self.sd, self.y - self.J @ self.mean]), lower=True
-        )
+        columns = np.column_stack([self.J * self.sd, self.y - self.J @ self.mean])
+        white = linalg.solve_triangular(root, columns, lower=True)
         white_j = white[:, :-1]
         white_y = white[:, -1]
         precision = white_j.T @ white_j + np.eye(self.sd.size)
@@ -363,7 +448,7 @@ class Oracle:
         quadratic = white_y @ white_y - mean @ precision @ mean
         log_det = 2 * np.log(np.diag(root)).sum() + np.linalg.slogdet(precision)[1]
         log_evidence = -0.5 * (quadratic + log_det + self.y.size * np.log(2 * np.pi))
-        return (
+        return Conditional(
             float(log_evidence),
             self.mean + mean * self.sd,
             covariance * np.outer(self.sd, self.sd),
@@ -372,13 +457,12 @@ class Oracle:
     def inside(self, beta: np.ndarray) -> np.ndarray:
         """Whether C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at every tested force."""
         holds = np.ones(beta.shape[:-1], dtype=bool)
-        for j in (0, 2, 5):
+        for j in PHYSICAL:
             for force in self.unique:
-                value = sum(
-                    beta[..., 6 * k + j] * (force - self.reference) ** k
-                    for k in range(self.degree + 1)
-                )
-                holds &= value >= 0
+                compliance = 0.0
+                for k in range(self.degree + 1):
+                    compliance = compliance + beta[..., 6 * k + j] * (force - self.reference) ** k
+                holds &= compliance >= 0
         return holds
 
     def posterior(
@@ -387,71 +471,69 @@ class Oracle:
         """Draws of (β, φ) and their weights: importance sampling of ln φ from a wide Student-t."""
         rng = np.random.default_rng(seed)
         centre, spread = self._locate(rng)
-        log_phi, log_z, conditional = self._propose(
-            centre, 1.1 * spread, stats.t.rvs(5, size=(points, len(centre)), random_state=rng)
-        )
-        kept = np.isfinite(log_z)
-        found = []
-        weight = []
-        for point, value, (mean, covariance) in zip(
-            log_phi[kept], log_z[kept] - log_z[kept].max(), conditional, strict=True
-        ):
+        standard = stats.t.rvs(5, size=(points, len(centre)), random_state=rng)
+        proposals = self._propose(centre, 1.1 * spread, standard)
+        finite = np.isfinite(proposals.log_weight)
+        log_weight = proposals.log_weight[finite]
+        relative_weight = np.exp(log_weight - log_weight.max())
+        samples = []
+        weights = []
+        for k, log_phi in enumerate(proposals.log_phi[finite]):
+            _, mean, covariance = proposals.conditional[k]
             root = np.linalg.cholesky(covariance / np.outer(self.sd, self.sd))
             beta = mean + (rng.standard_normal((draws, self.sd.size)) @ root.T) * self.sd
-            found.append(np.hstack([beta, np.tile(self.phi(point), (draws, 1))]))
-            weight.append(np.exp(value) * (self.inside(beta) if self.truncated else np.ones(draws)))
-        return np.concatenate(found), np.concatenate(weight) / np.sum(weight)
+            samples.append(np.hstack([beta, np.tile(self.phi(log_phi), (draws, 1))]))
+            counts = self.inside(beta) if self.truncated else np.ones(draws)
+            weights.append(relative_weight[k] * counts)
+        return np.concatenate(samples), np.concatenate(weights) / np.sum(weights)
 
-    def _propose(
-        self, centre: np.ndarray, spread: np.ndarray, standard: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-        """Student-t points about a centre; ln p(y, φ) over their density, −inf outside the prior; β
-        given φ of those inside."""
+    def _propose(self, centre: np.ndarray, spread: np.ndarray, standard: np.ndarray) -> Proposals:
+        """Student-t points about a centre, weighted; weights outside the prior are −inf."""
         log_phi = centre + standard @ spread.T
-        log_proposal = stats.t.logpdf(standard, 5).sum(axis=1) - np.log(
-            np.abs(np.linalg.det(spread))
-        )
+        log_volume = np.log(np.abs(np.linalg.det(spread)))
+        log_proposal = stats.t.logpdf(standard, 5).sum(axis=1) - log_volume
         target = np.array([self.log_prior_of_log(point) for point in log_phi])
         conditional = []
         for k in np.flatnonzero(np.isfinite(target)):
-            log_z, mean, covariance = self.given(self.phi(log_phi[k]))
-            target[k] += log_z
-            conditional.append((mean, covariance))
-        return log_phi, target - log_proposal, conditional
+            of_phi = self.given(self.phi(log_phi[k]))
+            target[k] += of_phi.log_evidence
+            conditional.append(of_phi)
+        return Proposals(log_phi, target - log_proposal, conditional)
 
     def log_evidence(
         self, *, points: int = 4096, draws: int = 64, seed: int = 0
     ) -> tuple[float, float]:
-        """ln Z, truncation included where it is on, and its standard error: quasi-random importance
-        sampling about the mode."""
+        """ln Z, truncation included where it is on, and its standard error.
+
+        Quasi-random importance sampling about the mode, in four independent rounds.
+        """
         rng = np.random.default_rng(seed)
         centre, spread = self._locate(rng)
         rows = self._rows()
-        halves = []
-        places = stats.qmc.Sobol(len(rows), rng=rng).random(draws)
+        uniform_draws = stats.qmc.Sobol(len(rows), rng=rng).random(draws)
+        rounds = []
         for _ in range(4):
-            uniform = np.clip(
-                stats.qmc.Sobol(len(centre), rng=rng).random(points // 4), 1e-12, 1.0 - 1e-12
-            )
-            _, weight, conditional = self._propose(centre, spread, stats.t(5).ppf(uniform))
-            for k, (mean, covariance) in zip(
-                np.flatnonzero(np.isfinite(weight)), conditional, strict=True
-            ):
-                if self.truncated:
-                    root = np.linalg.cholesky(rows @ covariance @ rows.T)
-                    turned = np.clip((places + rng.random(len(rows))) % 1.0, 1e-12, 1.0 - 1e-12)
-                    inside = (rows @ mean + special.ndtri(turned) @ root.T >= 0.0).all(axis=1)
-                    weight[k] += np.log(max(inside.mean(), 1e-300))
-            halves.append(np.logaddexp.reduce(weight) - np.log(points // 4))
-        value = float(np.logaddexp.reduce(halves) - np.log(4))
-        error = float(np.std(np.exp(np.array(halves) - value), ddof=1) / 2.0)
+            uniform = stats.qmc.Sobol(len(centre), rng=rng).random(points // 4)
+            standard = stats.t(5).ppf(inside_unit_interval(uniform))
+            proposals = self._propose(centre, spread, standard)
+            log_weight = proposals.log_weight
+            if self.truncated:
+                finite = np.flatnonzero(np.isfinite(log_weight))
+                for k, conditional in zip(finite, proposals.conditional, strict=True):
+                    turned = (uniform_draws + rng.random(len(rows))) % 1.0
+                    normal = special.ndtri(inside_unit_interval(turned))
+                    log_weight[k] += log_probability_inside(conditional, rows, normal)
+            rounds.append(np.logaddexp.reduce(log_weight) - np.log(points // 4))
+        value = float(np.logaddexp.reduce(rounds) - np.log(4))
+        error = float(np.std(np.exp(np.array(rounds) - value), ddof=1) / 2.0)
         return value - self._log_prob_prior(), error
 
     def _rows(self) -> np.ndarray:
         """C_XXX(F), C_YYY(F), C_CCY(F) at the least and the greatest force, for degrees 0 and 1."""
+        forces = self.unique[[0, -1]] if self.degree else self.unique[:1]
         rows = []
-        for j in (0, 2, 5):
-            for force in self.unique[[0, -1]] if self.degree else self.unique[:1]:
+        for j in PHYSICAL:
+            for force in forces:
                 row = np.zeros(self.sd.size)
                 row[j] = 1.0
                 if self.degree:
@@ -460,49 +542,58 @@ class Oracle:
         return np.array(rows)
 
     def _log_prob_prior(self) -> float:
-        """ln P(T): for three compliances, ½ at degree 0; at degree 1 two half-planes of known
-        correlation."""
+        """ln P(T): for three compliances, ½ at degree 0.
+
+        At degree 1 two half-planes of known correlation.
+        """
         if not self.truncated:
             return 0.0
         if self.mean.any():
-            rows = self._rows()
-            per = 2 if self.degree else 1
-            pairs = [rows[k : k + per] for k in range(0, len(rows), per)]
-            return sum(
-                stats.multivariate_normal(-row @ self.mean, (row * self.sd**2) @ row.T).logcdf(
-                    np.zeros(per)
-                )
-                for row in pairs
-            )
+            return self._log_prob_about_mean()
         if self.degree == 0:
             return 3.0 * np.log(0.5)
-        ratio = [(self.sd[6 + j] * self.span / 2.0 / self.sd[j]) ** 2 for j in (0, 2, 5)]
-        return float(
-            sum(np.log(0.25 + np.arcsin((1.0 - r) / (1.0 + r)) / (2.0 * np.pi)) for r in ratio)
-        )
+        total = 0.0
+        for j in PHYSICAL:
+            ratio = (self.sd[6 + j] * self.span / 2.0 / self.sd[j]) ** 2
+            angle = np.arcsin((1.0 - ratio) / (1.0 + ratio))
+            total += np.log(0.25 + angle / (2.0 * np.pi))
+        return float(total)
+
+    def _log_prob_about_mean(self) -> float:
+        """ln P(T) of prior means other than zero, compliance by compliance."""
+        rows = self._rows()
+        forces = 2 if self.degree else 1
+        total = 0.0
+        for first in range(0, len(rows), forces):
+            pair = rows[first : first + forces]
+            covariance = (pair * self.sd**2) @ pair.T
+            distribution = stats.multivariate_normal(-pair @ self.mean, covariance)
+            total += distribution.logcdf(np.zeros(forces))
+        return total
 
     def _locate(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Where the posterior of ln φ lies, and a root of its covariance, from a first round of
-        importance sampling."""
+        """Where the posterior of ln φ lies, and a root of its covariance.
+
+        From a first round of importance sampling.
+        """
 
         def negative(log_phi: np.ndarray) -> float:
             prior = self.log_prior_of_log(log_phi)
-            return 1e10 if not np.isfinite(prior) else -(prior + self.given(self.phi(log_phi))[0])
+            if not np.isfinite(prior):
+                return 1e10
+            return -(prior + self.given(self.phi(log_phi)).log_evidence)
 
-        found = optimize.minimize(negative, np.log(0.3 * self.scales), method="Powell")
-        centre = found.x
-        spread = 0.5 * np.eye(len(found.x))
+        centre = optimize.minimize(negative, np.log(0.3 * self.scales), method="Powell").x
+        h = len(centre)
+        spread = 0.5 * np.eye(h)
         for temperature in (30.0, 10.0, 3.0, 1.0, 1.0):
-            log_phi, weight, _ = self._propose(
-                centre,
-                spread,
-                stats.t.rvs(5, size=(75 * len(centre), len(centre)), random_state=rng),
-            )
-            share = np.exp((weight - weight.max()) / temperature)
+            standard = stats.t.rvs(5, size=(75 * h, h), random_state=rng)
+            proposals = self._propose(centre, spread, standard)
+            log_weight = proposals.log_weight
+            share = np.exp((log_weight - log_weight.max()) / temperature)
             share /= share.sum()
-            centre = share @ log_phi
-            spread = np.linalg.cholesky(
-                (share[:, None] * (log_phi - centre)).T @ (log_phi - centre)
-                + 1e-4 * np.eye(len(centre))
-            )
+            centre = share @ proposals.log_phi
+            centred = proposals.log_phi - centre
+            covariance = (share[:, None] * centred).T @ centred
+            spread = np.linalg.cholesky(covariance + 1e-4 * np.eye(h))
         return centre, spread
