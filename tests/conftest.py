@@ -23,8 +23,8 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import read_campaign
 from ldbb_bayes.cli import app
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import Document, compose, html_page
-from ldbb_bayes.report.sections import find
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -29,7 +29,7 @@ from ldbb_bayes.inference.posterior import bound_of, campaign_of, record_of
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.reading.file_patterns import matching
 from ldbb_bayes.report.page import REPORT_FILES, check_folder
-from ldbb_bayes.report.sections import PICTURES
+from ldbb_bayes.report.pictures import PICTURES
 
 if TYPE_CHECKING:
     import xarray as xr

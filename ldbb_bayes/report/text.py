@@ -62,7 +62,8 @@ __all__ = [
 
 def two_digits(value: float | None, factor: float = 1.0) -> str:
     """Return a number of either sign with two significant digits and no exponent; a dash for one
-    that is missing or infinite."""
+    that is missing or infinite.
+    """
     if value is None or not np.isfinite(value):
         return "–"
     return f"{'−' if value < 0 else ''}{round_uncertainty(abs(value) * factor)[0]}"
@@ -279,7 +280,8 @@ def _(result: LeastSquares) -> tuple[Passage, ...]:
 
 def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
     """The JSON of a fit, with nuisances, and what a look at the readings finds among its
-    warnings."""
+    warnings.
+    """
     from ldbb_bayes.inference.posterior import campaign_of
     from ldbb_bayes.inference.summary import nuisances, result_json
 
@@ -307,7 +309,8 @@ def _(words: FitWords) -> tuple[Passage, ...]:
 
 def fit_in_words(posterior: xr.DataTree) -> FitWords:
     """Return a fit's state, the kinds of what to mind, and verdict, misfits and warnings in words;
-    it prints as sentences."""
+    it prints as sentences.
+    """
     from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
     from ldbb_bayes.inference.posterior import bound_of, fit_of, record_of
 
@@ -341,7 +344,8 @@ def further_remarks(seen: CampaignPreview) -> list[str]:
 
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
     """Return the JSON of a fit as tables and sentences, other effects of the instrument left
-    out."""
+    out.
+    """
     others = {
         name: own
         for name, own in result["nuisances"].items()
@@ -372,7 +376,8 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
 
 def conformity_table(found: Mapping[str, Mapping[str, Any]]) -> Table:
     """Return tolerance, probability of conformance, guard band and decision of every quantity, from
-    the JSON of `conformity`."""
+    the JSON of `conformity`.
+    """
     rows = []
     for name, own in found.items():
         factor, label = display_unit(own["unit"])
@@ -400,7 +405,8 @@ _ODD = 2.5
 
 def parameter_table(result: Mapping[str, Any]) -> Table:
     """Return posterior mean and sd, interval, and sd of the prior (its mean too where priors have
-    any) from the JSON of a fit; of the circles' scales λ those of odd circles alone."""
+    any) from the JSON of a fit; of the circles' scales λ those of odd circles alone.
+    """
     entries = {**result["parameters"], **result["hyper"]}
     means = any(entry.get("prior_mean") for entry in entries.values())
     rows = []
@@ -452,7 +458,8 @@ def results_table(
 ) -> Table:
     """Return value, u, U, interval, unit, stiffness of the direct compliances, and verdict of every
     parameter; with the share of the variance that every partner holds, where no budget stands
-    beside it."""
+    beside it.
+    """
     rows = []
     for name, entry in result["parameters"].items():
         own = units.state(entry["mean"], entry["sd"], wording.interval_of(entry), entry["unit"])
@@ -492,7 +499,8 @@ def results_table(
 
 def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
     """Return mean, u, prior sd and unit of the nuisance coefficients that lie more than 2 sd off
-    zero, or that none does."""
+    zero, or that none does.
+    """
     rows = []
     for name, entry in entries.items():
         if abs(entry["mean"]) > 2.0 * entry["sd"]:
@@ -565,7 +573,8 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 @parts_of.register
 def _(validation: Validation) -> tuple[Passage, ...]:
     """With the share of truths inside their intervals, its standard error, and whether the ranks
-    stay inside the band."""
+    stay inside the band.
+    """
     coverage = validation.coverage()
     claimed = [name for name in coverage.columns if not name.startswith("u")]
     rows = []
@@ -595,7 +604,8 @@ _RUNNERS = 0.05
 @parts_of.register(ByName)
 def _(found: ByName[Any]) -> tuple[Passage, ...]:
     """Conformities; or of budgets what limits every parameter, what would improve it most, and u
-    then."""
+    then.
+    """
     if not all(type(own).__name__ == "Budget" for own in found.values()):
         return (conformity_table({name: own.as_dict() for name, own in found.items()}),)
     rows = []
@@ -659,7 +669,8 @@ def _(budget: Budget) -> tuple[Passage, ...]:
 
 def _source(line: Any) -> tuple[str, float, str]:
     """What a line of a budget is called, and factor and label that its own uncertainty is read
-    in."""
+    in.
+    """
     if line.source == line.term:
         return wording.source_words(line.term), *((1.0, "N") if line.unit == "N" else (1e3, "µm"))
     one, label = wording.unit_words(line.source)
@@ -723,8 +734,9 @@ def _models_table(comparison: Comparison, rmse: bool) -> Table:
 
 
 def _assumption_table(comparison: Comparison) -> Table:
-    """ln B under every assumption, and by how much the readings prefer it to what the models
-    assume."""
+    """Ln B under every assumption, and by how much the readings prefer it to what the models
+    assume.
+    """
     rows = [
         (f"slope scale {s.slope_scale:g}", s.log_bayes_factor, s.error, "")
         for s in comparison.prior_sensitivity
@@ -770,7 +782,8 @@ def _left_out_table(comparison: Comparison) -> Table:
 @parts_of.register
 def _(design: Design) -> tuple[Passage, ...]:
     """With the different tests and how often to run each, and the expected standard uncertainty of
-    every parameter beside that of baseline and others, floor and prior."""
+    every parameter beside that of baseline and others, floor and prior.
+    """
     every = design.table.to_numpy(dtype=object).tolist()
     rows = [[value if isinstance(value, str) else f"{value:.4g}" for value in row] for row in every]
     heads = [wording.PAGE["tests"].get(name, name) for name in ("force_N", *design.columns)]

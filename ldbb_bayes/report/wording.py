@@ -260,7 +260,8 @@ def degeneracy_items(
 
 def alias_sentences(found: Sequence[Degeneracy]) -> Iterator[str]:
     """Return what the terms of the model are confounded with, the terms that it leaves out, and
-    parameters that are alike."""
+    parameters that are alike.
+    """
     alike: dict[bool, dict[str, dict[str, None]]] = {False: {}, True: {}}
     for own in found:
         if own.term:
@@ -397,7 +398,8 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
 
 def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> str:
     """Return the verdict, with the share of the variance that every partner holds or with the
-    partners' names alone."""
+    partners' names alone.
+    """
     known = entry.partner_shares
     if not shares and entry.verdict == "confounded":
         return (
@@ -431,7 +433,8 @@ def _(result: Identifiability) -> dict[str, Any]:
 
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
     """Return what the numbers rest on, and how much the readings narrow; what certificates would be
-    worth: how much narrower the parameters that they narrow by a tenth."""
+    worth: how much narrower the parameters that they narrow by a tenth.
+    """
     certificates = dict(result.certificates)
     worth = {}
     without = certificates.pop("none of these", {})
@@ -466,7 +469,8 @@ _SURE = 0.95
 
 def strength_words(log_bayes_factor: float) -> str:
     """Words for a log Bayes factor of either sign (Kass and Raftery, J. Am. Stat. Assoc. 90,
-    773-795, 1995)."""
+    773-795, 1995).
+    """
     return next(
         (words for limit, words in _STRENGTHS if abs(log_bayes_factor) < limit),
         "very strong evidence",

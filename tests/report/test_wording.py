@@ -33,8 +33,10 @@ from ldbb_bayes.fleet.selection import CaveatKind, choose
 from ldbb_bayes.inference.fit import ConcernKind
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report import wording
+from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import compose
-from ldbb_bayes.report.sections import Details, Picture, find
+from ldbb_bayes.report.pictures import Picture
+from ldbb_bayes.report.sections import Details
 from ldbb_bayes.results import Table, json_text
 
 MODEL = lb.HybridModel.first(1)
@@ -130,7 +132,9 @@ def part_of(part: Any) -> Any:
     if isinstance(part, Picture):
         return [part.key, part.caption]
     return (
-        [part.summary, [part_of(own) for own in part.parts]] if isinstance(part, Details) else part
+        [part.summary, [part_of(own) for own in part.content]]
+        if isinstance(part, Details)
+        else part
     )
 
 
@@ -141,7 +145,10 @@ def page_of(posterior: xr.DataTree) -> Any:
     )
     return [
         list(document.alerts),
-        [[own.key, own.title, [part_of(part) for part in own.parts]] for own in document.sections],
+        [
+            [own.key, own.title, [part_of(part) for part in own.content]]
+            for own in document.sections
+        ],
     ]
 
 

@@ -44,7 +44,8 @@ _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "conf
 @styled
 def prior_and_posterior(identifiability: Identifiability) -> Figure:
     """Density of every parameter before and after the readings, in its unit; the colour is the
-    verdict's."""
+    verdict's.
+    """
     entries = list(identifiability.parameters.values())
     figure, every = panels(len(entries), 4, 1.15, 0.5)
     for axes, entry in zip(every, entries, strict=True):
@@ -136,9 +137,10 @@ _BREAK = ((-0.6, -1.0), (0.6, 1.0))
 
 @styled
 def evidence(comparison: Comparison) -> Figure:
-    """ln B under every width of the slopes' prior and every assumption, dots with 95 % of the
+    """Ln B under every width of the slopes' prior and every assumption, dots with 95 % of the
     numerical error; right: how well the readings support the assumption. The scale is linear,
-    broken where assumptions that the readings reject lie far out."""
+    broken where assumptions that the readings reject lie far out.
+    """
     scales = [
         (f"slope scale {own.slope_scale:g}", own.log_bayes_factor, own.error, None)
         for own in comparison.prior_sensitivity
@@ -214,7 +216,8 @@ def _stretch(values: Array, zero: bool) -> tuple[float, float]:
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
     """C(F): band averaged over slope subsets, mean of every model, and local fits (the paper's Fig.
     15). A local fit, its geometry free, estimates the tangent d(F C)/dF; that of the averaged C(F)
-    is drawn for it."""
+    is drawn for it.
+    """
     first = next(iter(comparison.models.values()))
     curves = comparison.compliance_against_force or first.compliance_against_force
 
@@ -276,7 +279,8 @@ def _against_force(
 
 def _local(axes: Axes, local: pd.DataFrame, name: str, factor: float) -> None:
     """Draw local fits; least squares beyond what all else takes up stands at the edge, as an
-    arrow."""
+    arrow.
+    """
     if local.empty:
         return
     rows = local[local["parameter"] == name]
@@ -320,7 +324,8 @@ def _local(axes: Axes, local: pd.DataFrame, name: str, factor: float) -> None:
 @styled
 def rank_ecdf(validation: Validation) -> Figure:
     """Empirical distribution of every quantity's ranks, minus the uniform one, and the band all of
-    them share."""
+    them share.
+    """
     names = validation.names
     columns = 4
     figure, every = panels(len(names), columns, 1.15, 0.7, sharex=True, sharey=True)
@@ -363,7 +368,8 @@ _LONGEST = 0.72
 def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyType({})) -> Figure:
     """How narrow each interval gets with what: u of every parameter in its unit, ``today`` where it
     is given (inside units), with the recommended tests, with those compared, and with ever more of
-    the recommended ones; bars to a scale of each parameter."""
+    the recommended ones; bars to a scale of each parameter.
+    """
     count = int(design.table["count"].sum())
     kinds = (
         {"today": ({name: today.get(name, np.nan) for name in design.expected}, GREY)}

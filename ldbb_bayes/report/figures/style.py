@@ -1,5 +1,6 @@
 """One style for every figure, and the shapes that figures share: colour-blind safe, units on every
-axis, no pyplot."""
+axis, no pyplot.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +68,8 @@ def new_figure(width: float, height: float) -> Figure:
 
 def force_colours(forces_N: Sequence[float]) -> list[Any]:
     """One colour per force, light to dark in order of force; the lightest still stands out from
-    paper, in grey too."""
+    paper, in grey too.
+    """
     levels = distinct_forces(forces_N)
     places = np.searchsorted(levels, forces_N, side="right") - 1
     return [
@@ -140,7 +142,8 @@ def save_figure(
     formats: tuple[str, ...] = ("png", "svg"),
 ) -> list[Path]:
     """Write one figure into a folder under a name, the same bytes for the same figure; returns the
-    files written."""
+    files written.
+    """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / f"{name}.{kind}" for kind in formats]

@@ -1,0 +1,179 @@
+"""A fit for programs that read calibration certificates.
+
+D-SI numbers in the format of a digital calibration certificate (DCC schema 3.3.0, D-SI 2.2.1).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import ldbb_bayes as lb
+from ldbb_bayes.files import write_whole
+from ldbb_bayes.inference.posterior import campaign_of
+from ldbb_bayes.inference.summary import result_json
+from ldbb_bayes.report import wording
+from ldbb_bayes.report.html_templates import template_of
+from ldbb_bayes.report.text import fit_in_words
+from ldbb_bayes.results import Array
+from ldbb_bayes.units import display_name
+
+__all__ = ["dsi_unit", "write_dcc"]
+
+_DSI = {"mm": r"\milli\metre", "um": r"\micro\metre", "N": r"\newton", "rad": r"\radian"}
+_DIGEST_LENGTH = 32  # hexadecimal digits of the identifier
+
+
+def dsi_unit(*units: str) -> str:
+    r"""Return a product of inside units in D-SI notation.
+
+    Parameters
+    ----------
+    *units
+        For example ``mm/N``.
+
+    Returns
+    -------
+    str
+        For example ``\milli\metre\newton\tothe{-1}``.
+    """
+    powers: Counter[str] = Counter()
+    for unit in units:
+        for k, factor in enumerate(unit.split("/")):
+            sign = -1 if k else 1
+            for name, power in re.findall(r"([a-zA-Z]+)(?:\^(\d))?", factor):
+                powers[name] += sign * int(power or 1)
+    notation = ""
+    for name, total in powers.items():
+        if total != 0:
+            notation += _DSI[name]
+        if total not in (0, 1):
+            notation += f"\\tothe{{{total}}}"
+    return notation or r"\one"
+
+
+def write_dcc(
+    posterior: xr.DataTree, path: str | os.PathLike[str], *, ci_prob: float = 0.95
+) -> Path:
+    """Write what a fit says of a machine as XML in the format of a DCC.
+
+    Every compliance and geometric error in inside units (mm, N, rad), the numbers of ``fit
+    --json``: mean, U (k = 2), interval and covariance. The file says that it is unsigned and no
+    calibration certificate.
+
+    Parameters
+    ----------
+    posterior
+        From `sample`, `load` or `average`.
+    path
+        File to write.
+    ci_prob
+        Probability of the intervals.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        ``ci_prob`` is no probability.
+
+    Examples
+    --------
+    >>> lb.write_dcc(posterior, "dcc.xml").name  # doctest: +SKIP
+    'dcc.xml'
+    """
+    result = result_json(posterior, ci_prob=ci_prob)
+    campaign = campaign_of(posterior)
+    entries = result["parameters"]
+    draws = np.stack([np.ravel(posterior["posterior"].dataset[name]) for name in entries])
+    covariance = np.atleast_2d(np.cov(draws))
+    digest = hashlib.sha256(json.dumps(entries).encode()).hexdigest()
+    text = template_of("dcc.xml.j2").render(
+        campaign=campaign,
+        model=result["model"],
+        plane=campaign.machine().plane,
+        version=result["provenance"]["versions"]["ldbb-bayes"],
+        fitted=result["provenance"]["started"][:10],
+        identifier=f"ldbb_bayes-{digest[:_DIGEST_LENGTH]}",
+        verdict=fit_in_words(posterior)["verdict"],
+        parameters=_parameter_entries(posterior, entries, draws, f"ci{100 * ci_prob:g}"),
+        covariance=_covariance_columns(covariance, [entry["unit"] for entry in entries.values()]),
+        factor=_coverage_factor(draws, covariance, ci_prob),
+        models=len(result.get("averaged", {}).get("models", ())),
+        ci_prob=ci_prob,
+    )
+    write_whole(Path(path), text.encode())
+    return Path(path)
+
+
+def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[float, str]]]:
+    """Return the columns of a covariance, every entry with its unit."""
+    columns = []
+    for j, column_unit in enumerate(units):
+        column = []
+        for i, row_unit in enumerate(units):
+            column.append((covariance[i, j], dsi_unit(row_unit, column_unit)))
+        columns.append(column)
+    return columns
+
+
+def _coverage_factor(draws: Array, covariance: Array, probability: float) -> float:
+    """Return the factor of the ellipsoid that holds this share of the draws.
+
+    A parameter that is the same in all draws has no part in it.
+    """
+    sd = np.sqrt(np.diag(covariance))
+    scale = np.where(sd > 0.0, sd, 1.0)
+    inverse = np.linalg.pinv(covariance / np.outer(scale, scale), hermitian=True)
+    scaled = (draws - draws.mean(axis=1, keepdims=True)) / scale[:, None]
+    squared_distance = np.sum(scaled * (inverse @ scaled), axis=0)
+    return float(np.sqrt(np.quantile(squared_distance, probability)))
+
+
+def _parameter_entries(
+    posterior: xr.DataTree, entries: Mapping[str, Mapping[str, Any]], draws: Array, interval: str
+) -> list[dict[str, Any]]:
+    """Return what the file says of every parameter; ``within``: share of draws in mean ± U."""
+    verdicts = lb.verdicts(posterior)
+    parameters = []
+    for (name, entry), parameter_draws in zip(entries.items(), draws, strict=True):
+        low, high = entry[interval]
+        deviation = np.abs(parameter_draws - entry["mean"])
+        verdict = ""
+        if name in verdicts:
+            verdict = wording.verdict_words(verdicts[name])
+        parameters.append(
+            {
+                "mean": entry["mean"],
+                "sd": entry["sd"],
+                "name": name,
+                "shown": display_name(name),
+                "kind": _kind_of(name),
+                "low": low,
+                "high": high,
+                "unit": dsi_unit(entry["unit"]),
+                "within": float(np.mean(deviation <= 2.0 * entry["sd"])),
+                "verdict": verdict,
+            }
+        )
+    return parameters
+
+
+def _kind_of(name: str) -> str:
+    if re.fullmatch(r"C_.*_\d", name):
+        return "slope"
+    if name.startswith("C"):
+        return "compliance"
+    return "geometric"

@@ -1,0 +1,219 @@
+"""All that a report shows of one fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import pandas as pd
+import xarray as xr
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.analysis.design import Design
+from ldbb_bayes.campaign.preview import CampaignPreview, preview
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
+from ldbb_bayes.report import text
+from ldbb_bayes.report.wording import DEGREES
+
+if TYPE_CHECKING:
+    from ldbb_bayes.analysis.budgets import Budget
+    from ldbb_bayes.analysis.conformity import Conformity
+    from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
+    from ldbb_bayes.campaign.campaign import Campaign
+
+__all__ = ["Beside", "Compared", "Findings", "Recommended", "find"]
+
+Compared: TypeAlias = "Comparison | str"
+"""A comparison, or why there is none."""
+
+Recommended: TypeAlias = "Design | str"
+"""A design, or why there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """All that a report shows of one posterior.
+
+    What the fit did not store is computed when it is first asked for.
+
+    Parameters
+    ----------
+    posterior
+        The fit.
+    ci_prob
+        Probability of the intervals.
+    comparison
+        Of constant and linear compliance, or why there is none.
+    recommended
+        Gives the tests to run next, or why there are none.
+    averaged
+        The average over models, which the sheets state.
+    tolerances
+        By quantity; default: those of the campaign.
+    """
+
+    posterior: xr.DataTree
+    ci_prob: float
+    comparison: Compared
+    recommended: Callable[[], Recommended]
+    averaged: xr.DataTree | None = None
+    tolerances: Mapping[str, Any] | None = None
+
+    @property
+    def numbers(self) -> xr.DataTree:
+        """What the sheets state: averaged over the models where that was computed."""
+        return self.posterior if self.averaged is None else self.averaged
+
+    @cached_property
+    def probabilities(self) -> Mapping[str, float]:
+        """Of the models that were averaged over, and of rivals of slopes; empty without average."""
+        averaged = record_of(self.numbers).get("averaged", {})
+        probabilities: dict[str, float] = averaged.get("probability", {})
+        return probabilities
+
+    @property
+    def varying(self) -> float:
+        """Probability that compliance changes with force; one where that is what was fitted."""
+        return 1.0 - self.probabilities.get(DEGREES[0], 0.0)
+
+    @cached_property
+    def design(self) -> Recommended:
+        """The tests to run next."""
+        return self.recommended()
+
+    @cached_property
+    def result(self) -> dict[str, Any]:
+        """The JSON of the fit."""
+        return text.full_result(self.posterior, self.ci_prob)
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """The JSON of the fit as a table, with diagnostics of the draws."""
+        return lb.summarize(self.posterior, ci_prob=self.ci_prob)
+
+    @cached_property
+    def seen(self) -> CampaignPreview:
+        """What can be said of the campaign without a model."""
+        return preview(campaign_of(self.posterior))
+
+    @cached_property
+    def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
+        """What the readings tell of every parameter."""
+        return lb.verdicts(self.posterior)
+
+    @cached_property
+    def budgets(self) -> Mapping[str, Budget]:
+        """Uncertainty budget of every parameter."""
+        return lb.budgets(self.posterior)
+
+    @cached_property
+    def path(self) -> pd.DataFrame:
+        """Circular-test quantities of the machine."""
+        return lb.circularity(self.posterior, ci_prob=self.ci_prob)
+
+    def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
+        """Decide conformity with the tolerances, at a force [N]."""
+        return lb.conformity(self.numbers, self.tolerances or None, force_N=force_N)
+
+    @property
+    def flat(self) -> bool:
+        """Whether the parameters have flat priors."""
+        return all(entry["prior_sd"] is None for entry in self.result["parameters"].values())
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Another campaign beside the first.
+
+    Parameters
+    ----------
+    name
+        Of the campaign.
+    result
+        The JSON of its fit.
+    differences
+        To the first, as of `ldbb_bayes.differences`.
+    """
+
+    name: str
+    result: Mapping[str, Any]
+    differences: pd.DataFrame
+
+
+def find(
+    posterior: xr.DataTree,
+    *,
+    ci_prob: float = 0.95,
+    tests: int | None = None,
+    comparison: Compared | None = None,
+    recommended: Recommended | Callable[[], Recommended] | None = None,
+    averaged: xr.DataTree | None = None,
+    tolerances: Mapping[str, Any] | None = None,
+) -> Findings:
+    """Return what a report shows of a fit.
+
+    Parameters
+    ----------
+    posterior, ci_prob, tests, comparison, recommended, averaged, tolerances
+        As of `ldbb_bayes.write_report`.
+
+    Returns
+    -------
+    Findings
+
+    Raises
+    ------
+    InputError
+        Comparison or design are of other readings.
+    """
+    campaign = campaign_of(posterior)
+    _check_readings("comparison", getattr(comparison, "campaign", None), campaign)
+    _check_readings("design", getattr(recommended, "pilot", None), campaign)
+    if comparison is None:
+        comparison = _compare_degrees(posterior)
+
+    def next_tests() -> Recommended:
+        if recommended is None:
+            return _design_next_tests(posterior, tests)
+        if callable(recommended):
+            return recommended()
+        return recommended
+
+    return Findings(posterior, ci_prob, comparison, next_tests, averaged, tolerances)
+
+
+def _check_readings(kind: str, stated: Campaign | None, campaign: Campaign) -> None:
+    if stated is not None and stated.sha256 != campaign.sha256:
+        raise InputError(
+            f"{kind} must be of the readings of the fit, got one of {stated.name!r} (SHA-256"
+            f" {stated.sha256[:12]}… instead of {campaign.sha256[:12]}…). Make the {kind} again."
+        )
+
+
+def _design_next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended:
+    model = model_of(posterior)
+    model = model.with_degree(max(model.degree, 1))
+    try:
+        return lb.design(model, pilot=campaign_of(posterior), tests=tests)
+    except InputError as error:
+        if tests is not None:
+            raise
+        return str(error)
+
+
+def _compare_degrees(posterior: xr.DataTree) -> Compared:
+    """Compare constant with linear compliance by evidence alone.
+
+    Also with quadratic compliance, where that was fitted.
+    """
+    model = model_of(posterior)
+    largest = model.with_degree(max(model.degree, 1))
+    models = {DEGREES[k]: largest.with_degree(k) for k in range(largest.degree + 1)}
+    try:
+        return lb.compare(models, campaign_of(posterior), evidence_only=True)
+    except InputError as error:
+        return str(error)

@@ -1,0 +1,41 @@
+"""Templates of the page and of the DCC."""
+
+from __future__ import annotations
+
+import jinja2
+
+from ldbb_bayes.units import typeset
+
+__all__ = ["template_of"]
+
+
+def _kind(content: object) -> str:
+    return type(content).__name__
+
+
+def _full_precision(value: float) -> str:
+    return repr(float(value))
+
+
+def template_of(name: str) -> jinja2.Template:
+    """Return a template; all text that it shows is escaped.
+
+    Parameters
+    ----------
+    name
+        File in the folder of templates.
+
+    Returns
+    -------
+    Template
+        A name that is not given is an error.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("ldbb_bayes.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["typeset"] = typeset
+    environment.filters["kind"] = _kind
+    environment.filters["number"] = _full_precision
+    return environment.get_template(name)

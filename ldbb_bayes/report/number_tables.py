@@ -1,0 +1,132 @@
+"""All numbers of a report as tables for files.
+
+Inside units (mm, N, rad); µm and µm/m for circular-test quantities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+import pandas as pd
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.circularity import contributions, measured_circularity
+from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.report import wording
+from ldbb_bayes.report.findings import Beside, Findings
+from ldbb_bayes.units import display_unit, is_skewed
+
+__all__ = ["TABLE_FILES", "tables"]
+
+TABLE_FILES = (
+    "results.csv",
+    "averaged.csv",
+    "covariance.csv",
+    "correlation.csv",
+    "budget.csv",
+    "circularity.csv",
+    "measured_circularity.csv",
+    "contributions.csv",
+    "measured_pairs.csv",
+    "differences.csv",
+    "conformity.csv",
+)
+_SUFFIX_OF_UNIT = {"µm": "_um", "µm/m": "_um_per_m"}
+
+
+def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
+    """Return everything in numbers, by the name of its file.
+
+    Parameters
+    ----------
+    findings
+        Of the fit.
+    others
+        Campaigns beside it.
+
+    Returns
+    -------
+    dict of DataFrame
+    """
+    posterior = findings.posterior
+    bound = bound_of(posterior)
+    beta, phi = draws_of(posterior, bound)
+    draws = np.concatenate([beta, phi], axis=1).T
+    names = [*bound.names, *map(str, bound.hyper_prior.names)]
+    covariance = pd.DataFrame(np.cov(draws), names, names)
+    correlation = pd.DataFrame(np.corrcoef(draws), names, names)
+    measured, pairs = measured_circularity(posterior)
+    by_source = _with_unit_suffixes(contributions(posterior, ci_prob=findings.ci_prob))
+    frames = {
+        "results": _results(findings),
+        "covariance": covariance.rename_axis("parameter"),
+        "correlation": correlation.rename_axis("parameter"),
+        "budget": _budget(findings),
+        "circularity": findings.path.set_index("plane"),
+        "measured_circularity": _with_unit_suffixes(measured).rename_axis("test"),
+        "contributions": by_source.set_index("plane"),
+    }
+    if findings.averaged is not None:
+        frames["averaged"] = _averaged(findings)
+    if len(pairs):
+        frames["measured_pairs"] = _with_unit_suffixes(pairs).rename_axis("tests")
+    if others:
+        by_name = {other.name: other.differences for other in others}
+        differences = pd.concat(by_name, names=["campaign", "parameter"])
+        frames["differences"] = differences.reset_index().set_index("campaign")
+    return frames
+
+
+def _results(findings: Findings) -> pd.DataFrame:
+    summary = findings.summary
+    verdicts = []
+    for name in summary.index:
+        verdict = ""
+        if name in findings.verdicts:
+            verdict = wording.verdict_words(findings.verdicts[name])
+        verdicts.append(verdict)
+    return _with_reading_units(summary.assign(U_k2=2.0 * summary["sd"], verdict=verdicts))
+
+
+def _budget(findings: Findings) -> pd.DataFrame:
+    """Return the contributions to the uncertainty of every parameter."""
+    columns = {"kind": "type", "unit": "u_unit"}
+    rows = []
+    for name, budget in findings.budgets.items():
+        for contribution in budget.contributions:
+            row = {"parameter": name, "unit": budget.unit}
+            for field, value in asdict(contribution).items():
+                row[columns.get(field, field)] = value
+            rows.append(row)
+    return pd.DataFrame(rows).set_index("parameter")
+
+
+def _averaged(findings: Findings) -> pd.DataFrame:
+    """Return what the sheets state, but for slopes.
+
+    Slopes are exactly zero in some of the models: no mean and U describe them.
+    """
+    averaged = findings.numbers
+    summary = lb.summarize(averaged, ci_prob=findings.ci_prob)
+    summary = summary.drop(columns=["ess_bulk", "ess_tail", "rhat"])
+    parameters = bound_of(averaged).parameters
+    summary = summary.loc[[parameter.name for parameter in parameters if parameter.degree == 0]]
+    skewed = []
+    for _, row in summary.iterrows():
+        skewed.append(is_skewed(row["mean"], (row["ci_low"], row["ci_high"])))
+    return _with_reading_units(summary.assign(U_k2=2.0 * summary["sd"], skewed=skewed))
+
+
+def _with_reading_units(summary: pd.DataFrame) -> pd.DataFrame:
+    """Add the unit for reading of every row, and the factor to it."""
+    factors, labels = zip(*map(display_unit, summary["unit"]), strict=True)
+    summary = summary.assign(reading_unit=labels, reading_factor=factors)
+    return summary.rename_axis("parameter")
+
+
+def _with_unit_suffixes(frame: pd.DataFrame) -> pd.DataFrame:
+    """Rename columns that stand for a quantity so that they carry its unit."""
+    names = {name: f"{name}{_SUFFIX_OF_UNIT[unit]}" for name, unit in frame.attrs["units"].items()}
+    return frame.rename(columns=names)

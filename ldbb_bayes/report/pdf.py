@@ -1,0 +1,292 @@
+"""Sheets on paper: A4 by fpdf2; lengths in millimetres, sizes of letters in points."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from fpdf import FPDF
+from fpdf.fonts import FontFace
+
+from ldbb_bayes.report.blocks import Banner, Block, Fields, Pair, ReportSheet
+from ldbb_bayes.report.pictures import Picture
+from ldbb_bayes.results import Table
+
+__all__ = ["fit_to_page", "pdf_of"]
+
+_WIDTH = 182.0  # of what is written
+_LEFT = 14.0  # margin
+_TOP = 14.0  # margin
+# Where a sheet must end. A browser, which takes its scale, sets the same lines a little higher:
+# this leaves it room.
+_BOTTOM = 272.0
+_SIGNATURES = 256.0  # signatures stand at least so low
+_PAIRED_WIDTH = 104.0  # of a figure with a list beside it
+_PAIRED_HEIGHT = 88.0  # at most
+_PICTURE_HEIGHT = 100.0  # at most, of a figure alone
+_DPI = 300.0
+_MM_PER_INCH = 25.4
+_LINE_HEIGHT = 0.46  # mm per point
+_INK = 0  # grey of text
+_SOFT_INK = 85  # grey of names and notes
+_RULE = 150  # grey of lines
+_GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}  # of banners
+_SMALLEST_TITLE_SCALE = 0.8
+_MOST_ATTEMPTS = 20  # to make a sheet fit
+
+
+def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: datetime) -> bytes:
+    """Return sheets as a PDF, a page each, fonts embedded.
+
+    Parameters
+    ----------
+    sheets
+        Each fits its page, as of `fit_to_page`.
+    title, language, created
+        Properties of the document.
+
+    Returns
+    -------
+    bytes
+    """
+    with _document() as pdf:
+        pdf.set_title(title)
+        pdf.set_lang(language)
+        pdf.set_creation_date(created)
+        for sheet in sheets:
+            _draw_sheet(pdf, sheet)
+        return bytes(pdf.output())
+
+
+def fit_to_page(sheet: ReportSheet) -> ReportSheet:
+    """Return a sheet with letters so small that it stays on its page.
+
+    Parameters
+    ----------
+    sheet
+        With letters of any size.
+
+    Returns
+    -------
+    ReportSheet
+    """
+    with _document() as pdf:
+        for _ in range(_MOST_ATTEMPTS):
+            end = _draw_sheet(pdf, sheet, pictures=False)
+            if end <= _BOTTOM:
+                break
+            excess = (_BOTTOM - _TOP) / (end - _TOP)
+            shrink = min(0.985, max(0.8, excess) ** 0.5)
+            sheet = replace(sheet, scale=sheet.scale * shrink)
+    return sheet
+
+
+@contextmanager
+def _document() -> Iterator[FPDF]:
+    pdf = FPDF()
+    pdf.set_auto_page_break(False)
+    pdf.set_margins(_LEFT, _TOP, _LEFT)
+    fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
+    pdf.add_font("DejaVu", "", fonts / "DejaVuSans.ttf")
+    pdf.add_font("DejaVu", "B", fonts / "DejaVuSans-Bold.ttf")
+    try:
+        yield pdf
+    finally:
+        for font in pdf.fonts.values():
+            font.close()  # type: ignore[union-attr]
+
+
+def _draw_sheet(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> float:
+    """Add a page with a sheet, and return where it ends."""
+    pdf.add_page()
+    title_scale = max(sheet.scale, _SMALLEST_TITLE_SCALE)
+    _write(pdf, sheet.title, 15.0 * title_scale, bold=True)
+    _write(pdf, sheet.line, 8.0 * title_scale, grey=_SOFT_INK)
+    for block in sheet.blocks:
+        pdf.set_xy(_LEFT, pdf.y + 2.2 * sheet.scale)
+        _draw_block(pdf, block, sheet.scale, pictures)
+    return float(pdf.y)
+
+
+def _draw_block(pdf: FPDF, block: Block, scale: float, pictures: bool) -> None:
+    if isinstance(block, str):
+        _write(pdf, block, 7.2 * scale, grey=_SOFT_INK)
+    elif isinstance(block, Fields):
+        _draw_fields(pdf, block, scale)
+    elif isinstance(block, Banner):
+        _draw_banner(pdf, block, scale)
+    elif isinstance(block, Table):
+        _draw_table(pdf, block, scale)
+    elif isinstance(block, Pair):
+        _draw_pair(pdf, block, scale, pictures)
+    else:
+        _draw_picture(pdf, block, _WIDTH, _PICTURE_HEIGHT * scale, pictures)
+
+
+def _write(
+    pdf: FPDF,
+    text: str,
+    size: float,
+    *,
+    width: float = _WIDTH,
+    bold: bool = False,
+    grey: int = _INK,
+    **options: Any,
+) -> None:
+    """Write a paragraph; the next one begins below it."""
+    pdf.set_font("DejaVu", "B" if bold else "", size)
+    pdf.set_text_color(grey)
+    height = _LINE_HEIGHT * size
+    pdf.multi_cell(width, height, text, align="L", new_x="LEFT", new_y="NEXT", **options)
+
+
+def _draw_banner(pdf: FPDF, banner: Banner, scale: float) -> None:
+    ground, ink = _GROUND_AND_INK[banner.kind]
+    pdf.set_fill_color(ground)
+    _write(
+        pdf, banner.sentence, 10.0 * scale, bold=True, grey=ink, border=1, padding=1.6, fill=True
+    )
+    pdf.set_fill_color(255)
+
+
+# ---- fields
+
+
+@dataclass(frozen=True)
+class _FieldColumn:
+    """One of the two columns of entries: its name at the left, its text beside it."""
+
+    left: float
+    name_width: float = 36.0
+    gap: float = 6.0
+
+    @property
+    def text_left(self) -> float:
+        return self.left + self.name_width
+
+    @property
+    def text_width(self) -> float:
+        return 0.5 * (_WIDTH - self.gap) - self.name_width
+
+    @property
+    def next_left(self) -> float:
+        return self.text_left + self.text_width + self.gap
+
+
+_FIRST_COLUMN = _FieldColumn(_LEFT)
+_SECOND_COLUMN = _FieldColumn(_FIRST_COLUMN.next_left)
+
+
+def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
+    """Draw entries in two columns: name, and text above a line."""
+    space = 0.7 * scale
+    if fields.tall:
+        pdf.set_y(max(pdf.y, _SIGNATURES))
+        space = 9.0 * scale
+    for k in range(0, len(fields.entries), 2):
+        _draw_field_row(pdf, fields.entries[k : k + 2], pdf.y + space, scale)
+
+
+def _draw_field_row(
+    pdf: FPDF, entries: Sequence[tuple[str, str]], top: float, scale: float
+) -> None:
+    size = 7.8 * scale
+    bottom = top
+    columns = (_FIRST_COLUMN, _SECOND_COLUMN)[: len(entries)]
+    for column, (name, text) in zip(columns, entries, strict=True):
+        pdf.set_xy(column.left, top)
+        _write(pdf, name, size, width=column.name_width, grey=_SOFT_INK)
+        bottom = max(bottom, pdf.y)
+        pdf.set_xy(column.text_left, top)
+        _write(pdf, text or " ", size, width=column.text_width)
+        bottom = max(bottom, pdf.y)
+    line = bottom + 0.4 * scale
+    pdf.set_draw_color(_RULE)
+    for column in columns:
+        pdf.line(column.text_left, line, column.text_left + column.text_width, line)
+    pdf.set_y(line)
+
+
+# ---- tables and figures
+
+
+def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
+    if table.caption:
+        _write(pdf, table.caption, 9.0 * scale, bold=True)
+        pdf.set_y(pdf.y + 0.8 * scale)
+    size = 7.8 * scale
+    pdf.set_font("DejaVu", "", size)
+    pdf.set_text_color(_INK)
+    pdf.set_draw_color(_RULE)
+    rows = [table.heads, *table.shown()]
+    alignment = ["RIGHT" if is_number else "LEFT" for is_number in table.numeric]
+    with pdf.table(
+        rows,
+        col_widths=_column_widths(pdf, rows),
+        width=_WIDTH,
+        text_align=alignment,
+        headings_style=FontFace(emphasis="BOLD"),
+        borders_layout="HORIZONTAL_LINES",
+        line_height=_LINE_HEIGHT * size,
+        padding=(0.55 * scale, 1.0),
+    ):
+        pass
+
+
+def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
+    """Return widths that add up to the full width.
+
+    The first and the last column are broken into lines where there is no room.
+    """
+    widths = []
+    for k in range(len(rows[0])):
+        longest = max(pdf.get_string_width(row[k]) for row in rows)
+        widths.append(longest * 1.1 + 3.0)
+    inner_width = sum(widths[1:-1])
+    outer_width = sum({0: widths[0], len(widths) - 1: widths[-1]}.values())
+    share = (_WIDTH - inner_width) / outer_width
+    widths[0] *= share
+    if len(widths) > 1:
+        widths[-1] *= share
+    return widths
+
+
+def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
+    """Draw a figure and a list: beside it, or below a wide one."""
+    top = pdf.y
+    if pair.wide:
+        indent = 0.0
+        _draw_picture(pdf, pair.picture, _WIDTH, _PAIRED_HEIGHT * scale, pictures)
+        list_top = pdf.y + scale
+        items: Sequence[str] = ["; ".join(pair.beside)]
+    else:
+        indent = _PAIRED_WIDTH + 4.0
+        _draw_picture(pdf, pair.picture, _PAIRED_WIDTH, _PAIRED_HEIGHT * scale, pictures)
+        list_top = top
+        items = pair.beside
+    bottom = pdf.y
+    pdf.set_xy(_LEFT + indent, list_top)
+    _write(pdf, pair.heading, 9.0 * scale, width=_WIDTH - indent, bold=True)
+    for item in items:
+        pdf.set_xy(_LEFT + indent, pdf.y + 0.6 * scale)
+        _write(pdf, item, 7.2 * scale, width=_WIDTH - indent)
+    pdf.set_y(max(bottom, pdf.y))
+
+
+def _draw_picture(pdf: FPDF, picture: Picture, width: float, height: float, pictures: bool) -> None:
+    """Draw a figure as wide as there is room, its caption below; without ``pictures`` leave room."""
+    inches = picture.figure.get_size_inches()
+    width = min(width, height * inches[0] / inches[1])
+    if pictures:
+        image = io.BytesIO()
+        dpi = _DPI * width / _MM_PER_INCH / inches[0]
+        picture.figure.savefig(image, format="png", dpi=dpi)
+        pdf.image(image, _LEFT, pdf.y, width, alt_text=picture.caption)
+    pdf.set_xy(_LEFT, pdf.y + width * inches[1] / inches[0])
+    _write(pdf, picture.caption, 6.8, width=max(width, 60.0), grey=_SOFT_INK)

@@ -1,0 +1,104 @@
+"""Figures of the page, each with the name of its file and its caption."""
+
+from __future__ import annotations
+
+import html
+import io
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from ldbb_bayes.report import figures, wording
+
+__all__ = ["PICTURES", "DrawnPicture", "Picture", "picture"]
+
+_REFERENCE = re.compile(r'(\bid="|xlink:href="#|url\(#)')
+_PROLOGUE = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>\s*", re.DOTALL)
+_COORDINATES = re.compile(r' (?:d|x|y|points)="[^"]*"')
+_DIGITS = re.compile(r"(\.\d\d)\d+")
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A figure with the name of its file, and its caption for those who cannot see it."""
+
+    key: str
+    caption: str
+    figure: Figure
+
+    @cached_property
+    def svg(self) -> str:
+        """The figure as SVG to stand in a page.
+
+        It is responsive and has an accessible name; its ids differ from those of other figures.
+        """
+        text = _PROLOGUE.sub("", _draw_svg(self.figure))
+        text = _REFERENCE.sub(rf"\g<1>{self.key}-", text)
+        text = _COORDINATES.sub(_round_coordinates, text)
+        title = f'<title id="title-{self.key}">{html.escape(self.caption)}</title>'
+        start, _, content = text.partition(">")
+        attributes = start.removeprefix("<svg")
+        return f'<svg role="img" aria-labelledby="title-{self.key}"{attributes}>{title}{content}'
+
+
+def _draw_svg(figure: Figure) -> str:
+    """Return a figure as a file of SVG, without its grounds."""
+    grounds: list[Any] = [figure.patch, *(axes.patch for axes in figure.axes)]
+    visible_grounds = [ground for ground in grounds if ground.get_visible()]
+    buffer = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": "ldbb", "svg.fonttype": "none"}):
+        for ground in visible_grounds:
+            ground.set_visible(False)
+        canvas: Any = FigureCanvasSVG(figure)
+        canvas.print_svg(buffer, metadata={"Date": None})  # savefig draws a figure twice
+    for ground in visible_grounds:
+        ground.set_visible(True)
+    return buffer.getvalue()
+
+
+def _round_coordinates(match: re.Match[str]) -> str:
+    """Round to a hundredth of a point, finer than any screen or printer."""
+    return _DIGITS.sub(r"\1", match[0])
+
+
+class DrawnPicture(NamedTuple):
+    """What draws a figure of the page, and its caption."""
+
+    draw: Callable[..., Figure]
+    caption: str
+
+
+# Figures whose function has another name than their file.
+_FUNCTIONS = {"budget": "budget_bars"}
+PICTURES: Mapping[str, DrawnPicture] = {
+    key: DrawnPicture(getattr(figures, _FUNCTIONS.get(key, key)), caption)
+    for key, caption in wording.PAGE["pictures"].items()
+}
+
+
+def picture(key: str, subject: Any, caption: str = "", **options: Any) -> Picture:
+    """Return a figure of the page.
+
+    Parameters
+    ----------
+    key
+        Of `PICTURES`.
+    subject
+        What the figure shows: a posterior, or the result of an analysis.
+    caption
+        Instead of the usual one.
+    **options
+        Of the function that draws it.
+
+    Returns
+    -------
+    Picture
+    """
+    drawn = PICTURES[key]
+    return Picture(key, caption or drawn.caption, drawn.draw(subject, **options))

@@ -1,0 +1,323 @@
+"""The quantities that the sheets state, at a force, and what the readings tell of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ldbb_bayes.analysis.circularity import circularity
+from ldbb_bayes.analysis.conformity import draws_at, is_determined
+from ldbb_bayes.inference.posterior import bound_of
+from ldbb_bayes.inference.summary import numbers_of
+from ldbb_bayes.model.setting import geometric_errors_of
+from ldbb_bayes.model.terms import BarLength
+from ldbb_bayes.report.findings import Findings
+from ldbb_bayes.report.translation import Words
+from ldbb_bayes.units import display_name, display_unit, is_skewed, state, value_and_uncertainty
+
+if TYPE_CHECKING:
+    from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
+    from ldbb_bayes.model.hybrid import BoundModel
+
+__all__ = ["SheetNumbers", "StatedQuantity", "ValueAndU", "remark"]
+
+_INSEPARABLE = 0.5  # a partner of this share of the variance is named alone
+_MOST_NAMES = 2  # partners that a remark names
+_HARDLY_POSITIVE = 0.2  # of its median: where a compliance may be less, only a limit is stated
+_ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # the axis about which A, B, C turn
+_SHEET_1_KINDS = (
+    "cross",
+    "rotation_for_force",
+    "rotation_for_moment",
+    "rotation_for_other_moment",
+    "squareness",
+)
+
+
+@dataclass(frozen=True)
+class ValueAndU:
+    """A value and its expanded uncertainty (k = 2), rounded to the same place."""
+
+    value: str
+    expanded: str
+
+
+@dataclass(frozen=True)
+class StatedQuantity:
+    """One quantity of the sheets.
+
+    Parameters
+    ----------
+    words
+        What it is called.
+    symbol
+        Its symbol.
+    mean, sd, interval
+        Estimate, standard uncertainty and credible interval, in an inside unit.
+    unit
+        The inside unit.
+    entry
+        What the readings tell of it, where it is a parameter.
+    limit
+        Where only a limit is known: that limit, in words.
+    hangs_on
+        What its parameters are confounded with, where it is made of several.
+    """
+
+    words: str
+    symbol: str
+    mean: float
+    sd: float
+    interval: tuple[float, float]
+    unit: str
+    entry: ParameterIdentifiability | None = None
+    limit: str = ""
+    hangs_on: tuple[str, ...] = ()
+
+    def value_and_U(self) -> ValueAndU:
+        """Return value and expanded uncertainty (k = 2), in the unit for reading."""
+        if self.limit:
+            return ValueAndU(self.limit, "–")
+        if is_skewed(self.mean, self.interval):
+            statement = state(self.mean, self.sd, self.interval, self.unit)
+            return ValueAndU(statement.value, statement.expanded)
+        factor, _ = display_unit(self.unit)
+        value, expanded = value_and_uncertainty(self.mean * factor, 2.0 * self.sd * factor)
+        return ValueAndU(value.replace("-", "−"), expanded)
+
+    @property
+    def is_undetermined(self) -> bool:
+        """Whether the readings do not determine it."""
+        return self.entry is not None and not is_determined(self.entry)
+
+    @property
+    def unmodelled_partners(self) -> list[str]:
+        """Effects that look like it and that no term of the model has, where nothing else does."""
+        if self.entry is None or self.entry.verdict != "confounded":
+            return []
+        if self.entry.partner_shares:
+            return []
+        return list(self.entry.partners)
+
+    @property
+    def inseparable_partners(self) -> list[str]:
+        """What it is confounded with, where the readings do not determine it.
+
+        Partners of half of its variance or more; where there is none, all.
+        """
+        if self.entry is None or self.entry.verdict != "confounded" or not self.is_undetermined:
+            return []
+        shares = self.entry.partner_shares
+        largest = [name for name, share in shares.items() if share >= _INSEPARABLE]
+        return largest or list(shares)
+
+
+@dataclass(frozen=True, eq=False)
+class SheetNumbers:
+    """The quantities of the sheets.
+
+    Parameters
+    ----------
+    findings
+        Of the fit.
+    words
+        Of the language.
+    force_N
+        Force at which compliances and circular deviations are stated [N].
+    """
+
+    findings: Findings
+    words: Words
+    force_N: float
+
+    @cached_property
+    def parameters(self) -> dict[str, StatedQuantity]:
+        """Compliances at the force, their slopes, and geometric errors, by name.
+
+        Slopes are stated where they are likelier than not; tool offsets never.
+        """
+        bound = bound_of(self.findings.numbers)
+        names = _names_by_label(bound)
+        stated = {}
+        for parameter in bound.parameters:
+            name = names[parameter.compliance]
+            is_slope = parameter.degree > 0
+            if name.kind == "offset" or (is_slope and self.findings.varying <= 0.5):
+                continue
+            summary = self._summaries[parameter.name]
+            stated[parameter.name] = StatedQuantity(
+                self._quantity_words(name, parameter.degree),
+                display_name(parameter.name),
+                summary["mean"],
+                summary["sd"],
+                (summary["ci_low"], summary["ci_high"]),
+                parameter.unit,
+                self.findings.verdicts.get(parameter.name),
+            )
+        return stated
+
+    @cached_property
+    def _draws(self) -> Mapping[str, Any]:
+        """Draws of every parameter, of compliances at the force [inside units]."""
+        return draws_at(self.findings.numbers, self.force_N)
+
+    @cached_property
+    def _summaries(self) -> dict[str, Mapping[str, float]]:
+        """Mean, sd, median and interval of the draws, by parameter."""
+        ci_prob = self.findings.ci_prob
+        return {name: numbers_of(draws, ci_prob) for name, draws in self._draws.items()}
+
+    def _quantity_words(self, name: Any, degree: int) -> str:
+        """Return what a compliance or geometric error is called."""
+        key = str(name.kind)
+        if degree == 1:
+            key = "slope"
+        elif degree > 1:
+            key = "curvature"
+        twist = str(getattr(name, "twist", ""))
+        wrench = str(getattr(name, "wrench", ""))
+        return self.words(
+            f"quantities.{key}",
+            axis=str(getattr(name, "axis", "") or getattr(name, "joint", "")),
+            component=str(getattr(name, "component", "")),
+            reference=str(getattr(name, "reference", "")),
+            moved=twist.translate(_ROTATED_AXIS),
+            load=wrench.translate(_ROTATED_AXIS),
+            symbol=display_name(name.label),
+        )
+
+    @cached_property
+    def stiffnesses(self) -> dict[str, StatedQuantity]:
+        """Stiffness 1 / C of every axis, by the label of C: that of the median of C.
+
+        Only a lower limit is stated where C may be a fifth of its median or less.
+        """
+        stated = {}
+        for compliance in bound_of(self.findings.numbers).compliances:
+            if compliance.kind == "direct":
+                stated[compliance.label] = self._stiffness(compliance)
+        return stated
+
+    def _stiffness(self, compliance: Any) -> StatedQuantity:
+        summary = self._summaries[compliance.label]
+        median = summary["median"]
+        low = summary["ci_low"]
+        high = summary["ci_high"]
+        smallest = _HARDLY_POSITIVE * median
+        limit = ""
+        sd = np.nan
+        if low > smallest > 0.0:
+            draws = np.maximum(self._draws[compliance.label], 0.5 * smallest)
+            sd = float(np.std(1.0 / draws))
+        elif high > 0.0:
+            limit = self.words("quantities.at_least", value=f"{1e-3 / high:.3g}")
+        else:
+            limit = "–"
+        return StatedQuantity(
+            self.words("quantities.stiffness", axis=compliance.joint),
+            f"1 / {compliance.label}",
+            1.0 / median,
+            sd,
+            (1.0 / high, 1.0 / low),
+            "N/mm",
+            self.findings.verdicts.get(compliance.label),
+            limit,
+        )
+
+    @cached_property
+    def further(self) -> dict[str, StatedQuantity]:
+        """What sheet 1 states beside stiffnesses: other compliances, and squareness."""
+        names = _names_by_label(bound_of(self.findings.numbers))
+        stated = {}
+        for label, quantity in self.parameters.items():
+            if label in names and names[label].kind in _SHEET_1_KINDS:
+                stated[label] = quantity
+        return stated
+
+    @cached_property
+    def path(self) -> dict[str, StatedQuantity]:
+        """Circular deviations G, F_max and F_min of every plane.
+
+        They hang on what the geometric errors hang on.
+        """
+        ci_prob = self.findings.ci_prob
+        table = circularity(self.findings.numbers, [self.force_N], ci_prob=ci_prob)
+        has_several_planes = table["plane"].nunique() > 1
+        hangs_on = self._partners_of_geometry()
+        stated = {}
+        for row in table[table["quantity"].isin(["G", "F_max", "F_min"])].to_dict(orient="records"):
+            symbol = row["quantity"]
+            where = ""
+            if has_several_planes:
+                symbol = f"{row['quantity']}_{row['plane']}"
+                where = self.words("quantities.plane", plane=row["plane"])
+            stated[symbol] = StatedQuantity(
+                self.words(f"quantities.{row['quantity']}", plane=where),
+                row["quantity"],
+                row["median"],
+                row["sd"],
+                (row["ci_low"], row["ci_high"]),
+                "um",
+                hangs_on=hangs_on,
+            )
+        return stated
+
+    def _partners_of_geometry(self) -> tuple[str, ...]:
+        """Return what undetermined geometric errors are confounded with."""
+        partners: dict[str, None] = {}
+        for name, quantity in self.parameters.items():
+            if name.startswith("E_") and quantity.is_undetermined:
+                partners |= dict.fromkeys(quantity.inseparable_partners)
+        # The bar's length makes the circle larger, not less round.
+        partners.pop(BarLength.__name__, None)
+        return tuple(partners)
+
+
+def _names_by_label(bound: BoundModel) -> dict[str, Any]:
+    """Return the names of compliances and geometric errors, taken apart, by their labels."""
+    names: list[Any] = [*bound.compliances, *geometric_errors_of(bound.campaign)]
+    return {name.label: name for name in names}
+
+
+def remark(quantity: StatedQuantity, words: Words) -> str:
+    """Return what the readings tell of a quantity, in a few words.
+
+    Parameters
+    ----------
+    quantity
+        Of a sheet.
+    words
+        Of the language.
+
+    Returns
+    -------
+    str
+        Empty where there is nothing to say.
+    """
+    entry = quantity.entry
+    if entry is None:
+        if not quantity.hangs_on:
+            return ""
+        return words("remarks.inseparable", partners=_partner_words(quantity.hangs_on, words))
+    if entry.verdict == "identified":
+        return words("remarks.identified")
+    if entry.verdict != "confounded":
+        return words("remarks.prior")
+    if quantity.inseparable_partners:
+        partners = quantity.inseparable_partners
+        key = "remarks.inseparable"
+    elif quantity.unmodelled_partners:
+        partners = quantity.unmodelled_partners
+        key = "remarks.assumes"
+    else:
+        partners = list(entry.partner_shares)
+        key = "remarks.limited"
+    return words(key, partners=_partner_words(partners, words))
+
+
+def _partner_words(names: Any, words: Words) -> str:
+    return words.joined([words.term(name) for name in names[:_MOST_NAMES]])

@@ -1,0 +1,106 @@
+"""The words of the sheets in each language, from catalogues: templates/words_<language>.toml."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from ldbb_bayes.errors import check_known
+from ldbb_bayes.model.terms import Term
+from ldbb_bayes.report.wording import joined
+from ldbb_bayes.units import display_name
+
+__all__ = ["Words", "languages", "words_of"]
+
+_TEMPLATES = files("ldbb_bayes.report") / "templates"
+
+
+@dataclass(frozen=True)
+class Words:
+    """The words of one language.
+
+    Parameters
+    ----------
+    language
+        Its code, for example ``en``.
+    table
+        The catalogue.
+    """
+
+    language: str
+    table: Mapping[str, Any]
+
+    def __call__(self, key: str, **values: str) -> str:
+        """Return the words of a key such as ``heads.value``, filled in."""
+        words: Any = self.table
+        for name in key.split("."):
+            words = words[name]
+        return str(words).format(**values)
+
+    def number(self, text: str) -> str:
+        """Return a number, or a text of numbers, with the decimal mark of the language."""
+        return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
+
+    def joined(self, items: Sequence[str]) -> str:
+        """Return items as one text: a, b and c."""
+        return joined(items, str(self.table["and"]).strip())
+
+    def unit(self, label: str) -> str:
+        """Return the label of a unit in the language."""
+        return label.replace(" per ", str(self.table["per"]))
+
+    def percent(self, probability: float) -> str:
+        """Return a probability in per cent, never as 0 or 100 %."""
+        shown = min(max(100.0 * probability, 1.0), 99.0)
+        sign = ""
+        if probability < 0.01:
+            sign = "< "
+        elif probability > 0.99:
+            sign = "> "
+        return self("percent", value=f"{sign}{shown:.0f}")
+
+    def term(self, name: str) -> str:
+        """Return what a term or a parameter is called; a user's own term keeps its words."""
+        if name in self.table["terms"]:
+            return str(self.table["terms"][name])
+        if name in Term.kinds:
+            return str(Term.kinds[name].words)
+        return display_name(name)
+
+
+def languages() -> tuple[str, ...]:
+    """Return the codes of the languages that have a catalogue."""
+    codes = []
+    for entry in _TEMPLATES.iterdir():
+        match = re.fullmatch(r"words_(\w+)\.toml", entry.name)
+        if match:
+            codes.append(match[1])
+    return tuple(sorted(codes))
+
+
+@cache
+def words_of(language: str) -> Words:
+    """Return the words of a language.
+
+    Parameters
+    ----------
+    language
+        One of `languages`.
+
+    Returns
+    -------
+    Words
+
+    Raises
+    ------
+    InputError
+        The language has no catalogue.
+    """
+    check_known("language", [language], languages())
+    catalogue = _TEMPLATES / f"words_{language}.toml"
+    return Words(language, tomllib.loads(catalogue.read_text(encoding="utf-8")))
