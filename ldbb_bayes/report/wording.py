@@ -1,15 +1,14 @@
-"""Every sentence about findings: small functions that choose among templates (sentences.toml,
-sentences.j2) and fill them.
+"""Every sentence about findings: small functions that choose among templates and fill them.
 
-Nothing decides by reading a sentence: what is decided stands in the findings. Kinds of findings are
-looked up by their values.
+The templates are sentences.toml and sentences.j2. Nothing decides by reading a sentence: what is
+decided stands in the findings. Kinds of findings are looked up by their values.
 """
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, singledispatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,22 +39,100 @@ from ldbb_bayes.units import (
 if TYPE_CHECKING:
     import pandas as pd
 
+__all__ = [
+    "ALIKE",
+    "DEGREES",
+    "IN_FORCE",
+    "NONE_ALIKE",
+    "PAGE",
+    "alert_sentences",
+    "alias_sentences",
+    "annex_words",
+    "assumed_words",
+    "assumption_words",
+    "caveat_words",
+    "change_sentence",
+    "check_notes",
+    "check_words",
+    "comparison_sentences",
+    "concern_sentences",
+    "cure_words",
+    "degeneracy_items",
+    "design_notes",
+    "design_sentences",
+    "difference_doubts",
+    "expectation",
+    "fit_verdict",
+    "identifiability_sentences",
+    "instrument_words",
+    "interval_of",
+    "joined",
+    "joined_sizes",
+    "limit_words",
+    "look_sentences",
+    "machine_sentences",
+    "model_words",
+    "nuisance_words",
+    "percent_of",
+    "population_doubts",
+    "population_sentences",
+    "preview_sentences",
+    "probability_words",
+    "quality_words",
+    "remark_words",
+    "remedy_words",
+    "sampler_words",
+    "source_words",
+    "standing_words",
+    "statement",
+    "strength_words",
+    "sum_in_words",
+    "term_words",
+    "trend_sentences",
+    "unit_words",
+    "validation_verdict",
+    "verdict_words",
+    "with_words",
+]
+
+_TEMPLATES = Path(__file__).parent / "templates"
 _SENTENCES: Mapping[str, Any] = tomllib.loads(
-    (Path(__file__).parent / "templates" / "sentences.toml").read_text("utf-8")
+    (_TEMPLATES / "sentences.toml").read_text(encoding="utf-8")
 )
 PAGE: Mapping[str, Any] = _SENTENCES["page"]
 DEGREES = ("constant", "linear", "quadratic")
 IN_FORCE = ("constant", "linear in force", "quadratic in force")
-# Ratios of expected sds that differ by less count as equal.
-_ALIKE = 2e-3
+ALIKE = "The readings of this campaign cannot separate:"
+NONE_ALIKE = "The readings determine every combination."
+
+# What sentences change at; nothing is decided by these.
+_EQUAL_RATIOS = 2e-3  # ratios of expected sds that differ by less count as equal
+_MOST_CHECKS = 3  # checks that a sentence on a fit names
+_CONTRADICTED = -13.815510557964274  # ln 1e-6: readings contradict a prior, not only speak against
+_SURE = 0.95  # inclusion probability of a slope that is called certain
+_MOST_NAMES = 5  # campaigns and tests that a sentence names
+_MOST_JOINED = 3  # change points that a sentence joins
+_MOST_LISTED_TESTS = 12  # tests to run that a sentence lists
+_UNLIKELY = 5e-4  # three decimals show no less, and never quite 0 or 1
+_CONFLICT = 0.01  # p-value below which differences of geometry conflict with one instrument
+_NARROWER = 0.9  # ratio of uncertainties from which a certificate is worth naming
+_STRENGTHS = (
+    # Upper limit of |ln BF|, and words for it: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
+    (1.0, "not worth more than a bare mention"),
+    (3.0, "positive evidence"),
+    (5.0, "strong evidence"),
+)
+
+
+# ---- templates
 
 
 @cache
 def _environment() -> jinja2.Environment:
-    """What templates of sentences call: filters and names."""
+    """Return the environment of templates of sentences: filters and names they use."""
     loader = jinja2.PackageLoader("ldbb_bayes.report")
     environment = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined)
-    filters = (
+    for function in (
         joined,
         display_name,
         typeset,
@@ -64,104 +141,83 @@ def _environment() -> jinja2.Environment:
         check_words,
         remark_words,
         caveat_words,
+        look_sentences,
+        probability_words,
+        strength_words,
         repr,
-    )
-    environment.filters |= {
-        own.__name__: own for own in (*filters, look_sentences, probability_words, strength_words)
-    }
-    environment.filters |= {
-        "as_": format,
-        "lines": _lines,
-        "point": lambda at: f"({', '.join(f'{x:g}' for x in at)})",
-    }
-    names: dict[str, Any] = {
-        "IN_FORCE": IN_FORCE,
-        "DEGREES": DEGREES,
-        "FEW": _FEW,
-        "BARE": _STRENGTHS[0][0],
-        "SIGNS": _SENTENCES["signs"],
-    }
-    names |= {
-        "PAGE": PAGE,
-        "SURE": _SURE,
-        "JOINED": _JOINED,
-        "CONFLICT": _CONFLICT,
-        "plus_minus": plus_minus,
-    }
-    environment.globals |= names
+    ):
+        environment.filters[function.__name__] = function
+    environment.filters["as_"] = format
+    environment.filters["lines"] = _lines
+    environment.filters["point"] = _point_words
+    environment.globals["IN_FORCE"] = IN_FORCE
+    environment.globals["DEGREES"] = DEGREES
+    environment.globals["FEW"] = _MOST_CHECKS
+    environment.globals["BARE"] = _STRENGTHS[0][0]
+    environment.globals["SIGNS"] = _SENTENCES["signs"]
+    environment.globals["PAGE"] = PAGE
+    environment.globals["SURE"] = _SURE
+    environment.globals["JOINED"] = _MOST_JOINED
+    environment.globals["CONFLICT"] = _CONFLICT
+    environment.globals["plus_minus"] = plus_minus
     return environment
 
 
 def _lines(text: str) -> list[str]:
-    return [line.strip() for line in text.split("\n") if line.strip()]
+    lines = [line.strip() for line in text.split("\n")]
+    return [line for line in lines if line]
 
 
-def _sentences(macro: str, *found: Any) -> tuple[str, ...]:
-    """Every line that a macro of sentences.j2 makes of findings."""
-    return tuple(_lines(getattr(_environment().get_template("sentences.j2").module, macro)(*found)))
+def _point_words(point: Sequence[float]) -> str:
+    return f"({', '.join(f'{coordinate:g}' for coordinate in point)})"
 
 
-def _sentence(macro: str, *found: Any) -> str:
-    """The one line that a macro makes."""
-    return " ".join(_sentences(macro, *found))
+def _sentences(macro: str, *findings: Any) -> tuple[str, ...]:
+    """Return every line that a macro of sentences.j2 makes of findings."""
+    module = _environment().get_template("sentences.j2").module
+    return tuple(_lines(getattr(module, macro)(*findings)))
 
 
-def _every(macro: str) -> Callable[..., tuple[str, ...]]:
-    return lambda *found: _sentences(macro, *found)
-
-
-def _words(macro: str) -> Callable[..., str]:
-    return lambda *found: _sentence(macro, *found)
-
-
-# Of a fit whether its numbers can be used, whether the model expects readings like these, and a
-# note on what it does not expect though it hardly moves an interval; of parts of its JSON what was
-# fitted, how well, and whether the sampler reached its target; of a validation whether its ranks
-# are as they should be.
-fit_verdict = _words("fit_verdict")
-expectation = _words("expectation")
-check_notes = _every("check_notes")
-model_words = _words("model_words")
-quality_words = _words("quality_words")
-sampler_words = _words("sampler_words")
-validation_verdict = _words("validation_verdict")
-# What a campaign is, and remarks on its tests (what a fit will assume is apart); of a machine
-# joints, rank, and what does not show; of a comparison the evidence, whether its sign is robust,
-# and what else speaks; what is to be minded of a population, and what it does not model; what
-# forbids the use of a difference of campaigns (first, other, converged, conflict).
-preview_sentences = _every("preview_sentences")
-machine_sentences = _every("machine_sentences")
-comparison_sentences = _every("comparison_sentences")
-population_doubts = _every("population_doubts")
-# Which model the numbers after the sheets are of (degree, averaged); what differences between
-# campaigns rest on (force, same).
-annex_words = _words("annex_words")
-instrument_words = _words("instrument_words")
-difference_doubts = _every("difference_doubts")
+def _sentence(macro: str, *findings: Any) -> str:
+    """Return the one line that a macro makes."""
+    return " ".join(_sentences(macro, *findings))
 
 
 @singledispatch
 def with_words(result: Any) -> dict[str, Any]:
-    """Return a result's JSON, its sentences added."""
+    """Return the JSON of a result, with its sentences.
+
+    Parameters
+    ----------
+    result
+        Of an analysis.
+
+    Returns
+    -------
+    dict
+        As of its ``as_dict``; results that can be put into words have more.
+    """
     record: dict[str, Any] = result.as_dict()
     return record
 
 
-def joined(parts: Sequence[str], word: str = "and") -> str:
-    """a, b and c."""
-    return (
-        f" {word} ".join(parts) if len(parts) < 3 else f"{', '.join(parts[:-1])} {word} {parts[-1]}"
-    )
+def joined(items: Sequence[str], word: str = "and") -> str:
+    """Return items as one text: a, b and c."""
+    if len(items) < 3:
+        return f" {word} ".join(items)
+    return f"{', '.join(items[:-1])} {word} {items[-1]}"
 
 
-def _few(names: Sequence[str]) -> str:
-    """The first names, and how many there are beyond."""
-    more = len(names) - _LISTED
-    return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")
+def _first_names(names: Sequence[str]) -> str:
+    """Return the first names, and how many there are beyond."""
+    text = ", ".join(names[:_MOST_NAMES])
+    if len(names) > _MOST_NAMES:
+        text += f" and {len(names) - _MOST_NAMES} more"
+    return text
 
 
-def _shown(names: Sequence[str]) -> str:
-    """Parameters as the paper prints them."""
+def _joined_parameters(names: Sequence[str]) -> str:
+    """Return parameters as the paper prints them, joined."""
     return joined([display_name(name) for name in names])
 
 
@@ -169,287 +225,399 @@ def _shown(names: Sequence[str]) -> str:
 
 
 def unit_words(name: str) -> tuple[float, str]:
-    """Inside value of one unit that a nuisance coefficient is read in, and its label."""
-    inside, one, label = Term.owner(name).unit_of(name)
-    return (
-        (1.0 / display_unit(inside)[0], display_unit(inside)[1])
-        if inside.endswith("/N")
-        else (one, label)
-    )
+    """Return the inside value of one unit that a nuisance coefficient is read in, and its label."""
+    inside_unit, one, label = Term.owner(name).unit_of(name)
+    if inside_unit.endswith("/N"):
+        factor, label = display_unit(inside_unit)
+        return 1.0 / factor, label
+    return one, label
 
 
 def nuisance_words(name: str) -> str:
-    """form_cos2 → 2-lobe form (cos 2θ)."""
+    """Return a nuisance coefficient in words: form_cos2 becomes 2-lobe form (cos 2θ)."""
     return Term.owner(name).describe(name)
 
 
 def term_words(term: str) -> str:
-    """BallForm → ball form, SetupShift → set-up shift; a parameter's name stays."""
-    spaced = re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
-    return (
-        Term.kinds[term].words
-        if term in Term.kinds
-        else display_name(term)
-        if "_" in term
-        else spaced
-    )
+    """Return a term in words: BallForm becomes ball form; a parameter keeps its name."""
+    if term in Term.kinds:
+        return Term.kinds[term].words
+    if "_" in term:
+        return display_name(term)
+    return re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
 
 
 def source_words(term: str) -> str:
     """Return what a term of a budget is called."""
-    return "prior of the parameters" if term == OWN else term_words(term)
+    if term == OWN:
+        return "prior of the parameters"
+    return term_words(term)
 
 
-def _amount(value: float, factor: float, label: str, name: str, plus: str = "+") -> str:
-    """+6.67 µm/m of E_XX1."""
+def _amount_words(value: float, factor: float, label: str, name: str, plus: str = "+") -> str:
+    """Return an amount of something: +6.67 µm/m of E_XX1."""
     size = abs(value) * factor
     if size < 0.01 and label.startswith("µ"):
-        size = size * 1e3
+        size *= 1e3
         label = "n" + label[1:]
-    return (
-        f"{plus if value > 0 else '−'}{round_uncertainty(size, 3)[0]}{'' if label == '°' else ' '}{label}"
-        f" of {name}"
-    )
+    sign = plus if value > 0 else "−"
+    space = "" if label == "°" else " "
+    return f"{sign}{round_uncertainty(size, 3)[0]}{space}{label} of {name}"
 
 
-def statement(found: Degeneracy) -> str:
+def statement(degeneracy: Degeneracy) -> str:
     """Return a degeneracy with its exchange rate: what looks like what, and how much of it."""
-    sign = -1.0 if found.term else 1.0
-    changes = [
-        _amount(
-            sign * found.combination[name], *display_unit(found.units[name]), display_name(name)
-        )
-        for name in found.parameters
-    ]
-    left_out = (
-        "" if found.modelled else "; the model leaves it out, and the intervals do not cover it"
-    )
-    nuisances = [(name, *unit_words(name)) for name in found.nuisances]
-    parts = [
-        _amount(found.combination[name], 1.0 / one, unit, nuisance_words(name), "")
-        for name, one, unit in nuisances
-    ]
-    subject = " with ".join([*parts[:1], *([joined(parts[1:])] if parts[1:] else [])])
-    if len(parts) > 4:
-        subject = f"{parts[0]} together with {len(parts) - 1} other effects"
-    if not found.term:
-        company = [f"{len(parts)} other effects"] if parts else []
-        return f"{joined([*changes, *company])} together change no reading{left_out}."
-    return f"{subject} looks exactly like {joined(changes)}{left_out}."
+    sign = -1.0 if degeneracy.term else 1.0
+    changes = []
+    for name in degeneracy.parameters:
+        factor, label = display_unit(degeneracy.units[name])
+        change = sign * degeneracy.combination[name]
+        changes.append(_amount_words(change, factor, label, display_name(name)))
+    ending = "."
+    if not degeneracy.modelled:
+        ending = "; the model leaves it out, and the intervals do not cover it."
+
+    number = len(degeneracy.nuisances)
+    if not degeneracy.term:
+        if number:
+            changes.append(f"{number} other effects")
+        return f"{joined(changes)} together change no reading{ending}"
+    return f"{_effect_words(degeneracy)} looks exactly like {joined(changes)}{ending}"
 
 
-def cure_words(found: Degeneracy, cures: Sequence[Cure]) -> str:
+def _effect_words(degeneracy: Degeneracy) -> str:
+    """Return amounts of the effects that look like parameters."""
+    amounts = []
+    for name in degeneracy.nuisances:
+        one, unit = unit_words(name)
+        amount = degeneracy.combination[name]
+        amounts.append(_amount_words(amount, 1.0 / one, unit, nuisance_words(name), ""))
+    if len(amounts) > 4:
+        return f"{amounts[0]} together with {len(amounts) - 1} other effects"
+    if len(amounts) > 1:
+        return f"{amounts[0]} with {joined(amounts[1:])}"
+    return "".join(amounts)
+
+
+def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
     """Return what would end a degeneracy."""
-    calibration = (
-        Term.kinds[found.term].calibration if found.term in Term.kinds else "a calibration of it"
-    )
-    text = (
-        joined([_SENTENCES["cures"].get(cure, calibration) for cure in cures], "or")
-        or "a narrower prior on one of them"
-    )
+    calibration = "a calibration of it"
+    if degeneracy.term in Term.kinds:
+        calibration = Term.kinds[degeneracy.term].calibration
+    text = joined([_SENTENCES["cures"].get(cure, calibration) for cure in cures], "or")
+    if not text:
+        text = "a narrower prior on one of them"
     return text[0].upper() + text[1:] + "."
 
 
 def degeneracy_items(
-    found: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
+    degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
     """Return every degeneracy with what would separate it."""
-    pairs = zip(found, cures, strict=True)
-    return tuple(f"{statement(own)} Cure: {cure_words(own, cure)}" for own, cure in pairs)
+    items = []
+    for degeneracy, cures_of_it in zip(degeneracies, cures, strict=True):
+        items.append(f"{statement(degeneracy)} Cure: {cure_words(degeneracy, cures_of_it)}")
+    return tuple(items)
 
 
-def alias_sentences(found: Sequence[Degeneracy]) -> Iterator[str]:
-    """Return what the terms of the model are confounded with, the terms that it leaves out, and
-    parameters that are alike.
+def alias_sentences(degeneracies: Sequence[Degeneracy]) -> Iterator[str]:
+    """Yield what parameters are confounded with: terms of the model, terms it leaves out, others.
+
+    Parameters
+    ----------
+    degeneracies
+        Of a design.
+
+    Yields
+    ------
+    str
     """
-    alike: dict[bool, dict[str, dict[str, None]]] = {False: {}, True: {}}
-    for own in found:
-        if own.term:
-            alike[own.modelled].setdefault(own.term, {}).update(dict.fromkeys(own.parameters))
-        else:
-            yield f"These readings cannot separate {_shown(own.parameters)}."
-    covers = (
+    for degeneracy in degeneracies:
+        if not degeneracy.term:
+            names = _joined_parameters(degeneracy.parameters)
+            yield f"These readings cannot separate {names}."
+    yield from _confounding_sentence(
+        [degeneracy for degeneracy in degeneracies if not degeneracy.modelled],
         "The model leaves these out: no interval covers them",
+    )
+    yield from _confounding_sentence(
+        [degeneracy for degeneracy in degeneracies if degeneracy.modelled],
         "The intervals rest on what was assumed of these",
     )
-    for modelled, terms in alike.items():
-        if terms:
-            pairs = "; ".join(
-                f"{term_words(term)} with {_shown([*names])}" for term, names in terms.items()
-            )
-            yield f"Confounded: {pairs}. {covers[modelled]} (more: ldbb-bayes identify)."
 
 
-def standing_words(found: Standing) -> str:
+def _confounding_sentence(degeneracies: Sequence[Degeneracy], meaning: str) -> Iterator[str]:
+    parameters_by_term: dict[str, dict[str, None]] = {}
+    for degeneracy in degeneracies:
+        if degeneracy.term:
+            parameters = parameters_by_term.setdefault(degeneracy.term, {})
+            parameters |= dict.fromkeys(degeneracy.parameters)
+    if parameters_by_term:
+        pairs = [
+            f"{term_words(term)} with {_joined_parameters(list(parameters))}"
+            for term, parameters in parameters_by_term.items()
+        ]
+        yield f"Confounded: {'; '.join(pairs)}. {meaning} (more: ldbb-bayes identify)."
+
+
+def standing_words(standing: Standing) -> str:
     """Return what holds whatever is measured."""
-    return _SENTENCES["standing"][found.kind].format(names=_shown(found.parameters))
+    names = _joined_parameters(standing.parameters)
+    return str(_SENTENCES["standing"][standing.kind].format(names=names))
 
 
 # ---- fit
 
-_FEW = 3
-_CONTRADICTED = -13.815510557964274  # ln 1e-6
+
+def fit_verdict(fit: Fit) -> str:
+    """Return whether the numbers of a fit can be used."""
+    return _sentence("fit_verdict", fit)
+
+
+def expectation(fit: Fit) -> str:
+    """Return whether the model expects readings like these."""
+    return _sentence("expectation", fit)
+
+
+def check_notes(fit: Fit) -> tuple[str, ...]:
+    """Return notes on what the model does not expect though it hardly moves an interval."""
+    return _sentences("check_notes", fit)
+
+
+def model_words(model: Mapping[str, Any]) -> str:
+    """Return what was fitted, from the JSON of a model."""
+    return _sentence("model_words", model)
+
+
+def quality_words(quality: Mapping[str, Any]) -> str:
+    """Return how well it was fitted, from the JSON of a fit."""
+    return _sentence("quality_words", quality)
+
+
+def sampler_words(sampler: Mapping[str, Any]) -> str:
+    """Return whether the sampler reached its target, from its JSON."""
+    return _sentence("sampler_words", sampler)
 
 
 def check_words(check: Check) -> str:
     """Return what a check looks at: order 4 of f520."""
     kinds = {"noise": "white noise", "autocorrelation": "autocorrelation"}
-    return f"{kinds.get(check.kind, f'order {check.order}')} of {check.test}"
+    kind = kinds.get(check.kind, f"order {check.order}")
+    return f"{kind} of {check.test}"
 
 
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
-    """Return a sentence or two on every concern; ``sampler`` is that part of the record."""
-    cures = {"independent": "ask for more independent draws (a larger --ess)"}
-    for own in concerns:
-        template = _SENTENCES["concerns"][
-            "one-force" if own.kind == "forces" and own.value == 1 else own.kind
-        ]
-        said = template.format(
-            value=own.value,
-            limit=own.limit,
-            um=own.value * 1e3,
-            limit_um=own.limit * 1e3,
-            degree=own.limit - 2,
-            verb="contradict" if own.value < _CONTRADICTED else "speak against",
+    """Yield a sentence or two on every concern about a fit.
+
+    Parameters
+    ----------
+    concerns
+        Of the fit.
+    sampler
+        Its JSON.
+
+    Yields
+    ------
+    str
+    """
+    cure = "allow more steps (--max-steps)"
+    if sampler.get("kind") == "independent":
+        cure = "ask for more independent draws (a larger --ess)"
+    for concern in concerns:
+        kind = str(concern.kind)
+        if kind == "forces" and concern.value == 1:
+            kind = "one-force"
+        verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
+        sentence = _SENTENCES["concerns"][kind].format(
+            value=concern.value,
+            limit=concern.limit,
+            um=concern.value * 1e3,
+            limit_um=concern.limit * 1e3,
+            degree=concern.limit - 2,
+            verb=verb,
             rhat=sampler.get("target_rhat", 0.0),
-            cure=cures.get(sampler.get("kind", ""), "allow more steps (--max-steps)"),
-            name=display_name(own.name),
+            cure=cure,
+            name=display_name(concern.name),
         )
-        yield typeset(said)
+        yield typeset(sentence)
 
 
 # ---- campaign
 
 
-def assumption_words(assumed: Any) -> str:
+def preview_sentences(preview: CampaignPreview) -> tuple[str, ...]:
+    """Return what a campaign is, and remarks on its tests."""
+    return _sentences("preview_sentences", preview)
+
+
+def assumption_words(assumption: Any) -> str:
     """Return what an import assumed, why, and the option that says otherwise."""
-    where = f"; {assumed.place}" if assumed.place else ""
-    return f"{assumed.what}: {assumed.value} ({assumed.because}{where}): {assumed.option}"
+    reason = assumption.because
+    if assumption.place:
+        reason = f"{reason}; {assumption.place}"
+    return f"{assumption.what}: {assumption.value} ({reason}): {assumption.option}"
 
 
 def remark_words(remark: Remark) -> str:
     """Return a remark of a preview in words."""
-    if (words := _SENTENCES["remarks"].get(remark.kind)) is not None:
-        return str(words.format(**remark.values))
-    return _environment().from_string(_SENTENCES["choices"][remark.kind]).render(remark.values)
+    if remark.kind in _SENTENCES["remarks"]:
+        return str(_SENTENCES["remarks"][remark.kind].format(**remark.values))
+    template = _environment().from_string(_SENTENCES["choices"][remark.kind])
+    return template.render(remark.values)
 
 
-def look_sentences(seen: CampaignPreview) -> list[str]:
+def look_sentences(preview: CampaignPreview) -> list[str]:
     """Return a sentence on everything that looks odd, with the tests it is of."""
-    odd: dict[str, list[str]] = {}
-    for test in seen.tests:
+    tests_by_words: dict[str, list[str]] = {}
+    for test in preview.tests:
         for remark in test.remarks:
-            odd.setdefault(remark_words(remark), []).append(test.name)
-    return [f"Look at {_few(names)}: {words}." for words, names in odd.items()]
+            tests_by_words.setdefault(remark_words(remark), []).append(test.name)
+    return [f"Look at {_first_names(tests)}: {words}." for words, tests in tests_by_words.items()]
 
 
 @with_words.register
 def _(result: CampaignPreview) -> dict[str, Any]:
     record = {"schema": 1, **result.as_dict()}
-    pairs: list[tuple[dict[str, Any], Any]] = [
-        (record, result),
-        *zip(record["tests"], result.tests, strict=True),
-    ]
-    for own, found in pairs:
-        own["kinds"] = [str(remark.kind) for remark in found.remarks]
-        own["remarks"] = [remark_words(remark) for remark in found.remarks]
+    _add_remarks(record, result.remarks)
+    for test_record, test in zip(record["tests"], result.tests, strict=True):
+        _add_remarks(test_record, test.remarks)
     record["assumptions"] = [remark_words(remark) for remark in result.assumptions]
     return record
 
 
-def assumed_words(own: Uncertainty) -> tuple[str, str]:
+def _add_remarks(record: dict[str, Any], remarks: Sequence[Remark]) -> None:
+    record["kinds"] = [str(remark.kind) for remark in remarks]
+    record["remarks"] = [remark_words(remark) for remark in remarks]
+
+
+def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
     """Return what is assumed of the instrument, and where a certificate says it."""
-    (table, _, key), kind = own.certificate.partition("_"), Term.owner(own.name)
-    where = (
-        f"[{table}] {key}"
-        if key
-        else f"[balls.{table}]"
-        if table
-        else f"none: [terms.{kind.__name__}] of a model"
-    )
-    return nuisance_words(own.name.replace("form_", "form_cos")).partition(" (")[0], where
+    table, _, key = uncertainty.certificate.partition("_")
+    if key:
+        place = f"[{table}] {key}"
+    elif table:
+        place = f"[balls.{table}]"
+    else:
+        place = f"none: [terms.{Term.owner(uncertainty.name).__name__}] of a model"
+    words = nuisance_words(uncertainty.name.replace("form_", "form_cos"))
+    return words.partition(" (")[0], place
 
 
-def sum_in_words(seen: VisibleParameter) -> str:
-    """C_XXX + C_XXY; weights where they are not one, in mm and mm²."""
+# ---- machine
+
+
+def machine_sentences(machine: Any) -> tuple[str, ...]:
+    """Return joints and rank of a machine, and what does not show."""
+    return _sentences("machine_sentences", machine)
+
+
+def sum_in_words(parameter: VisibleParameter) -> str:
+    """Return the sum that a parameter stands for: C_XXX + C_XXY.
+
+    Weights are written where they are not one, in mm and mm².
+    """
     text = ""
-    for name, weight in seen.members.items():
-        size = "" if abs(weight) == 1.0 else f"{abs(weight):g} "
-        sign = ("−" if weight < 0 else "") if not text else (" − " if weight < 0 else " + ")
-        text += f"{sign}{size}{display_name(name)}"
+    for name, weight in parameter.members.items():
+        sign = ""
+        if text:
+            sign = " − " if weight < 0 else " + "
+        elif weight < 0:
+            sign = "−"
+        if abs(weight) != 1.0:
+            sign += f"{abs(weight):g} "
+        text += sign + display_name(name)
     return text
 
 
 # ---- identifiability
 
-ALIKE = "The readings of this campaign cannot separate:"
-NONE_ALIKE = "The readings determine every combination."
-
 
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
-    """Return hyper-parameters with their values, the circles' scales left out."""
-    sizes = {
-        name: f"{value:.2g}{'' if name == 'decay' else ' µm'}" for name, value in hyper_um.items()
-    }
-    return ", ".join(
-        f"{name}{equals}{size}" for name, size in sizes.items() if not name.startswith("lambda_")
-    )
+    """Return hyper-parameters with their values, but for the scales of single circles."""
+    sizes = []
+    for name, value in hyper_um.items():
+        if not name.startswith("lambda_"):
+            unit = "" if name == "decay" else " µm"
+            sizes.append(f"{name}{equals}{value:.2g}{unit}")
+    return ", ".join(sizes)
 
 
 def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> str:
-    """Return the verdict, with the share of the variance that every partner holds or with the
-    partners' names alone.
+    """Return a verdict in words.
+
+    Parameters
+    ----------
+    entry
+        Of a parameter.
+    shares
+        Whether the share of the variance that every partner holds is said.
+
+    Returns
+    -------
+    str
     """
-    known = entry.partner_shares
-    if not shares and entry.verdict == "confounded":
-        return (
-            "confounded with"
-            f" {joined([term_words(p) + ('' if p in known else ' (left out)') for p in entry.partners])}"
-        )
+    verdict = str(entry.verdict)
     if not shares:
-        return str(entry.verdict)
-    parts = {
-        term_words(p): f"{100.0 * known[p]:.0f} %" if p in known else "left out"
-        for p in entry.partners
-    }
-    if entry.verdict == "confounded":
-        return "confounded with " + " and ".join(
-            f"{partner} ({share})" for partner, share in parts.items()
-        )
-    plain = ", ".join(f"{partner} {share}" for partner, share in parts.items())
-    return f"{entry.verdict} ({plain})" if plain else str(entry.verdict)
+        if verdict != "confounded":
+            return verdict
+        partners = []
+        for partner in entry.partners:
+            note = "" if partner in entry.partner_shares else " (left out)"
+            partners.append(term_words(partner) + note)
+        return f"confounded with {joined(partners)}"
+
+    share_by_partner = {}
+    for partner in entry.partners:
+        share = "left out"
+        if partner in entry.partner_shares:
+            share = f"{100.0 * entry.partner_shares[partner]:.0f} %"
+        share_by_partner[term_words(partner)] = share
+    if verdict == "confounded":
+        partners = [f"{partner} ({share})" for partner, share in share_by_partner.items()]
+        return f"confounded with {' and '.join(partners)}"
+    if not share_by_partner:
+        return verdict
+    partners = [f"{partner} {share}" for partner, share in share_by_partner.items()]
+    return f"{verdict} ({', '.join(partners)})"
 
 
 @with_words.register
 def _(result: Identifiability) -> dict[str, Any]:
     record = result.as_dict()
     record.pop("cures")
-    for own, found, cure in zip(
-        record["degeneracies"], result.degeneracies, result.cures, strict=True
-    ):
-        own |= {"statement": statement(found), "cure": cure_words(found, cure)}
-    return record | {"notes": [standing_words(own) for own in result.standing]}
+    rows = zip(record["degeneracies"], result.degeneracies, result.cures, strict=True)
+    for degeneracy_record, degeneracy, cures in rows:
+        degeneracy_record["statement"] = statement(degeneracy)
+        degeneracy_record["cure"] = cure_words(degeneracy, cures)
+    record["notes"] = [standing_words(standing) for standing in result.standing]
+    return record
 
 
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
-    """Return what the numbers rest on, and how much the readings narrow; what certificates would be
-    worth: how much narrower the parameters that they narrow by a tenth.
+    """Return what the numbers rest on, how much the readings narrow, and what certificates would.
+
+    Of certificates the parameters that they narrow by a tenth or more.
     """
-    certificates = dict(result.certificates)
+    sd_by_certificate = dict(result.certificates)
+    sd_without = sd_by_certificate.pop("none of these", {})
     worth = {}
-    without = certificates.pop("none of these", {})
-    for name, left in certificates.items():
-        share = {own: sd / without[own] for own, sd in left.items()}
-        narrowed = [own for own in ranked(share, share.__getitem__) if share[own] < 0.9]
-        worth[name] = [
-            f"u of {display_name(own)} to {100.0 * share[own]:.0f} %" for own in narrowed
+    for certificate, sd in sd_by_certificate.items():
+        ratio = {name: sd[name] / sd_without[name] for name in sd}
+        worth[certificate] = [
+            f"u of {display_name(name)} to {100.0 * ratio[name]:.0f} %"
+            for name in ranked(ratio, ratio.__getitem__)
+            if ratio[name] < _NARROWER
         ]
-    return _sentences(
-        "identifiability_sentences", result, joined_sizes(result.hyper_um, " = "), worth
-    )
+    sizes = joined_sizes(result.hyper_um, " = ")
+    return _sentences("identifiability_sentences", result, sizes, worth)
 
 
 # ---- calibration
+
+
+def validation_verdict(validation: Validation) -> str:
+    """Return whether the ranks of a calibration are uniform."""
+    return _sentence("validation_verdict", validation)
 
 
 @with_words.register
@@ -459,29 +627,28 @@ def _(result: Validation) -> dict[str, Any]:
 
 # ---- comparison
 
-_STRENGTHS = (
-    (1.0, "not worth more than a bare mention"),
-    (3.0, "positive evidence"),
-    (5.0, "strong evidence"),
-)
-_SURE = 0.95
+
+def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
+    """Return the evidence, whether its sign is robust, and what else speaks."""
+    return _sentences("comparison_sentences", comparison)
 
 
 def strength_words(log_bayes_factor: float) -> str:
-    """Words for a log Bayes factor of either sign (Kass and Raftery, J. Am. Stat. Assoc. 90,
-    773-795, 1995).
+    """Return words for a log Bayes factor of either sign.
+
+    Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795.
     """
-    return next(
-        (words for limit, words in _STRENGTHS if abs(log_bayes_factor) < limit),
-        "very strong evidence",
-    )
+    for limit, words in _STRENGTHS:
+        if abs(log_bayes_factor) < limit:
+            return words
+    return "very strong evidence"
 
 
 @with_words.register
 def _(result: Comparison) -> dict[str, Any]:
     sentences = comparison_sentences(result)
-    found = {name: value for name, value in result.as_dict().items() if value is not None}
-    return {**found, "verdict": " ".join(sentences), "sentences": list(sentences)}
+    record = {name: value for name, value in result.as_dict().items() if value is not None}
+    return {**record, "verdict": " ".join(sentences), "sentences": list(sentences)}
 
 
 # ---- design
@@ -489,23 +656,30 @@ def _(result: Comparison) -> dict[str, Any]:
 
 def design_sentences(design: Design) -> tuple[str, ...]:
     """Return the recommendation in words, its notes last."""
-    ratio = {
-        name: design.expected[name].sd / design.baseline[name].sd for name in design.parameters
-    }
-    first, last = (
-        ranked(ratio, key, tolerance=_ALIKE)[0]
-        for key in (lambda name: -ratio[name], ratio.__getitem__)
-    )
+    ratio = {}
+    gain = {}
+    for name in design.parameters:
+        ratio[name] = design.expected[name].sd / design.baseline[name].sd
+        gain[name] = -ratio[name]
+    most_improved = ranked(ratio, gain.__getitem__, tolerance=_EQUAL_RATIOS)[0]
+    least_improved = ranked(ratio, ratio.__getitem__, tolerance=_EQUAL_RATIOS)[0]
     return _sentences(
-        "design_sentences", design, _tests_to_run(design), ratio, first, last, design_notes(design)
+        "design_sentences",
+        design,
+        _tests_to_run(design),
+        ratio,
+        most_improved,
+        least_improved,
+        design_notes(design),
     )
 
 
 def design_notes(design: Design) -> tuple[str, ...]:
     """Return what the tests do not show, what would, and what the numbers rest on."""
-    error = max(own.sd_error / own.sd for own in design.expected.values())
+    relative_errors = [expected.sd_error / expected.sd for expected in design.expected.values()]
     alike = degeneracy_items(design.limits.degeneracies, design.limits.cures)
-    return _sentences("design_notes", design, joined_sizes(design.hyper_um, " "), error, alike)
+    sizes = joined_sizes(design.hyper_um, " ")
+    return _sentences("design_notes", design, sizes, max(relative_errors), alike)
 
 
 @with_words.register
@@ -518,26 +692,35 @@ def _(result: Design) -> dict[str, Any]:
 
 
 def _tests_to_run(design: Design) -> str:
-    """6 circles: 2 × 36 N and 4 × 742 N."""
+    """Return the tests of a design: 6 circles: 2 × 36 N and 4 × 742 N."""
     table = design.table
-    columns = list(design.columns)
-    clocked = bool((table[columns[:2]] != 0.0).any(axis=None))
-    named = [
-        name for name in columns if (clocked if name in columns[:2] else table[name].nunique() > 1)
-    ]
-    words = []
+    varied = _varied_settings(design)
+    tests = []
     for row in table.to_dict(orient="records"):
-        places = [
-            form.format(row[name])
-            for name, form in _SENTENCES["places"].items()
-            if name in named and row[name] != ""
-        ]
-        words.append(
-            f"{row['count']} × {row['force_N']:.4g} N"
-            + (f" ({', '.join(places)})" if named else "")
-        )
-    listed = joined(words) if len(words) <= 12 else "see the table"
-    return f"{table['count'].sum()}{' more' if design.augment else ''} circles: {listed}"
+        settings = []
+        for name, template in _SENTENCES["places"].items():
+            if name in varied and row[name] != "":
+                settings.append(template.format(row[name]))
+        test = f"{row['count']} × {row['force_N']:.4g} N"
+        if varied:
+            test += f" ({', '.join(settings)})"
+        tests.append(test)
+    listed = "see the table"
+    if len(tests) <= _MOST_LISTED_TESTS:
+        listed = joined(tests)
+    further = " more" if design.augment else ""
+    return f"{table['count'].sum()}{further} circles: {listed}"
+
+
+def _varied_settings(design: Design) -> list[str]:
+    """Return the settings of the tests that differ, both clockings where a ball is turned."""
+    table = design.table
+    clockings = list(design.columns)[:2]
+    others = list(design.columns)[2:]
+    varied = [name for name in others if table[name].nunique() > 1]
+    if bool((table[clockings] != 0.0).any(axis=None)):
+        return clockings + varied
+    return varied
 
 
 # ---- budget
@@ -545,7 +728,9 @@ def _tests_to_run(design: Design) -> str:
 
 def remedy_words(budget: Budget) -> str:
     """Return what would improve a parameter most."""
-    return _SENTENCES["remedies"].get(budget.heaviest, Term.kinds.get(budget.heaviest, Term).remedy)
+    if budget.heaviest in _SENTENCES["remedies"]:
+        return str(_SENTENCES["remedies"][budget.heaviest])
+    return Term.kinds.get(budget.heaviest, Term).remedy
 
 
 @with_words.register
@@ -555,17 +740,17 @@ def _(result: Budget) -> dict[str, Any]:
 
 # ---- population and trend
 
-_LISTED = 5
-_JOINED = 3
-# Three decimals show no less, and never quite 0 or 1.
-_UNLIKELY = 5e-4
-
 
 def caveat_words(caveat: Any) -> str:
     """Return a sentence or two on what is to be minded of a trend or a population."""
-    parameters = ", ".join(map(display_name, caveat.names))
-    return _SENTENCES["caveats"][caveat.kind].format(
-        *caveat.values, names=_few(caveat.names), parameters=parameters, text=caveat.text
+    template = _SENTENCES["caveats"][caveat.kind]
+    return str(
+        template.format(
+            *caveat.values,
+            names=_first_names(caveat.names),
+            parameters=", ".join(map(display_name, caveat.names)),
+            text=caveat.text,
+        )
     )
 
 
@@ -573,95 +758,121 @@ def probability_words(probability: float) -> str:
     """Return a probability with three decimals."""
     if probability < _UNLIKELY:
         return "< 0.001"
-    return "> 0.999" if probability > 1.0 - _UNLIKELY else f"{probability:.3f}"
+    if probability > 1.0 - _UNLIKELY:
+        return "> 0.999"
+    return f"{probability:.3f}"
 
 
 def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -> str:
-    """Return limits as they are written: ≤ 60, ≥ 18, ± 20, −20 to 40."""
-    low, high = (
-        "" if own is None else f"{own * factor:.4g}".replace("-", "−") for own in (lower, upper)
-    )
+    """Return limits as they are written: ≤ 60, ≥ 18, ± 20, −20 to 40.
+
+    Parameters
+    ----------
+    lower, upper
+        None where there is none.
+    factor
+        From their unit to that for reading.
+
+    Returns
+    -------
+    str
+    """
+    low = "" if lower is None else f"{lower * factor:.4g}".replace("-", "−")
+    high = "" if upper is None else f"{upper * factor:.4g}".replace("-", "−")
     if low == f"−{high}":
         return f"± {high}"
-    return f"{low} to {high}" if low and high else f"≥ {low}" if low else f"≤ {high}"
+    if low and high:
+        return f"{low} to {high}"
+    if low:
+        return f"≥ {low}"
+    return f"≤ {high}"
 
 
 def trend_sentences(trend: Any) -> tuple[str, ...]:
-    """Return what a trend says, the most important first; its caveats are apart."""
-    own = trend.parameters[trend.most_probable]
-    rows = trend.estimates
-    when = (
-        rows.loc[rows["parameter"] == trend.most_probable, "change_here"].iloc[own.place]
-        if trend.changed
-        else 0.0
-    )
-    by_campaign = rows[rows["outside"]].groupby("campaign", sort=False)["parameter"]
-    outside = [f"{name} ({', '.join(map(display_name, names))})" for name, names in by_campaign]
-    return _sentences("trend_sentences", trend, when, outside)
+    """Return what a trend says, the most important first; its caveats stand by themselves."""
+    estimates = trend.estimates
+    probability_of_time = 0.0
+    if trend.changed:
+        change = trend.parameters[trend.most_probable]
+        rows = estimates[estimates["parameter"] == trend.most_probable]
+        probability_of_time = rows["change_here"].iloc[change.place]
+    outside = []
+    outside_rows = estimates[estimates["outside"]]
+    for name, parameters in outside_rows.groupby("campaign", sort=False)["parameter"]:
+        outside.append(f"{name} ({', '.join(map(display_name, parameters))})")
+    return _sentences("trend_sentences", trend, probability_of_time, outside)
 
 
-def population_sentences(found: Any) -> tuple[str, ...]:
-    """Return what was pooled, which machines do not belong; its caveats are apart."""
-    machines = {name: found.machine[name] for name in found.not_belonging}
-    worst = {
-        name: ranked(own.z, {key: abs(z) for key, z in own.z.items()}.__getitem__)[0]
-        for name, own in machines.items()
-    }
-    return _sentences("population_sentences", found, worst)
+def population_sentences(population: Any) -> tuple[str, ...]:
+    """Return what was pooled, and which machines do not belong; caveats stand by themselves."""
+    furthest = {}
+    for name in population.not_belonging:
+        z = population.machine[name].z
+        distance = {parameter: abs(value) for parameter, value in z.items()}
+        furthest[name] = ranked(z, distance.__getitem__)[0]
+    return _sentences("population_sentences", population, furthest)
+
+
+def population_doubts(doubts: Any) -> tuple[str, ...]:
+    """Return what is to be minded of a population as a prior, and what it does not model."""
+    return _sentences("population_doubts", doubts)
 
 
 # ---- page
 
-_CONFLICT = 0.01
+
+def annex_words(degree: int, averaged: bool) -> str:
+    """Return which model the numbers after the sheets are of."""
+    return _sentence("annex_words", degree, averaged)
+
+
+def instrument_words(force_N: float, same_instrument: bool) -> str:
+    """Return what differences between campaigns rest on."""
+    return _sentence("instrument_words", force_N, same_instrument)
+
+
+def difference_doubts(
+    first: str, other: str, converged: bool, conflict: tuple[str, float] | None
+) -> tuple[str, ...]:
+    """Return what forbids the use of a difference of campaigns."""
+    return _sentences("difference_doubts", first, other, converged, conflict)
 
 
 def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
     """Return the credible interval in the JSON of a parameter."""
-    low, high = next(value for key, value in entry.items() if key.startswith("ci"))
+    low, high = entry[_interval_key(entry)]
     return low, high
 
 
 def percent_of(result: Mapping[str, Any]) -> str:
     """Return the probability of the intervals in the JSON of a fit: 95 %."""
     entry = next(iter(result["parameters"].values()))
-    return f"{next(key for key in entry if key.startswith('ci'))[2:]} %"
+    return f"{_interval_key(entry).removeprefix('ci')} %"
+
+
+def _interval_key(entry: Mapping[str, Any]) -> str:
+    return next(key for key in entry if key.startswith("ci"))
 
 
 def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
     """Return what forbids or limits the use of the numbers."""
     grave = tuple(concern for concern in fit.concerns if concern.kind not in ("forces", "centre"))
-    lines = list(concern_sentences(grave, result["sampler"]))
-    if fit.misfits and not {"not-converged", "truncation"} & set(fit.kinds):
-        lines.append(f"Misfit: {expectation(fit)}. Intervals assume that the model holds.")
+    sentences = list(concern_sentences(grave, result["sampler"]))
+    is_explained = "not-converged" in fit.kinds or "truncation" in fit.kinds
+    if fit.misfits and not is_explained:
+        sentences.append(f"Misfit: {expectation(fit)}. Intervals assume that the model holds.")
     if result["model"]["preset"] == "paper":
-        lines.append(PAGE["paper"])
-    return tuple(lines)
+        sentences.append(PAGE["paper"])
+    return tuple(sentences)
 
 
 def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float) -> str:
     """Return which parameters of a campaign differ from those of the first."""
     tail = 0.5 - 0.5 * ci_prob
-    clear = table[
-        (table["probability_of_increase"] > 1.0 - tail) | (table["probability_of_increase"] < tail)
-    ]
-    sizes = [
-        f"{display_name(str(name))}"
-        f" {plus_minus(row['difference'], row['sd'], (row['ci_low'], row['ci_high']), row['unit'])}"
-        for name, row in clear.iterrows()
-    ]
+    probability = table["probability_of_increase"]
+    sizes = []
+    for name, row in table[(probability > 1.0 - tail) | (probability < tail)].iterrows():
+        interval = (row["ci_low"], row["ci_high"])
+        size = plus_minus(row["difference"], row["sd"], interval, row["unit"])
+        sizes.append(f"{display_name(str(name))} {size}")
     return _sentence("change_sentence", first, other, sizes, f"{100 * ci_prob:g}")
-
-
-__all__ = [
-    "ALIKE",
-    "DEGREES",
-    "IN_FORCE",
-    "NONE_ALIKE",
-    "PAGE",
-    "with_words",
-    *sorted(
-        name
-        for name, own in globals().items()
-        if getattr(own, "__module__", "") == __name__ and name[0] != "_"
-    ),
-]
