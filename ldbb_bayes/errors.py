@@ -6,18 +6,19 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import SequenceMatcher
+from typing import NamedTuple
 
 __all__ = ["InputError", "check_known", "nearest", "placed", "plain_reason", "renamed", "require"]
 
-
+# Longest message [characters]: it may quote a file.
 LONGEST_MESSAGE = 1200
 
 
 class InputError(ValueError):
-    """Input that cannot be used. The message says in one line what must hold, what was found, and
-    how to mend it.
+    """Input that cannot be used.
 
-    Of what is longer than 1200 characters, a file's own text, the middle is left out.
+    The message says in one line what must hold, what was found, and how to mend it. Of what is
+    longer than 1200 characters, a file's own text, the middle is left out.
     """
 
     def __init__(self, message: str) -> None:
@@ -27,65 +28,118 @@ class InputError(ValueError):
         super().__init__(line)
 
 
-def require(holds: object, message: str) -> None:
-    """Refuse input with this message unless the condition holds."""
-    if not holds:
+def require(condition: object, message: str) -> None:
+    """Raise an `InputError` with this message unless the condition is true."""
+    if not condition:
         raise InputError(message)
 
 
 @contextmanager
 def placed(place: object) -> Iterator[None]:
-    """A message inside names the place."""
+    """Put the place in front of the message of an `InputError` raised inside."""
     try:
         yield
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
 
 
+class _Similarity(NamedTuple):
+    """How alike two names are, the most important first."""
+
+    ratio: float
+    same_letters: bool
+    first_match_size: int
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
-    """The known name most like ``name``; of several that are as like, one of the same letters, or
-    beginning like it."""
-    own = name.lower()
+    """Return the known name most like ``name``.
 
-    def alike(one: str) -> tuple[float, bool, int]:
-        match = SequenceMatcher(None, one.lower(), own)
-        anagram = sorted(one.lower()) == sorted(own)
-        return match.ratio(), anagram, match.get_matching_blocks()[0].size
+    Of several that are equally like it, one of the same letters, or one that begins like it.
+    """
+    lower_name = name.lower()
 
-    return max(known, key=alike)
+    def similarity(candidate: str) -> _Similarity:
+        lower_candidate = candidate.lower()
+        match = SequenceMatcher(None, lower_candidate, lower_name)
+        return _Similarity(
+            ratio=match.ratio(),
+            same_letters=sorted(lower_candidate) == sorted(lower_name),
+            first_match_size=match.get_matching_blocks()[0].size,
+        )
+
+    return max(known, key=similarity)
 
 
-def check_known(what: str, names: Iterable[str], known: Iterable[str], more: str = "") -> None:
-    """Refuse the first of ``names`` that is not known, with the nearest known name and the whole
-    list, and what else may help."""
-    candidates = list(known)
+def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str = "") -> None:
+    """Raise an `InputError` for the first of the names that is not known.
+
+    Parameters
+    ----------
+    kind
+        What the names are of.
+    names
+        As a user gives them.
+    known
+        All that would do; the message lists them and suggests the nearest.
+    more
+        What else may help, appended to the message.
+
+    Raises
+    ------
+    InputError
+        For an unknown name.
+    """
+    known_names = list(known)
     for name in names:
-        if not candidates:
-            raise InputError(f"{what} must not be given here, got {name!r}. Remove it.")
-        if name not in candidates:
-            cure = f"Did you mean {nearest(str(name), candidates)!r}?{more}"
-            raise InputError(f"{what} must be one of {', '.join(candidates)}, got {name!r}. {cure}")
+        if not known_names:
+            raise InputError(f"{kind} must not be given here, got {name!r}. Remove it.")
+        if name not in known_names:
+            raise InputError(
+                f"{kind} must be one of {', '.join(known_names)}, got {name!r}. Did you mean"
+                f" {nearest(str(name), known_names)!r}?{more}"
+            )
 
 
 def renamed(
-    what: str, name: str, today: Mapping[str, str], *, refused_from: str, stacklevel: int = 3
+    kind: str, name: str, new_names: Mapping[str, str], *, refused_from: str, stacklevel: int = 3
 ) -> str:
-    """Return what ``name`` is called today, with a FutureWarning where it is the name of an earlier
-    version."""
-    if name not in today:
+    """Return what ``name`` is called now, with a FutureWarning where it is an old name.
+
+    Parameters
+    ----------
+    kind
+        What the name is of.
+    name
+        Old or new.
+    new_names
+        New names by old ones.
+    refused_from
+        The version from which the old name is refused.
+    stacklevel
+        Of the warning.
+
+    Returns
+    -------
+    str
+        The new name.
+    """
+    if name not in new_names:
         return name
-    cure = f"Write {today[name]!r}; {refused_from} refuses the old name."
+    new_name = new_names[name]
     warnings.warn(
-        f"{what} {name!r} is called {today[name]!r} now. {cure}",
+        f"{kind} {name!r} is called {new_name!r} now. Write {new_name!r}; {refused_from} refuses"
+        " the old name.",
         FutureWarning,
         stacklevel=stacklevel,
     )
-    return today[name]
+    return new_name
 
 
 def plain_reason(error: BaseException) -> str | None:
-    """What a user is told, in one line, of an error that input, files or a breakdown of the numbers
-    can cause; None of others."""
+    """Return a message of one line for an error that input, files or the numbers can cause.
+
+    None for others, which are faults of the program.
+    """
     if isinstance(error, InputError):
         return str(error)
     if isinstance(error, OSError):
@@ -95,7 +149,7 @@ def plain_reason(error: BaseException) -> str | None:
             f"the numbers must be within reach of double precision, got: {error}. Check units and"
             " magnitudes."
         )
-    if type(error).__name__ == "LinAlgError":
+    if type(error).__name__ == "LinAlgError":  # NumPy's: this module imports no library
         return (
             f"the campaign must determine the model, got a numerical breakdown ({error}). Look for"
             " forces or angles that hardly differ, readings or priors of an impossible size"

@@ -1,10 +1,7 @@
-"""Are ranks uniform? The band that the empirical distribution of uniform numbers stays inside,
-everywhere at once.
+"""Simulation-based calibration: ranks of true values among their posterior draws.
 
-Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and Computing
-32:32 (2022): pointwise binomial intervals, their level adjusted so that all of them hold together
-with the probability asked for. That probability is computed exactly here, count by count along the
-band.
+Hyper-parameters and parameters are drawn from their priors, readings are simulated, the posterior
+is drawn from, and the true values are ranked among the draws (Talts et al. 2018).
 """
 
 from __future__ import annotations
@@ -13,7 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,9 +28,12 @@ from ldbb_bayes.results import Array, Numbers, Result, readable
 
 __all__ = ["LOG_LIKELIHOOD", "Validation", "validate"]
 
-
+# Name of the log likelihood among the ranked quantities.
 LOG_LIKELIHOOD = "log_likelihood"
+# Probabilities of the intervals whose coverage is reported.
 _INTERVALS = (0.5, 0.8, 0.95)
+_MIN_REPLICATES = 10
+_MIN_DRAWS = 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +57,16 @@ class Validation(Result):
 
     @cached_property
     def band(self) -> tuple[Array, Array]:
-        """The band of `ecdf` for one quantity, shape (draws,) each: together they hold with
-        probability ``prob``.
+        """The band of `ecdf` for one quantity, shape (draws,) each.
+
+        The bands of all quantities hold together with probability ``prob``.
         """
-        return simultaneous_band(self.replicates, self.draws, self.prob ** (1.0 / len(self.names)))
+        prob_of_one = self.prob ** (1.0 / len(self.names))
+        return simultaneous_band(self.replicates, self.draws, prob_of_one)
 
     @property
     def pit(self) -> xr.DataTree:
-        """Return the ranks as shares of the draws in ArviZ's group ``prior_sbc``.
+        """The ranks as shares of the draws in ArviZ's group ``prior_sbc``.
 
         For ``arviz_plots.plot_ecdf_pit``. A replicate stands where ArviZ expects a draw; a share is
         (rank + ½) / (draws + 1).
@@ -78,18 +80,30 @@ class Validation(Result):
         return xr.DataTree.from_dict({"prior_sbc": xr.Dataset(data, coordinates)})
 
     def ecdf(self, name: str) -> Array:
-        """Return the empirical distribution of one quantity's ranks, shape (draws,)."""
+        """Return the empirical distribution of one quantity's ranks, shape (draws,).
+
+        Parameters
+        ----------
+        name
+            Of the quantity.
+
+        Returns
+        -------
+        Array
+            Shares of ranks at most k, k = 0 … draws − 1.
+        """
         return ecdf(self.ranks[:, self.names.index(name)], self.draws)
 
     @cached_property
     def outside(self) -> tuple[str, ...]:
         """Quantities whose ranks leave the band."""
         lower, upper = self.band
-        return tuple(
-            name
-            for name in self.names
-            if np.any((self.ecdf(name) < lower) | (self.ecdf(name) > upper))
-        )
+        outside = []
+        for name in self.names:
+            shares = self.ecdf(name)
+            if np.any((shares < lower) | (shares > upper)):
+                outside.append(name)
+        return tuple(outside)
 
     @property
     def calibrated(self) -> bool:
@@ -97,39 +111,46 @@ class Validation(Result):
         return not self.outside and not self.failures
 
     def coverage(self) -> pd.DataFrame:
-        """Return the share of true values inside their equal-tailed intervals, one row per
-        quantity, and its standard error.
+        """Return the share of true values inside their equal-tailed intervals.
 
-        Columns 50, 80, 95 (what the interval claims, in per cent) and u50, u80, u95 (binomial
-        standard errors if calibrated).
+        Returns
+        -------
+        pandas.DataFrame
+            One row per quantity. Columns 50, 80, 95 (what the interval claims, in per cent) and
+            u50, u80, u95 (binomial standard errors if calibrated).
         """
         distance = np.abs(2 * self.ranks - self.draws)
         table = pd.DataFrame(index=list(self.names))
         for prob in _INTERVALS:
             limit = prob * (self.draws + 1)
+            # A rank at the very end of the interval counts half.
             inside = 0.5 * (distance < limit - 1e-9) + 0.5 * (distance < limit + 1e-9)
-            table[f"{100 * prob:g}"] = inside.mean(axis=0)
-            table[f"u{100 * prob:g}"] = np.sqrt(prob * (1.0 - prob) / self.replicates)
+            table[_percent(prob)] = inside.mean(axis=0)
+            table[f"u{_percent(prob)}"] = np.sqrt(prob * (1.0 - prob) / self.replicates)
         return readable(table, "Share of true values inside their intervals")
 
     @model_serializer
     def _all_but_ranks(self) -> dict[str, Any]:
-        coverage = self.coverage()[[f"{100 * prob:g}" for prob in _INTERVALS]].to_dict(
-            orient="index"
-        )
+        columns = [_percent(prob) for prob in _INTERVALS]
+        coverage = self.coverage()[columns].to_dict(orient="index")
+        quantities = {}
+        for name in self.names:
+            inside_band = name not in self.outside
+            quantities[name] = {"inside_band": inside_band, "coverage": coverage[name]}
         return {
             "sampler": self.sampler,
             "replicates": self.replicates,
             "draws": self.draws,
             "band_probability": self.prob,
-            "quantities": {
-                n: {"inside_band": n not in self.outside, "coverage": coverage[n]}
-                for n in self.names
-            },
+            "quantities": quantities,
             "failures": list(self.failures),
             "by_emcee": list(self.by_emcee),
             "calibrated": self.calibrated,
         }
+
+
+def _percent(prob: float) -> str:
+    return f"{100 * prob:g}"
 
 
 def validate(
@@ -145,84 +166,131 @@ def validate(
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Validation:
-    """Simulate, infer, rank: hyper-parameters and parameters from their priors, every replicate.
+    """Return the ranks of true values among posterior draws of simulated campaigns.
 
-    InputError for a flat prior, an unknown sampler, or numbers out of range.
+    In every replicate hyper-parameters and parameters are drawn from their priors.
 
     Parameters
     ----------
-    model : with proper priors.
-    plan : forces, angles, clockings; readings are ignored.
-    replicates, draws : simulated campaigns, and independent posterior draws of each.
+    model
+        With proper priors.
+    plan
+        Forces, angles, clockings; readings are ignored.
+    replicates, draws
+        Simulated campaigns, and independent posterior draws of each.
     sampler : {"independent", "joint"}
-    generator : what the readings are drawn from; default ``model``. Another one shows what a wrong
-        model does.
-    prob : probability of the band, simultaneous over ranks and quantities.
-    executor : runs the replicates, one BLAS thread each; default: here, one after the other. The
-        result does not depend on it.
-    progress : called with the number of replicates done and their total.
+        How the posterior is drawn from.
+    generator
+        What the readings are drawn from; default ``model``. Another one shows what a wrong model
+        does.
+    prob
+        Probability of the band, simultaneous over ranks and quantities.
+    seed
+        Of all random numbers.
+    executor
+        Runs the replicates, one BLAS thread each; default: here, one after the other. The result
+        does not depend on it.
+    progress
+        Called with the number of replicates done and their total.
+
+    Returns
+    -------
+    Validation
+        The ranks, and whether they are uniform.
+
+    Raises
+    ------
+    InputError
+        For a flat prior, an unknown sampler, or numbers out of range.
     """
     sampler = sampler_named(sampler)
-    proper = not (model.prior.flat or (generator is not None and generator.prior.flat))
+    if generator is None:
+        generator = model
     require(
-        proper,
+        not (model.prior.flat or generator.prior.flat),
         "validation must start from proper priors, got flat ones: nothing can be drawn. Use the"
         " default preset.",
     )
-    for name, value, least in (("replicates", replicates, 10), ("draws", draws, 9)):
-        require(value >= least, f"{name} must be at least {least}, got {value}. Ask for more.")
+    limits = (("replicates", replicates, _MIN_REPLICATES), ("draws", draws, _MIN_DRAWS))
+    for name, number, least in limits:
+        require(number >= least, f"{name} must be at least {least}, got {number}. Ask for more.")
     require(
         0.0 < prob < 1.0, f"prob must lie between 0 and 1, got {prob}. For a 99 % band give 0.99."
     )
     bound = model.bind(plan)
-    job = partial(_ranks, model, generator or model, plan, sampler, draws)
-    rows: dict[int, Array | str] = {}
-    for i, row in done(job, np.random.SeedSequence(seed).spawn(replicates), executor):
-        rows[i] = row.reason if isinstance(row, Lost) else row
+    rank_replicate = partial(_rank_replicate, _Study(model, generator, plan, sampler, draws))
+    outcomes: dict[int, _Ranks | str] = {}
+    seeds = np.random.SeedSequence(seed).spawn(replicates)
+    for i, outcome in done(rank_replicate, seeds, executor):
+        outcomes[i] = outcome.reason if isinstance(outcome, Lost) else outcome
         if progress is not None:
-            progress(len(rows), replicates)
-    failures = tuple(row for _, row in sorted(rows.items()) if isinstance(row, str))
-    if len(failures) == replicates:
+            progress(len(outcomes), replicates)
+
+    ranks: list[Array] = []
+    by_emcee: list[int] = []
+    failures: list[str] = []
+    for _, outcome in sorted(outcomes.items()):
+        if isinstance(outcome, str):
+            failures.append(outcome)
+            continue
+        if outcome.by_emcee:
+            by_emcee.append(len(ranks))
+        ranks.append(outcome.ranks)
+    if not ranks:
         raise InputError(
             f"at least one replicate must give draws, got none. First reason: {failures[0]}"
         )
-    found = np.array([rows[i] for i in range(replicates) if not isinstance(rows[i], str)])
-    names = (*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD)
-    by_emcee = np.flatnonzero(found[:, -1]).tolist()
-    return Validation(names, found[:, :-1], draws, sampler, prob, failures, tuple(by_emcee))
+    return Validation(
+        names=(*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD),
+        ranks=np.array(ranks),
+        draws=draws,
+        sampler=sampler,
+        prob=prob,
+        failures=tuple(failures),
+        by_emcee=tuple(by_emcee),
+    )
 
 
-def _ranks(
-    model: HybridModel,
-    generator: HybridModel,
-    plan: Campaign,
-    sampler: str,
-    draws: int,
-    seed: np.random.SeedSequence,
-) -> Array | str:
-    """Ranks of the truth among the draws of one simulated campaign, then whether emcee took over;
-    or why there are none.
-    """
-    simulating, sampling = seed.spawn(2)
-    simulation = generator.simulate(plan, seed=int(simulating.generate_state(1)[0]))
-    bound = model.bind(simulation.campaign)
+class _Study(NamedTuple):
+    """What all replicates have in common."""
+
+    model: HybridModel
+    generator: HybridModel
+    plan: Campaign
+    sampler: str
+    draws: int
+
+
+class _Ranks(NamedTuple):
+    """Outcome of one replicate."""
+
+    ranks: Array  # of the true values, (quantities,)
+    by_emcee: bool  # whether emcee took over from independent draws
+
+
+def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> _Ranks | str:
+    """Return the ranks of the truth in one simulated campaign, or why there are none."""
+    simulation_seed, sampling_seed = seed.spawn(2)
+    simulation = study.generator.simulate(
+        study.plan, seed=int(simulation_seed.generate_state(1)[0])
+    )
+    bound = study.model.bind(simulation.campaign)
     start = HyperPosterior(bound, truncated=bound.truncation.active)
     try:
-        beta, phi, by_emcee = draw(sampler, start, draws, seed=sampling)
+        beta, phi, by_emcee = draw(study.sampler, start, study.draws, seed=sampling_seed)
     except InputError as error:
         return str(error)
-    shown = zip(bound.hyper_prior.names, bound.hyper_prior.shown, strict=True)
-    true = simulation.parameters | {
-        name: simulation.hyper_um.get(name, 0.0) / float(factor) for name, factor in shown
-    }
-    truth = np.array([true.get(name, 0.0) for name in (*bound.names, *bound.hyper_prior.names)])
+    hyper_prior = bound.hyper_prior
+    true_by_name = dict(simulation.parameters)
+    for name, um_per_unit in zip(hyper_prior.names, hyper_prior.shown, strict=True):
+        true_by_name[name] = simulation.hyper_um.get(name, 0.0) / float(um_per_unit)
+    names = (*bound.names, *hyper_prior.names)
+    truth = np.array([true_by_name.get(name, 0.0) for name in names])
     ranks = (np.hstack([beta, phi]) < truth).sum(axis=0)
     p = len(bound.names)
-    true_likelihood = bound.log_likelihood(truth[None, p:], truth[None, :p])[0]
-    return np.append(
-        ranks,
-        [
-            (bound.log_likelihood(phi, beta) < true_likelihood).sum(),
-            by_emcee and sampler == "independent",
-        ],
+    true_log_likelihood = bound.log_likelihood(truth[None, p:], truth[None, :p])[0]
+    log_likelihood_rank = (bound.log_likelihood(phi, beta) < true_log_likelihood).sum()
+    return _Ranks(
+        ranks=np.append(ranks, log_likelihood_rank),
+        by_emcee=by_emcee and study.sampler == "independent",
     )

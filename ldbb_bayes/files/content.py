@@ -1,0 +1,98 @@
+"""Content of files: read up to a sensible size, written whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ldbb_bayes.errors import InputError, require
+
+__all__ = ["LARGEST_TABLE_BYTES", "bytes_of", "refuse_unwritable", "write_whole"]
+
+# Of a table of readings: a million lines of sixty characters.
+LARGEST_TABLE_BYTES = 64 * 2**20
+# Errors of a disk that is full, or of a user who may not use more of it.
+_OUT_OF_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
+    """Return the content of a file of sensible size.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    largest
+        Size that is not exceeded [bytes].
+    what
+        What the file must be, for the message.
+
+    Returns
+    -------
+    bytes
+        The content.
+
+    Raises
+    ------
+    InputError
+        For a device, pipe or folder, what cannot be read, and what is too large.
+    """
+    try:
+        _require_ordinary_file(path, what)
+        with path.open("rb") as file:
+            content = file.read(largest + 1)
+    except OSError as error:
+        raise InputError(
+            f"{path} must be a readable file, got: {error.strerror}. Check the name and the"
+            " permissions."
+        ) from None
+    require(
+        len(content) <= largest,
+        f"{path} must be at most {largest / 2**20:g} MB, got more. Remove what does not belong"
+        " there, or split it.",
+    )
+    return content
+
+
+def _require_ordinary_file(path: Path, expected: str) -> None:
+    if path.is_file():
+        return
+    if path.is_dir():
+        raise InputError(
+            f"{path} must be {expected}, got a folder. Name the files in it: {path}/*."
+        )
+    if path.exists():
+        raise InputError(f"{path} must be {expected}, got no ordinary file. Check the path.")
+    raise InputError(f"{path} must be {expected}, got nothing. Check the path.")
+
+
+@contextmanager
+def refuse_unwritable(target: Path) -> Iterator[None]:
+    """Raise an `InputError` for what the system refuses while the target is written."""
+    try:
+        yield
+    except OSError as error:
+        advice = "Choose another place."
+        if error.errno in _OUT_OF_SPACE:
+            advice = "Free some space or choose another place."
+        raise InputError(
+            f"{target} must be writable, got: {error.strerror or error}. {advice}"
+        ) from None
+
+
+def write_whole(target: Path, content: bytes) -> None:
+    """Write a file in one step, or leave what was there.
+
+    Of two runs that write the same file the later wins whole.
+    """
+    staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
+    with refuse_unwritable(target):
+        try:
+            staging.write_bytes(content)
+            os.replace(staging, target)
+        finally:
+            staging.unlink(missing_ok=True)

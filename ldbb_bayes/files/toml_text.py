@@ -1,0 +1,54 @@
+"""TOML read with limits on size and depth; errors name the file and the place in it."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.files.content import bytes_of
+
+__all__ = ["LARGEST_TOML_BYTES", "parse_toml", "read_toml"]
+
+# Of any TOML file of ours; a campaign of a thousand tests takes half of it.
+LARGEST_TOML_BYTES = 512 * 2**10
+# Longest line [characters].
+_LONGEST_LINE = 20_000
+# Eight parts of a dotted key. Keys of more parts cost time that grows with the square of their
+# number; none of our files has more than three.
+_DEEP_KEY = re.compile(
+    r"(?:(?:[\w-]{1,200}|\"[^\"\n]{0,200}\"|'[^'\n]{0,200}')[ \t]{0,9}\.[ \t]{0,9}){8}"
+)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the content of a file; an `InputError` names it and the place in it."""
+    content = bytes_of(path, LARGEST_TOML_BYTES, what="a readable TOML file")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"{path}, line {line}: TOML must be UTF-8, got other bytes. Save it as UTF-8."
+        ) from None
+    return parse_toml(text, str(path))
+
+
+def parse_toml(text: str, place: str) -> dict[str, Any]:
+    """Return the content of a text; ``place`` is what an `InputError` calls it."""
+    require(
+        len(text) <= LARGEST_TOML_BYTES,
+        f"{place} must hold at most {LARGEST_TOML_BYTES // 2**10} kB, got more. Split it.",
+    )
+    for number, line in enumerate(text.split("\n"), start=1):
+        if len(line) > _LONGEST_LINE or _DEEP_KEY.search(line):
+            raise InputError(
+                f"{place}, line {number}: lines must be short and keys plain, got {line[:40]!r}…."
+                " Correct that line."
+            )
+    try:
+        return tomllib.loads(text)
+    except (RecursionError, ValueError, OverflowError) as error:
+        raise InputError(f"{place} must be valid TOML, got: {error}. Correct that place.") from None

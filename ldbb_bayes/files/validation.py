@@ -1,0 +1,156 @@
+"""Validation of what a user writes: an `InputError` names the place of what does not fit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, NamedTuple, TypeVar, get_args
+
+from pydantic import TypeAdapter, ValidationError
+
+from ldbb_bayes.errors import InputError, nearest, require
+
+__all__ = ["refusing", "validated"]
+
+T = TypeVar("T")
+# Kinds of pydantic's errors for keys that a model does not have.
+_UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
+# How most of pydantic's messages begin.
+_EXPECTATION = "Input should be "
+
+
+def validated(model: type[T], content: dict[str, Any], place: str) -> T:
+    """Return the content of a file as a pydantic model or dataclass.
+
+    Parameters
+    ----------
+    model
+        The model or dataclass.
+    content
+        Of the file.
+    place
+        What an `InputError` calls the file.
+
+    Returns
+    -------
+    T
+        The validated content.
+
+    Raises
+    ------
+    InputError
+        Names the place and the first thing wrong; a misspelt key, with the nearest known, before
+        the gap it leaves.
+    """
+    try:
+        return TypeAdapter(model).validate_python(content)
+    except ValidationError as error:
+        errors = error.errors()
+    unknown_keys = [entry for entry in errors if entry["type"] in _UNKNOWN_KEY]
+    first = (unknown_keys or errors)[0]
+    location = _locate(model, content, first["loc"])
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        raise InputError(f"{place}, [{' '.join(location.keys)}]: {cause}")
+    *tables, key = location.keys
+    table = f" in [{' '.join(tables)}]" if tables else ""
+    if unknown_keys:
+        model_fields = location.owner.__pydantic_fields__
+        known = [field.alias or name for name, field in model_fields.items()]
+        raise InputError(
+            f"{place}: keys{table} must be among {', '.join(known)}, got {key!r}. Did you mean"
+            f" {nearest(key, known)!r}?"
+        )
+    require(
+        first["type"] != "missing",
+        f"{place}: {key!r}{table} must be given, got nothing. Add it.",
+    )
+    raise InputError(f"{place}: {_describe_invalid(f'{key!r}{table}', first)}")
+
+
+class _Location(NamedTuple):
+    """Where an error is."""
+
+    keys: list[str]  # from the outermost table; entries of a list are counted from 1
+    owner: Any  # the model or dataclass that the last key belongs to
+
+
+def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
+    """Follow the location of an error through the content and the model's annotations."""
+    keys: list[str] = []
+    owner = model
+    for key in loc:
+        if not isinstance(content, dict | list):
+            break  # what follows names a kind, not a key
+        keys.append(str(key + 1) if isinstance(key, int) else key)
+        entries = dict(enumerate(content)) if isinstance(content, list) else content
+        content = entries.get(key)
+        owner = _nested_model(owner, key)
+    return _Location(keys, owner)
+
+
+def _nested_model(owner: Any, key: int | str) -> Any:
+    """Return the model in the annotation of a field; the owner itself where there is none."""
+    for name, field in owner.__pydantic_fields__.items():
+        if key not in (name, field.alias):
+            continue
+        for kind in (field.annotation, *get_args(field.annotation)):
+            if hasattr(kind, "__pydantic_fields__"):
+                return kind
+    return owner
+
+
+def _describe_invalid(subject: str, error: Any) -> str:
+    """Return the message for a value that does not fit."""
+    message = error["msg"].removeprefix("Value error, ")
+    message = re.sub(r"dictionary or an instance of _\w+", "table", message)
+    value = error["input"]
+    if message.startswith(_EXPECTATION):
+        expected = message.removeprefix(_EXPECTATION)
+        return f"{subject} must be {expected}, got {value!r}. Correct it."
+    reason = message[0].lower() + message[1:]
+    return f"{subject} must be valid, got {value!r}: {reason}. Correct it."
+
+
+def refusing(subject: str) -> Callable[[type[T]], type[T]]:
+    """Return a decorator of pydantic dataclasses that names the field of a wrong argument.
+
+    Arguments that do not fit raise an `InputError`; ``subject`` is what it calls the object.
+    """
+
+    def decorate(cls: type[T]) -> type[T]:
+        init = cls.__init__
+
+        @wraps(init)
+        def checked_init(self: T, *args: Any, **kwargs: Any) -> None:
+            try:
+                init(self, *args, **kwargs)
+            except ValidationError as error:
+                raise _input_error(cls, subject, kwargs, error) from None
+
+        cls.__init__ = checked_init  # type: ignore[method-assign, assignment]
+        return cls
+
+    return decorate
+
+
+def _input_error(
+    cls: type, subject: str, kwargs: dict[str, Any], error: ValidationError
+) -> InputError:
+    """Return the `InputError` for wrong arguments of a dataclass."""
+    first = error.errors()[0]
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        return cause
+    place = subject
+    if kwargs.get("name"):
+        place = f"{subject} {kwargs['name']!r}"
+    key = first["loc"][0]
+    if isinstance(key, int):
+        dataclass_fields = vars(cls)["__dataclass_fields__"]
+        positional = [
+            name for name, field in dataclass_fields.items() if field.init and not field.kw_only
+        ]
+        key = positional[key]
+    return InputError(f"{place}: {_describe_invalid(key, first)}")

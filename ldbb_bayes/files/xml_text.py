@@ -1,0 +1,72 @@
+"""XML without document types, and so without entities, and without great depth."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from ldbb_bayes.errors import InputError, require
+
+__all__ = ["xml_of"]
+
+# Elements within elements.
+_MAX_DEPTH = 100
+
+
+def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
+    """Return the root element.
+
+    Parameters
+    ----------
+    content
+        Of the file.
+    wanted
+        What to give instead where the content is no XML, for the message.
+
+    Returns
+    -------
+    xml.etree.ElementTree.Element
+        The root.
+
+    Raises
+    ------
+    InputError
+        For what is no XML, has a document type, or is nested too deeply.
+    """
+    try:
+        _refuse_dangerous(content)
+        return ElementTree.fromstring(content)
+    except InputError:
+        raise
+    except (expat.ExpatError, ElementTree.ParseError, LookupError, ValueError) as error:
+        raise InputError(f"the file must be XML, got: {error}. Give {wanted}.") from None
+
+
+def _refuse_dangerous(content: bytes) -> None:
+    """Refuse document types and great depth, before the tree is built."""
+    depth = 0
+
+    def refuse_document_type(*_: object) -> None:
+        raise InputError(
+            "the file must have no document type (DTD), got one. Remove <!DOCTYPE …> and its"
+            " entities."
+        )
+
+    def enter_element(*_: object) -> None:
+        nonlocal depth
+        depth += 1
+        require(
+            depth <= _MAX_DEPTH,
+            f"its elements must be nested at most {_MAX_DEPTH} deep, got more. Ask for another"
+            " file.",
+        )
+
+    def leave_element(*_: object) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse_document_type
+    parser.StartElementHandler = enter_element
+    parser.EndElementHandler = leave_element
+    parser.Parse(content, True)
