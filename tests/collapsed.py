@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given
+from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
+from ldbb_bayes.inference.nodes import HyperPosterior
 
 # The proposal is a Student t this many times as wide as the posterior at its mode.
 _WIDTH = 1.3
@@ -28,4 +29,6 @@ def collapsed(posterior: HyperPosterior, size: int, seed: int = 0) -> tuple[np.n
     log_ratio = log_density - proposal.logpdf(free)
     weight = np.exp(log_ratio - log_ratio.max())
     chosen = free[rng.choice(len(free), size, p=weight / weight.sum())]
-    return draw_parameters_given(posterior, chosen, rng), posterior.bound.hyper_prior.phi(chosen)
+    return draw_parameters_given(posterior.bound, chosen, rng), posterior.bound.hyper_prior.phi(
+        chosen
+    )

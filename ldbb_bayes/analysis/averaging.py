@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ldbb_bayes.analysis import sensitivity
+from ldbb_bayes.analysis.rival_explanations import subsets
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference import evidence
 from ldbb_bayes.inference.coefficients import ModelDraws
-from ldbb_bayes.inference.evidence import Evidences, probabilities
+from ldbb_bayes.inference.evidence import probabilities
+from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.fit import Concern, ConcernKind, assess_fit
 from ldbb_bayes.inference.mcmc import StoppingRule, assess
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
@@ -161,7 +162,7 @@ def average(
     )
     sampler = {
         "kind": "independent",
-        "by_emcee": any(nodes.evidence.by_emcee for nodes in weighted.nodes),
+        "by_emcee": False,
         **asdict(assess(_free_coordinates(beta[order], phi[order]))),
         "converged": not concerns,
         "draws": _CHAINS * draws_per_chain,
@@ -202,7 +203,7 @@ def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _W
     combinations = []
     variants = []
     for name, model in models.items():
-        for rivals in sensitivity.subsets(model.rivals):
+        for rivals in subsets(model.rivals):
             combinations.append(_Combination(name, rivals))
             variants.append(model.with_rivals(*rivals))
     nodes = evidences.of(*variants)

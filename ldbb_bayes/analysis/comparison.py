@@ -19,25 +19,20 @@ from operator import methodcaller
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.analysis import sensitivity
-from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, judge_tests
-from ldbb_bayes.analysis.sensitivity import (
-    WHITE_NOISE,
-    Assumed,
-    Curve,
-    Explanations,
-    SlopeSubset,
-    VaryingSlope,
+from ldbb_bayes.analysis import (
+    neighbouring_forces,
+    rival_explanations,
+    sensitivity,
+    varying_slopes,
 )
+from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, judge_tests
+from ldbb_bayes.analysis.rival_explanations import Explanations
+from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
+from ldbb_bayes.analysis.varying_slopes import Curve, SlopeSubset, VaryingSlope
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference.evidence import (
-    Evidences,
-    check_comparable,
-    leave_one_out,
-    log_bayes_factor,
-    probabilities,
-)
+from ldbb_bayes.inference.evidence import check_comparable, log_bayes_factor, probabilities
+from ldbb_bayes.inference.evidences import Evidences, leave_one_out
 from ldbb_bayes.inference.least_squares import least_squares
 from ldbb_bayes.inference.nodes import Evidence, Nodes
 from ldbb_bayes.inference.residuals import fit_quality
@@ -181,8 +176,8 @@ class Comparison(Result):
     #: by ten
     tolerance: float
     largest_error: Finite  #: that was seen, of these assumptions aside
-    #: evidences that emcee and bridge sampling took over, the weights of the nodes not to be
-    #: trusted
+    #: number of evidences whose weights cannot be trusted: their errors are infinite. Readers of the
+    #: JSON know it by this older name
     by_emcee: int = 0
     #: where the second model is the first with slopes, and has rivals of slopes
     explanations: Explanations | None = None
@@ -395,13 +390,13 @@ def compare(
     unchanged = sensitivity.under(agenda.pair, agenda.unchanged, evidences.of)
     explanations = None
     if agenda.weighs_rivals:
-        explanations = sensitivity.explanations(agenda.pair, evidences)
+        explanations = rival_explanations.explanations(agenda.pair, evidences)
         unchanged += (explanations.averaged, explanations.alone)
     slopes: dict[str, VaryingSlope] = {}
     slope_subsets: tuple[SlopeSubset, ...] = ()
     curves: dict[str, Curve] = {}
     if agenda.weighs_subsets:
-        slopes, slope_subsets, curves = sensitivity.slope_subsets(
+        slopes, slope_subsets, curves = varying_slopes.slope_subsets(
             agenda.linear, evidences, seed=seed, ci_prob=ci_prob
         )
     log_densities = _left_out_log_densities(nodes_by_model, left_out_nodes)
@@ -430,7 +425,7 @@ def compare(
         local_fits=local_fits(),
         tolerance=evidences.tolerance,
         largest_error=max(evidence.error for evidence in all_evidences),
-        by_emcee=sum(evidence.by_emcee for evidence in all_evidences),
+        by_emcee=sum(not evidence.trusted for evidence in all_evidences),
         explanations=explanations,
     )
 
@@ -501,7 +496,7 @@ def _count_steps(agenda: _Agenda, models: int, campaign: Campaign) -> int:
         _, with_slopes = agenda.pair.values()
         steps += 2 ** (1 + len(with_slopes.rivals))
     if agenda.weighs_subsets:
-        steps += sensitivity.count_subsets(agenda.linear, campaign)
+        steps += varying_slopes.count_subsets(agenda.linear, campaign)
     return steps
 
 
@@ -511,7 +506,7 @@ def _begin_local_fits(
     """Begin local fits; return what gives their table, an empty one where they are not asked."""
     if not agenda.fits_locally:
         return pd.DataFrame
-    fit = partial(sensitivity.local_fits, agenda.largest, campaign, ci_prob=ci_prob)
+    fit = partial(neighbouring_forces.local_fits, agenda.largest, campaign, ci_prob=ci_prob)
     return ahead(fit, executor)
 
 
@@ -656,7 +651,7 @@ def _compare_models(
             least_squares_rmse_um=_least_squares_rmse_um(nodes.bound.model, nodes.bound.campaign),
             degree=nodes.bound.model.degree,
             parameters=_parameter_estimates(nodes),
-            compliance_against_force=sensitivity.averaged_curves(
+            compliance_against_force=varying_slopes.averaged_curves(
                 [nodes], np.ones(1), seed, ci_prob
             ),
         )

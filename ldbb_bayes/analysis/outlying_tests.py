@@ -20,7 +20,8 @@ from scipy import special
 from ldbb_bayes.analysis.multiple_testing import holm
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference.evidence import Evidences, leave_one_out, probabilities
+from ldbb_bayes.inference.evidence import probabilities
+from ldbb_bayes.inference.evidences import Evidences, leave_one_out
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.prediction import replicate_left_out
 from ldbb_bayes.inference.residuals import harmonics_of

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import check_force
+from ldbb_bayes.analysis.tolerances import check_force
 from ldbb_bayes.cli.arguments import (
     LAYOUT_OPTIONS,
     campaign_fields,

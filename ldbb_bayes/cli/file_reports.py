@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import check_force
+from ldbb_bayes.analysis.tolerances import check_force
 from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
 from ldbb_bayes.cli.fits import RESULT_FILES, with_tolerances, write_result
 from ldbb_bayes.cli.output import Output, write_files
@@ -18,7 +18,7 @@ from ldbb_bayes.cli.progress import Begin
 from ldbb_bayes.cli.sources import ReportSource, SourceCampaign, has_unstated_balls
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import staged_folder
-from ldbb_bayes.inference.evidence import Evidences
+from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
 from ldbb_bayes.parallel import ahead, second_process
 from ldbb_bayes.reading.assumptions import Assumption

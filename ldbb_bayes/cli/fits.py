@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import quantities_of, tolerances_in
+from ldbb_bayes.analysis.tolerances import quantities_of, tolerances_in
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.options import EXIT_MISSED, command, group, option, options_of
 from ldbb_bayes.cli.output import Output, write_files

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import quantities_of, tolerances_in
+from ldbb_bayes.analysis.tolerances import quantities_of, tolerances_in
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.file_reports import (
     AVERAGED_NAME,

@@ -24,13 +24,8 @@ import pandas as pd
 from pydantic import Field, PlainSerializer
 from scipy.special import ndtri
 
-from ldbb_bayes.analysis.conformity import (
-    Conformity,
-    Tolerance,
-    normal_conformity,
-    quantities,
-    tolerances_in,
-)
+from ldbb_bayes.analysis.conformity import Conformity, normal_conformity
+from ldbb_bayes.analysis.tolerances import Tolerance, quantities, tolerances_in
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.fleet.change_point import (
     Levels,

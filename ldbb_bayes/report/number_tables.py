@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.circularity import contributions, measured_circularity
+from ldbb_bayes.analysis.measured_paths import measured_circularity
+from ldbb_bayes.analysis.path_contributions import contributions
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import Beside, Findings

@@ -13,8 +13,8 @@ import pandas as pd
 import xarray as xr
 from markupsafe import Markup
 
-from ldbb_bayes.analysis.conformity import check_force
 from ldbb_bayes.analysis.differences import differences
+from ldbb_bayes.analysis.tolerances import check_force
 from ldbb_bayes.files import check_target, staged_folder, write_whole
 from ldbb_bayes.inference.posterior import campaign_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ldbb_bayes.analysis.circularity import circularity
-from ldbb_bayes.analysis.conformity import draws_at, is_determined
+from ldbb_bayes.analysis.conformity import draws_at
+from ldbb_bayes.analysis.usability import is_determined
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.inference.summary import numbers_of
 from ldbb_bayes.model.setting import geometric_errors_of

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ldbb_bayes.analysis.conformity import Conformity, Use, state_of
+from ldbb_bayes.analysis.conformity import Conformity
+from ldbb_bayes.analysis.usability import Use, state_of
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of
 from ldbb_bayes.model.terms import Uncertainty, uncertainties
 from ldbb_bayes.report.blocks import Banner, Block, Fields, Pair, ReportSheet

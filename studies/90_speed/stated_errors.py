@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.evidence import Evidences
+from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.nodes import HyperPosterior
 
 TOLERANCE = 1e-2

@@ -38,7 +38,8 @@ from ldbb_bayes.inference.coefficients import (
     private_terms,
     shared_columns,
 )
-from ldbb_bayes.inference.evidence import Evidences, probabilities
+from ldbb_bayes.inference.evidence import probabilities
+from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel

@@ -13,6 +13,9 @@ from scipy.optimize import minimize
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import circularity
+from ldbb_bayes.analysis.measured_paths import measured_circularity
+from ldbb_bayes.analysis.path_contributions import COMPLIANCE, GEOMETRY, TOGETHER
+from ldbb_bayes.analysis.radial_zones import least_squares_zone, minimum_zone_width
 from ldbb_bayes.machine.exact import exact_reading_mm
 
 ANGLE = np.arange(360) * np.pi / 180.0
@@ -58,7 +61,7 @@ def test_the_machines_path(topology: str) -> None:
     one = exact_um(0.0, {next(n for n in names if n.startswith("E_C0")): 1e-6})
     for force in (0.0, 300.0, 742.0):
         trace = exact_um(force, errors)
-        zone = circularity.least_squares_zone(ANGLE, trace)
+        zone = least_squares_zone(ANGLE, trace)
         cosine, sine = second_harmonic(trace)
         truths = {
             "G": zone.width,
@@ -73,7 +76,7 @@ def test_the_machines_path(topology: str) -> None:
             row = table[(table["force_N"] == force) & (table["quantity"] == quantity)].iloc[0]
             assert abs(row["mean"] - value) < 4.0 * row["sd"] + 0.02, (force, quantity)
             assert row["ci_low"] <= row["median"] <= row["ci_high"]
-    measured, pairs = circularity.measured_circularity(posterior)
+    measured, pairs = measured_circularity(posterior)
     assert (measured["G_minimum_zone"] <= measured["G"] + 1e-9).all()
     np.testing.assert_allclose(measured["F_max"] - measured["F_min"], measured["G"])
     assert list(measured.index) == [test.name for test in campaign.tests]
@@ -115,7 +118,7 @@ def test_both_directions(both_ways: tuple[lb.Campaign, Any]) -> None:
     """G(b) and D of the readings by their definition, and of the posterior where the readings put
     them."""
     campaign, posterior = both_ways
-    _, pairs = circularity.measured_circularity(posterior)
+    _, pairs = measured_circularity(posterior)
     assert list(pairs.index) == [f"CW{k} + CCW{k}" for k in range(4)]
     for k in range(4):
         one, other = (
@@ -174,8 +177,8 @@ def test_contributions_as_the_paper_states_them(recovered: lb.Campaign) -> None:
         printed = float(text) * 1e3
         last = 10.0 ** -(len(text) - 5)
         assert printed * 0.97 <= found.loc[name, "peak_to_peak"] <= (printed + last) * 1.02, name
-    assert found.loc[circularity.COMPLIANCE, "maximum"] == pytest.approx(46.0, abs=0.5)
-    ends = found.loc[circularity.GEOMETRY, ["maximum", "minimum", "peak_to_peak"]].tolist()
+    assert found.loc[COMPLIANCE, "maximum"] == pytest.approx(46.0, abs=0.5)
+    ends = found.loc[GEOMETRY, ["maximum", "minimum", "peak_to_peak"]].tolist()
     assert ends == pytest.approx([-7.0, -26.0, 19.0], abs=0.6)
 
 
@@ -206,9 +209,9 @@ def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> No
         )
 
     truths = {
-        circularity.TOGETHER: exact_um(at, errors),
-        circularity.COMPLIANCE: exact_um(at, {}),
-        circularity.GEOMETRY: exact_um({}, errors),
+        TOGETHER: exact_um(at, errors),
+        COMPLIANCE: exact_um(at, {}),
+        GEOMETRY: exact_um({}, errors),
         "C_XXX": exact_um({"C_XXX": at["C_XXX"]}, {}),
         "C_CCY": exact_um({"C_CCY": at["C_CCY"]}, {}),
         "E_XY2": exact_um({}, {"E_XY2": mean["E_XY2"]}),
@@ -229,8 +232,8 @@ def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> No
 def test_lobes(order: int, amplitude: float) -> None:
     """n lobes of amplitude a, wherever the centre: G = 2 a by either."""
     trace = 12.0 - 3.0 * np.cos(ANGLE) + 8.0 * np.sin(ANGLE) + amplitude * np.cos(order * ANGLE)
-    zone = circularity.least_squares_zone(ANGLE, trace)
-    assert (zone.width, circularity.minimum_zone_width(ANGLE, trace)) == pytest.approx(
+    zone = least_squares_zone(ANGLE, trace)
+    assert (zone.width, minimum_zone_width(ANGLE, trace)) == pytest.approx(
         (2.0 * amplitude, 2.0 * amplitude), rel=1e-3
     )
     assert (zone.mean, zone.upper) == pytest.approx((12.0, 12.0 + amplitude), rel=1e-3)
@@ -263,10 +266,10 @@ def test_minimum_zone_by_search() -> None:
             searched = minimize(
                 true_width, searched, args=(angle, trace), method="Nelder-Mead", options=options
             ).x
-        assert circularity.minimum_zone_width(angle, trace) == pytest.approx(
+        assert minimum_zone_width(angle, trace) == pytest.approx(
             true_width(searched, angle, trace), abs=1e-3
         )
 
 
 def test_zone_refused() -> None:
-    refuses("at least 3 angles", circularity.minimum_zone_width, ANGLE[:2], ANGLE[:2])
+    refuses("at least 3 angles", minimum_zone_width, ANGLE[:2], ANGLE[:2])

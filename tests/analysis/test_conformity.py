@@ -14,15 +14,9 @@ from campaigns import cases, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis import conformity
-from ldbb_bayes.analysis.conformity import (
-    Decision,
-    Reason,
-    ReasonKind,
-    Use,
-    normal_conformity,
-    state_of,
-)
+from ldbb_bayes.analysis.conformity import Decision, normal_conformity
+from ldbb_bayes.analysis.tolerances import quantities_of, tolerances_in
+from ldbb_bayes.analysis.usability import Reason, ReasonKind, Use, state_of
 from ldbb_bayes.analysis.verdicts import Verdict
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.fit import Concern, ConcernKind
@@ -94,8 +88,8 @@ def test_decisions_by_the_guard_band() -> None:
 
 def test_texts_are_limits_with_their_units() -> None:
     limits = TABLES["tolerances"]["limits"]
-    found = conformity.tolerances_in(
-        conformity.quantities_of(MODEL.bind(CAMPAIGN)), {name: text for name, text, *_ in limits}
+    found = tolerances_in(
+        quantities_of(MODEL.bind(CAMPAIGN)), {name: text for name, text, *_ in limits}
     )
     for (name, own), (_, _, kept, *ends) in zip(found.items(), limits, strict=True):
         assert (name, own.ends) == (kept, pytest.approx(tuple(ends)))

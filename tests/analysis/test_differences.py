@@ -13,7 +13,8 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.differences import _conflict, _of_one_instrument, _reading, _Together
+from ldbb_bayes.analysis.common_instrument import _conflict, _of_one_instrument, _Together
+from ldbb_bayes.analysis.differences import _reading
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information

@@ -13,10 +13,17 @@ import pytest
 from campaigns import HYPER_UM, TRUTH, plan, refuses, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis import sensitivity
+from ldbb_bayes.analysis import (
+    neighbouring_forces,
+    rival_explanations,
+    sensitivity,
+    varying_slopes,
+)
 from ldbb_bayes.analysis.comparison import Comparison, Sign
-from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, SlopeSubset
-from ldbb_bayes.inference.evidence import Evidences, probabilities
+from ldbb_bayes.analysis.sensitivity import WHITE_NOISE
+from ldbb_bayes.analysis.varying_slopes import SlopeSubset
+from ldbb_bayes.inference.evidence import probabilities
+from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.terms import Discrepancy, ForceError, Mount, SetupShift
@@ -88,7 +95,7 @@ def test_every_combination_of_explanations_is_a_model(
         model = model.without("circle-scale", "ball-form", "setup-shift")
         campaign = CAMPAIGN
     pair = {"constant": model.with_degree(0), "linear": model}
-    explanations = sensitivity.explanations(pair, Evidences(campaign, tolerance=1e-2))
+    explanations = rival_explanations.explanations(pair, Evidences(campaign, tolerance=1e-2))
     models = {}
     log_evidence = {}
     for explained in explanations.models:
@@ -155,7 +162,7 @@ class Selection:
 
     def __init__(self) -> None:
         evidences = Evidences(CAMPAIGN, tolerance=0.02)
-        slopes, subsets, curves = sensitivity.slope_subsets(TWO_SLOPES, evidences, seed=1)
+        slopes, subsets, curves = varying_slopes.slope_subsets(TWO_SLOPES, evidences, seed=1)
         self.inclusion = {name: slope.inclusion_probability for name, slope in slopes.items()}
         self.subsets: dict[tuple[str, ...], SlopeSubset] = {}
         for subset in subsets:
@@ -227,7 +234,7 @@ def test_too_many_subsets_are_searched_from_the_best(slopes: int) -> None:
         evidence = SimpleNamespace(log_value=float(gain @ np.array(subset)))
         return SimpleNamespace(evidence=evidence)
 
-    nodes_by_subset = sensitivity._best_first(slopes, weigh)
+    nodes_by_subset = varying_slopes._best_first(slopes, weigh)
     assert len(nodes_by_subset) == min(2**slopes, 100)
     log_value = np.array([nodes.evidence.log_value for nodes in nodes_by_subset.values()])
     subsets = list(nodes_by_subset)
@@ -241,7 +248,7 @@ def test_a_slope_that_is_there_is_included() -> None:
     model = LINEAR.without("truncation").fixing(*FIXED_SLOPES)
     truth = TRUTH | {"C_XYX_1": 1.5e-8}
     campaign = LINEAR.simulate(plan(), seed=3, parameters=truth, hyper_um=HYPER_UM).campaign
-    slopes, *_ = sensitivity.slope_subsets(model, Evidences(campaign, tolerance=1e-2), seed=1)
+    slopes, *_ = varying_slopes.slope_subsets(model, Evidences(campaign, tolerance=1e-2), seed=1)
     assert slopes["C_XYX"].inclusion_probability > 0.95
     assert slopes["C_CCY"].inclusion_probability < 0.95
 
@@ -288,7 +295,7 @@ def test_a_window_is_a_campaign_of_its_own(recovered: lb.Campaign) -> None:
 
 def test_pairs_of_force_levels() -> None:
     planned = plan((30,) * 5, forces_N=(400.0, 36.0, 400.0, 742.0, 200.0))
-    assert sensitivity._pairs(planned) == [
+    assert neighbouring_forces._pairs(planned) == [
         ("f036", "f200"),
         ("f200", "f400", "f400_2"),
         ("f400", "f400_2", "f742"),

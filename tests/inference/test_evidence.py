@@ -16,7 +16,8 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.evidence import Evidences, leave_one_out, log_prob_truncation
+from ldbb_bayes.inference.evidence import log_prob_truncation
+from ldbb_bayes.inference.evidences import Evidences, leave_one_out
 from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior
 from ldbb_bayes.inference.prediction import replicate_left_out
@@ -170,23 +171,34 @@ SLOPES = tuple(f"{name}_1" for name in ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_C
 UNIFORM = simulated(plan(), seed=1)
 
 
+@pytest.fixture
+def no_weights_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ldbb_bayes.inference.quadrature.LARGEST_LATTICE_DIMENSION", 0)
+    monkeypatch.setattr("ldbb_bayes.inference.integrals.LARGEST_PARETO_K", -10.0)
+
+
+@pytest.mark.usefixtures("no_weights_trusted")
+def test_an_evidence_whose_weights_cannot_be_trusted_says_so() -> None:
+    model = lb.HybridModel.first(0).without("truncation")
+    with pytest.warns(RuntimeWarning, match="Sample the posterior with sampler='joint'"):
+        evidence = lb.log_evidence(model, UNIFORM, tolerance=0.1)
+    assert not evidence.trusted
+    assert evidence.error == np.inf
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("truncated", [False, True])
-def test_emcee_takes_over_where_weights_cannot_be_trusted(
-    truncated: bool, monkeypatch: pytest.MonkeyPatch
+def test_marginals_whose_weights_cannot_be_trusted_say_so(
+    truncated: bool, request: pytest.FixtureRequest
 ) -> None:
-    model = lb.HybridModel.first(0) if truncated else lb.HybridModel.first(0).without("truncation")
-    exact = lb.log_evidence(model, UNIFORM)
-    table = lb.marginals(model, UNIFORM)
-    monkeypatch.setattr("ldbb_bayes.inference.integrals._LATTICE", 0)
-    monkeypatch.setattr("ldbb_bayes.inference.integrals.LARGEST_PARETO_K", -10.0)
-    found = lb.log_evidence(model, UNIFORM, tolerance=0.1)
-    assert (exact.by_emcee, found.by_emcee) == (False, True)
-    assert found.error < 0.1
-    assert found.log_value == pytest.approx(exact.log_value, abs=1.5 * found.error)
-    assert (
-        (lb.marginals(model, UNIFORM, tolerance=0.1)["median"] - table["median"]) / table["sd"]
-    ).abs().max() < 0.1
+    model = lb.HybridModel.first(0)
+    if not truncated:
+        model = model.without("truncation")
+    exact = lb.marginals(model, UNIFORM)
+    request.getfixturevalue("no_weights_trusted")
+    with pytest.warns(RuntimeWarning, match="neither the evidence nor marginals"):
+        table = lb.marginals(model, UNIFORM, tolerance=0.1)
+    assert ((table["median"] - exact["median"]) / exact["sd"]).abs().max() < 0.1
 
 
 @pytest.mark.parametrize("truncated", [pytest.param(False, marks=pytest.mark.slow), True])

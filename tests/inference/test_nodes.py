@@ -8,9 +8,11 @@ from campaigns import HYPER_UM, TRUTH, plan, simulated
 from scipy.special import log_ndtr
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference import nodes
+from ldbb_bayes.inference import independent_sampler
+from ldbb_bayes.inference.conditional_sampling import conditional_draws
 from ldbb_bayes.inference.evidence import log_prob_truncation
-from ldbb_bayes.inference.nodes import HyperPosterior, conditional_draws, draw_jointly
+from ldbb_bayes.inference.independent_sampler import draw_jointly
+from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel
 
 
@@ -71,7 +73,7 @@ def test_draws_have_the_moments_of_the_nodes(
     recovered: lb.Campaign, truncated: bool, few_inside: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """ln P(T | y) is −1.2: several β for each φ; and by tilting, as where it is far smaller."""
-    monkeypatch.setattr(nodes, "_FEW_INSIDE", few_inside)
+    monkeypatch.setattr(independent_sampler, "_SMALLEST_SHARE_INSIDE", few_inside)
     model = lb.HybridModel.first(1)
     posterior = HyperPosterior(
         (model if truncated else model.without("truncation")).bind(recovered), truncated=truncated

@@ -16,7 +16,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.cross_validation import log_likelihood_of_tests
-from ldbb_bayes.inference.evidence import Evidences, leave_one_out
+from ldbb_bayes.inference.evidences import Evidences, leave_one_out
 from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.prediction import new_circles
 

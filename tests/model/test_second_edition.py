@@ -15,9 +15,9 @@ from oracle import Oracle, Stated
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Ball, Campaign, CircularTest, Instrument, MountCompensation
 from ldbb_bayes.inference.coefficients import compliance_curves
-from ldbb_bayes.inference.evidence import _Relatives
 from ldbb_bayes.inference.integrals import Integral
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.related_models import RelatedModels
 from ldbb_bayes.model.hybrid import BoundModel
 
 TERMS = {
@@ -231,7 +231,7 @@ def test_without_rivals_of_slopes(name: str) -> None:
     integral = Integral(
         bound.hyper_prior.free(own)[None], zero, zero, zero.astype(int), zero > 1.0, None
     )
-    relatives = _Relatives(Nodes(HyperPosterior(bound, truncated=False), integral), 1.0)
+    related = RelatedModels(Nodes(HyperPosterior(bound, truncated=False), integral), 1.0)
     for kept, degree in itertools.product(
         [(), ("joint load",), ("curved mount",), ("curved force law",)], [0, 1]
     ):
@@ -245,7 +245,10 @@ def test_without_rivals_of_slopes(name: str) -> None:
         dense = oracle_of(bound.campaign, degree, terms=terms, edition="second", stated=stated)
         if "curved mount" not in kept:
             dense.grams[(), 0] = dense.grams[(), 0] - np.outer(dense.bow, dense.bow) * 0.5e-3**2
-        found = bound.log_evidence(own[None]) + relatives._changed(without, [], np.arange(1))[0]
+        found = (
+            bound.log_evidence(own[None])
+            + related._change_prior(without, [], np.arange(1)).log_ratio
+        )
         assert found[0] == pytest.approx(dense.given(phi)[0], rel=1e-8)
 
 

@@ -18,8 +18,8 @@ from layout import check_texts, check_units, visible_texts
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.circularity import TOGETHER
 from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.analysis.path_contributions import TOGETHER
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.report import figures
 from ldbb_bayes.report.figures import FIGURES, corner, save_figures

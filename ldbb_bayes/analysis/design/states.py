@@ -12,7 +12,8 @@ import numpy as np
 from scipy.stats import qmc
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given
+from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
+from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.results import Array
@@ -48,7 +49,7 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
         nodes = np.asarray(prior.quantile(points.random(power_of_two)))
     else:
         posterior = _hyper_posterior(model, pilot)
-        free = posterior.brief.pick(size, np.random.default_rng(seed))
+        free = posterior.coarse_truncated.pick(size, np.random.default_rng(seed))
         nodes = posterior.bound.hyper_prior.phi(free)
     if model.prior.flat:
         return np.sqrt((nodes**2).mean(axis=0, keepdims=True))
@@ -133,7 +134,7 @@ def states_before(
         beta = bound.draw_parameters(nodes, rng)
     else:
         posterior = _hyper_posterior(model, pilot)
-        beta = draw_parameters_given(posterior, bound.hyper_prior.free(phi), rng)
+        beta = draw_parameters_given(posterior.bound, bound.hyper_prior.free(phi), rng)
     if augment and not pilot.is_plan:
         given_phi = bound.given(phi)[1]
         before = Gaussian.factored(given_phi.mean, given_phi.root, given_phi.scale)

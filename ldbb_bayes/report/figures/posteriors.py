@@ -19,6 +19,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ldbb_bayes.analysis import circularity as of_path
+from ldbb_bayes.analysis import path_contributions
+from ldbb_bayes.analysis.measured_paths import measured_circularity
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.coefficients import new_circle_coefficients, shared_coefficients
@@ -435,7 +437,7 @@ def circularity(posterior: xr.DataTree) -> Figure:
     table = of_path.circularity(
         posterior, np.linspace(0.0, top, 13).tolist(), draws=_DRAWS_OF_PATHS
     )
-    measured, _ = of_path.measured_circularity(posterior)
+    measured, _ = measured_circularity(posterior)
     planes = bound.setting.planes
     figure, every = panels(4 * len(planes), 2, 1.8, 0.3)
     for k, (axes, (names, label)) in enumerate(zip(every, _PANELS * len(planes), strict=True)):
@@ -460,9 +462,9 @@ def circularity(posterior: xr.DataTree) -> Figure:
 
 
 _SOURCES = {
-    of_path.TOGETHER: ("black", "-"),
-    of_path.COMPLIANCE: (PALETTE[0], "--"),
-    of_path.GEOMETRY: (PALETTE[1], ":"),
+    path_contributions.TOGETHER: ("black", "-"),
+    path_contributions.COMPLIANCE: (PALETTE[0], "--"),
+    path_contributions.GEOMETRY: (PALETTE[1], ":"),
 }
 
 
@@ -482,7 +484,9 @@ def contributions(posterior: xr.DataTree) -> Figure:
             if source in drawn:
                 _path(axes, drawn[source], colour, linestyle=line, label=source)
         where = f"{plane}, " if len(planes) > 1 else ""
-        axes.set_title(f"{where}{force:g} N: {_swing(drawn[of_path.TOGETHER])}", fontsize=8)
+        axes.set_title(
+            f"{where}{force:g} N: {_swing(drawn[path_contributions.TOGETHER])}", fontsize=8
+        )
     _outer(every, 3)
     style.legend_below(figure, every[0])
     figure.suptitle(_HEAD.format("of both together"))
@@ -527,13 +531,16 @@ def _paths(
     posterior: xr.DataTree, bound: BoundModel, plane: str, force_N: float, *only: str
 ) -> Mapping[str, Array]:
     """Paths on the first circle of a plane, (draws, 360) [µm], all or only these: of the very draws
-    of `analysis.circularity.contributions`."""
-    r, (beta, _) = of_path.first_circle(bound, plane), draws_of(posterior, bound, of_path.DRAWS)
-    return of_path.contribution_paths(bound, r, force_N, beta, only)
+    of `analysis.path_contributions.contributions`."""
+    r, (beta, _) = (
+        of_path.first_circle(bound, plane),
+        draws_of(posterior, bound, path_contributions.DRAWS),
+    )
+    return path_contributions.contribution_paths(bound, r, force_N, beta, only)
 
 
 def _swing(path: Array) -> str:
-    """Peak to peak of paths, median and 95 % interval, as `analysis.circularity.contributions` has
+    """Peak to peak of paths, median and 95 % interval, as `analysis.path_contributions.contributions` has
     it: 17.2 [11.5, 39.8] µm."""
     low, median, high = np.quantile(np.ptp(path, axis=1), [0.025, 0.5, 0.975])
     _, decimals = round_uncertainty((high - low) / 4.0)

@@ -1,0 +1,195 @@
+"""Evidences of many models of one campaign, and of a campaign without one test.
+
+ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), campaign properties frozen. A test is what can be left out:
+readings of one circle share their set-up shift and discrepancy and are not independent facts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import require
+from ldbb_bayes.inference.evidence import check_comparable
+from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
+from ldbb_bayes.inference.related_models import RelatedModels
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.specification import model_to_toml
+from ldbb_bayes.model.terms import Hyper
+from ldbb_bayes.results import Array, Shown
+
+__all__ = ["Evidences", "leave_one_out"]
+
+# Tolerance [nat] that suffices for models that the readings reject.
+_ROUGH_TOLERANCE = 0.1
+
+
+def _silent() -> None:
+    """Report no progress; unlike a lambda it goes to other processes."""
+
+
+class Evidences(Shown):
+    """Nodes and evidences of models of one campaign, each computed once.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    tolerance : float
+        Error asked of every log evidence [nat].
+    progress : callable, optional
+        Called after each model.
+    keep : sequence of str, optional
+        Names of the tests to keep; default: all.
+    """
+
+    shown = ("campaign", "tolerance", "every")
+
+    def __init__(
+        self,
+        campaign: Campaign,
+        *,
+        tolerance: float = 1e-2,
+        progress: Callable[[], object] = _silent,
+        keep: Sequence[str] | None = None,
+    ) -> None:
+        self.campaign = campaign
+        self.tolerance = tolerance
+        self.progress = progress
+        self._keep = keep
+        self._nodes: dict[str, Nodes] = {}
+        self._related_models: dict[str, RelatedModels] = {}
+        self._modes: dict[tuple[Hyper, ...], Array] = {}
+
+    def of_campaign(self, campaign: Campaign) -> Evidences:
+        """Return these evidences, or refuse where they are of other readings."""
+        require(
+            campaign.sha256 == self.campaign.sha256,
+            f"evidences must be of the campaign {campaign.name or ''}, got those of"
+            f" {self.campaign.name or 'another'}. Make them anew: Evidences(campaign).",
+        )
+        return self
+
+    def of(self, *models: HybridModel) -> list[Nodes]:
+        """Return the nodes of each model.
+
+        Models that are one Gaussian given φ get theirs from the nodes of the largest of them.
+        """
+        models_by_key = {model_to_toml(model): model for model in models}
+        for key in sorted(models_by_key, key=lambda key: _largest_first(models_by_key[key])):
+            if key not in self._nodes:
+                self._nodes[key] = self._compute_nodes(models_by_key[key])
+            self.progress()
+        return [self._nodes[key] for key in models_by_key]
+
+    def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
+        """Return the nodes of each model, coarse ones where all log evidences are below a bound.
+
+        Coarse nodes do not appear in `every`.
+        """
+        if all(model_to_toml(model) in self._nodes for model in models):
+            return self.of(*models)
+        rough = self._rough.of(*models)
+        if max(nodes.evidence.log_value + nodes.error for nodes in rough) > below:
+            return self.of(*models)
+        for _ in models:
+            self.progress()
+        return rough
+
+    def apart(self, tolerance: float | None = None) -> Evidences:
+        """Return evidences of the same readings, without models as yet.
+
+        They look for modes near those found here.
+        """
+        return self._with_modes(tolerance or self.tolerance, self._keep, self._modes)
+
+    def without_test(
+        self, test: str, tests: Sequence[str], modes: Mapping[tuple[Hyper, ...], Array]
+    ) -> Evidences:
+        """Return evidences of all but one of these tests, with modes to look near."""
+        remaining = [name for name in tests if name != test]
+        return self._with_modes(self.tolerance, remaining, modes, self.progress)
+
+    def _with_modes(
+        self,
+        tolerance: float,
+        keep: Sequence[str] | None,
+        modes: Mapping[tuple[Hyper, ...], Array],
+        progress: Callable[[], object] = _silent,
+    ) -> Evidences:
+        evidences = Evidences(self.campaign, tolerance=tolerance, progress=progress, keep=keep)
+        evidences._modes = dict(modes)
+        return evidences
+
+    @cached_property
+    def _rough(self) -> Evidences:
+        return self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
+
+    def _compute_nodes(self, model: HybridModel) -> Nodes:
+        check_comparable(model, self.campaign)
+        bound = BoundModel(model, self.campaign, keep=self._keep)
+        names = bound.hyper_prior.names
+        posterior = HyperPosterior(
+            bound, truncated=bound.truncation.active, near=self._modes.get(names)
+        )
+        key = _family(model)
+        if key not in self._related_models:
+            plain = posterior.plain
+            self._related_models[key] = RelatedModels(plain.nodes(self.tolerance), self.tolerance)
+            self._modes.setdefault(names, plain.mode)
+        return self._related_models[key].nodes(posterior)
+
+    @property
+    def every(self) -> list[Evidence]:
+        """All evidences so far."""
+        return [nodes.evidence for nodes in self._nodes.values()]
+
+
+def _largest_first(model: HybridModel) -> tuple[int, int, int]:
+    """Return a key that sorts models from the largest: degree, fixed parameters, rivals."""
+    return -model.degree, len(model.fixed), -len(model.rivals)
+
+
+def _family(model: HybridModel) -> str:
+    """Return what models that are one Gaussian given φ have in common.
+
+    All but slopes, their rivals and truncation.
+    """
+    constant = model.without("truncation").with_slope_scale(1.0).with_degree(0)
+    return model_to_toml(constant.with_rivals())
+
+
+def leave_one_out(
+    weighed: Mapping[str, Nodes],
+    *,
+    tolerance: float = 1e-2,
+    progress: Callable[[], object] = _silent,
+) -> dict[str, dict[str, Nodes]]:
+    """Return the nodes of every model without each test in turn, for at least two tests.
+
+    Parameters
+    ----------
+    weighed : mapping of str to Nodes
+        Nodes of all tests, by the model's name.
+    tolerance : float
+        Error asked of every log evidence [nat].
+    progress : callable
+        Called after each model.
+
+    Returns
+    -------
+    dict of str to dict of str to Nodes
+        By the model's name, then by the name of the test left out.
+    """
+    models = {name: nodes.bound.model for name, nodes in weighed.items()}
+    modes = {}
+    for nodes in weighed.values():
+        modes[nodes.bound.hyper_prior.names] = nodes.posterior.plain.mode
+    bound = next(iter(weighed.values())).bound
+    all_tests = Evidences(bound.campaign, tolerance=tolerance, progress=progress)
+    nodes_without: dict[str, dict[str, Nodes]] = {name: {} for name in weighed}
+    for test in bound.test_names:
+        evidences = all_tests.without_test(test, bound.test_names, modes)
+        for name, nodes in zip(models, evidences.of(*models.values()), strict=True):
+            nodes_without[name][test] = nodes
+    return nodes_without

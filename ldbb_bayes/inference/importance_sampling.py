@@ -1,0 +1,215 @@
+"""Integrals in many dimensions by importance sampling with an adapted proposal.
+
+Points are quasi-random. The proposal, a mixture of split Student-t along the axes of the modes, is
+fitted round by round to where the weights are (Geweke, Econometrica 57, 1317-1339, 1989). What a
+round finds is weighted by the proposal it was drawn from, never by one fitted to it: such weights
+are too small, by 0.1 nat in 45 dimensions.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import qmc
+
+from ldbb_bayes.inference.integrals import Index, Integral, LogDensity, in_chunks
+from ldbb_bayes.inference.mixture_proposals import Mixture, SplitT, fit_split_t, refit_mixture
+from ldbb_bayes.results import Array
+
+__all__ = ["importance_sample"]
+
+# Distances from a mode, in sd, at which the density is evaluated along every axis.
+_ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
+# Independent scrambles of the Sobol sequence: their scatter gives the error.
+_SCRAMBLES = 8
+# Points of a scramble in the first round: at least so many, and so many a dimension.
+_FEWEST_POINTS = 32.0
+_POINTS_PER_DIMENSION = 1.5
+# Each round has so many times the points of the one before.
+_GROWTH = 4
+# Rounds of fitting the proposal.
+_ROUNDS = 5
+# A round is continued rather than fitted again where the ESS is above this share of its points.
+_EFFICIENT = 0.4
+# Weights are evened out until their ESS is a third of the points, or so many a dimension.
+_FITTED_PER_DIMENSION = 40.0
+# Each time weights are evened out their power is multiplied by this, down to the least power.
+_EVENING = 0.8
+_LEAST_POWER = 0.02
+
+
+def importance_sample(
+    log_density: LogDensity,
+    modes: Sequence[tuple[Array, Array]],
+    *,
+    tolerance: float = 1e-2,
+    seed: int = 0,
+    most: int = 65_536,
+    tries: int = 2,
+) -> Integral:
+    """Return ∫ f from quasi-random points, to the tolerance and with weights that can be trusted.
+
+    Where that is not reached the result is the best of five rounds; its ``trusted`` says whether
+    its weights can be used. A round draws from the mixture fitted to all rounds before it, the
+    first round from one fitted to the density along the axes of every mode. Where the weights are
+    even enough a round is continued with as many points again instead of fitting anew. Where no
+    weights can be trusted another seed is tried: a round may miss a tail by luck.
+
+    Parameters
+    ----------
+    log_density : callable
+        ln f, (n, h) → (n,).
+    modes : sequence of pairs
+        Modes (h,), highest first, and a root (h, h) of the inverse curvature at each.
+    tolerance : float
+        Error asked for [nat].
+    seed : int
+        Seed of the scrambles.
+    most : int
+        Largest number of points of a round.
+    tries : int
+        How many seeds are tried.
+    """
+    best = _best_of_rounds(log_density, modes, tolerance, seed, most)
+    if best.trusted or tries < 2:
+        return best
+    retried = importance_sample(
+        log_density, modes, tolerance=tolerance, seed=seed + 1, most=most, tries=tries - 1
+    )
+    if retried.trusted:
+        return retried
+    return best
+
+
+def _best_of_rounds(
+    log_density: LogDensity,
+    modes: Sequence[tuple[Array, Array]],
+    tolerance: float,
+    seed: int,
+    most: int,
+) -> Integral:
+    """Return the first round that reaches the tolerance, or the best; the first is never used."""
+    rng = np.random.default_rng(seed)
+    components = tuple(_fit_along_axes(log_density, mode, root) for mode, root in modes)
+    proposal = Mixture(components, np.full(len(modes), 1.0 / len(modes)))
+    fewest = max(_FEWEST_POINTS, _POINTS_PER_DIMENSION * len(modes[0][0]))
+    size = 1 << int(np.ceil(np.log2(fewest)))
+    first = _draw_round(log_density, proposal, size, rng)
+    rounds = [first]
+    while len(rounds) < _ROUNDS:
+        proposal = _fit_to_rounds(rounds)
+        size = min(_GROWTH * size, most // _SCRAMBLES)
+        sample = _draw_round(log_density, proposal, size, rng, tolerance=tolerance, most=most)
+        if sample.trusted and sample.error <= tolerance:
+            return sample
+        rounds.append(sample)
+    return min(rounds[1:], key=_untrusted_and_error)
+
+
+def _untrusted_and_error(sample: Integral) -> tuple[bool, float]:
+    return not sample.trusted, sample.error
+
+
+def _draw_round(
+    log_density: LogDensity,
+    proposal: Mixture,
+    size: int,
+    rng: np.random.Generator,
+    *,
+    tolerance: float = np.inf,
+    most: int = 0,
+) -> Integral:
+    """Draw ``size`` points a scramble, and double them while that pays and the tolerance asks.
+
+    A round is not continued where twice its points would be more than ``most``.
+    """
+    count = np.maximum(np.rint(size * proposal.share), 1.0).astype(int)
+    proposal = replace(proposal, share=count / count.sum())
+    h = len(proposal.components[0].centre)
+    engines = []
+    for _ in count:
+        engines.append([qmc.Sobol(h, rng=rng) for _ in range(_SCRAMBLES)])
+    sample = _extend_sample(log_density, proposal, engines, count, None)
+    while 2 * len(sample.free) <= most and sample.trusted and sample.error > tolerance:
+        if sample.ess <= _EFFICIENT * len(sample.free):
+            break
+        repeats = len(sample.free) // (_SCRAMBLES * count.sum())
+        sample = _extend_sample(log_density, proposal, engines, repeats * count, sample)
+    return sample
+
+
+def _extend_sample(
+    log_density: LogDensity,
+    proposal: Mixture,
+    engines: Sequence[Sequence[qmc.Sobol]],
+    count: Index,
+    earlier: Integral | None,
+) -> Integral:
+    """Add ``count`` points of every component to every scramble of an earlier sample."""
+    points = []
+    for component, scrambles, size in zip(proposal.components, engines, count, strict=True):
+        for engine in scrambles:
+            points.append(component.transform(_draw_uniform(engine, size)))
+    free = np.concatenate(points)
+    scramble = np.concatenate([np.repeat(np.arange(_SCRAMBLES), size) for size in count])
+    values = in_chunks(log_density, free)
+    if earlier is not None:
+        free = np.concatenate([earlier.free, free])
+        scramble = np.concatenate([earlier.estimate, scramble])
+        values = np.concatenate([earlier.log_density, values])
+    log_volume = -proposal.log_density(free) - np.log(len(free))
+    no_edge = np.zeros(len(free), dtype=bool)
+    return Integral(free, values, log_volume, scramble, no_edge, proposal)
+
+
+def _draw_uniform(engine: qmc.Sobol, count: int) -> Array:
+    """Draw the next points of a Sobol sequence, shape (count, h)."""
+    with warnings.catch_warnings():
+        # SciPy warns of counts that are no powers of two: shares of a mixture rarely are.
+        warnings.filterwarnings("ignore", message="The balance properties", category=UserWarning)
+        return np.asarray(engine.random(count))
+
+
+def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
+    """Fit a split t to the density along every axis through a mode."""
+    # The root that turns the coordinates least: what is independent stays so.
+    variance, vectors = np.linalg.eigh(root @ root.T)
+    root = vectors * np.sqrt(variance) @ vectors.T
+    z = np.concatenate([-_ALONG_AXIS[::-1], [0.0], _ALONG_AXIS])
+    h = len(mode)
+    points = (mode + z[:, None, None] * root.T).reshape(-1, h)
+    values = in_chunks(log_density, points).reshape(-1, h)
+    weight = np.exp(values - values.max(axis=0)) * np.gradient(z)[:, None]
+    z_of_axes = np.broadcast_to(z[:, None], values.shape)
+    return fit_split_t(mode, root, z_of_axes, weight / weight.sum(axis=0))
+
+
+def _fit_to_rounds(rounds: Sequence[Integral]) -> Mixture:
+    """Fit the last proposal to the points of all rounds.
+
+    Points are weighted by the mixture of all the rounds' proposals.
+    """
+    points = np.concatenate([sample.free for sample in rounds])
+    values = np.concatenate([sample.log_density for sample in rounds])
+    proposals = [sample.proposal for sample in rounds if sample.proposal is not None]
+    log_proposals = []
+    for sample, proposal in zip(rounds, proposals, strict=True):
+        log_proposals.append(np.log(len(sample.free)) + proposal.log_density(points))
+    log_weight = values - np.logaddexp.reduce(log_proposals, axis=0)
+    return refit_mixture(proposals[-1], points, _even_out(log_weight, points.shape[1]))
+
+
+def _even_out(log_weight: Array, h: int) -> Array:
+    """Return normalised weights, raised to a power below one while few points would carry all."""
+    enough = min(len(log_weight) / 3.0, _FITTED_PER_DIMENSION * (h + 1.0))
+    power = 1.0
+    while True:
+        weight = np.exp(power * (log_weight - log_weight.max()))
+        weight = weight / weight.sum()
+        power = _EVENING * power
+        too_few = 1.0 / (weight**2).sum() < enough
+        if not too_few or power <= _LEAST_POWER:
+            return np.asarray(weight)

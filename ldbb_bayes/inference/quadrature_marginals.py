@@ -1,0 +1,107 @@
+"""Marginals of the posterior by quadrature over the hyper-parameters."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pandas as pd
+
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import require
+from ldbb_bayes.inference.evidence import warn_of_untrusted_weights
+from ldbb_bayes.inference.independent_sampler import TooRoughError, draw_jointly
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.mixtures import mixture_moments
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, readable
+
+__all__ = ["marginals"]
+
+# Draws behind the quantiles of the hyper-parameters.
+_DRAWS = 16_384
+
+
+@one_blas_thread
+def marginals(
+    model: HybridModel,
+    campaign: Campaign,
+    *,
+    ci_prob: float = 0.95,
+    tolerance: float = 1e-3,
+    seed: int = 1,
+) -> pd.DataFrame:
+    """Return the posterior's marginals by quadrature.
+
+    Where weights cannot be trusted a warning says so.
+
+    Parameters
+    ----------
+    model : HybridModel
+    campaign : Campaign
+        With readings.
+    ci_prob : float
+        Probability of the equal-tailed credible interval.
+    tolerance : float
+        Relative error of the integrals behind means and standard deviations.
+    seed : int
+        Seed of the points behind the quantiles; where a compliance is bounded their standard error
+        is 0.5 % of probability.
+
+    Returns
+    -------
+    DataFrame
+        Columns unit, mean, sd, median, ci_low, ci_high; one row per parameter and hyper-parameter,
+        in mm, N, rad.
+
+    Raises
+    ------
+    InputError
+        For a plan, or a probability or tolerance out of range.
+    """
+    require(
+        not campaign.is_plan,
+        "marginals must be asked of a campaign with readings, got a plan. Run the tests or"
+        " simulate.",
+    )
+    require(
+        0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95."
+    )
+    require(
+        0.0 < tolerance < 1.0,
+        f"tolerance must lie between 0 and 1, got {tolerance}. For example 1e-3.",
+    )
+    bound = model.bind(campaign)
+    posterior = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
+    nodes = posterior.nodes(tolerance)
+    warn_of_untrusted_weights(nodes)
+    levels = np.array([0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
+    phi = bound.hyper_prior.phi(nodes.integral.free)
+    phi_mean, phi_sd = mixture_moments(nodes.integral.weight, phi, 0.0 * phi)
+    phi_draws = bound.hyper_prior.phi(_draw_free(posterior, seed))
+    of_phi = [phi_mean, phi_sd, *np.quantile(phi_draws, levels, axis=0)]
+    of_beta = [*nodes.moments(), *nodes.quantiles(levels, seed=seed)]
+    names = [*bound.names, *bound.hyper_prior.names]
+    table = pd.DataFrame(
+        np.hstack([of_beta, of_phi]).T, names, ["mean", "sd", "median", "ci_low", "ci_high"]
+    )
+    units = [parameter.unit for parameter in bound.parameters]
+    table.insert(0, "unit", [*units, *bound.hyper_prior.units])
+    return readable(table, f"Marginals by quadrature, {100 * ci_prob:g} % intervals")
+
+
+def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
+    """Draw free coordinates; by resampling, with a warning, where the proposal is too rough."""
+    rng = np.random.default_rng(seed)
+    try:
+        return draw_jointly(posterior, _DRAWS, rng).free
+    except TooRoughError as error:
+        warnings.warn(
+            "quantiles of the hyper-parameters must come from independent draws, got weights that"
+            f" cannot be trusted ({error}). Sample the posterior with sampler='joint', which needs"
+            " no weights.",
+            RuntimeWarning,
+            stacklevel=4,
+        )
+    return posterior.sample_nodes.pick(_DRAWS, np.random.default_rng(seed))

@@ -1,0 +1,162 @@
+"""Models that are one Gaussian given φ: nodes and evidence of one from the nodes of another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.inference.integrals import CHUNK, Index, Integral
+from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.orthant import Orthant
+from ldbb_bayes.results import Array
+
+__all__ = ["RelatedModels"]
+
+# Prior sds that differ relatively by no more than this are the same.
+_SAME_SD = 1e-12
+
+
+class _Conditionals(NamedTuple):
+    """Gaussian conditionals of coefficients at n nodes."""
+
+    mean: Array  #: (p, n)
+    covariance: Array  #: (p, p, n)
+
+
+class _ChangedModel(NamedTuple):
+    """What another prior of the coefficients makes of the nodes."""
+
+    log_ratio: Array  #: ln of the ratio of p(y | φ) (n,)
+    conditionals: _Conditionals  #: of the coefficients asked for, under the other prior
+
+
+class _ChangedPrior(NamedTuple):
+    """A coefficient whose prior sd is another; an sd of zero fixes the coefficient at zero."""
+
+    coefficient: int
+    mean: float
+    sd: float
+    other_sd: float
+
+
+class RelatedModels:
+    """Models that differ only in priors of some coefficients: p(φ | y) and P(T | y, φ) of each.
+
+    They differ only in the prior sd of parameters and of rivals of slopes, s₀ of the model with
+    nodes and s₁ of another, or fix some at zero. The ratio of their priors is a reading of the
+    coefficient at its prior mean, of variance v = 1/(1/s₁² − 1/s₀²), or for one that is fixed an
+    exact one at zero (the Savage-Dickey ratio): the posterior is conditioned on one after the
+    other.
+
+    Parameters
+    ----------
+    plain : Nodes
+        Of the largest model, without truncation.
+    tolerance : float
+        Error asked of every log evidence [nat].
+    """
+
+    def __init__(self, plain: Nodes, tolerance: float) -> None:
+        self._integral = plain.integral
+        self._bound = plain.bound
+        self._tolerance = tolerance
+
+    def nodes(self, posterior: HyperPosterior) -> Nodes:
+        """Return nodes of another model.
+
+        They are computed anew where the model has other parameters, or these nodes do not suit it.
+        """
+        if not set(posterior.bound.coefficients) <= set(self._bound.coefficients):
+            return posterior.nodes(self._tolerance)
+        all_nodes = np.arange(len(self._integral.free))
+        log_ratio = self._change_prior(posterior.bound, [], all_nodes).log_ratio
+        plain = replace(self._integral, log_density=self._integral.log_density + log_ratio)
+        nodes = Nodes(posterior, plain)
+        if posterior.truncated:
+            nodes = self._truncate(posterior, plain)
+        if nodes.suit(self._tolerance):
+            return nodes
+        return posterior.nodes(self._tolerance)
+
+    def _truncate(self, posterior: HyperPosterior, plain: Integral) -> Nodes:
+        """Multiply the density of the nodes by P(T | y, φ) of the other model."""
+        coefficients = list(self._bound.coefficients)
+        rows = posterior.bound.physical.rows
+        constrained = np.flatnonzero((rows != 0.0).any(axis=0))
+        indices = [coefficients.index(posterior.bound.names[j]) for j in constrained]
+
+        def orthant(index: Index) -> Orthant:
+            mean, covariance = self._change_prior(posterior.bound, indices, index).conditionals
+            block = np.moveaxis(covariance, -1, 0)
+            sd = np.sqrt(np.diagonal(block, axis1=1, axis2=2))
+            correlation = block / (sd[:, :, None] * sd[:, None, :])
+            root = sd[:, :, None] * np.linalg.cholesky(correlation)
+            return Orthant(mean.T @ rows[:, constrained].T, rows[:, constrained] @ root)
+
+        return posterior.truncate(plain, self._tolerance, orthant)
+
+    @cached_property
+    def _conditionals(self) -> _Conditionals:
+        """Conditionals of the coefficients at the nodes."""
+        bound = self._bound
+        free = self._integral.free
+        p = len(bound.coefficients)
+        mean = np.empty((p, len(free)))
+        covariance = np.empty((p, p, len(free)))
+        for start in range(0, len(free), CHUNK):
+            nodes = slice(start, start + CHUNK)
+            phi = bound.hyper_prior.phi(free[nodes])
+            _, conditional = bound.collapsed.conditional(phi, last=p)
+            mean[:, nodes] = conditional.mean.T
+            covariance[..., nodes] = np.moveaxis(conditional.covariance, 0, -1)
+        centre = np.pad(bound.centre, (p - len(bound.names), 0))
+        return _Conditionals(mean + centre[:, None], covariance)
+
+    def _changed_priors(self, bound: BoundModel) -> list[_ChangedPrior]:
+        """Return the coefficients whose prior sd the other model changes."""
+        other_priors = bound.coefficients
+        changed = []
+        for j, (name, (mean, sd)) in enumerate(self._bound.coefficients.items()):
+            other_sd = other_priors.get(name, (0.0, 0.0))[1]
+            if abs(other_sd - sd) > _SAME_SD * sd:
+                changed.append(_ChangedPrior(j, mean, sd, other_sd))
+        return changed
+
+    def _change_prior(
+        self, bound: BoundModel, coefficients: list[int], nodes: Index
+    ) -> _ChangedModel:
+        """Condition the nodes on the change to another model's prior.
+
+        ``coefficients`` are those whose conditionals are returned.
+        """
+        log_ratio = np.zeros(len(nodes))
+        changed = self._changed_priors(bound)
+        further = [prior.coefficient for prior in changed if prior.coefficient not in coefficients]
+        places = np.array([*coefficients, *further], dtype=np.intp)
+        mean = self._conditionals.mean[np.ix_(places, nodes)]
+        covariance = self._conditionals.covariance[np.ix_(places, places, nodes)]
+        for prior in changed:
+            k = int(np.argmax(places == prior.coefficient))
+            variance = prior.sd**2
+            reading = 0.0
+            noise = 0.0
+            if prior.other_sd:
+                reading = prior.mean
+                noise = 1.0 / (1.0 / prior.other_sd**2 - 1.0 / variance)
+            posterior_variance = covariance[k, k] + noise
+            prior_variance = variance + noise
+            residual = mean[k] - reading
+            log_ratio = log_ratio + 0.5 * (
+                np.log(prior_variance / posterior_variance)
+                + (prior.mean - reading) ** 2 / prior_variance
+                - residual**2 / posterior_variance
+            )
+            gain = covariance[k] / posterior_variance
+            mean = mean - gain * residual
+            covariance = covariance - gain[:, None] * covariance[k]
+        size = len(coefficients)
+        return _ChangedModel(log_ratio, _Conditionals(mean[:size], covariance[:size, :size]))
