@@ -34,9 +34,13 @@ class ParameterConditional(Gaussian):
     @cached_property
     def orthant(self) -> Orthant:
         """The problem of P(A β ≥ 0 | y, φ)."""
-        return Orthant(self.mean @ self.physical.rows.T, self.spread(self.physical.rows))
+        rows = self.physical.rows
+        return Orthant(self.mean @ rows.T, self.spread(rows))
 
-    def draw_truncated(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+    def draw_truncated(
+        self,
+        rng: np.random.Generator,
+    ) -> tuple[Array, NDArray[np.bool_]]:
         """Draw β given A β ≥ 0 once for every φ, shape (w, p), and return where a draw is exact.
 
         A draw is exact where the rejection sampler did not give up and rounding did not leave β

@@ -59,7 +59,12 @@ class Front(NamedTuple):
         """Number of entries for each φ."""
         return int(np.prod(self.gram.shape[:3]))
 
-    def assemble(self, weight: Array, shift: Array | None, out: Array | None = None) -> Array:
+    def assemble(
+        self,
+        weight: Array,
+        shift: Array | None,
+        out: Array | None = None,
+    ) -> Array:
         """Return P and Aᵀ D⁻¹ r, from the diagonal on, shape (groups, s, s + m + 1, w).
 
         Parameters
@@ -130,7 +135,11 @@ class Elimination(NamedTuple):
         fitting = _CACHE_SIZE // entries // BLAS_MULTIPLE * BLAS_MULTIPLE
         return max(FEWEST_PHI, min(_MOST_PHI, fitting))
 
-    def factorize(self, weight: Array, shift: Array | None) -> tuple[list[Array], Array]:
+    def factorize(
+        self,
+        weight: Array,
+        shift: Array | None,
+    ) -> tuple[list[Array], Array]:
         """Factorise P at weights 1/D (kinds, w), with ``shift`` (columns, w) added to Aᵀ D⁻¹ r.
 
         Returns
@@ -169,8 +178,10 @@ class Elimination(NamedTuple):
             return None
         signs = []
         for front in self.leaves:
-            front_signs = np.ones(front.columns.shape) if front.signs is None else front.signs
-            signs.append(front_signs.ravel())
+            if front.signs is None:
+                signs.append(np.ones(front.columns.size))
+            else:
+                signs.append(front.signs.ravel())
         return np.concatenate(signs)
 
 
@@ -230,7 +241,9 @@ class DesignRows:
         self._eliminations: dict[int | None, Elimination] = {}
 
     def front(
-        self, groups: Sequence[NDArray[np.intp]], border: NDArray[np.intp] | None = None
+        self,
+        groups: Sequence[NDArray[np.intp]],
+        border: NDArray[np.intp] | None = None,
     ) -> Front:
         """Return the front of groups of as many columns each, and of the columns of their border.
 
@@ -251,7 +264,8 @@ class DesignRows:
             entries = self._columns[np.ix_(index, bordered)]
             rows = np.column_stack([entries, self._values[index]])
             blocks = np.split(rows, starts[1:])
-            grams.append(np.stack([block[:, : len(columns)].T @ block for block in blocks]))
+            size = len(columns)
+            grams.append(np.stack([block[:, :size].T @ block for block in blocks]))
             group_kinds.append(kinds)
         # Groups of fewer kinds are padded with Gram entries of zero.
         most_kinds = max(len(kinds) for kinds in group_kinds)
@@ -280,7 +294,8 @@ class DesignRows:
             if last is not None:
                 plans += self._plans_by_row_count(last)
             costs = [plan.cost for plan in plans]
-            self._eliminations[last] = self._build(plans[int(np.argmin(costs))])
+            cheapest = plans[int(np.argmin(costs))]
+            self._eliminations[last] = self._build(cheapest)
         return self._eliminations[last]
 
     def _build(self, plan: _Plan) -> Elimination:
@@ -288,7 +303,10 @@ class DesignRows:
         leaves = [self.front(groups, plan.root) for groups in _group_by_size(plan.leaves)]
         return Elimination(isolated, leaves, self.front([plan.root]))
 
-    def _connected_groups(self, columns: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    def _connected_groups(
+        self,
+        columns: NDArray[np.intp],
+    ) -> list[NDArray[np.intp]]:
         """Return the groups that columns fall into where those with a row in common are joined."""
         nonzero = (self._columns[:, columns] != 0.0).astype(float)
         count, label = connected_components(nonzero.T @ nonzero > 0.0, directed=False)
@@ -339,7 +357,11 @@ def _group_by_size(groups: list[NDArray[np.intp]]) -> list[list[NDArray[np.intp]
     return [by_size[size] for size in sorted(by_size)]
 
 
-def _elimination_cost(groups: list[NDArray[np.intp]], *, border: int) -> float:
+def _elimination_cost(
+    groups: list[NDArray[np.intp]],
+    *,
+    border: int,
+) -> float:
     """Return the multiplications for groups of as many columns each and their border."""
     columns = len(groups[0])
     remaining = columns + border + 1 - np.arange(columns)

@@ -58,7 +58,12 @@ class Gaussian(Shown):
 
     shown = ("precision", "shift")
 
-    def __init__(self, precision: Array, shift: Array, log_constant: Array | float = 0.0) -> None:
+    def __init__(
+        self,
+        precision: Array,
+        shift: Array,
+        log_constant: Array | float = 0.0,
+    ) -> None:
         # These are cached properties: what is assigned is not computed.
         self.precision = precision
         self.shift = shift
@@ -66,7 +71,11 @@ class Gaussian(Shown):
 
     @classmethod
     def factored(
-        cls, mean: Array, root: Array, scale: Array, log_integral: Array | float = 0.0
+        cls,
+        mean: Array,
+        root: Array,
+        scale: Array,
+        log_integral: Array | float = 0.0,
     ) -> Self:
         """Return a Gaussian of known square root, P = S⁻¹ L Lᵀ S⁻¹.
 
@@ -119,7 +128,8 @@ class Gaussian(Shown):
                 "a covariance must be positive definite, got a singular or indefinite one."
                 " Correct it."
             ) from None
-        inverse = solve_lower(root, np.broadcast_to(np.eye(q), covariance.shape))
+        unit_matrices = np.broadcast_to(np.eye(q), covariance.shape)
+        inverse = solve_lower(root, unit_matrices)
         upper = np.asarray(np.linalg.qr(inverse, mode="r"))
         return cls.factored(mean, _lower_with_positive_diagonal(upper), sd)
 
@@ -148,7 +158,8 @@ class Gaussian(Shown):
         if n > 0:
             triangle = np.asarray(np.linalg.qr(stack, mode="r"))
         pivots = np.abs(np.diagonal(triangle, axis1=-2, axis2=-1))[..., :q]
-        if n < q or np.any(pivots <= _DEPENDENT * pivots.max(axis=-1, keepdims=True)):
+        largest_pivot = pivots.max(axis=-1, keepdims=True)
+        if n < q or np.any(pivots <= _DEPENDENT * largest_pivot):
             raise InputError(
                 "rows must determine every coefficient, got columns that follow from others. Give a"
                 " proper prior."
@@ -229,14 +240,17 @@ class Gaussian(Shown):
     @cached_property
     def log_constant(self) -> Array:
         """Constant ln g(0), shape (...)."""
-        return np.asarray(self.log_integral + self.log_density(np.zeros(self.mean.shape[-1])))
+        origin = np.zeros(self.mean.shape[-1])
+        return np.asarray(self.log_integral + self.log_density(origin))
 
     @cached_property
     def log_integral(self) -> Array:
         """Log integral ln ∫ g, shape (...): of a prior times a likelihood the log evidence."""
         mean, root, scale = self._factors
-        volume = np.log(scale).sum(axis=-1) - log_diagonal(root) + 0.5 * mean.shape[-1] * _LOG_2PI
-        return np.asarray(self.log_constant + 0.5 * (self.shift * mean).sum(axis=-1) + volume)
+        q = mean.shape[-1]
+        log_volume = np.log(scale).sum(axis=-1) - log_diagonal(root) + 0.5 * q * _LOG_2PI
+        peak = self.log_constant + 0.5 * (self.shift * mean).sum(axis=-1)
+        return np.asarray(peak + log_volume)
 
     @property
     def mean(self) -> Array:
@@ -315,7 +329,11 @@ class Gaussian(Shown):
         log_root = log_diagonal(self.root) - np.log(self.scale).sum(axis=-1)
         return np.asarray(log_root - 0.5 * ((z**2).sum(axis=-1) + z.shape[-1] * _LOG_2PI))
 
-    def draw(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+    def draw(
+        self,
+        rng: np.random.Generator,
+        size: tuple[int, ...] = (),
+    ) -> Array:
         """Return independent draws, shape ``(*size, ..., q)``."""
         return self.from_standard(rng.standard_normal((*size, *self.mean.shape)))
 

@@ -96,8 +96,10 @@ class Information:
             sources = self.noise[numbers[0]]
             free_noise = [noise for name, noise in sources.items() if name not in fixed]
             root = np.linalg.cholesky(np.sum(free_noise, axis=0))
-            rows = np.stack([self.design[k] for k in numbers], axis=1) * self.scale
-            solved = scipy.linalg.solve_triangular(root, rows.reshape(len(rows), -1), lower=True)
+            designs = [self.design[k] for k in numbers]
+            rows = np.stack(designs, axis=1) * self.scale
+            flat_rows = rows.reshape(len(rows), -1)
+            solved = scipy.linalg.solve_triangular(root, flat_rows, lower=True)
             solved_blocks = np.moveaxis(solved.reshape(rows.shape), 1, 0)
             whitened.update(zip(numbers, solved_blocks, strict=True))
         return [whitened[k] for k in range(len(self.design))]
@@ -130,10 +132,16 @@ class Information:
         prior = np.ones(len(free))
         if self.flat:
             prior[np.isin(free, self.interest)] = 0.0
-        stacked = np.concatenate([np.sqrt(times) * rows[:, free], np.diag(prior)])
+        free_rows = np.sqrt(times) * rows[:, free]
+        stacked = np.concatenate([free_rows, np.diag(prior)])
         return np.asarray(np.linalg.qr(stacked, mode="r")), free
 
-    def covariance(self, fixed: Collection[str] = (), *, times: float = 1.0) -> Array:
+    def covariance(
+        self,
+        fixed: Collection[str] = (),
+        *,
+        times: float = 1.0,
+    ) -> Array:
         """Return the posterior covariance in units of the prior sd, shape (m, m).
 
         It is zero for what is fixed.
@@ -149,7 +157,12 @@ class Information:
         covariance[np.ix_(free, free)] = inverse @ inverse.T
         return covariance
 
-    def variances(self, fixed: Collection[str] = (), *, times: float = 1.0) -> Array:
+    def variances(
+        self,
+        fixed: Collection[str] = (),
+        *,
+        times: float = 1.0,
+    ) -> Array:
         """Return the posterior variances of the parameters of interest, shape (p,).
 
         They are in units of the prior variance.
@@ -161,7 +174,10 @@ class Information:
         """
         return np.diag(self.covariance(fixed, times=times))[self.interest]
 
-    def shares(self, covariance: Array | None = None) -> dict[tuple[str, str], Array]:
+    def shares(
+        self,
+        covariance: Array | None = None,
+    ) -> dict[tuple[str, str], Array]:
         """Return the share of every independent source in the variance of the parameters.
 
         With the estimate written as a linear map of prior means and readings, every source s passes
@@ -197,7 +213,8 @@ class Information:
         for design, sources in zip(self.design, self.noise, strict=True):
             noise = sum(sources.values(), np.zeros((len(design), len(design))))
             root = np.linalg.cholesky(noise)
-            gain = scipy.linalg.cho_solve((root, True), design * self.scale) @ joint[:, interest]
+            solved = scipy.linalg.cho_solve((root, True), design * self.scale)
+            gain = solved @ joint[:, interest]
             for name, source_noise in sources.items():
                 previous = covariances.get((name, name), 0.0)
                 covariances[name, name] = previous + gain.T @ source_noise @ gain

@@ -182,9 +182,15 @@ class StructuredGaussian:
         root = lower.transpose(2, 1, 0)
         unit = self._unit[first : self._shared]
         mean = solve_upper(root, white_shift.T) * unit
-        return total, Gaussian.factored(mean, root, np.broadcast_to(unit, mean.shape), total)
+        scale = np.broadcast_to(unit, mean.shape)
+        return total, Gaussian.factored(mean, root, scale, total)
 
-    def private_mean(self, phi: Array, beta: Array, shared: Array) -> Array:
+    def private_mean(
+        self,
+        phi: Array,
+        beta: Array,
+        shared: Array,
+    ) -> Array:
         """Return the conditional mean of the private coefficients, shape (w, tests, v).
 
         They come in the order given; noise of the basis that could not be made diagonal follows.
@@ -204,7 +210,8 @@ class StructuredGaussian:
         mean = np.empty((len(phi), len(self._private), v))
         for batch in self._batches(phi, beta, FEWEST_PHI):
             explained = self._columns[:, :q] @ scaled[batch.phi_index].T
-            shift = batch.shift - self._columns.T @ (explained * batch.weight[self._kinds])
+            weighted = explained * batch.weight[self._kinds]
+            shift = batch.shift - self._columns.T @ weighted
             factor = front.assemble(batch.weight, shift)
             eliminate(factor, signs=front.signs)
             lower = factor[:, :, :v].transpose(3, 0, 2, 1)
@@ -219,15 +226,22 @@ class StructuredGaussian:
         """
         return self._design.elimination(last if self._uneven else None)
 
-    def _batches(self, phi: Array, beta: Array | None, batch_size: int) -> Iterator[_Batch]:
+    def _batches(
+        self,
+        phi: Array,
+        beta: Array | None,
+        batch_size: int,
+    ) -> Iterator[_Batch]:
         """Yield ``batch_size`` values of φ at a time."""
         for start in range(0, len(phi), batch_size):
             size = min(len(phi) - start, batch_size)
             rounded_size = -(-size // BLAS_MULTIPLE) * BLAS_MULTIPLE
-            index = np.minimum(np.arange(start, start + rounded_size), len(phi) - 1)
+            index = np.arange(start, start + rounded_size)
+            index = np.minimum(index, len(phi) - 1)
             variance = self._variances(phi[index])
             weight = 1.0 / variance
-            log_determinant = np.einsum("tk,kw->tw", self._count, np.log(np.abs(variance)))
+            log_variance = np.log(np.abs(variance))
+            log_determinant = np.einsum("tk,kw->tw", self._count, log_variance)
             square = log_determinant + np.einsum("tk,kw->tw", self._squares, weight)
             shift = None
             if beta is not None:

@@ -10,7 +10,11 @@ __all__ = ["minimum_norm_solution", "singular_root"]
 
 
 def minimum_norm_solution(
-    jacobian: Array, y: Array, scale: Array | None = None, *, rank_tolerance: float = 1e-10
+    jacobian: Array,
+    y: Array,
+    scale: Array | None = None,
+    *,
+    rank_tolerance: float = 1e-10,
 ) -> Array:
     """Return the least-squares solution of smallest norm, shape (p,).
 

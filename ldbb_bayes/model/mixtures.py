@@ -19,7 +19,11 @@ _STEP_TOLERANCE = 1e-12
 _CHUNK = 200_000
 
 
-def mixture_moments(weight: Array, mean: Array, sd: Array) -> tuple[Array, Array]:
+def mixture_moments(
+    weight: Array,
+    mean: Array,
+    sd: Array,
+) -> tuple[Array, Array]:
     """Return mean and standard deviation of mixtures of Gaussians, each of shape (...).
 
     Parameters
@@ -35,7 +39,10 @@ def mixture_moments(weight: Array, mean: Array, sd: Array) -> tuple[Array, Array
 
 
 def mixture_quantiles(
-    weight: Array, mean: Array, sd: Array, levels: Sequence[float] | Array
+    weight: Array,
+    mean: Array,
+    sd: Array,
+    levels: Sequence[float] | Array,
 ) -> Array:
     """Return quantiles of mixtures of Gaussians, shape (levels, ...).
 
@@ -66,7 +73,12 @@ def mixture_quantiles(
     return quantiles.reshape(len(levels), *mean.shape[1:])
 
 
-def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Array:
+def _mixture_quantile(
+    weight: Array,
+    mean: Array,
+    sd: Array,
+    level: float,
+) -> Array:
     """Return one quantile of mixtures of components (k, n), shape (n,)."""
     component_quantiles = mean + ndtri(level) * sd
     low = component_quantiles.min(axis=0)
@@ -79,7 +91,8 @@ def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Ar
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             z = (x - mean) / sd
             excess = (weight * ndtr(z)).sum(axis=0) - level
-            density = (weight * (np.exp(-0.5 * z**2) / sd)).sum(axis=0) / np.sqrt(2.0 * np.pi)
+            unnormalised = (weight * (np.exp(-0.5 * z**2) / sd)).sum(axis=0)
+            density = unnormalised / np.sqrt(2.0 * np.pi)
             newton_x = x - excess / density
         low = np.where(excess <= 0.0, x, low)
         high = np.where(excess >= 0.0, x, high)
@@ -97,7 +110,11 @@ def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Ar
     return x
 
 
-def weighted_quantiles(weight: Array, draws: Array, levels: Sequence[float] | Array) -> Array:
+def weighted_quantiles(
+    weight: Array,
+    draws: Array,
+    levels: Sequence[float] | Array,
+) -> Array:
     """Return quantiles of weighted draws, shape (levels, ...).
 
     Linear between draws, each of which stands at the middle of its weight.

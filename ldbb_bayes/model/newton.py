@@ -65,7 +65,9 @@ def newton(
 
 
 def central_differences(
-    function: Callable[[Array], Array], point: Array, step: float
+    function: Callable[[Array], Array],
+    point: Array,
+    step: float,
 ) -> tuple[Array, Array]:
     """Return gradient (h,) and Hessian (h, h) by central differences.
 
@@ -83,7 +85,8 @@ def central_differences(
     i, j = np.tril_indices(h, -1)
     signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
     corners = [a * steps[i] + b * steps[j] for a, b in signs]
-    values = function(point + np.concatenate([np.zeros((1, h)), steps, -steps, *corners]))
+    offsets = np.concatenate([np.zeros((1, h)), steps, -steps, *corners])
+    values = function(point + offsets)
     forward = values[1 : h + 1]
     backward = values[h + 1 : 2 * h + 1]
     hessian = np.diag((forward + backward - 2 * values[0]) / step**2)

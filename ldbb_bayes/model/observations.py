@@ -166,7 +166,9 @@ def observation_equations(
 
 
 def _sort_nuisances(
-    terms: Sequence[Columns | BasisNoise], near_uniform: list[NearUniform] | None, tests: int
+    terms: Sequence[Columns | BasisNoise],
+    near_uniform: list[NearUniform] | None,
+    tests: int,
 ) -> _Nuisances:
     """Sort nuisances into diagonal noise, shared and private columns.
 
@@ -198,7 +200,10 @@ def _count_orders(term: BasisNoise) -> int:
     return int(np.count_nonzero(term.sd))
 
 
-def _private_columns(nuisances: _Nuisances, tests: int) -> list[NDArray[np.intp]]:
+def _private_columns(
+    nuisances: _Nuisances,
+    tests: int,
+) -> list[NDArray[np.intp]]:
     """Return the numbers of every test's own columns; none where no column is private."""
     size = nuisances.private_size
     if size == 0:
@@ -207,7 +212,10 @@ def _private_columns(nuisances: _Nuisances, tests: int) -> list[NDArray[np.intp]
     return [np.arange(first + r * size, first + (r + 1) * size) for r in range(tests)]
 
 
-def _sort_sources(terms: Sequence[Columns | BasisNoise], hypers: Sequence[Hyper]) -> list[Source]:
+def _sort_sources(
+    terms: Sequence[Columns | BasisNoise],
+    hypers: Sequence[Hyper],
+) -> list[Source]:
     """Return every source of variance once, in the order of the hyper-parameters."""
     sources = {Source(), Source("sigma")}
     for term in terms:
@@ -255,7 +263,8 @@ def _reading_rows(
         variance = np.tile(reading_noise, (m + 1, 1))
         for term, sd in zip(nuisances.diagonal, noise_sd, strict=True):
             variance[:m, sources.index(term.source(r))] += sd**2
-        blocks.append(Rows(columns, test_interest, values, readings, np.full(m + 1, r), variance))
+        number = np.full(m + 1, r)
+        blocks.append(Rows(columns, test_interest, values, readings, number, variance))
     return _concatenate(blocks)
 
 
@@ -277,7 +286,12 @@ def _concatenate(blocks: Sequence[Rows]) -> Rows:
     )
 
 
-def _rotate(test: Reduced, noise: Sequence[BasisNoise], *, uniform: bool) -> _Rotated:
+def _rotate(
+    test: Reduced,
+    noise: Sequence[BasisNoise],
+    *,
+    uniform: bool,
+) -> _Rotated:
     """Rotate a test's rows so that noise of the basis has a diagonal covariance.
 
     On uniform circles any number of noises, elsewhere one at most.
@@ -294,7 +308,10 @@ def _rotate(test: Reduced, noise: Sequence[BasisNoise], *, uniform: bool) -> _Ro
 
 
 def _add_priors(
-    reading_rows: Rows, nuisances: _Nuisances, tests: int, sources: list[Source]
+    reading_rows: Rows,
+    nuisances: _Nuisances,
+    tests: int,
+    sources: list[Source],
 ) -> _Scaled:
     """Put the columns in units of their prior sd, and the rows of the priors below the readings.
 
@@ -347,7 +364,11 @@ def _coefficient_priors(
     )
 
 
-def _prior_variance(priors: _CoefficientPriors, unit: Array, sources: list[Source]) -> Array:
+def _prior_variance(
+    priors: _CoefficientPriors,
+    unit: Array,
+    sources: list[Source],
+) -> Array:
     """Return the prior variances in units of the columns by source, shape (columns, sources).
 
     A coefficient without any sd gets a variance of one, as its column is zero.
@@ -363,7 +384,10 @@ def _prior_variance(priors: _CoefficientPriors, unit: Array, sources: list[Sourc
     return variance
 
 
-def _test_of_coefficients(nuisances: _Nuisances, tests: int) -> NDArray[np.intp]:
+def _test_of_coefficients(
+    nuisances: _Nuisances,
+    tests: int,
+) -> NDArray[np.intp]:
     """Return the test of every coefficient; of shared ones the number of tests."""
     shared = np.full(nuisances.shared_size, tests)
     private = np.repeat(np.arange(tests), nuisances.private_size)

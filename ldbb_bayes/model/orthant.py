@@ -102,7 +102,12 @@ class Orthant:
         self._mean = mean
         self._spread = spread
 
-    def log_probability(self, tolerance: float = 1e-3, *, seed: int = 0) -> tuple[Array, Array]:
+    def log_probability(
+        self,
+        tolerance: float = 1e-3,
+        *,
+        seed: int = 0,
+    ) -> tuple[Array, Array]:
         """Return ln P and its error [nat], each of shape (w,).
 
         In closed form where bounds are no further apart than the tolerance, else from as many
@@ -131,7 +136,9 @@ class Orthant:
             for pattern in np.unique(near_rows, axis=0):
                 same_pattern = np.flatnonzero((near_rows == pattern).all(axis=1))
                 index = open_members[same_pattern]
-                reduced = Orthant(self._mean[index][:, pattern], self._spread[index][:, pattern])
+                mean = self._mean[index][:, pattern]
+                spread = self._spread[index][:, pattern]
+                reduced = Orthant(mean, spread)
                 value[index], error[index] = reduced._sum_points(tolerance, seed)
                 failure = ndtr(-distance[index][:, ~pattern]).sum(axis=1)
                 with np.errstate(divide="ignore", over="ignore"):
@@ -186,7 +193,10 @@ class Orthant:
         return self._solved.axes
 
     def draw_along_axes(
-        self, rng: np.random.Generator, *, max_proposals: int = _MOST_PROPOSALS
+        self,
+        rng: np.random.Generator,
+        *,
+        max_proposals: int = _MOST_PROPOSALS,
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Draw x = axes e given u ≥ 0 exactly, once for every member, by tilted rejection.
 
@@ -215,7 +225,10 @@ class Orthant:
             tries = min(2 * tries, _MOST_TRIES)
         return x.T, ~np.isin(np.arange(w), open_members)
 
-    def draw_standard(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+    def draw_standard(
+        self,
+        rng: np.random.Generator,
+    ) -> tuple[Array, NDArray[np.bool_]]:
         """Draw e ~ N(0, I) given u = mean + spread e ≥ 0 exactly, once for every member.
 
         Returns
@@ -229,7 +242,11 @@ class Orthant:
         normal = rng.standard_normal((len(x), self._spread.shape[2]))
         return self._complete(x, normal), accepted
 
-    def propose_standard(self, uniform: Array, normal: Array) -> tuple[Array, Array]:
+    def propose_standard(
+        self,
+        uniform: Array,
+        normal: Array,
+    ) -> tuple[Array, Array]:
         """Return a tilted, nearly exact draw of e, and ln (exact density / its density).
 
         The log ratio is stated up to ln P.
@@ -261,7 +278,11 @@ class Orthant:
         normal_along_axes = np.einsum("wiq,wq->wi", self.axes, normal)
         return normal + np.einsum("wiq,wi->wq", self.axes, x - normal_along_axes)
 
-    def _sum_points(self, tolerance: float, seed: int) -> tuple[Array, Array]:
+    def _sum_points(
+        self,
+        tolerance: float,
+        seed: int,
+    ) -> tuple[Array, Array]:
         """Return ln P and its error from quasi-random points.
 
         There are four times as many until the error is within the tolerance.
@@ -281,7 +302,8 @@ class Orthant:
                 proposal = tilted.select(index).propose(points, draw_last=False)
                 log_weight = proposal.log_weight.reshape(_SCRAMBLES, size, -1)
                 top = log_weight.max(axis=(0, 1))
-                weight = np.exp(log_weight - np.where(np.isfinite(top), top, 0.0))
+                finite_top = np.where(np.isfinite(top), top, 0.0)
+                weight = np.exp(log_weight - finite_top)
                 mean = weight.mean(axis=(0, 1))
                 reached = mean > 0.0
                 members = index[reached]
@@ -338,11 +360,15 @@ class Orthant:
 def _scramble_error(weight: Array) -> Array:
     """Return the standard error of the mean of weights (scrambles, points, w), shape (w,)."""
     scatter = weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES)
-    random_error = weight.std(axis=(0, 1)) / np.sqrt(weight.shape[0] * weight.shape[1])
+    points = weight.shape[0] * weight.shape[1]
+    random_error = weight.std(axis=(0, 1)) / np.sqrt(points)
     return np.maximum(_STUDENT * scatter, _LEAST_ERROR_SHARE * random_error)
 
 
-def _bound_in_closed_form(distance: Array, spread: Array) -> tuple[Array, Array]:
+def _bound_in_closed_form(
+    distance: Array,
+    spread: Array,
+) -> tuple[Array, Array]:
     """Return ln P between two bounds, and how far it may be from either, each (w,).
 
     The distance is infinite where one of the bounds says nothing.
@@ -372,7 +398,11 @@ def _bound_in_closed_form(distance: Array, spread: Array) -> tuple[Array, Array]
     return value, error
 
 
-def _bound_by_pairs(distance: Array, tail: Array, unit: Array) -> tuple[Array, Array]:
+def _bound_by_pairs(
+    distance: Array,
+    tail: Array,
+    unit: Array,
+) -> tuple[Array, Array]:
     """Return ln P between P₁₂ and what further rows take from it, and its error, each (w,).
 
     Distances and tails (m, w) and unit rows (w, m, q), the tightest first. The error is infinite
@@ -394,13 +424,21 @@ def _bound_by_pairs(distance: Array, tail: Array, unit: Array) -> tuple[Array, A
     return np.log(middle), np.where(reliable, error, np.inf)
 
 
-def _loss_to_row(distance: Array, tight_distance: Array, correlation: Array) -> Array:
+def _loss_to_row(
+    distance: Array,
+    tight_distance: Array,
+    correlation: Array,
+) -> Array:
     """Return P(u_j < 0 ≤ u_i) of a tight row i; one where the rows are too much alike."""
     probability = _pair_probability(-distance, tight_distance, -correlation)
     return np.where(np.abs(correlation) < 1.0 - _LEAST_DIFFERENCE, probability, 1.0)
 
 
-def _pair_probability(h: Array, k: Array, rho: Array) -> Array:
+def _pair_probability(
+    h: Array,
+    k: Array,
+    rho: Array,
+) -> Array:
     """Return P(x < h, y < k) of standard normals with correlation ρ.
 
     By Owen's T function (Ann. Math. Stat. 27, 1075-1090, 1956).
@@ -416,7 +454,11 @@ def _pair_probability(h: Array, k: Array, rho: Array) -> Array:
 
 
 @cache
-def _scrambled_points(dimensions: int, size: int, seed: int) -> Array:
+def _scrambled_points(
+    dimensions: int,
+    size: int,
+    seed: int,
+) -> Array:
     """Return independent scrambles of a lattice, shape (dimensions, scrambles, size).
 
     Points are moved at random and folded.
@@ -432,13 +474,18 @@ def _fold(points: Array) -> Array:
     return 1.0 - np.abs(2.0 * points - 1.0)
 
 
-def _lattice(dimensions: int, size: int, seed: int) -> Array:
+def _lattice(
+    dimensions: int,
+    size: int,
+    seed: int,
+) -> Array:
     """Return the points of a lattice, shape (dimensions, size), not yet modulo 1."""
     rng = np.random.default_rng([seed, 1])
     generators = list(_LATTICE)
     while len(generators) < dimensions:
         generators.append(2 * int(rng.integers(1 << 18)) + 1)
-    return np.arange(size) * np.array(generators[:dimensions], dtype=float)[:, None] / size
+    generator = np.array(generators[:dimensions], dtype=float)
+    return np.arange(size) * generator[:, None] / size
 
 
 class _Rule(NamedTuple):
@@ -459,12 +506,16 @@ def _quadrature_rule(dimensions: int) -> _Rule:
     u = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
     weight = 30.0 * (legendre_weight / 2.0) * s**2 * (1.0 - s) ** 2
     shape = (dimensions, _RULE_POINTS**dimensions)
-    points = np.array(np.meshgrid(*[u] * dimensions, indexing="ij")).reshape(shape)
-    log_weights = np.array(np.meshgrid(*[np.log(weight)] * dimensions, indexing="ij"))
-    return _Rule(points, log_weights.reshape(shape).sum(axis=0))
+    points = np.meshgrid(*[u] * dimensions, indexing="ij")
+    log_weights = np.meshgrid(*[np.log(weight)] * dimensions, indexing="ij")
+    log_weight = np.array(log_weights).reshape(shape).sum(axis=0)
+    return _Rule(np.array(points).reshape(shape), log_weight)
 
 
-def _uncertain_rows(mean: Array, spread: Array) -> NDArray[np.intp]:
+def _uncertain_rows(
+    mean: Array,
+    spread: Array,
+) -> NDArray[np.intp]:
     """Return the rows that may fail anywhere in the batch.
 
     All rows where the others are far from holding and could push them.
@@ -477,7 +528,10 @@ def _uncertain_rows(mean: Array, spread: Array) -> NDArray[np.intp]:
     return np.flatnonzero(~certain)
 
 
-def _core_rows(mean: Array, spread: Array) -> NDArray[np.intp]:
+def _core_rows(
+    mean: Array,
+    spread: Array,
+) -> NDArray[np.intp]:
     """Return independent rows of every member, the tightest first, shape (w, rank)."""
     if not mean.shape[1]:
         return np.zeros(mean.shape, dtype=np.intp)
@@ -487,10 +541,17 @@ def _core_rows(mean: Array, spread: Array) -> NDArray[np.intp]:
     if rank == mean.shape[1]:
         return np.argsort(distance, axis=1, kind="stable")
     unit = spread / norms[:, :, None]
-    return np.array([_binding_rows(distance[k], unit[k], rank) for k in range(len(mean))])
+    rows = []
+    for k in range(len(mean)):
+        rows.append(_binding_rows(distance[k], unit[k], rank))
+    return np.array(rows)
 
 
-def _binding_rows(distance: Array, unit: Array, rank: int) -> list[int]:
+def _binding_rows(
+    distance: Array,
+    unit: Array,
+    rank: int,
+) -> list[int]:
     """Return independent rows of one member, the tightest first.
 
     First the rows that hold the most probable point inside, then those that follow least from the

@@ -94,7 +94,8 @@ def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
     for start in range(0, n, _CHUNK):
         chunk = slice(start, start + _CHUNK)
         rows = np.column_stack([basis(angle_rad[chunk]), readings[chunk]])
-        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r"))
+        stacked = np.vstack([triangle, rows])
+        triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
     m = min(n, SIZE)
     projection = None if reading_mm is None else triangle[:m, SIZE]
     residual_ss = float(triangle[SIZE, SIZE] ** 2) if n > SIZE else 0.0

@@ -124,7 +124,13 @@ class Setting:
                 axes.append((axis, abs(float(compliance))))
         return axes
 
-    def along(self, axis: int, power: float, *, signed: bool = False) -> Array:
+    def along(
+        self,
+        axis: int,
+        power: float,
+        *,
+        signed: bool = False,
+    ) -> Array:
         """Return |u|^a to order 12, u = A cos(θ − ϑ) the bar's direction along an axis.
 
         A^a Σ s_n cos n(θ − ϑ), s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), n even or,
@@ -174,7 +180,11 @@ class Setting:
             suffix = f"_{text}" if len(of_campaign) > 1 else ""
             yield GroupOfTests(value, suffix, of_tests == value)
 
-    def harmonics(self, orders: Sequence[int], turned_rad: Array | float = 0.0) -> Array:
+    def harmonics(
+        self,
+        orders: Sequence[int],
+        turned_rad: Array | float = 0.0,
+    ) -> Array:
         """Return cos n(θ − ψ) and sin n(θ − ψ) in turn, order by order.
 
         Parameters
@@ -333,7 +343,11 @@ def _by_setup(campaign: Campaign, columns: Array) -> Array:
     return chosen
 
 
-def _relative_to_mean(field: str, campaign: Campaign, pilot: Campaign | None) -> Array:
+def _relative_to_mean(
+    field: str,
+    campaign: Campaign,
+    pilot: Campaign | None,
+) -> Array:
     """Return what tests record less the mean of the campaign, or of its pilot, shape (tests,).
 
     Tests of a plan that record nothing are taken at the pilot's mean: run in an order that has

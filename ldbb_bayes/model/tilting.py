@@ -139,7 +139,8 @@ class Tilted(NamedTuple):
             log_weight += interval.log_mass
             if draw_last or j < d - 1:
                 tilt = self.tilt[j]
-                x[j] = tilt - interval.direction * ndtri_exp(_log_tail_share(interval, uniform[j]))
+                log_share = _log_tail_share(interval, uniform[j])
+                x[j] = tilt - interval.direction * ndtri_exp(log_share)
                 log_weight += tilt * (0.5 * tilt - x[j])
         return Proposal(log_weight, x)
 
@@ -151,7 +152,11 @@ class Tilted(NamedTuple):
         tilt = self.tilt[:, None]
         return np.asarray(log_mass + (tilt * (0.5 * tilt - x)).sum(axis=0))
 
-    def _edges(self, j: int, x: Array) -> tuple[Array, Array | None]:
+    def _edges(
+        self,
+        j: int,
+        x: Array,
+    ) -> tuple[Array, Array | None]:
         """Return the edges (s, w) of x_j less its tilt, given the x before it.
 
         There may be no upper edge.
@@ -166,7 +171,8 @@ class Tilted(NamedTuple):
         for row in rows:
             coefficients = self.dependent[row]
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                value = self.dependent_mean[row] + np.einsum("kw,ksw->sw", coefficients[:j], x[:j])
+                explained = np.einsum("kw,ksw->sw", coefficients[:j], x[:j])
+                value = self.dependent_mean[row] + explained
                 edge = -value / coefficients[j] - self.tilt[j]
             ends_here = self.last[row] == j
             from_below = ends_here & (coefficients[j] > 0.0)
@@ -242,7 +248,11 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
     return SaddlePoint(x, tilt)
 
 
-def _solve_edges(coupling: Array, bound: Array, start: Array) -> _Edges:
+def _solve_edges(
+    coupling: Array,
+    bound: Array,
+    start: Array,
+) -> _Edges:
     """Solve for the edges of the saddle point by Newton's method.
 
     Steps are halved until the convex function or the gradient falls.
@@ -276,7 +286,11 @@ def _solve_edges(coupling: Array, bound: Array, start: Array) -> _Edges:
     return _Edges(edge, current.error <= ROUNDING, current.value)
 
 
-def _edges_of_nearest_point(coupling: Array, unit: Array, bound: Array) -> Array:
+def _edges_of_nearest_point(
+    coupling: Array,
+    unit: Array,
+    bound: Array,
+) -> Array:
     """Return the edges (d,) at the most probable point inside, where to start from."""
     binding = np.flatnonzero(least_distance_forces(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
@@ -287,7 +301,11 @@ def _edges_of_nearest_point(coupling: Array, unit: Array, bound: Array) -> Array
     return np.where(mills > 1.0, far, bound - coupling @ mills)
 
 
-def _merit(coupling: Array, bound: Array, edge: Array) -> _Merit:
+def _merit(
+    coupling: Array,
+    bound: Array,
+    edge: Array,
+) -> _Merit:
     """Return the convex function whose minimum is the saddle point, m the inverse Mills ratio."""
     mills = _inverse_mills(edge)
     pulled = np.einsum("wij,wj->wi", coupling, mills)
@@ -296,7 +314,8 @@ def _merit(coupling: Array, bound: Array, edge: Array) -> _Merit:
     size = 1.0 + np.abs(bound) + np.abs(edge) + largest_pull
     gradient = edge + pulled - bound
     slope = np.clip(mills * (mills - edge), 0.0, 1.0)
-    return _Merit(value, gradient, slope, np.abs(gradient / size).max(axis=1))
+    error = np.abs(gradient / size).max(axis=1)
+    return _Merit(value, gradient, slope, error)
 
 
 def _inverse_mills(edge: Array) -> Array:

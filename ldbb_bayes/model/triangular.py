@@ -59,7 +59,12 @@ def eliminate(
                 signed[:, j, j:] = sign * column
 
 
-def solve_lower(lower: Array, right: Array, *, triangular: bool = False) -> Array:
+def solve_lower(
+    lower: Array,
+    right: Array,
+    *,
+    triangular: bool = False,
+) -> Array:
     """Return L⁻¹ X of stacks of lower triangular matrices.
 
     Parameters
@@ -103,7 +108,11 @@ def log_diagonal(root: Array) -> Array:
     return np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
 
 
-def _move_stack_last(lower: Array, right: Array, right_axes: int) -> tuple[Array, Array]:
+def _move_stack_last(
+    lower: Array,
+    right: Array,
+    right_axes: int,
+) -> tuple[Array, Array]:
     """Return L (q, q, ...) and a copy of the right side (q, ...) or (q, k, ...), stack last."""
     stack = np.broadcast_shapes(lower.shape[:-2], right.shape[:-right_axes])
     # Contiguous before it is broadcast: a copy of the whole stack would take its time.

@@ -67,7 +67,12 @@ class Truncation:
             bounds[j] = _support(self.rows[:, reordered], np.zeros(len(self.rows)))
         return bounds
 
-    def quantile(self, level: Array, mean: Array, sd: Array) -> Array:
+    def quantile(
+        self,
+        level: Array,
+        mean: Array,
+        sd: Array,
+    ) -> Array:
         """Return β of uniform levels, where β ~ N(mean, diag sd²) inside the region.
 
         The quantile of each parameter given those before it (Rosenblatt, Ann. Math. Stat. 23,
@@ -99,7 +104,11 @@ class Truncation:
         return mean + z * sd
 
 
-def _quantile_inside(level: Array, rows: Array, edge: Array) -> Array:
+def _quantile_inside(
+    level: Array,
+    rows: Array,
+    edge: Array,
+) -> Array:
     """Return z ~ N(0, I) inside rows · z ≥ edge of uniform levels, shape (n, k), rows (m, k)."""
     n, k = level.shape
     z = np.empty((n, k))
@@ -108,7 +117,8 @@ def _quantile_inside(level: Array, rows: Array, edge: Array) -> Array:
         if j + 1 == k:
             z[:, j] = _quantile_between(level[:, j], *_support(rows[:, j:], edges))
         elif j == 0:
-            z[:, j] = np.interp(level[:, j], *_distribution(rows.tobytes(), edge.tobytes()))
+            distribution = _distribution(rows.tobytes(), edge.tobytes())
+            z[:, j] = np.interp(level[:, j], *distribution)
         else:
             later_rows = rows[:, j:].tobytes()
             for i in range(n):
@@ -119,16 +129,24 @@ def _quantile_inside(level: Array, rows: Array, edge: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _distribution(rows: bytes, edge: bytes) -> tuple[Array, Array]:
+def _distribution(
+    rows: bytes,
+    edge: bytes,
+) -> tuple[Array, Array]:
     """Return the distribution function of the first coordinate, and the values where it is."""
     edges = np.frombuffer(edge)
-    grid, density = _first_density(np.frombuffer(rows).reshape(len(edges), -1), edges, _GRID)
+    coefficients = np.frombuffer(rows).reshape(len(edges), -1)
+    grid, density = _first_density(coefficients, edges, _GRID)
     cumulative = np.cumsum(np.diff(grid) * (density[1:] + density[:-1]))
     cumulative = np.insert(cumulative, 0, 0.0)
     return cumulative / cumulative[-1], grid
 
 
-def _quantile_between(level: Array, low: Array, high: Array) -> Array:
+def _quantile_between(
+    level: Array,
+    low: Array,
+    high: Array,
+) -> Array:
     """Return quantiles of a standard normal between low and high, each (n,).
 
     Those of the upper tail are taken from the lower one, to keep digits.
@@ -141,7 +159,11 @@ def _quantile_between(level: Array, low: Array, high: Array) -> Array:
     return np.clip(np.where(flip, -quantile, quantile), low, high)
 
 
-def _first_density(rows: Array, edge: Array, size: int) -> tuple[Array, Array]:
+def _first_density(
+    rows: Array,
+    edge: Array,
+    size: int,
+) -> tuple[Array, Array]:
     """Return values of the first coordinate across its support, and its density there.
 
     The density is stated up to a constant, (..., size) each.
@@ -165,7 +187,10 @@ def _probability_inside(rows: Array, edge: Array) -> Array:
     return np.maximum(np.where(low > 0.0, upper_tail, lower_tail), 0.0)
 
 
-def _support(rows: Array, edge: Array) -> tuple[Array, Array]:
+def _support(
+    rows: Array,
+    edge: Array,
+) -> tuple[Array, Array]:
     """Return the least and the greatest first coordinate where rows · z ≥ edge, edges (..., m).
 
     The other coordinates are eliminated, the last first (Fourier and Motzkin).
@@ -175,12 +200,17 @@ def _support(rows: Array, edge: Array) -> tuple[Array, Array]:
     column = rows[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         limit = edge / column
-    low = np.where(column > 0.0, limit, -np.inf).max(axis=-1, initial=-np.inf)
-    high = np.where(column < 0.0, limit, np.inf).min(axis=-1, initial=np.inf)
+    lower_limit = np.where(column > 0.0, limit, -np.inf)
+    upper_limit = np.where(column < 0.0, limit, np.inf)
+    low = lower_limit.max(axis=-1, initial=-np.inf)
+    high = upper_limit.min(axis=-1, initial=np.inf)
     return low, high
 
 
-def _eliminate_last(rows: Array, edge: Array) -> tuple[Array, Array]:
+def _eliminate_last(
+    rows: Array,
+    edge: Array,
+) -> tuple[Array, Array]:
     """Return constraints on all coordinates but the last: every pair that bounds it from two sides.
 
     The sum of a row that bounds it from below and one that bounds it from above does not hold it.
