@@ -1,0 +1,384 @@
+"""One kind of table, as it is read: in a terminal, in a notebook, on the page."""
+
+from __future__ import annotations
+
+import html
+import re
+import shutil
+import textwrap
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import pandas as pd
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.units import display_unit, typeset
+
+__all__ = ["ReadableFrame", "Table", "readable", "table_of", "terminal_width", "wrapped"]
+
+# Rows of a frame that are shown; of longer ones the first and the last.
+_MOST_ROWS = 60
+# Characters of the narrowest and of the widest line; 80 where there is no terminal.
+_NARROWEST = 80
+_WIDEST = 120
+_TERMINAL_LINES = 24
+# Least widths of a head that is broken into lines, tried in turn.
+_HEAD_WIDTHS = (12, 9, 7, 1)
+# Spaces between columns.
+_GAP = 2
+# Columns of a frame whose values are in the unit that their row names.
+_IN_UNIT_OF_ROW = frozenset(
+    (
+        "mean",
+        "sd",
+        "median",
+        "ci_low",
+        "ci_high",
+        "prior_mean",
+        "prior_sd",
+        "estimate",
+        "u",
+        "first",
+        "second",
+        "difference",
+        "least_squares",
+        "least_squares_u",
+        "sd_error",
+        "floor_sd",
+        "baseline_sd",
+    )
+)
+# Columns that name the row of a frame whose rows are numbered.
+_NAMING = ("parameter", "quantity", "source")
+# Units, before which a line is not broken.
+_UNIT = r"%|°|bar\b|[nµm]?m\b|k?N\b|[nµm]?rad\b|per kN|nats?\b|times\b|u\b"
+# Spaces at which a line is not broken: before units, brackets and "per kN", beside signs.
+_UNBREAKABLE = "|".join(
+    (
+        rf"(?<=[\d)\]]) (?={_UNIT})",
+        r" (?=\([^()]{1,16}\))",
+        r"(?<=/N) (?=per kN)",
+        r"(?<=\bln) (?=[BPp]\()",
+        r" (?=[=±→≤≥<>·−] [\w(−+.])",
+        r"(?<= [=±→≤≥<>·−]) (?=[\w(−+.])",
+    )
+)
+# Brackets so short that they are not broken.
+_SHORT_BRACKETS = r"[(\[][^()\[\]]{1,16}[)\]]"
+_NO_BREAK = "\xa0"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as it is read, and as it is filed.
+
+    A number is shown with four digits, None as a dash, all else as it is.
+    """
+
+    caption: str
+    heads: tuple[str, ...]  #: of the columns, with their units: force (N)
+    numeric: tuple[bool, ...]  #: of the columns; numbers stand flush right
+    rows: tuple[tuple[Any, ...], ...]  #: the first cell names the row
+
+    @classmethod
+    def of(
+        cls,
+        caption: str,
+        heads: Sequence[str],
+        rows: Sequence[Sequence[Any]],
+        *,
+        text: Collection[str] = (),
+    ) -> Self:
+        """Return a table of numbers, but for the first column and those named in ``text``."""
+        numeric = tuple(position > 0 and head not in text for position, head in enumerate(heads))
+        return cls(caption, tuple(heads), numeric, tuple(tuple(row) for row in rows))
+
+    def shown(self) -> tuple[tuple[str, ...], ...]:
+        """Return the rows as they are read."""
+        return tuple(_typeset_row(row) for row in self.rows)
+
+    def text(self, width: int = 120) -> str:
+        """Return the table as lines of at most ``width`` characters, no number or phrase broken.
+
+        Where it is too wide, heads are broken into lines; then what is the same in every row is
+        said once, at the end; then columns go beneath their row, text before numbers, the last
+        first.
+        """
+        return _TextLayout(self, width).text()
+
+    def html(self) -> str:
+        """Return the table as HTML; everything is escaped."""
+        head_tags = ['th scope="col"'] * len(self.heads)
+        row_tags = ['th scope="row"', *["td"] * (len(self.heads) - 1)]
+        head = self._html_row(head_tags, self.heads)
+        body = "".join(f"<tr>{self._html_row(row_tags, row)}</tr>\n" for row in self.shown())
+        caption = ""
+        if self.caption:
+            caption = f"<caption>{html.escape(typeset(self.caption))}</caption>"
+        return f"<table>{caption}<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody></table>"
+
+    def _html_row(self, tags: Iterable[str], values: Iterable[str]) -> str:
+        cells = []
+        for tag, numeric, value in zip(tags, self.numeric, values, strict=True):
+            mark = ' class="n"' if numeric else ""
+            cells.append(f"<{tag}{mark}>{html.escape(value)}</{tag.split()[0]}>")
+        return "".join(cells)
+
+
+class _TextLayout:
+    """Columns of a table that are fitted to a width."""
+
+    def __init__(self, table: Table, width: int) -> None:
+        self._caption = typeset(table.caption)
+        self._heads = [typeset(head) for head in table.heads]
+        self._numeric = table.numeric
+        self._rows = table.shown()
+        self._width = width
+        # Columns beside one another, said once at the end, and beneath their row.
+        self._columns = list(range(len(self._heads)))
+        self._constant: list[int] = []
+        self._beneath: list[int] = []
+        # Of each column the lines of its head; a unit may have its own.
+        self._head_lines = [head.replace(" (", "\n(").split("\n") for head in self._heads]
+
+    def text(self) -> str:
+        """Return the table as lines."""
+        if self._is_too_wide():
+            self._fit()
+        lines = wrapped(self._caption, self._width)
+        lines += self._lines_of_heads()
+        for row in self._rows:
+            lines.append(self._line(row))
+            beneath = self._entries(row, sorted(self._beneath))
+            lines += wrapped(beneath, self._width, "    ", "    ")
+        if self._constant:
+            entries = self._entries(self._rows[0], self._constant)
+            lines += wrapped(f"In every row: {entries}", self._width)
+        return "\n".join(lines)
+
+    def _fit(self) -> None:
+        """Break heads, take out constant columns, put columns beneath, as far as needed."""
+        self._break_heads(1)
+        if self._is_too_wide() and len(self._rows) > 1:
+            self._constant = [column for column in self._columns[1:] if self._is_constant(column)]
+        last_first = self._columns[:0:-1]
+        for column in sorted(last_first, key=self._importance):
+            if self._is_too_wide() and column not in self._constant:
+                self._beneath.insert(0, column)
+            elsewhere = {*self._constant, *self._beneath}
+            self._columns = [column for column in self._columns if column not in elsewhere]
+        self._break_heads(_HEAD_WIDTHS[0])
+        for least_width in _HEAD_WIDTHS[1:]:
+            if self._is_too_wide():
+                self._break_heads(least_width)
+
+    def _importance(self, column: int) -> tuple[bool, bool]:
+        """Rank columns that may go beneath: text before numbers, the unit at the end."""
+        return self._heads[column] == "unit", self._numeric[column]
+
+    def _is_constant(self, column: int) -> bool:
+        values = {row[column] for row in self._rows}
+        return self._heads[column] != "unit" and len(values) == 1
+
+    def _is_too_wide(self) -> bool:
+        gaps = _GAP * (len(self._columns) - 1)
+        return sum(self._column_width(column) for column in self._columns) + gaps > self._width
+
+    def _column_width(self, column: int) -> int:
+        return self._width_with(column, self._head_lines[column])
+
+    def _width_with(self, column: int, head_lines: Sequence[str]) -> int:
+        """Return the width of a column under such a head."""
+        cells = [row[column] for row in self._rows]
+        return max(len(text) for text in [*head_lines, *cells])
+
+    def _break_heads(self, least_width: int) -> None:
+        """Break the heads at their words, into lines no longer than the column needs."""
+        for column in self._columns:
+            words = _glued(self._heads[column]).split(" ")
+            line_width = max(least_width, self._width_with(column, words))
+            self._head_lines[column] = textwrap.wrap(" ".join(words), line_width)
+
+    def _lines_of_heads(self) -> list[str]:
+        height = max(len(self._head_lines[column]) for column in self._columns)
+        lines = []
+        for line in range(height):
+            cells = [""] * len(self._heads)
+            for column in self._columns:
+                head_lines = self._head_lines[column]
+                blank = height - len(head_lines)
+                if line >= blank:
+                    cells[column] = head_lines[line - blank]
+            lines.append(self._line(cells))
+        return lines
+
+    def _line(self, cells: Sequence[str]) -> str:
+        aligned = []
+        for column in self._columns:
+            width = self._column_width(column)
+            if self._numeric[column]:
+                aligned.append(cells[column].rjust(width))
+            else:
+                aligned.append(cells[column].ljust(width))
+        return (" " * _GAP).join(aligned).replace(_NO_BREAK, " ").rstrip()
+
+    def _entries(self, row: Sequence[str], columns: Iterable[int]) -> str:
+        """Return cells with their heads: noise 0.12 µm; verdict: identified."""
+        entries = []
+        for column in columns:
+            if row[column] not in ("", "–"):
+                entries.append(_entry(self._heads[column], row[column], self._numeric[column]))
+        return "; ".join(entries)
+
+
+def _entry(head: str, value: str, numeric: bool) -> str:
+    """Return a cell with its head: noise 0.12 µm; verdict: identified."""
+    if not numeric:
+        return f"{head}: {value}"
+    name, _, unit = head.removesuffix(")").partition(" (")
+    return f"{name} {value} {unit}".rstrip().replace(" °", "°")
+
+
+def _typeset_row(row: Sequence[Any]) -> tuple[str, ...]:
+    return tuple(typeset(_cell(value)) for value in row)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return str(value)
+
+
+class ReadableFrame(pd.DataFrame):
+    """A frame that is shown as a `Table`."""
+
+    @property
+    def _constructor(self) -> type[pd.DataFrame]:
+        return ReadableFrame
+
+    def __repr__(self) -> str:
+        return table_of(self).text(terminal_width())
+
+    def _repr_html_(self) -> str:
+        return table_of(self).html()
+
+
+def readable(
+    frame: pd.DataFrame, caption: str = "", units: Mapping[str, str] | None = None
+) -> pd.DataFrame:
+    """Return a frame whose print has every column within 80 characters.
+
+    A notebook shows it under its caption; ``units`` of columns stand in their heads. What rows have
+    in an inside unit is printed in the one for reading, and kept as it is.
+    """
+    copy = ReadableFrame(frame)
+    copy.attrs = {**frame.attrs, "caption": caption, "units": dict(units or {})}
+    return copy
+
+
+def terminal_width() -> int:
+    """Return the width of the terminal, within 80 and 120, 80 where there is none."""
+    columns = shutil.get_terminal_size((_NARROWEST, _TERMINAL_LINES)).columns
+    return min(max(columns, _NARROWEST), _WIDEST)
+
+
+def table_of(frame: pd.DataFrame) -> Table:
+    """Return a frame as it is read: numbers converted to the display unit of their row.
+
+    Of a long one the first and last rows.
+    """
+    caption = frame.attrs.get("caption", "")
+    frame = _with_named_rows(frame)
+    heads = [str(frame.index.name or ""), *_heads_of(frame)]
+    numeric = (False, *(kind.kind in "iufb" for kind in frame.dtypes))
+    is_long = len(frame) > _MOST_ROWS
+    excerpt = frame
+    if is_long:
+        excerpt = frame.take(np.r_[: _MOST_ROWS // 2, -_MOST_ROWS // 2 : 0])
+    names = list(frame)
+    rows = []
+    for label, *values in excerpt.itertuples(name=None):
+        rows.append((_row_label(label), *_cells_of(names, values)))
+    if is_long:
+        rows.insert(_MOST_ROWS // 2, ("…",) * len(heads))
+        if caption:
+            caption += ", "
+        caption += f"{len(frame)} rows"
+    return Table(caption, tuple(heads), numeric, tuple(rows))
+
+
+def _with_named_rows(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return a frame whose numbered rows are named by the column for that, if there is one."""
+    if frame.index.name is not None or frame.index.dtype != int:
+        return frame
+    for name in _NAMING:
+        if name in frame:
+            return frame.set_index(name)
+    return frame
+
+
+def _heads_of(frame: pd.DataFrame) -> list[str]:
+    units = frame.attrs.get("units", {})
+    heads = []
+    for name in frame.columns:
+        unit = units.get(name)
+        heads.append(f"{name} ({unit})" if unit else str(name))
+    return heads
+
+
+def _row_label(label: Hashable) -> Hashable:
+    if isinstance(label, tuple):
+        return " / ".join(map(str, label))
+    return label
+
+
+def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
+    """Return a row's cells in the display unit; None where a number is missing."""
+    factor = 1.0
+    unit = dict(zip(names, values, strict=True)).get("unit")
+    with suppress(InputError):  # no unit, or one that is displayed as it is
+        factor, unit = display_unit(str(unit))
+    cells: list[Any] = []
+    for name, value in zip(names, values, strict=True):
+        is_missing = value != value
+        if name == "unit":
+            cells.append(unit)
+        elif is_missing:
+            cells.append(None)
+        elif isinstance(value, float) and name in _IN_UNIT_OF_ROW:
+            cells.append(value * factor)
+        else:
+            cells.append(value)
+    return cells
+
+
+def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:
+    """Return a text as lines of at most ``width`` characters.
+
+    A number keeps sign and unit, a word or path stays whole. ``first`` and ``then`` indent the
+    first line and the others.
+    """
+    lines = textwrap.wrap(
+        _glued(text),
+        width,
+        initial_indent=first,
+        subsequent_indent=then,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [line.replace(_NO_BREAK, " ") for line in lines]
+
+
+def _glued(text: str) -> str:
+    """Return the text with spaces made unbreakable that must not end a line."""
+    text = re.sub(_UNBREAKABLE, _NO_BREAK, text)
+    return re.sub(_SHORT_BRACKETS, _without_breaks, text)
+
+
+def _without_breaks(match: re.Match[str]) -> str:
+    return match[0].replace(" ", _NO_BREAK)
