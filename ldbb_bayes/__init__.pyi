@@ -97,7 +97,7 @@ from .report import figures as figures
 from .report.dcc import write_dcc as write_dcc
 from .report.figures import save_figures as save_figures
 from .report.page import write_report as write_report
-from .report.text import fit_in_words as fit_in_words
+from .report.fit_tables import fit_in_words as fit_in_words
 from .report.wording import with_words as with_words
 
 __version__: str

@@ -88,7 +88,5 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     def draw_nothing(*_: object, **__: object) -> Figure:
         return new_figure(1.0, 1.0)
 
-    empty = {
-        key: picture._replace(draw=draw_nothing) for key, picture in pictures.PICTURES.items()
-    }
+    empty = {key: picture._replace(draw=draw_nothing) for key, picture in pictures.PICTURES.items()}
     monkeypatch.setattr(pictures, "PICTURES", empty)

@@ -23,7 +23,7 @@ from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
 from ldbb_bayes.parallel import ahead, second_process
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.reading.layout import layout_to_toml
-from ldbb_bayes.report import text, wording
+from ldbb_bayes.report import fit_tables, text, wording
 from ldbb_bayes.report.page import REPORT_FILES, Document
 
 if TYPE_CHECKING:
@@ -107,8 +107,8 @@ def report_files(
     with steps as begin, second_process() as executor:
         fit, analyses = _analyse(campaign, model, begin, settings, executor)
         stated_posterior = fit if analyses.averaged is None else analyses.averaged
-        fit_result = text.full_result(fit, settings["ci_prob"])
-        stated_result = text.full_result(stated_posterior, settings["ci_prob"])
+        fit_result = fit_tables.full_result(fit, settings["ci_prob"])
+        stated_result = fit_tables.full_result(stated_posterior, settings["ci_prob"])
         if campaign.tolerances:
             # Decided once: what the sheets state, at their force.
             decisions = lb.conformity(stated_posterior, force_N=settings.get("force_N"))
@@ -248,10 +248,10 @@ def _printed_parts(
         *_assumed_parts(campaign, source.imported),
         *wording.preview_sentences(lb.preview(campaign)),
         heading,
-        text.results_table(result | {"parameters": parameters}, lb.verdicts(fit)),
+        fit_tables.results_table(result | {"parameters": parameters}, lb.verdicts(fit)),
     ]
     if "conformity" in result:
-        parts.append(text.conformity_table(result["conformity"]))
+        parts.append(fit_tables.conformity_table(result["conformity"]))
 
     comparison = analyses.comparison
     if isinstance(comparison, str):

@@ -21,7 +21,7 @@ from ldbb_bayes.files import check_target, staged_folder
 from ldbb_bayes.inference.posterior import record_of
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.text import full_result, parts_of_fit, results_table
+from ldbb_bayes.report.fit_tables import full_result, parts_of_fit, results_table
 from ldbb_bayes.units import inside_name
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path
     posterior
         The fit.
     result
-        Its summary, as of `ldbb_bayes.report.text.full_result`.
+        Its summary, as of `ldbb_bayes.report.fit_tables.full_result`.
     folder
         Is made where it does not exist.
     """

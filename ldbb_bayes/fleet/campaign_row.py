@@ -30,7 +30,7 @@ from ldbb_bayes.inference.summary import numbers_of
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256
 from ldbb_bayes.parallel import one_blas_thread, versions
-from ldbb_bayes.report.text import fit_in_words
+from ldbb_bayes.report.fit_tables import fit_in_words
 
 __all__ = ["Job", "Settings", "failed_row", "fit_row"]
 

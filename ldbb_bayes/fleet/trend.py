@@ -44,7 +44,8 @@ from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles
 from ldbb_bayes.parallel import one_blas_thread
-from ldbb_bayes.report.text import conformity_table, parts_of
+from ldbb_bayes.report.fit_tables import conformity_table
+from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
 from ldbb_bayes.results import Array, Result, Table
 from ldbb_bayes.units import (

@@ -22,8 +22,8 @@ from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
+from ldbb_bayes.report.fit_tables import fit_in_words
 from ldbb_bayes.report.html_templates import template_of
-from ldbb_bayes.report.text import fit_in_words
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_name
 

@@ -16,7 +16,7 @@ from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.campaign.preview import CampaignPreview, preview
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
-from ldbb_bayes.report import text
+from ldbb_bayes.report import fit_tables
 from ldbb_bayes.report.wording import DEGREES
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ class Findings:
     @cached_property
     def result(self) -> dict[str, Any]:
         """The JSON of the fit."""
-        return text.full_result(self.posterior, self.ci_prob)
+        return fit_tables.full_result(self.posterior, self.ci_prob)
 
     @cached_property
     def summary(self) -> pd.DataFrame:

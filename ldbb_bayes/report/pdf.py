@@ -280,7 +280,7 @@ def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
 
 
 def _draw_picture(pdf: FPDF, picture: Picture, width: float, height: float, pictures: bool) -> None:
-    """Draw a figure as wide as there is room, its caption below; without ``pictures`` leave room."""
+    """Draw a figure as wide as there is room, its caption below; or only leave room for it."""
     inches = picture.figure.get_size_inches()
     width = min(width, height * inches[0] / inches[1])
     if pictures:

@@ -17,11 +17,12 @@ from ldbb_bayes.analysis.cures import cures
 from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.analysis.machine_description import describe
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
-from ldbb_bayes.report import text, wording
+from ldbb_bayes.report import fit_tables, text, wording
 from ldbb_bayes.report.findings import Beside, Findings
+from ldbb_bayes.report.fit_tables import two_digits
 from ldbb_bayes.report.pictures import Picture, picture
-from ldbb_bayes.report.text import Passage, parts_of, two_digits
-from ldbb_bayes.results import Table
+from ldbb_bayes.report.text import parts_of
+from ldbb_bayes.results import Passage, Table
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -75,9 +76,9 @@ def results(findings: Findings) -> Iterator[Part]:
     """Yield parameters, and what the fit says of other effects."""
     yield wording.model_words(findings.result["model"])
     yield wording.PAGE["results"].format(percent=wording.percent_of(findings.result))
-    yield text.results_table(findings.result, findings.verdicts, shares=False)
+    yield fit_tables.results_table(findings.result, findings.verdicts, shares=False)
     yield picture("forest", findings.posterior)
-    nuisances = text.nuisance_table(findings.result["nuisances"])
+    nuisances = fit_tables.nuisance_table(findings.result["nuisances"])
     yield Details("What the fit says of other effects", (nuisances,))
     tests = campaign_of(findings.posterior)
     description = describe(tests.machine(), [test.circle for test in tests.tests])
@@ -225,7 +226,7 @@ def fit(findings: Findings) -> Iterator[Part]:
     concerns = wording.concern_sentences(
         fit_of(findings.posterior).concerns, findings.result["sampler"]
     )
-    notes = (*concerns, *text.further_remarks(findings.seen))
+    notes = (*concerns, *fit_tables.further_remarks(findings.seen))
     if notes:
         yield notes
     yield picture("residuals", findings.posterior)
@@ -237,7 +238,7 @@ def _p_value_cell(value: float | None) -> str | None:
 
 def assumptions(findings: Findings) -> Iterator[Part]:
     """Yield every prior with its unit beside the posterior, and the model as a file."""
-    yield text.parameter_table(findings.result)
+    yield fit_tables.parameter_table(findings.result)
     toml = record_of(findings.posterior)["model"]["toml"]
     yield Details("The whole model as TOML (edit and fit again with --model)", (toml,))
 

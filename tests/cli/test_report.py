@@ -19,8 +19,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.cli.fits import write_result
 from ldbb_bayes.cli.reporting import report_figure_files
+from ldbb_bayes.report.fit_tables import full_result
 from ldbb_bayes.report.page import REPORT_FILES
-from ldbb_bayes.report.text import full_result
 from ldbb_bayes.results import json_text
 
 

@@ -32,7 +32,7 @@ from ldbb_bayes.fleet.gathering import gather
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.parallel import WorkerDiedError
-from ldbb_bayes.report.text import full_result
+from ldbb_bayes.report.fit_tables import full_result
 
 pytest.importorskip("pyarrow")
 ESS = 150.0

@@ -22,7 +22,7 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.model.fourier import basis
-from ldbb_bayes.report.text import fit_in_words
+from ldbb_bayes.report.fit_tables import fit_in_words
 from ldbb_bayes.report.wording import sampler_words, validation_verdict
 from ldbb_bayes.units import to_inside
 

@@ -24,12 +24,12 @@ from ldbb_bayes.inference.posterior import curves_of, record_of
 from ldbb_bayes.report.blocks import Banner, Fields, Pair, ReportSheet
 from ldbb_bayes.report.figures.style import new_figure
 from ldbb_bayes.report.findings import find
+from ldbb_bayes.report.fit_tables import nuisance_table
 from ldbb_bayes.report.number_tables import tables
 from ldbb_bayes.report.page import Document, compose, html_page
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.sections import SECTIONS, Details, Section
 from ldbb_bayes.report.sheets import sheets
-from ldbb_bayes.report.text import nuisance_table
 from ldbb_bayes.report.translation import languages, words_of
 from ldbb_bayes.results import Table
 from ldbb_bayes.units import value_and_uncertainty

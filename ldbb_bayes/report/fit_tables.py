@@ -1,0 +1,361 @@
+"""The JSON of a fit as tables, with what a look at the readings adds to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import ldbb_bayes as lb
+from ldbb_bayes import units
+from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
+from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
+from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
+from ldbb_bayes.inference.summary import nuisances, result_json
+from ldbb_bayes.model.terms import Term
+from ldbb_bayes.report import wording
+from ldbb_bayes.results import Passage, Shown, Table
+from ldbb_bayes.units import (
+    display_name,
+    display_unit,
+    round_like,
+    round_uncertainty,
+    value_and_uncertainty,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "FitWords",
+    "conformity_table",
+    "fit_in_words",
+    "full_result",
+    "further_remarks",
+    "nuisance_table",
+    "parameter_table",
+    "parts_of_fit",
+    "results_table",
+    "three_digits",
+    "two_digits",
+]
+
+# Scales λ of single circles are shown from this median on: the noise of the circle is as many times
+# that of the others.
+_ODD_CIRCLE = 2.5
+# Remarks of a preview that a fit makes itself.
+_REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
+
+
+def two_digits(value: float | None, factor: float = 1.0) -> str:
+    """Return a number of either sign with two significant digits and no exponent.
+
+    Parameters
+    ----------
+    value
+        None or infinite: a dash is returned.
+    factor
+        From the unit of the value to that for reading.
+
+    Returns
+    -------
+    str
+    """
+    if value is None or not np.isfinite(value):
+        return "–"
+    sign = "−" if value < 0 else ""
+    return sign + round_uncertainty(abs(value) * factor)[0]
+
+
+def three_digits(value: float) -> str:
+    """Return a number with three significant digits, or to the unit where it is larger."""
+    return f"{value:.3g}" if value < 1000.0 else f"{value:.0f}"
+
+
+# ---- the JSON of a fit
+
+
+def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
+    """Return the JSON of a fit, with nuisances, warnings and decisions on tolerances.
+
+    Parameters
+    ----------
+    posterior
+        The fit.
+    ci_prob
+        Probability of the intervals.
+
+    Returns
+    -------
+    dict
+        As ``fit --json``.
+    """
+    result = result_json(posterior, ci_prob=ci_prob)
+    result["nuisances"] = nuisances(posterior).to_dict(orient="index")
+    result["fit"] |= fit_in_words(posterior)
+    if campaign_of(posterior).tolerances:
+        decisions = lb.conformity(posterior)
+        result["conformity"] = {name: decision.as_dict() for name, decision in decisions.items()}
+    return result
+
+
+class FitWords(Shown, dict[str, Any]):
+    """A fit in words, by key; printed as the verdict and what to mind."""
+
+    def __repr__(self) -> str:
+        return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
+
+
+def fit_in_words(posterior: xr.DataTree) -> FitWords:
+    """Return the state of a fit, its verdict, misfits and warnings in words.
+
+    Parameters
+    ----------
+    posterior
+        The fit.
+
+    Returns
+    -------
+    FitWords
+        It prints as sentences.
+    """
+    fit = fit_of(posterior)
+    bound = bound_of(posterior)
+    alike = degeneracies(bound)
+    campaign_preview = preview(bound.campaign)
+    warnings = [
+        *wording.concern_sentences(fit.concerns, record_of(posterior)["sampler"]),
+        *wording.check_notes(fit),
+        *wording.alias_sentences(alike),
+    ]
+    for standing in standing_degeneracies(bound, alike):
+        warnings.append(wording.standing_words(standing))
+    warnings += wording.look_sentences(campaign_preview)
+    warnings += further_remarks(campaign_preview)
+    return FitWords(
+        state=str(fit.state),
+        kinds=list(fit.kinds),
+        verdict=wording.fit_verdict(fit),
+        misfits=[wording.check_words(check) for check in fit.misfits],
+        warnings=warnings,
+    )
+
+
+def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
+    """Return remarks on a campaign that a fit does not make itself."""
+    return [
+        wording.remark_words(remark)
+        for remark in campaign_preview.remarks
+        if remark.kind not in _REMARKS_OF_FITS
+    ]
+
+
+# ---- tables
+
+
+def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
+    """Return the JSON of a fit as tables and sentences, but for effects of the instrument.
+
+    Parameters
+    ----------
+    result
+        As of `full_result`.
+
+    Returns
+    -------
+    tuple
+        Tables and sentences, in their order.
+    """
+    campaign = result["campaign"]
+    quality = result["fit"]
+    passages: list[Passage] = [
+        f"Verdict: {quality['verdict']}",
+        f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings.",
+        parameter_table(result),
+    ]
+    effects = {}
+    for name, entry in result["nuisances"].items():
+        if not Term.kinds.get(entry["term"], Term).instrument:
+            effects[name] = entry
+    if effects:
+        passages.append(nuisance_table(effects))
+    if result.get("conformity"):
+        passages.append(conformity_table(result["conformity"]))
+    passages.append(wording.quality_words(quality))
+    passages.append(wording.sampler_words(result["sampler"]))
+    passages += [f"Note: {warning}" for warning in quality["warnings"]]
+    passages.append(wording.model_words(result["model"]))
+    if result.get("prior_from"):
+        passages.append(wording.PAGE["prior_from"].format(**result["prior_from"]))
+    return tuple(passages)
+
+
+def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Return tolerance, probability of conformance, guard band and decision of every quantity.
+
+    Parameters
+    ----------
+    decisions
+        The JSON of `conformity`.
+
+    Returns
+    -------
+    Table
+    """
+    rows = []
+    for name, decision in decisions.items():
+        factor, label = display_unit(decision["unit"])
+        rows.append(
+            (
+                display_name(name),
+                wording.limit_words(decision["lower"], decision["upper"], factor),
+                wording.probability_words(decision["probability"]),
+                round_uncertainty(decision["guard_band"] * factor)[0],
+                label,
+                decision["decision"],
+            )
+        )
+    heads = ("quantity", "tolerance", "P(conforms)", "guard band", "unit", "decision")
+    caption = "Conformity (ISO 14253-1, JCGM 106)"
+    forces_N = {decision["force_N"] for decision in decisions.values()} - {None}
+    for force in sorted(forces_N):
+        caption += f", at {force:g} N"
+    return Table.of(caption, heads, rows, text=("unit", "decision"))
+
+
+def parameter_table(result: Mapping[str, Any]) -> Table:
+    """Return mean, sd and interval of the posterior, and mean and sd of the prior.
+
+    Means of the prior stand there where one is not zero, scales λ of circles where these are odd.
+
+    Parameters
+    ----------
+    result
+        The JSON of a fit.
+
+    Returns
+    -------
+    Table
+    """
+    entries = {**result["parameters"], **result["hyper"]}
+    has_prior_means = any(entry.get("prior_mean") for entry in entries.values())
+    rows = []
+    for name, entry in entries.items():
+        if name.startswith("lambda_") and entry["median"] < _ODD_CIRCLE:
+            continue
+        factor, unit = display_unit(entry["unit"])
+        spread, decimals = round_uncertainty(entry["sd"] * factor)
+        low, high = wording.interval_of(entry)
+        cells = [
+            display_name(name.removesuffix("_um")),
+            round_like(entry["mean"] * factor, decimals),
+            spread,
+            f"[{round_like(low * factor, decimals)}, {round_like(high * factor, decimals)}]",
+        ]
+        if has_prior_means:
+            cells.append(_prior_mean_cell(entry, factor))
+        if entry["prior_sd"] is None:
+            cells.append("flat")
+        else:
+            cells.append(three_digits(entry["prior_sd"] * factor))
+        rows.append((*cells, unit))
+    heads = ["parameter", "mean", "u (1 sd)", f"{wording.percent_of(result)} interval"]
+    if has_prior_means:
+        heads.append("prior mean")
+    heads += ["prior sd", "unit"]
+    return Table.of("", tuple(heads), rows, text=("unit",))
+
+
+def _prior_mean_cell(entry: Mapping[str, Any], factor: float) -> str:
+    prior_mean = entry.get("prior_mean")
+    if prior_mean is None:
+        return "–"
+    return value_and_uncertainty(prior_mean * factor, entry["prior_sd"] * factor)[0]
+
+
+def results_table(
+    result: Mapping[str, Any],
+    verdicts: Mapping[str, ParameterIdentifiability],
+    *,
+    shares: bool = True,
+) -> Table:
+    """Return value, u, U, interval, stiffness and verdict of every parameter.
+
+    Parameters
+    ----------
+    result
+        The JSON of a fit.
+    verdicts
+        Of its parameters.
+    shares
+        Whether verdicts say the share of the variance that every partner holds; without a budget
+        beside it they should.
+
+    Returns
+    -------
+    Table
+    """
+    rows = []
+    for name, entry in result["parameters"].items():
+        interval = wording.interval_of(entry)
+        statement = units.state(entry["mean"], entry["sd"], interval, entry["unit"])
+        stiffness = ""
+        if units.is_direct(name):
+            stiffness = units.stiffness(entry["median"], interval)
+        rows.append(
+            (
+                display_name(name),
+                statement.value,
+                statement.u,
+                statement.expanded,
+                statement.interval,
+                statement.unit,
+                stiffness,
+                wording.verdict_words(verdicts[name], shares=shares),
+            )
+        )
+    heads = (
+        "parameter",
+        "value",
+        "u",
+        "U (k = 2)",
+        f"{wording.percent_of(result)} interval",
+        "unit",
+        "stiffness (N/µm)",
+        "verdict",
+    )
+    caption = "Compliances, their slopes, geometric errors"
+    return Table.of(caption, heads, rows, text=("unit", "verdict"))
+
+
+def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
+    """Return the nuisance coefficients that lie more than 2 u off zero, or that none does.
+
+    Parameters
+    ----------
+    entries
+        By coefficient, from the JSON of a fit.
+
+    Returns
+    -------
+    Table or str
+        Mean, u, prior sd and unit.
+    """
+    rows = []
+    for name, entry in entries.items():
+        if abs(entry["mean"]) <= 2.0 * entry["sd"]:
+            continue
+        one, unit = wording.unit_words(name)
+        mean, spread = value_and_uncertainty(entry["mean"] / one, entry["sd"] / one)
+        prior_sd, _ = round_uncertainty(entry["prior_sd"] / one)
+        rows.append((wording.nuisance_words(name), mean, spread, prior_sd, unit))
+    if not rows:
+        return f"None of the {len(entries)} other effects differs from zero by more than 2 u."
+    caption = (
+        f"Other effects that differ from zero by more than 2 u; {len(entries) - len(rows)} of"
+        f" {len(entries)} do not"
+    )
+    heads = ("effect", "mean", "u (1 sd)", "prior sd", "unit")
+    return Table.of(caption, heads, rows, text=("unit",))
