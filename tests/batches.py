@@ -14,19 +14,20 @@ from ldbb_bayes.fleet.campaign_row import Job, Settings
 CONSTANT = lb.HybridModel.first(0).without("hysteresis", "discrepancy", "setup-shift")
 LINEAR = CONSTANT.with_degree(1)
 FORCES_N = (36.0, 400.0, 742.0)
+PARAMETER_NUMBERS = ("mean", "sd", "median", "ci_low", "ci_high")
 
 
 def write_campaigns(folder: Path, number: int) -> list[str]:
-    """That many campaigns of three circles, 60 readings each."""
-    found = []
+    """Write so many campaigns of three circles, 60 readings each."""
+    paths = []
     for k in range(number):
         campaign = simulated(plan((60,) * 3, forces_N=FORCES_N), seed=k + 1)
-        found.append(str(lb.write_campaign(campaign, folder / f"c{k}")))
-    return found
+        paths.append(str(lb.write_campaign(campaign, folder / f"c{k}")))
+    return paths
 
 
 def made_row(settings: Settings, job: Job, *, parameters: int = 3) -> dict[str, Any]:
-    """A row as `fit_row` makes them, of nothing; every fifth failed."""
+    """Return a row like those of `fit_row`, with random numbers; every fifth failed."""
     rng = np.random.default_rng(job.number)
     row: dict[str, Any] = {
         "campaign": job.path,
@@ -37,16 +38,10 @@ def made_row(settings: Settings, job: Job, *, parameters: int = 3) -> dict[str, 
     if job.number % 5 == 4:
         return row | {"status": "failed", "reason": "campaign must be good, got none. Mend it."}
     names = [f"C_{k}" for k in range(parameters + job.number % 2)]
-    numbers = {
-        name: dict(
-            zip(
-                ("mean", "sd", "median", "ci_low", "ci_high"),
-                rng.standard_normal(5).tolist(),
-                strict=True,
-            )
-        )
-        for name in names
-    }
+    numbers = {}
+    for name in names:
+        values = rng.standard_normal(5).tolist()
+        numbers[name] = {"unit": "mm/N", **dict(zip(PARAMETER_NUMBERS, values, strict=True))}
     return row | {
         "status": "done",
         "converged": True,
@@ -56,7 +51,7 @@ def made_row(settings: Settings, job: Job, *, parameters: int = 3) -> dict[str, 
         "warnings": [],
         "terms": ["Compliance"],
         "log_prob_truncation": float("nan") if job.number % 3 == 0 else -0.5,
-        "parameters": {name: {"unit": "mm/N", **own} for name, own in numbers.items()},
+        "parameters": numbers,
         "gaussian_names": names,
         "gaussian_mean": rng.standard_normal(len(names)).tolist(),
     }

@@ -1,5 +1,4 @@
-"""Fleets made up at the level of statistics, all Gaussian; and what they say, from one dense matrix
-of everything."""
+"""Simulated Gaussian fleets, and their posterior from one dense matrix."""
 
 from __future__ import annotations
 
@@ -35,7 +34,7 @@ def fleet(
     campaigns: int = 1,
     spread: np.ndarray | float = 0.2,
     mean: np.ndarray | float = 0.5,
-    known: float = 0.1,
+    uncertainty: float = 0.1,
     outlier: np.ndarray | None = None,
 ) -> FleetStatistics:
     """Campaigns of machines drawn from a population, in units of the prior sd.
@@ -44,8 +43,8 @@ def fleet(
     ----------
     spread, mean
         Of the population.
-    known
-        Size of a campaign's own standard uncertainty.
+    uncertainty
+        Size of a campaign's standard uncertainty.
     outlier
         Added to the first machine.
     """
@@ -57,20 +56,17 @@ def fleet(
     information = []
     weighted = []
     for m in range(machines):
-        own = mu + s * rng.standard_normal(c)
-        own = own + (outlier if outlier is not None and m == 0 else 0.0)
+        machine = mu + s * rng.standard_normal(c)
+        if outlier is not None and m == 0:
+            machine = machine + outlier
         for _ in range(campaigns):
-            design = rng.standard_normal((c + 4, c)) / known
-            seen = np.hstack(
-                [
-                    design,
-                    design[:, :1] * 0.3 + rng.standard_normal((c + 4, 1)),
-                    rng.standard_normal((c + 4, 1)),
-                ]
-            )
-            reading = seen @ np.concatenate([own, b]) + rng.standard_normal(c + 4)
-            information.append(seen.T @ seen)
-            weighted.append(seen.T @ reading)
+            design = rng.standard_normal((c + 4, c)) / uncertainty
+            mount = design[:, :1] * 0.3 + rng.standard_normal((c + 4, 1))
+            force_gain = rng.standard_normal((c + 4, 1))
+            rows = np.hstack([design, mount, force_gain])
+            reading = rows @ np.concatenate([machine, b]) + rng.standard_normal(c + 4)
+            information.append(rows.T @ rows)
+            weighted.append(rows.T @ reading)
             names.append(f"M{m + 1:02d}")
     return FleetStatistics(
         campaigns=tuple(f"{name}/{k}" for k, name in enumerate(names)),
@@ -87,28 +83,27 @@ def fleet(
     )
 
 
-def telling(
+def with_likelihood(
     statistics: FleetStatistics,
     information: np.ndarray | None = None,
     weighted: np.ndarray | None = None,
     **other: Any,
 ) -> FleetStatistics:
-    """The same with another Λ or η."""
-    own = statistics.likelihood
-    new = Gaussian(
-        own.precision if information is None else information,
-        own.shift if weighted is None else weighted,
-    )
-    return replace(statistics, likelihood=new, **other)
+    """Return the statistics with another Λ or η."""
+    if information is None:
+        information = statistics.likelihood.precision
+    if weighted is None:
+        weighted = statistics.likelihood.shift
+    return replace(statistics, likelihood=Gaussian(information, weighted), **other)
 
 
 def of_campaigns(statistics: FleetStatistics, places: Any) -> FleetStatistics:
-    """Some of the campaigns, in this order."""
-    picked = {
-        name: tuple(getattr(statistics, name)[k] for k in places)
-        for name in ("campaigns", "machines", "dates")
-    }
-    return telling(
+    """Return some of the campaigns, in this order."""
+    picked = {}
+    for name in ("campaigns", "machines", "dates"):
+        values = getattr(statistics, name)
+        picked[name] = tuple(values[k] for k in places)
+    return with_likelihood(
         statistics,
         statistics.likelihood.precision[places],
         statistics.likelihood.shift[places],
@@ -150,8 +145,7 @@ def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.nd
     return log_density, gain @ reading, prior - gain @ design @ prior
 
 
-# ---- rows of a batch of one machine's campaigns, drawn from what one campaign like them says (its
-# Λ)
+# ---- rows of a batch: campaigns of one machine, drawn with the Λ of one real campaign
 
 
 @cache
@@ -160,9 +154,9 @@ def one_campaign() -> SufficientStatistics:
     return sufficient_statistics(HyperPosterior(model.bind(simulated(plan())), truncated=False))
 
 
-def row(found: SufficientStatistics, **fields: object) -> dict[str, object]:
-    """As the batch keeps it."""
-    usual = {
+def row(statistics: SufficientStatistics, **fields: object) -> dict[str, object]:
+    """Return the row of a campaign in the table of a batch."""
+    default = {
         "campaign": "a",
         "name": "a",
         "sha256": None,
@@ -177,9 +171,9 @@ def row(found: SufficientStatistics, **fields: object) -> dict[str, object]:
         "force_max_N": 742.0,
         "converged": True,
         "kinds": [],
-        **found.columns(),
+        **statistics.columns(),
     }
-    return usual | fields
+    return default | fields
 
 
 def drawn_rows(
@@ -192,72 +186,68 @@ def drawn_rows(
     instrument: tuple[float, float] = (1e-4, 0.005),
 ) -> pd.DataFrame:
     """n campaigns a month apart; C_XXX grows by ``step`` before campaign ``step_at`` (from 0)."""
-    found = one_campaign()
-    inside = np.outer(found.prior_sd, found.prior_sd)
-    values, vectors = np.linalg.eigh(
-        (np.linalg.inv(found.covariance) - np.diag(found.prior_sd**-2.0)) * inside
-    )
+    statistics = one_campaign()
+    prior_sd = statistics.prior_sd
+    precision = np.linalg.inv(statistics.covariance) - np.diag(prior_sd**-2.0)
+    values, vectors = np.linalg.eigh(precision * np.outer(prior_sd, prior_sd))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    constant = [
-        i for i, name in enumerate(found.names) if name.startswith("C_") and name.count("_") == 1
-    ]
+    constant = []
+    for i, name in enumerate(statistics.names):
+        if name.startswith("C_") and name.count("_") == 1:
+            constant.append(i)
     rows = []
     for t in range(n):
-        truth = found.mean.copy()
+        truth = statistics.mean.copy()
         truth[-2:] = instrument
-        truth[constant] += scatter * found.prior_sd[constant] * rng.standard_normal(len(constant))
+        truth[constant] += scatter * prior_sd[constant] * rng.standard_normal(len(constant))
         if step_at is not None and t >= step_at:
-            truth[found.names.index("C_XXX")] *= 1.0 + step
-        weighted = (
-            root @ (root.T @ (truth / found.prior_sd) + rng.standard_normal(len(truth)))
-        ) / found.prior_sd
-        own = replace(found, mean=found.covariance @ weighted)
+            truth[statistics.names.index("C_XXX")] *= 1.0 + step
+        noise = rng.standard_normal(len(truth))
+        shift = (root @ (root.T @ (truth / prior_sd) + noise)) / prior_sd
+        drawn = replace(statistics, mean=statistics.covariance @ shift)
         name = f"c{t + 1:02d}"
         day = date(2025, 1, 15) + timedelta(days=30 * t)
-        rows.append(row(own, campaign=f"year/{name}", name=name, date=day.isoformat()))
+        rows.append(row(drawn, campaign=f"year/{name}", name=name, date=day.isoformat()))
     return pd.DataFrame(rows)
 
 
 def with_prior(rows: pd.DataFrame, prior: dict[str, tuple[float, float]]) -> pd.DataFrame:
-    """The same likelihoods under another prior of the parameters named, mean and sd."""
-    changed = []
-    for own in rows.to_dict("records"):
-        names = list(own["gaussian_names"])
-        q = len(names)
-        covariance = np.zeros((q, q))
-        covariance[np.tril_indices(q)] = own["gaussian_covariance"]
-        covariance += np.tril(covariance, -1).T
-        before_mean, before_sd = (
-            np.array(own[f"gaussian_prior_{kind}"], dtype=float) for kind in ("mean", "sd")
-        )
-        mean = before_mean.copy()
-        sd = before_sd.copy()
-        for name, told in prior.items():
-            mean[names.index(name)], sd[names.index(name)] = told
-        scale = np.outer(before_sd, before_sd)
-        precision = np.linalg.inv(covariance / scale)
-        weighted = (
-            precision @ (np.array(own["gaussian_mean"]) / before_sd) - before_mean / before_sd
-        )
-        ratio = before_sd / sd
-        after = np.linalg.inv(precision + np.diag(ratio**2 - 1.0))
-        found = after @ (weighted + ratio**2 * mean / before_sd) * before_sd
-        changed.append(
-            own
-            | {
-                "gaussian_mean": found.tolist(),
-                "gaussian_covariance": (after * scale)[np.tril_indices(q)].tolist(),
-                "gaussian_prior_mean": mean.tolist(),
-                "gaussian_prior_sd": sd.tolist(),
-            }
-        )
-    return pd.DataFrame(changed)
+    """Return the same likelihoods under another prior (mean and sd) of the named parameters."""
+    return pd.DataFrame([_row_with_prior(entry, prior) for entry in rows.to_dict("records")])
 
 
-def doubts(found: Any) -> list[str]:
-    """What is to be minded, in words."""
-    return list(with_words(found)["doubts"])
+def _row_with_prior(entry: dict[Any, Any], prior: dict[str, tuple[float, float]]) -> dict[Any, Any]:
+    names = list(entry["gaussian_names"])
+    q = len(names)
+    covariance = np.zeros((q, q))
+    covariance[np.tril_indices(q)] = entry["gaussian_covariance"]
+    covariance += np.tril(covariance, -1).T
+    old_mean = np.array(entry["gaussian_prior_mean"], dtype=float)
+    old_sd = np.array(entry["gaussian_prior_sd"], dtype=float)
+    new_mean = old_mean.copy()
+    new_sd = old_sd.copy()
+    for name, (prior_mean, prior_sd) in prior.items():
+        new_mean[names.index(name)] = prior_mean
+        new_sd[names.index(name)] = prior_sd
+    scale = np.outer(old_sd, old_sd)
+    precision = np.linalg.inv(covariance / scale)
+    posterior_mean = np.array(entry["gaussian_mean"])
+    shift = precision @ (posterior_mean / old_sd) - old_mean / old_sd
+    ratio = old_sd / new_sd
+    new_covariance = np.linalg.inv(precision + np.diag(ratio**2 - 1.0))
+    new_shift = shift + ratio**2 * new_mean / old_sd
+    return entry | {
+        "gaussian_mean": (new_covariance @ new_shift * old_sd).tolist(),
+        "gaussian_covariance": (new_covariance * scale)[np.tril_indices(q)].tolist(),
+        "gaussian_prior_mean": new_mean.tolist(),
+        "gaussian_prior_sd": new_sd.tolist(),
+    }
 
 
-def verdict(found: Any) -> str:
-    return " ".join(trend_sentences(found))
+def doubts(result: Any) -> list[str]:
+    """Return the caveats of a result in words."""
+    return list(with_words(result)["doubts"])
+
+
+def verdict(trend: Any) -> str:
+    return " ".join(trend_sentences(trend))

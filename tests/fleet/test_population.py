@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import plan, refuses
-from fleets import dense, doubts, fleet, of_campaigns, telling
+from fleets import dense, doubts, fleet, of_campaigns, with_likelihood
 from scipy.stats import halfnorm, kstest, norm
 
 import ldbb_bayes as lb
@@ -77,35 +77,37 @@ def test_the_dense_gaussian(statistics: FleetStatistics) -> None:
     assert machines == ("a", "b", "c", "d")
     common = shared_quantities(likelihood, spreads)
     expected = [dense(statistics, spread) for spread in spreads]
-    log_density = np.array([own[0] for own in expected])
+    log_density = np.array([moments[0] for moments in expected])
     np.testing.assert_allclose(
         common.log_integral - common.log_integral[0], log_density - log_density[0], atol=1e-8
     )
-    found = machine_estimates(likelihood, spreads, common)
+    estimates = machine_estimates(likelihood, spreads, common)
     for k, (_, mean, covariance) in enumerate(expected):
         np.testing.assert_allclose(common.mean[k], mean[12:], atol=1e-8)
         np.testing.assert_allclose(common.covariance[k], covariance[12:, 12:], atol=1e-9)
-        middle, sd, z, variance = (own[k] for own in found)
-        np.testing.assert_allclose(middle.ravel(), mean[:12], atol=1e-8)
-        np.testing.assert_allclose(sd.ravel(), np.sqrt(np.diag(covariance)[:12]), atol=1e-8)
+        sd = np.sqrt(np.diag(covariance)[:12])
+        z = estimates.z_mean[k]
+        z_variance = estimates.z_variance[k]
+        np.testing.assert_allclose(estimates.mean[k].ravel(), mean[:12], atol=1e-8)
+        np.testing.assert_allclose(estimates.sd[k].ravel(), sd, atol=1e-8)
         for m in range(4):
             pick = np.zeros((3, len(mean)))
-            pick[:, m * 3 : m * 3 + 3], pick[:, 12:15] = np.eye(3), -np.eye(3)
+            pick[:, m * 3 : m * 3 + 3] = np.eye(3)
+            pick[:, 12:15] = -np.eye(3)
+            variance = np.diag(pick @ covariance @ pick.T)
             np.testing.assert_allclose(z[m] * spreads[k], pick @ mean, atol=1e-8)
-            np.testing.assert_allclose(
-                variance[m] * spreads[k] ** 2, np.diag(pick @ covariance @ pick.T), atol=1e-8
-            )
+            np.testing.assert_allclose(z_variance[m] * spreads[k] ** 2, variance, atol=1e-8)
 
 
 def test_chunks_are_the_whole(rng: np.random.Generator) -> None:
     """Many spreads at once, and one by one."""
     _, likelihood = machine_likelihoods(fleet(rng, machines=300, parameters=2))
     spreads = rng.uniform(0.1, 0.5, (70, 2))
-    together = shared_quantities(likelihood, spreads).log_integral
+    at_once = shared_quantities(likelihood, spreads).log_integral
     single = [
         float(shared_quantities(likelihood, spread[None]).log_integral[0]) for spread in spreads
     ]
-    np.testing.assert_allclose(together, single, rtol=1e-12)
+    np.testing.assert_allclose(at_once, single, rtol=1e-12)
 
 
 # ---- the spreads
@@ -148,10 +150,10 @@ def test_the_gradient_has_prior_and_jacobian(rng: np.random.Generator) -> None:
         )
     both = np.array([t, t + np.array([0.3, 0.0])])
     prior = np.diff(halfnorm(scale=SCALE).logpdf(np.exp(both)).sum(axis=1) + both.sum(axis=1))
-    apart = np.diff(target.log(both)) - np.diff(
+    difference = np.diff(target.log(both)) - np.diff(
         shared_quantities(target.likelihood, np.exp(both)).log_integral
     )
-    assert apart == pytest.approx(prior, rel=1e-9)
+    assert difference == pytest.approx(prior, rel=1e-9)
 
 
 @pytest.mark.parametrize("scale", [1e-8, 1e-3, 0.3, 30.0])
@@ -164,7 +166,7 @@ def test_any_prior_of_the_spread_will_do(rng: np.random.Generator, scale: float)
             draws.weight @ draws.spread, scale * np.sqrt(2.0 / np.pi), rtol=0.03
         )
     silent = draw_spreads(
-        density_of(fleet(rng, machines=3, parameters=2, known=1e6), scale), 2, seed=1
+        density_of(fleet(rng, machines=3, parameters=2, uncertainty=1e6), scale), 2, seed=1
     )
     np.testing.assert_allclose(
         silent.weight @ silent.spread, scale * np.sqrt(2.0 / np.pi), rtol=0.03
@@ -177,51 +179,54 @@ def test_any_prior_of_the_spread_will_do(rng: np.random.Generator, scale: float)
 
 def test_a_machine_against_the_dense_prediction(rng: np.random.Generator) -> None:
     """s known: a given the others is Gaussian, with moments from one dense matrix of everything."""
-    made = fleet(rng, machines=6, parameters=2)
-    found = judged(density_of(made), fixed(TWO))
-    information = made.likelihood.precision
-    weighted = made.likelihood.shift
+    six_machines = fleet(rng, machines=6, parameters=2)
+    outliers = judged(density_of(six_machines), fixed(TWO))
+    information = six_machines.likelihood.precision
+    weighted = six_machines.likelihood.shift
     spreads = np.array([TWO, TWO[::-1], 2.0 * TWO])
-    x = shared_quantities(made.likelihood, spreads)
+    x = shared_quantities(six_machines.likelihood, spreads)
     log_density, _ = outlying_machines._leave_out_each(
-        made.likelihood, estimate_separately(made.likelihood, 2), spreads, x
+        six_machines.likelihood, estimate_separately(six_machines.likelihood, 2), spreads, x
     )
-    whole = shared_quantities(made.likelihood, spreads).log_integral
+    log_evidence = shared_quantities(six_machines.likelihood, spreads).log_integral
     for m in range(6):
-        kept = of_campaigns(made, [k for k in range(6) if k != m])
-        left_out = whole - shared_quantities(kept.likelihood, spreads).log_integral
+        five_machines = of_campaigns(six_machines, [k for k in range(6) if k != m])
+        left_out = log_evidence - shared_quantities(five_machines.likelihood, spreads).log_integral
         np.testing.assert_allclose(np.diff(log_density[:, m]), np.diff(left_out), rtol=1e-8)
-        _, mean, covariance = dense(kept, TWO)
+        _, mean, covariance = dense(five_machines, TWO)
         mean = mean[10:]
         covariance = covariance[10:, 10:].copy()
         covariance[:2, :2] += np.diag(TWO**2)
         rows = information[m][:2]
-        left = weighted[m][:2] - rows @ mean
+        residual = weighted[m][:2] - rows @ mean
         spread = rows @ covariance @ rows.T + rows[:, :2]
         single = np.linalg.inv(rows[:, :2] + np.eye(2))
-        z = (single @ left) / np.sqrt(np.diag(single @ spread @ single.T))
-        np.testing.assert_allclose(found.z[m], z, rtol=1e-6)
-        np.testing.assert_allclose(found.parameter_p_value[m], 2.0 * norm.sf(np.abs(z)), rtol=1e-6)
-    least = np.sort(np.minimum(1.0, 2.0 * found.parameter_p_value.min(axis=1)))
-    assert found.p_value.min() == pytest.approx(min(1.0, 6.0 * least[0]), rel=1e-9)
-    assert found.p_value.max() == pytest.approx(
-        max(np.minimum(1.0, least * np.arange(6, 0, -1))), rel=1e-9
+        z = (single @ residual) / np.sqrt(np.diag(single @ spread @ single.T))
+        np.testing.assert_allclose(outliers.z[m], z, rtol=1e-6)
+        np.testing.assert_allclose(
+            outliers.parameter_p_value[m], 2.0 * norm.sf(np.abs(z)), rtol=1e-6
+        )
+    sorted_p_values = np.sort(np.minimum(1.0, 2.0 * outliers.parameter_p_value.min(axis=1)))
+    assert outliers.p_value.min() == pytest.approx(min(1.0, 6.0 * sorted_p_values[0]), rel=1e-9)
+    assert outliers.p_value.max() == pytest.approx(
+        max(np.minimum(1.0, sorted_p_values * np.arange(6, 0, -1))), rel=1e-9
     )
 
 
 def test_readings_that_tell_fewer_numbers_than_parameters(rng: np.random.Generator) -> None:
-    """A machine of rank one has one z, whatever the parameter; of one that tells nothing there is
-    nothing to say."""
-    made = fleet(rng, machines=6, parameters=2)
-    information = made.likelihood.precision.copy()
-    weighted = made.likelihood.shift.copy()
+    """A machine of rank one has one z for all parameters; one without information has p = 1."""
+    six_machines = fleet(rng, machines=6, parameters=2)
+    information = six_machines.likelihood.precision.copy()
+    weighted = six_machines.likelihood.shift.copy()
     row = np.array([1.0, 0.5, 0.2, 0.1])
-    information[0], weighted[0] = np.outer(row, row) * 100.0, 10.0 * row * 8.0
-    information[1], weighted[1] = 0.0, 0.0
-    found = judged(density_of(telling(made, information, weighted)), fixed(TWO))
-    assert found.p_value[1] == 1.0
-    assert found.z[1].tolist() == [0.0, 0.0]
-    assert abs(found.z[0, 0]) == pytest.approx(abs(found.z[0, 1]), rel=1e-6)
+    information[0] = np.outer(row, row) * 100.0
+    weighted[0] = 10.0 * row * 8.0
+    information[1] = 0.0
+    weighted[1] = 0.0
+    outliers = judged(density_of(with_likelihood(six_machines, information, weighted)), fixed(TWO))
+    assert outliers.p_value[1] == 1.0
+    assert outliers.z[1].tolist() == [0.0, 0.0]
+    assert abs(outliers.z[0, 0]) == pytest.approx(abs(outliers.z[0, 1]), rel=1e-6)
 
 
 def test_drawn_anew_or_weighted(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -240,7 +245,7 @@ def test_drawn_anew_or_weighted(rng: np.random.Generator, monkeypatch: pytest.Mo
 
     monkeypatch.setattr(outlying_machines, "pareto_smooth", first_in_vain)
     anew = judge_machines(
-        density, spreads, common, seed=1, progress=lambda done, total: calls.append((done, total))
+        density, spreads, common, seed=1, progress=lambda count, total: calls.append((count, total))
     )
     assert calls[-1] == (12, 12)
     np.testing.assert_allclose(
@@ -258,38 +263,39 @@ def test_p_values_are_uniform_and_z_standard() -> None:
         spread = np.abs(rng.standard_normal(2)) * 0.3
         mean = rng.standard_normal(2)
         density = density_of(fleet(rng, machines=7, parameters=2, spread=spread, mean=mean))
-        found = judged(density, draw_spreads(density, 2, seed=1, size=256))
-        p.append(found.parameter_p_value[3])
-        z.append(found.z[3])
+        outliers = judged(density, draw_spreads(density, 2, seed=1, size=256))
+        p.append(outliers.parameter_p_value[3])
+        z.append(outliers.z[3])
     assert kstest(np.ravel(p), "uniform").pvalue > 0.01
     assert kstest(np.ravel(z), "norm").pvalue > 0.01
 
 
 def test_an_outlier_is_flagged() -> None:
-    made = fleet(
+    thirty_machines = fleet(
         np.random.default_rng(5), machines=30, outlier=np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
     )
-    density = density_of(made)
-    found = judged(density, draw_spreads(density, 6, seed=1, size=1024))
-    assert (found.p_value < 0.05).tolist() == [True] + [False] * 29
-    assert np.argmax(np.abs(found.z[0])) == 2
-    assert found.z[0, 2] > 5.0
-    assert not found.doubtful.any()
+    density = density_of(thirty_machines)
+    outliers = judged(density, draw_spreads(density, 6, seed=1, size=1024))
+    assert (outliers.p_value < 0.05).tolist() == [True] + [False] * 29
+    assert np.argmax(np.abs(outliers.z[0])) == 2
+    assert outliers.z[0, 2] > 5.0
+    assert not outliers.doubtful.any()
 
 
 # ---- the whole
 
 
 def test_spreads_follow_their_prior(rng: np.random.Generator) -> None:
-    made = fleet(rng, machines=3, parameters=2)
+    three_machines = fleet(rng, machines=3, parameters=2)
     narrow, wide = (
-        pool(made, spread_scale=scale).parameters["C_XXX"].spread.mean for scale in (0.01, 0.3)
+        pool(three_machines, spread_scale=scale).parameters["C_XXX"].spread.mean
+        for scale in (0.01, 0.3)
     )
     assert narrow < 0.2 * wide
 
 
 @pytest.fixture(scope="module")
-def found() -> Population:
+def eight_machines() -> Population:
     """Eight machines, the first of another kind."""
     return pool(fleet(np.random.default_rng(3), machines=8, outlier=OUTLIER))
 
@@ -297,37 +303,43 @@ def found() -> Population:
 def test_everything_against_a_sum_over_dense_gaussians(rng: np.random.Generator) -> None:
     """One parameter: s on a grid with its half-normal prior, everything else from dense
     matrices."""
-    made = fleet(rng, machines=4, parameters=1)
-    result = pool(made)
+    four_machines = fleet(rng, machines=4, parameters=1)
+    result = pool(four_machines)
     grid = (np.arange(300) + 0.5) * 1.5 / 300
-    parts = [dense(made, np.array([s])) for s in grid]
-    log_weight = np.array([own[0] for own in parts]) - 0.5 * (grid / 0.3) ** 2
+    dense_moments = [dense(four_machines, np.array([s])) for s in grid]
+    log_density = np.array([moments[0] for moments in dense_moments])
+    log_weight = log_density - 0.5 * (grid / 0.3) ** 2
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
-    means = np.array([own[1] for own in parts])
-    variances = np.array([np.diag(own[2]) for own in parts])
+    means = np.array([moments[1] for moments in dense_moments])
+    variances = np.array([np.diag(moments[2]) for moments in dense_moments])
     mean = weight @ means
     sd = np.sqrt(weight @ (variances + (means - mean) ** 2))
-    unit = made.prior_sd[0]
-    own = result.parameters["C_XXX"]
-    assert own.mean.mean / unit == pytest.approx(mean[4], abs=0.01 * sd[4])
-    assert own.mean.sd / unit == pytest.approx(sd[4], rel=0.01)
-    assert own.spread.mean / unit == pytest.approx(weight @ grid, rel=0.01)
-    assert own.next.mean == own.mean.mean
-    assert own.next.sd / unit == pytest.approx(np.sqrt(sd[4] ** 2 + weight @ grid**2), rel=0.01)
+    unit = four_machines.prior_sd[0]
+    parameter = result.parameters["C_XXX"]
+    assert parameter.mean.mean / unit == pytest.approx(mean[4], abs=0.01 * sd[4])
+    assert parameter.mean.sd / unit == pytest.approx(sd[4], rel=0.01)
+    assert parameter.spread.mean / unit == pytest.approx(weight @ grid, rel=0.01)
+    assert parameter.next.mean == parameter.mean.mean
+    assert parameter.next.sd / unit == pytest.approx(
+        np.sqrt(sd[4] ** 2 + weight @ grid**2), rel=0.01
+    )
     for m, machine in enumerate(result.machine.values()):
         assert machine.estimate["C_XXX"].mean / unit == pytest.approx(mean[m], abs=0.02 * sd[m])
         assert machine.estimate["C_XXX"].sd / unit == pytest.approx(sd[m], rel=0.01)
-    known = np.array([np.linalg.inv(np.linalg.inv(own[2][4:, 4:])[:1, :1])[0, 0] for own in parts])
-    share = 1.0 - (weight @ known + weight @ (means[:, 4] - mean[4]) ** 2) / sd[4] ** 2
-    assert own.instrument_sd / unit == pytest.approx(sd[4] * np.sqrt(share), rel=0.02)
+    precisions = [np.linalg.inv(moments[2][4:, 4:]) for moments in dense_moments]
+    conditional_variance = np.array([1.0 / precision[0, 0] for precision in precisions])
+    share = (
+        1.0 - (weight @ conditional_variance + weight @ (means[:, 4] - mean[4]) ** 2) / sd[4] ** 2
+    )
+    assert parameter.instrument_sd / unit == pytest.approx(sd[4] * np.sqrt(share), rel=0.02)
 
 
 def test_alone_is_a_fit_with_the_instrument_known_as_all_know_it(rng: np.random.Generator) -> None:
     """(A + I)⁻¹ (a − B b), b drawn from its posterior, against draws."""
-    made = fleet(rng, machines=3, parameters=2)
-    result = pool(made)
-    density = density_of(made)
+    three_machines = fleet(rng, machines=3, parameters=2)
+    result = pool(three_machines)
+    density = density_of(three_machines)
     spreads = draw_spreads(density, 2, seed=1)
     common = shared_quantities(density.likelihood, spreads.spread)
     pick = rng.choice(len(spreads.weight), 40_000, p=spreads.weight)
@@ -336,78 +348,92 @@ def test_alone_is_a_fit_with_the_instrument_known_as_all_know_it(rng: np.random.
     rows = density.likelihood.precision[1, :2]
     inverse = np.linalg.inv(rows[:, :2] + np.eye(2))
     noise = rng.standard_normal((len(pick), 2)) @ np.linalg.cholesky(inverse).T
-    draws = ((a - x[:, 2:] @ rows[:, 2:].T) @ inverse + noise) * made.prior_sd[:2]
-    for j, name in enumerate(made.parameters):
-        own = result.machine["M02"].alone[name]
-        assert own.mean == pytest.approx(draws[:, j].mean(), abs=0.03 * own.sd)
-        assert own.sd == pytest.approx(draws[:, j].std(), rel=0.02)
-        assert own.interval == pytest.approx(
-            tuple(np.quantile(draws[:, j], [0.025, 0.975])), abs=0.06 * own.sd
+    draws = ((a - x[:, 2:] @ rows[:, 2:].T) @ inverse + noise) * three_machines.prior_sd[:2]
+    for j, name in enumerate(three_machines.parameters):
+        summary = result.machine["M02"].alone[name]
+        assert summary.mean == pytest.approx(draws[:, j].mean(), abs=0.03 * summary.sd)
+        assert summary.sd == pytest.approx(draws[:, j].std(), rel=0.02)
+        assert summary.interval == pytest.approx(
+            tuple(np.quantile(draws[:, j], [0.025, 0.975])), abs=0.06 * summary.sd
         )
 
 
-def test_a_machine_that_does_not_belong(found: Population) -> None:
-    assert found.not_belonging == ("M01",)
+def test_a_machine_that_does_not_belong(eight_machines: Population) -> None:
+    assert eight_machines.not_belonging == ("M01",)
     head = "M01 does not belong with the others: p < 0.0001 over all machines, most in C_XXX"
-    assert any(sentence.startswith(head) for sentence in population_sentences(found))
-    few = pool(fleet(np.random.default_rng(3), machines=5))
-    assert few.not_belonging == ()
-    assert {own.p_value for own in few.machine.values()} == {None}
-    assert "With 5 machines the spread between them rests on its prior" in " ".join(doubts(few))
+    assert any(sentence.startswith(head) for sentence in population_sentences(eight_machines))
+    five_machines = pool(fleet(np.random.default_rng(3), machines=5))
+    assert five_machines.not_belonging == ()
+    assert {machine.p_value for machine in five_machines.machine.values()} == {None}
+    assert "With 5 machines the spread between them rests on its prior" in " ".join(
+        doubts(five_machines)
+    )
 
 
-def test_the_record(found: Population) -> None:
-    record = with_words(found)
-    following = found.parameters["C_XXX"].next
+def test_the_record(eight_machines: Population) -> None:
+    record = with_words(eight_machines)
+    following = eight_machines.parameters["C_XXX"].next
     again = json.loads(json.dumps(record))
     assert again["sha256"] == digest_of(again)
     assert again["next"]["C_XXX"] == {"unit": "mm/N", "mean": following.mean, "sd": following.sd}
     again["next"]["C_XXX"]["sd"] *= 1.0 + 1e-12
     assert again["sha256"] != digest_of(again)
-    made = replace(
+    two_kinds = replace(
         fleet(np.random.default_rng(1), machines=3, parameters=2),
         parameters=("C_XXX", "E_XX1"),
         units=("mm/N", "1"),
     )
-    other = pool(made).as_dict()
+    other = pool(two_kinds).as_dict()
     assert (list(other["next"]), list(other["parameters"])) == (["C_XXX"], ["C_XXX", "E_XX1"])
-    machines = found.machines_table()
-    assert machines.loc["M02", "C_YYY.mean"] == found.machine["M02"].estimate["C_YYY"].mean
+    machines = eight_machines.machines_table()
+    assert machines.loc["M02", "C_YYY.mean"] == eight_machines.machine["M02"].estimate["C_YYY"].mean
     assert machines["flag"].sum() == 1
-    for shown in (str(found), found._repr_html_()):
-        for part in (
+    for text in (str(eight_machines), eight_machines._repr_html_()):
+        for phrase in (
             "8 machines, 8 campaigns; compliances at 389 N, tested from 36 to 742 N.",
             "nm/N",
             "M01 does not belong",
         ):
-            assert part in shown
+            assert phrase in text
 
 
 def test_what_each_its_own_bar_changes(rng: np.random.Generator) -> None:
     """No error is common to all, and nothing is said of one."""
-    made = fleet(rng, machines=3, parameters=2)
-    information = made.likelihood.precision[:, :2, :2]
-    weighted = made.likelihood.shift[:, :2]
-    result = pool(telling(made, information, weighted, instrument=(), prior_sd=made.prior_sd[:2]))
+    three_machines = fleet(rng, machines=3, parameters=2)
+    information = three_machines.likelihood.precision[:, :2, :2]
+    weighted = three_machines.likelihood.shift[:, :2]
+    result = pool(
+        with_likelihood(
+            three_machines,
+            information,
+            weighted,
+            instrument=(),
+            prior_sd=three_machines.prior_sd[:2],
+        )
+    )
     assert {entry.instrument_sd for entry in result.parameters.values()} == {0.0}
     assert "one bar" not in " ".join(doubts(result))
-    assert "mount deflection, force gain" in " ".join(doubts(pool(made)))
+    assert "mount deflection, force gain" in " ".join(doubts(pool(three_machines)))
 
 
 def test_doubts(rng: np.random.Generator) -> None:
     """Of one bar's length and balls, of forces that were not tested; readings that tell nothing
     leave the prior."""
-    made = fleet(rng, machines=2, parameters=1)
+    two_machines = fleet(rng, machines=2, parameters=1)
     for other in ({"reference_force_N": 900.0}, {"forces_N": (500.0, 300.0)}):
         assert "was not within the tested forces of every campaign" in " ".join(
-            doubts(pool(replace(made, **other)))
+            doubts(pool(replace(two_machines, **other)))
         )
     assert (
         "conservative for differences between machines, not for the population's mean"
-        in " ".join(doubts(pool(made)))
+        in " ".join(doubts(pool(two_machines)))
     )
     nothing = pool(
-        telling(made, 0.0 * made.likelihood.precision, 0.0 * made.likelihood.shift)
+        with_likelihood(
+            two_machines,
+            0.0 * two_machines.likelihood.precision,
+            0.0 * two_machines.likelihood.shift,
+        )
     ).parameters["C_XXX"]
     assert nothing.mean.mean == 0.0
     assert nothing.spread.mean / nothing.prior_sd == pytest.approx(
@@ -431,15 +457,15 @@ def test_sets_means_and_sds_at_the_populations_force(tmp_path: Path) -> None:
     assert prior == lb.prior_from(tmp_path / "population.json")
     assert (prior.machines, prior.campaigns, prior.sha256) == (24, 60, digest_of(RESULT))
     model = lb.HybridModel.first(1)
-    found = prior.model(model).bind(plan())
-    usual = model.bind(plan())
-    assert found.setting.reference_force_N == 300.0
-    own = {p.name: (p.prior_mean, p.prior_sd) for p in found.parameters}
+    bound = prior.model(model).bind(plan())
+    bound_default = model.bind(plan())
+    assert bound.setting.reference_force_N == 300.0
+    prior_by_name = {p.name: (p.prior_mean, p.prior_sd) for p in bound.parameters}
     for name, entry in RESULT["next"].items():
-        assert own[name] == (entry["mean"], entry["sd"])
-    others = [i for i, name in enumerate(found.names) if name not in RESULT["next"]]
-    np.testing.assert_array_equal(found.prior_sd[others], usual.prior_sd[others])
-    assert not found.prior_mean[others].any()
+        assert prior_by_name[name] == (entry["mean"], entry["sd"])
+    unchanged = [i for i, name in enumerate(bound.names) if name not in RESULT["next"]]
+    np.testing.assert_array_equal(bound.prior_sd[unchanged], bound_default.prior_sd[unchanged])
+    assert not bound.prior_mean[unchanged].any()
     assert prior.model(replace(model, reference_force_N=300.0)) == prior.model(model)
     assert prior.doubts(plan()) == ()
     assert pickle.loads(pickle.dumps(prior)) == prior
@@ -448,12 +474,12 @@ def test_sets_means_and_sds_at_the_populations_force(tmp_path: Path) -> None:
 def test_doubts_of_a_prior(tmp_path: Path) -> None:
     """Forces elsewhere, the machine itself, what the population says of itself."""
     prior = lb.prior_from(written(tmp_path, doubts=["Its spreads cannot be trusted."]))
-    force, own = prior.doubts(plan((40, 40), forces_N=(400.0, 742.0)))
+    force, stated = prior.doubts(plan((40, 40), forces_N=(400.0, 742.0)))
     assert force.startswith(
         "The population's compliances are meant at 300 N, outside this campaign's forces (400 to"
         " 742 N)"
     )
-    assert own == "The population says: Its spreads cannot be trusted."
+    assert stated == "The population says: Its spreads cannot be trusted."
     assert (
         "has campaigns of this machine (M07)" in prior.doubts(replace(plan(), machine_id="M07"))[0]
     )
@@ -488,9 +514,9 @@ def test_other_machines_are_refused(tmp_path: Path) -> None:
 
 
 def test_compliances_of_another_place_are_refused(tmp_path: Path) -> None:
-    told = stands_for(plan())
-    prior = lb.prior_from(written(tmp_path, compliances=told))
-    assert prior.compliances == told
+    meanings = stands_for(plan())
+    prior = lb.prior_from(written(tmp_path, compliances=meanings))
+    assert prior.compliances == meanings
     assert prior.doubts(plan()) == ()
     higher = replace(plan(), tests=tuple(replace(test, centre_z_mm=100.0) for test in plan().tests))
     refuses(
@@ -513,11 +539,11 @@ def test_models_it_does_not_go_with(tmp_path: Path) -> None:
         prior.model,
         model.fixing("C_XYX"),
     )
-    for own in ({"overrides": {"C_XXX": 1e-5}}, {"means": {"C_XXX": 1e-5}}):
+    for changes in ({"overrides": {"C_XXX": 1e-5}}, {"means": {"C_XXX": 1e-5}}):
         with pytest.raises(
             InputError, match="C_XXX must have one prior, got the population's and the model's own"
         ):
-            prior.model(replace(model, prior=replace(model.prior, **own)))
+            prior.model(replace(model, prior=replace(model.prior, **changes)))
     with pytest.raises(
         InputError, match=r"reference_force_N must be the population's 300 N, .* got 389 N\. Leave"
     ):
@@ -548,33 +574,37 @@ def placed(
 ) -> Campaign:
     """A plan whose circles lie there."""
     x, y, z = centre_mm
-    own = {"centre_x_mm": x, "centre_y_mm": y, "centre_z_mm": z, "radius_mm": radius_mm}
-    made = plan()
-    return replace(made, tests=tuple(replace(test, **own) for test in made.tests), **fields)
+    circle = {"centre_x_mm": x, "centre_y_mm": y, "centre_z_mm": z, "radius_mm": radius_mm}
+    centred = plan()
+    return replace(
+        centred, tests=tuple(replace(test, **circle) for test in centred.tests), **fields
+    )
 
 
 def test_the_sum_is_what_readings_see(rng: np.random.Generator) -> None:
     """Joints' compliances drawn, the kept ones made of them: the same readings of a circle off the
     centre."""
-    made = placed((120.0, -40.0, 90.0), frames_mm=FRAMES)
-    meant = stands_for(made)
-    members = sorted({label for parts in meant.values() for label in parts})
+    campaign = placed((120.0, -40.0, 90.0), frames_mm=FRAMES)
+    meanings = stands_for(campaign)
+    members = sorted(set().union(*meanings.values()))
     truth = dict(zip(members, rng.standard_normal(len(members)), strict=True))
-    names = [ComplianceName(*label[2:]) for label in (*members, *meant)]
-    circle = next(iter(made.tests)).circle
-    jacobian = compliance_jacobian(made.machine(), circle, np.linspace(0.0, 6.0, 40), names)
-    kept = [
-        sum(weight * truth[label] for label, weight in parts.items()) for parts in meant.values()
-    ]
-    every = jacobian[:, : len(members)] @ list(truth.values())
-    assert np.linalg.norm(jacobian[:, len(members) :] @ kept - every) < 1e-6 * np.linalg.norm(every)
+    names = [ComplianceName(*label[2:]) for label in (*members, *meanings)]
+    circle = next(iter(campaign.tests)).circle
+    jacobian = compliance_jacobian(campaign.machine(), circle, np.linspace(0.0, 6.0, 40), names)
+    sums = []
+    for weights in meanings.values():
+        sums.append(sum(weight * truth[label] for label, weight in weights.items()))
+    expected = jacobian[:, : len(members)] @ list(truth.values())
+    assert np.linalg.norm(jacobian[:, len(members) :] @ sums - expected) < 1e-6 * np.linalg.norm(
+        expected
+    )
 
 
 @pytest.mark.parametrize("frames", [{}, FRAMES])
 def test_a_radius_does_not_matter(frames: dict[str, Any]) -> None:
-    meant = stands_for(placed((0.0, 0.0, 80.0), frames_mm=frames))
-    assert meant == stands_for(placed((0.0, 0.0, 80.0), radius_mm=50.0, frames_mm=frames))
-    assert meant["C_XXX"]["C_BXX"] == (280.0 if frames else 80.0)
+    meanings = stands_for(placed((0.0, 0.0, 80.0), frames_mm=frames))
+    assert meanings == stands_for(placed((0.0, 0.0, 80.0), radius_mm=50.0, frames_mm=frames))
+    assert meanings["C_XXX"]["C_BXX"] == (280.0 if frames else 80.0)
 
 
 def test_a_millimetre_counts_for_nothing_and_a_decimetre_does() -> None:
