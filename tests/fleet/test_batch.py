@@ -59,15 +59,15 @@ def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
     )
     result = full_result(posterior, 0.95)
     row = rows.iloc[1]
-    for name, own in lb.summarize(posterior).iterrows():
+    for name, numbers in lb.summarize(posterior).iterrows():
         for key in ("mean", "sd", "median", "ci_low", "ci_high"):
-            assert row[f"{name}.{key}"] == own[key]
-        assert rows.attrs["units"][name] == own["unit"]
+            assert row[f"{name}.{key}"] == numbers[key]
+        assert rows.attrs["units"][name] == numbers["unit"]
     assert json.loads(row["tolerances"]) == LIMITS
-    for name, own in lb.conformity(posterior, LIMITS).items():
+    for name, numbers in lb.conformity(posterior, LIMITS).items():
         assert (row[f"{name}.probability"], row[f"{name}.decision"]) == (
-            own.probability,
-            own.decision,
+            numbers.probability,
+            numbers.decision,
         )
     fields = {
         "sha256": campaign.sha256,
@@ -96,19 +96,21 @@ def test_what_is_beside_the_fit(folders: list[str], fitted: Batch) -> None:
     rows = fitted.rows()
     campaign = lb.read_campaign(folders[2])
     value, error = lb.log_bayes_factor(
-        *(lb.log_evidence(own, campaign) for own in (LINEAR, LINEAR.with_degree(0)))
+        *(lb.log_evidence(model, campaign) for model in (LINEAR, LINEAR.with_degree(0)))
     )
     assert (
         abs(rows["log_bayes_factor"][2] - value) < rows["log_bayes_factor_error"][2] + error + 0.02
     )
-    found = sufficient_statistics(
+    statistics = sufficient_statistics(
         HyperPosterior(LINEAR.bind(lb.read_campaign(folders[0])), truncated=False, seed=3)
     )
     row = rows.iloc[0]
-    assert tuple(row["gaussian_names"]) == found.names
-    np.testing.assert_allclose(row["gaussian_mean"], found.mean, rtol=1e-9, atol=1e-15)
+    assert tuple(row["gaussian_names"]) == statistics.names
+    np.testing.assert_allclose(row["gaussian_mean"], statistics.mean, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(
-        row["gaussian_covariance"], found.covariance[np.tril_indices(len(found.names))], rtol=1e-9
+        row["gaussian_covariance"],
+        statistics.covariance[np.tril_indices(len(statistics.names))],
+        rtol=1e-9,
     )
     assert len(fleet_statistics(rows)) == 3
 
@@ -138,10 +140,10 @@ def test_what_goes_wrong_stays_in_its_row(folders: list[str], tmp_path: Path) ->
         lb.write_campaign(good.plan(), tmp_path / "plan"),
         folders[0],
     ]
-    done = lb.batch(paths, tmp_path / "out", model=LINEAR, ess=ESS, compare=False)
-    rows = done.rows()
+    finished = lb.batch(paths, tmp_path / "out", model=LINEAR, ess=ESS, compare=False)
+    rows = finished.rows()
     assert rows["status"].tolist() == ["failed"] * 4 + ["done"]
-    assert (done.done, done.failures, len(done.failed)) == (1, 4, 4)
+    assert (finished.done, finished.failures, len(finished.failed)) == (1, 4, 4)
     for reason, expected in zip(
         rows["reason"],
         ("which does not exist", "torn", "force", "must have readings"),
@@ -151,12 +153,12 @@ def test_what_goes_wrong_stays_in_its_row(folders: list[str], tmp_path: Path) ->
         assert "\n" not in reason
     assert rows["sha256"][2] == lb.read_campaign(single).sha256
     assert np.isnan(rows["log_bayes_factor"][4])
-    record = done.as_dict()
-    assert (record["failures"], [own["campaign"] for own in record["failed"]]) == (
+    record = finished.as_dict()
+    assert (record["failures"], [entry["campaign"] for entry in record["failed"]]) == (
         4,
         rows["campaign"][:4].tolist(),
     )
-    assert Batch.from_dict(json.loads(json.dumps(record))) == done
+    assert Batch.from_dict(json.loads(json.dumps(record))) == finished
 
 
 @pytest.mark.parametrize(
@@ -194,10 +196,10 @@ def test_a_tidy_csv_takes_what_its_table_does_not_say(tmp_path: Path) -> None:
     row = fit_row(settings, Job(0, "t.csv", str(tmp_path / "t.csv")))
     assert row["sha256"] == lb.read_campaign(tmp_path / "t.csv", radius_mm=100.0).sha256
     assert row["sha256"] != lb.read_campaign(tmp_path / "t.csv").sha256
-    alone = replace(settings, certificates={"bar_length_error_um": 1.0})
+    incomplete = replace(settings, certificates={"bar_length_error_um": 1.0})
     assert (
         "must come with its U_um"
-        in fit_row(alone, Job(0, "t.csv", str(tmp_path / "t.csv")))["reason"]
+        in fit_row(incomplete, Job(0, "t.csv", str(tmp_path / "t.csv")))["reason"]
     )
 
 
@@ -212,7 +214,7 @@ def test_gather(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert gather(["shop", "t.csv"]) == ("shop/a", "shop/b", "t.csv")
     assert gather("@list.txt") == ("shop/a", "shop/b", "lone", "missing#1")
     assert gather(["list.txt", tmp_path / "lone" / "campaign.toml"]) == gather("@list.txt")
-    for given, message in (
+    for entries, message in (
         ([], "must have campaigns that exist, got none among 0"),
         (["nowhere", "there"], r"must have campaigns that exist, got none among 2 \(nowhere\)"),
         (["shop/none"], "must have campaigns that exist"),
@@ -220,11 +222,11 @@ def test_gather(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (["a\nb", "lone"], "must be printable and stand on one line"),
         (["a\udcff", "lone"], "must be printable"),
     ):
-        refuses(message, gather, given)
+        refuses(message, gather, entries)
 
 
 @pytest.fixture
-def made(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[list[str], list[int]]:
+def quick_batch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[list[str], list[int]]:
     """Paths that exist, and the calls of a fit that takes no time."""
     (tmp_path / "p0").mkdir()
     (tmp_path / "p0" / "campaign.toml").touch()
@@ -239,21 +241,24 @@ def made(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[list[str], li
 
 
 def test_interrupted_anywhere_and_resumed(
-    made: tuple[list[str], list[int]], tmp_path: Path
+    quick_batch: tuple[list[str], list[int]], tmp_path: Path
 ) -> None:
     """What is done is not done again, and the table is the same; so it is on threads, in whatever
     order rows come."""
-    paths, calls = made
-    whole = dataset_bytes(lb.batch(paths, tmp_path / "whole").out)
+    paths, calls = quick_batch
+    uninterrupted = dataset_bytes(lb.batch(paths, tmp_path / "whole").out)
     with ThreadPoolExecutor(8) as executor:
-        assert dataset_bytes(lb.batch(paths, tmp_path / "threads", executor=executor).out) == whole
+        assert (
+            dataset_bytes(lb.batch(paths, tmp_path / "threads", executor=executor).out)
+            == uninterrupted
+        )
     calls.clear()
     out = tmp_path / "out"
 
     for count in (0, 5, 11, 19):
 
-        def stop(done: int, *_: int, count: int = count) -> None:
-            if done == count:
+        def stop(finished: int, *_: int, count: int = count) -> None:
+            if finished == count:
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
@@ -263,7 +268,7 @@ def test_interrupted_anywhere_and_resumed(
     again = lb.batch(paths, out, resume=True)
     assert sorted(calls) == list(range(20))
     assert (again.resumed, again.failures, again.doubtful) == (True, 4, 2)
-    assert dataset_bytes(out) == whole
+    assert dataset_bytes(out) == uninterrupted
     assert lb.batch(paths, out, resume=True).fitted == 0
     calls.clear()
     assert lb.batch(paths, out, resume=True, retry=True).fitted == 4
@@ -273,43 +278,43 @@ def test_interrupted_anywhere_and_resumed(
 
 @pytest.mark.parametrize(("change", "message"), cases(__file__, "refusals.toml")["another_batch"])
 def test_another_batch_is_not_resumed(
-    made: tuple[list[str], list[int]], tmp_path: Path, change: dict[str, Any], message: str
+    quick_batch: tuple[list[str], list[int]], tmp_path: Path, change: dict[str, Any], message: str
 ) -> None:
-    lb.batch(made[0], tmp_path / "out")
+    lb.batch(quick_batch[0], tmp_path / "out")
     with pytest.raises(
         InputError, match=rf"out must be of this batch, {message}.*Resume with what"
     ):
-        lb.batch(made[0], tmp_path / "out", resume=True, **change)
+        lb.batch(quick_batch[0], tmp_path / "out", resume=True, **change)
 
 
 def test_other_campaigns_are_not_resumed(
-    made: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    quick_batch: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    paths, _ = made
+    paths, _ = quick_batch
     out = lb.batch(paths, tmp_path / "out").out
-    own = rf"or in another order\). Go on with its own list: @{out}/campaigns.txt --resume\."
-    for given in (paths[:-1], [*paths, "one more"], paths[1::-1] + paths[2:]):
+    advice = rf"or in another order\). Go on with its own list: @{out}/campaigns.txt --resume\."
+    for other_paths in (paths[:-1], [*paths, "one more"], paths[1::-1] + paths[2:]):
         refuses(
-            rf"got other campaigns \(20 where this run has {len(given)}, {own}",
+            rf"got other campaigns \(20 where this run has {len(other_paths)}, {advice}",
             lb.batch,
-            given,
+            other_paths,
             out,
             resume=True,
         )
     # The same said otherwise is the same batch.
-    same: dict[str, Any] = {
+    options: dict[str, Any] = {
         "model": replace(
             lb.HybridModel.default(), nuisances=lb.HybridModel.default().nuisances[::-1]
         )
     }
-    same |= {"seed": np.int64(1), "ess": np.float32(1000)}
+    options |= {"seed": np.int64(1), "ess": np.float32(1000)}
     monkeypatch.chdir(tmp_path)
-    for given in (f"@{out}/campaigns.txt", [os.path.relpath(path) for path in paths]):
-        assert lb.batch(given, out, resume=True, **same).fitted == 0
+    for other_paths in (f"@{out}/campaigns.txt", [os.path.relpath(path) for path in paths]):
+        assert lb.batch(other_paths, out, resume=True, **options).fitted == 0
 
 
-def test_what_is_refused(made: tuple[list[str], list[int]], tmp_path: Path) -> None:
-    paths, calls = made
+def test_what_is_refused(quick_batch: tuple[list[str], list[int]], tmp_path: Path) -> None:
+    paths, calls = quick_batch
     foreign = tmp_path / "foreign"
     foreign.mkdir()
     (foreign / "thesis.tex").touch()
@@ -345,9 +350,9 @@ def test_what_is_refused(made: tuple[list[str], list[int]], tmp_path: Path) -> N
     assert lb.batch(paths, out, force=True).fitted == 20
 
 
-def test_two_at_once(made: tuple[list[str], list[int]], tmp_path: Path) -> None:
+def test_two_at_once(quick_batch: tuple[list[str], list[int]], tmp_path: Path) -> None:
     """The second is refused, as long as the first has workers."""
-    paths = made[0]
+    paths = quick_batch[0]
     refused = []
 
     def second(*_: int) -> None:
@@ -380,7 +385,7 @@ def test_two_at_once(made: tuple[list[str], list[int]], tmp_path: Path) -> None:
 
 
 def test_what_a_worker_took_with_it_is_a_row(
-    made: tuple[list[str], list[int]], tmp_path: Path
+    quick_batch: tuple[list[str], list[int]], tmp_path: Path
 ) -> None:
     class Deadly(Executor):
         """Campaign 1 is the death of its worker."""
@@ -393,33 +398,35 @@ def test_what_a_worker_took_with_it_is_a_row(
                 future.set_result(fn(*args, **kwargs))
             return future
 
-    rows = lb.batch(made[0][:3], tmp_path / "out", executor=Deadly()).rows()
+    rows = lb.batch(quick_batch[0][:3], tmp_path / "out", executor=Deadly()).rows()
     assert rows["status"].tolist() == ["done", "failed", "done"]
     assert "its worker died" in rows["reason"][1]
 
 
 def test_a_full_disk_under_the_journal_and_the_table(
-    made: tuple[list[str], list[int]], tmp_path: Path
+    quick_batch: tuple[list[str], list[int]], tmp_path: Path
 ) -> None:
     """Files may not grow beyond so much: a message, and what is done is kept."""
-    paths, _ = made
-    whole = dataset_bytes(lb.batch(paths, tmp_path / "whole").out)
+    paths, _ = quick_batch
+    uninterrupted = dataset_bytes(lb.batch(paths, tmp_path / "whole").out)
     messages = set()
-    said = r"(can|must) be (written|writable).*, got: .*free some space"
-    for k, size in enumerate((10_000, 40_000, 80_000, len(whole) - 1)):
+    message = r"(can|must) be (written|writable).*, got: .*free some space"
+    for k, size in enumerate((10_000, 40_000, 80_000, len(uninterrupted) - 1)):
         with (
             full_disk(size),
-            pytest.raises(InputError, match=said) as raised,
+            pytest.raises(InputError, match=message) as raised,
         ):
             lb.batch(paths, tmp_path / f"out{k}")
         messages.add(str(raised.value).split(" must")[0].rpartition("/")[2])
         assert not (tmp_path / f"out{k}" / "campaigns.parquet").exists()
-        assert dataset_bytes(lb.batch(paths, tmp_path / f"out{k}", resume=True).out) == whole
+        assert (
+            dataset_bytes(lb.batch(paths, tmp_path / f"out{k}", resume=True).out) == uninterrupted
+        )
     assert "batch.sqlite" in messages
 
 
 def test_killed_and_resumed(
-    made: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    quick_batch: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """kill -9 right after a row: the row is kept, and in the end the table is the same."""
     root = Path(__file__).resolve().parents[2]
@@ -431,14 +438,16 @@ def test_killed_and_resumed(
     assert ended.returncode == -signal.SIGKILL
     monkeypatch.chdir(tmp_path)
     paths = [f"p{k}" for k in range(20)]
-    calls = made[1]
+    calls = quick_batch[1]
     again = lb.batch(paths, "out", resume=True)
     assert sorted([*calls, *map(int, Path("calls").read_text().split())]) == list(range(20))
     assert dataset_bytes(lb.batch(paths, "whole").out) == dataset_bytes(again.out)
 
 
-def test_several_batches_and_columns(made: tuple[list[str], list[int]], tmp_path: Path) -> None:
-    one, two = (lb.batch(made[0][:n], tmp_path / f"b{n}").out for n in (3, 12))
+def test_several_batches_and_columns(
+    quick_batch: tuple[list[str], list[int]], tmp_path: Path
+) -> None:
+    one, two = (lb.batch(quick_batch[0][:n], tmp_path / f"b{n}").out for n in (3, 12))
     rows = lb.read_batch([one, two / "campaigns.parquet"])
     assert len(rows) == 15
     assert rows["C_0.mean"].notna().sum() == 3 + 10
@@ -448,9 +457,9 @@ def test_several_batches_and_columns(made: tuple[list[str], list[int]], tmp_path
 
 
 def test_tables_that_are_none(
-    made: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    quick_batch: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out = lb.batch(made[0], tmp_path / "b").out
+    out = lb.batch(quick_batch[0], tmp_path / "b").out
     sound = dataset_bytes(out)
     pd.DataFrame({"a": [1]}).to_parquet(tmp_path / "other.parquet")
     for path, message in (

@@ -1,5 +1,4 @@
-"""A campaign's sufficient statistics against other ways to the same posterior; which campaigns are
-relied on."""
+"""Sufficient statistics against other ways to the same posterior; which campaigns are relied on."""
 
 from __future__ import annotations
 
@@ -31,74 +30,91 @@ MODEL = lb.HybridModel.first(degree=1).without("truncation")
 
 
 @pytest.fixture(scope="module")
-def found() -> SufficientStatistics:
+def campaign_moments() -> SufficientStatistics:
     return sufficient_statistics(HyperPosterior(MODEL.bind(CAMPAIGN), truncated=False))
 
 
-def test_moments_are_those_of_quadrature(found: SufficientStatistics) -> None:
+def test_moments_are_those_of_quadrature(campaign_moments: SufficientStatistics) -> None:
     table = lb.marginals(MODEL, CAMPAIGN)
     p = len(MODEL.bind(CAMPAIGN).names)
-    assert found.names[p:] == ("mount", "force_gain")
-    sd = np.sqrt(np.diag(found.covariance))[:p]
-    rows = table.loc[list(found.names[:p])]
-    np.testing.assert_allclose((found.mean[:p] - rows["mean"]) / rows["sd"], 0.0, atol=0.02)
+    assert campaign_moments.names[p:] == ("mount", "force_gain")
+    sd = np.sqrt(np.diag(campaign_moments.covariance))[:p]
+    rows = table.loc[list(campaign_moments.names[:p])]
+    np.testing.assert_allclose(
+        (campaign_moments.mean[:p] - rows["mean"]) / rows["sd"], 0.0, atol=0.02
+    )
     np.testing.assert_allclose(sd, rows["sd"], rtol=0.03)
 
 
-def test_instrument_errors_are_those_of_a_fit(found: SufficientStatistics) -> None:
+def test_instrument_errors_are_those_of_a_fit(campaign_moments: SufficientStatistics) -> None:
     """Drawn and averaged by other code, given β."""
     table = lb.nuisances(
         lb.sample(MODEL, CAMPAIGN, sampler="independent", rule=lb.StoppingRule(ess=2000.0))
     )
     for name in ("mount", "force_gain"):
-        k = found.names.index(name)
-        assert abs(found.mean[k] - table.loc[name, "mean"]) < 0.15 * table.loc[name, "sd"]
-        assert np.sqrt(found.covariance[k, k]) == pytest.approx(table.loc[name, "sd"], rel=0.1)
+        k = campaign_moments.names.index(name)
+        assert (
+            abs(campaign_moments.mean[k] - table.loc[name, "mean"]) < 0.15 * table.loc[name, "sd"]
+        )
+        assert np.sqrt(campaign_moments.covariance[k, k]) == pytest.approx(
+            table.loc[name, "sd"], rel=0.1
+        )
 
 
-def test_likelihood_times_prior_is_the_posterior(found: SufficientStatistics) -> None:
+def test_likelihood_times_prior_is_the_posterior(campaign_moments: SufficientStatistics) -> None:
     names = ("C_XXX", "C_YYY", "C_CCY")
-    one = fleet_statistics(pd.DataFrame([row(found)]), parameters=names, reference_force_N=389.0)
-    place = [found.names.index(name) for name in (*names, "mount", "force_gain")]
+    one = fleet_statistics(
+        pd.DataFrame([row(campaign_moments)]), parameters=names, reference_force_N=389.0
+    )
+    place = [campaign_moments.names.index(name) for name in (*names, "mount", "force_gain")]
     precision = one.likelihood.precision[0] / np.outer(one.prior_sd, one.prior_sd) + np.diag(
-        1.0 / found.prior_sd[place] ** 2
+        1.0 / campaign_moments.prior_sd[place] ** 2
     )
     np.testing.assert_allclose(
-        np.linalg.inv(precision), found.covariance[np.ix_(place, place)], rtol=1e-6, atol=1e-30
+        np.linalg.inv(precision),
+        campaign_moments.covariance[np.ix_(place, place)],
+        rtol=1e-6,
+        atol=1e-30,
     )
     np.testing.assert_allclose(
         np.linalg.solve(precision, one.likelihood.shift[0] / one.prior_sd),
-        found.mean[place],
+        campaign_moments.mean[place],
         rtol=1e-6,
     )
 
 
 def posteriors(*fleets: FleetStatistics) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Means and sds of the first campaigns, in inside units, under the reference prior."""
-    made = [
-        Gaussian(own.likelihood.precision[0] + np.eye(8), own.likelihood.shift[0]) for own in fleets
+    posteriors_by_fleet = [
+        Gaussian(statistics.likelihood.precision[0] + np.eye(8), statistics.likelihood.shift[0])
+        for statistics in fleets
     ]
-    return [one.mean * own.prior_sd for one, own in zip(made, fleets, strict=True)], [
-        one.sd * own.prior_sd for one, own in zip(made, fleets, strict=True)
+    return [
+        one.mean * statistics.prior_sd
+        for one, statistics in zip(posteriors_by_fleet, fleets, strict=True)
+    ], [
+        one.sd * statistics.prior_sd
+        for one, statistics in zip(posteriors_by_fleet, fleets, strict=True)
     ]
 
 
 def test_the_reference_force_is_that_of_another_model(
-    found: SufficientStatistics,
+    campaign_moments: SufficientStatistics,
 ) -> None:
     """Carried along the slopes: C at 500 N is what a model about 500 N calls C, but for what priors
     of either say."""
-    there = replace(MODEL, reference_force_N=500.0).bind(CAMPAIGN)
-    other = sufficient_statistics(HyperPosterior(there, truncated=False))
-    for force, here, moved in (
-        (500.0, row(other, reference_force_N=500.0), row(found)),
-        (389.0, row(found), row(other, reference_force_N=500.0)),
+    bound = replace(MODEL, reference_force_N=500.0).bind(CAMPAIGN)
+    other = sufficient_statistics(HyperPosterior(bound, truncated=False))
+    for force, direct_row, carried_row in (
+        (500.0, row(other, reference_force_N=500.0), row(campaign_moments)),
+        (389.0, row(campaign_moments), row(other, reference_force_N=500.0)),
     ):
         direct, carried = (
-            fleet_statistics(pd.DataFrame([own]), reference_force_N=force) for own in (here, moved)
+            fleet_statistics(pd.DataFrame([entry]), reference_force_N=force)
+            for entry in (direct_row, carried_row)
         )
-        for own in (carried, direct):
-            assert own.prior_sd[6:] == pytest.approx([2.33e-4, 0.01])
+        for statistics in (carried, direct):
+            assert statistics.prior_sd[6:] == pytest.approx([2.33e-4, 0.01])
         means, sds = posteriors(carried, direct)
         np.testing.assert_allclose(sds[0], sds[1], rtol=0.05)
         np.testing.assert_allclose((means[0] - means[1]) / sds[1], 0.0, atol=0.1)
@@ -117,29 +133,33 @@ def test_reference_scales_are_those_of_the_kind() -> None:
     assert reference_sd(names, units, mean, sd) == pytest.approx([1e-4, 1e-5, 3e-9, 2e-4, 1e-6])
 
 
-def test_each_its_own_instrument(found: SufficientStatistics) -> None:
-    own = fleet_statistics(pd.DataFrame([row(found)]), one_instrument=False)
-    assert own.instrument == ()
-    assert own.likelihood.shift.shape == (1, 6)
-    one = fleet_statistics(pd.DataFrame([row(found)]))
+def test_each_its_own_instrument(campaign_moments: SufficientStatistics) -> None:
+    separate = fleet_statistics(pd.DataFrame([row(campaign_moments)]), one_instrument=False)
+    assert separate.instrument == ()
+    assert separate.likelihood.shift.shape == (1, 6)
+    one = fleet_statistics(pd.DataFrame([row(campaign_moments)]))
     assert (
-        np.linalg.eigvalsh(one.likelihood.precision[0][:6, :6] - own.likelihood.precision[0]).min()
+        np.linalg.eigvalsh(
+            one.likelihood.precision[0][:6, :6] - separate.likelihood.precision[0]
+        ).min()
         > -1e-6
     )
 
 
-def test_compliances_that_are_not_the_same(found: SufficientStatistics) -> None:
+def test_compliances_that_are_not_the_same(campaign_moments: SufficientStatistics) -> None:
     """Circles 100 mm higher: C_XXX holds a rotation of the joint as well; C_CCY is what it was. Old
     rows do not say it."""
-    here, near, there = (json.dumps(stands_for(_at(z))) for z in (0.0, 0.5, 100.0))
+    centred, near, raised = (json.dumps(stands_for(_at(z))) for z in (0.0, 0.5, 100.0))
     table = pd.DataFrame(
         [
-            row(found, campaign=name, compliances=own)
-            for name, own in {"a": here, "b": near, "c": None}.items()
+            row(campaign_moments, campaign=name, compliances=meaning)
+            for name, meaning in {"a": centred, "b": near, "c": None}.items()
         ]
     )
     assert fleet_statistics(table).compliances["C_XXX"] == {"C_XXX": 1.0, "C_XXY": 1.0}
-    other = pd.concat([table, pd.DataFrame([row(found, campaign="d", compliances=there)])])
+    other = pd.concat(
+        [table, pd.DataFrame([row(campaign_moments, campaign="d", compliances=raised)])]
+    )
     with pytest.raises(
         InputError,
         match=(
@@ -151,26 +171,27 @@ def test_compliances_that_are_not_the_same(found: SufficientStatistics) -> None:
 
 
 def test_one_campaign_without_the_mount_leaves_the_others_theirs(
-    found: SufficientStatistics,
+    campaign_moments: SufficientStatistics,
 ) -> None:
     """It took the mount as known; that of the others does not average out for it."""
     without = MODEL.without("mount")
-    known = sufficient_statistics(HyperPosterior(without.bind(CAMPAIGN), truncated=False))
-    both = fleet_statistics(pd.DataFrame([row(known), row(found), row(found)]))
-    pair, alone = (
-        fleet_statistics(pd.DataFrame([row(own)] * n)) for own, n in ((found, 2), (known, 1))
+    without_mount = sufficient_statistics(HyperPosterior(without.bind(CAMPAIGN), truncated=False))
+    both = fleet_statistics(
+        pd.DataFrame([row(without_mount), row(campaign_moments), row(campaign_moments)])
     )
+    pair = fleet_statistics(pd.DataFrame([row(campaign_moments)] * 2))
+    single = fleet_statistics(pd.DataFrame([row(without_mount)]))
     assert both.instrument == pair.instrument == ("mount", "force_gain")
     assert both.prior_sd == pytest.approx(pair.prior_sd)
-    here = [0, 1, 2, 3, 4, 5, 7]
+    places = [0, 1, 2, 3, 4, 5, 7]
     for kind in ("precision", "shift"):
         np.testing.assert_allclose(
             getattr(both.likelihood, kind)[1:], getattr(pair.likelihood, kind)
         )
     np.testing.assert_allclose(
-        both.likelihood.precision[0][np.ix_(here, here)], alone.likelihood.precision[0]
+        both.likelihood.precision[0][np.ix_(places, places)], single.likelihood.precision[0]
     )
-    np.testing.assert_allclose(both.likelihood.shift[0, here], alone.likelihood.shift[0])
+    np.testing.assert_allclose(both.likelihood.shift[0, places], single.likelihood.shift[0])
     assert not both.likelihood.precision[0, 6].any()
     assert not both.likelihood.precision[0, :, 6].any()
     assert both.likelihood.shift[0, 6] == 0.0
@@ -184,12 +205,14 @@ def _at(centre_z_mm: float) -> lb.Campaign:
 
 def test_a_row_says_what_compliances_stand_for(tmp_path: Path) -> None:
     (path,) = write_campaigns(tmp_path, 1)
-    made = fit_row(Settings(model_to_toml(CONSTANT), ess=100.0, compare=False), Job(0, path, path))
-    assert json.loads(made["compliances"]) == stands_for(lb.read_campaign(path))
+    fitted = fit_row(
+        Settings(model_to_toml(CONSTANT), ess=100.0, compare=False), Job(0, path, path)
+    )
+    assert json.loads(fitted["compliances"]) == stands_for(lb.read_campaign(path))
 
 
-def test_what_statistics_refuse(found: SufficientStatistics) -> None:
-    table = pd.DataFrame([row(found), row(found, topology="wXYZt")])
+def test_what_statistics_refuse(campaign_moments: SufficientStatistics) -> None:
+    table = pd.DataFrame([row(campaign_moments), row(campaign_moments, topology="wXYZt")])
     refuses("same joints, got wCAFYXZSt and wXYZt", fleet_statistics, table)
     refuses("C_XXX", fleet_statistics, table[:1], parameters=["C_XX"])
 
@@ -218,20 +241,20 @@ def slipped(rows: pd.DataFrame, place: int) -> pd.DataFrame:
 
 def test_a_slip_does_not_reach_the_others(rows: pd.DataFrame) -> None:
     bad = slipped(rows, 2)
-    found = lb.population(bad)
+    cleaned = lb.population(bad)
     clean = lb.population(rows.drop(index=2))
-    assert {name: own.mean for name, own in found.parameters.items()} == {
-        n: own.mean for n, own in clean.parameters.items()
+    assert {name: parameter.mean for name, parameter in cleaned.parameters.items()} == {
+        n: parameter.mean for n, parameter in clean.parameters.items()
     }
-    assert "M2" not in found.machine
+    assert "M2" not in cleaned.machine
     assert (
-        doubts(found)[0]
+        doubts(cleaned)[0]
         == "Left out, because the model does not expect their readings (--include-misfits keeps"
         " them): c03."
     )
-    kept = lb.population(bad, include_misfits=True)
-    assert kept.campaigns == 8
-    assert kept.parameters["C_XXX"].spread.mean > 5.0 * clean.parameters["C_XXX"].spread.mean
+    everything = lb.population(bad, include_misfits=True)
+    assert everything.campaigns == 8
+    assert everything.parameters["C_XXX"].spread.mean > 5.0 * clean.parameters["C_XXX"].spread.mean
 
 
 def test_which_campaigns_are_relied_on(rows: pd.DataFrame) -> None:
@@ -255,7 +278,7 @@ def test_which_campaigns_are_relied_on(rows: pd.DataFrame) -> None:
 
 
 def test_what_is_refused(rows: pd.DataFrame) -> None:
-    for options, said in (
+    for options, message in (
         (
             {"exclude": ["m2"]},
             "must be a campaign or machine of the batch, got 'm2'. Did you mean 'M2'",
@@ -266,7 +289,7 @@ def test_what_is_refused(rows: pd.DataFrame) -> None:
             "campaigns must be left to rely on, got none of 8. Left out, without a date",
         ),
     ):
-        refuses(said, choose, rows, **options)
+        refuses(message, choose, rows, **options)
     refuses(
         r"campaigns must be left to rely on, got none of 8. .*--include-misfits",
         choose,

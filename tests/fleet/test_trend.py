@@ -1,7 +1,8 @@
-"""One machine over time: steps against stacked normal distributions, brute force and simulation; a
-loosened joint is found."""
+"""One machine over time: steps against stacked normal distributions, brute force and simulation."""
 
 from __future__ import annotations
+
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -55,7 +56,7 @@ def carried_by(series: Gaussian, scatter: Array, parameters: int = P) -> Gaussia
     return deviating(series, np.outer(scatter, np.ones(parameters)))
 
 
-def found_in(
+def posteriors_of(
     series: Gaussian, scatter: Array, change_scale: float = 0.2, parameters: int = P
 ) -> Gaussian:
     return hypotheses(carried_by(series, scatter, parameters), parameters, change_scale)
@@ -64,23 +65,25 @@ def found_in(
 def no_change(
     series: Gaussian, rule: tuple[Array, Array], probability: float = 0.5, parameters: int = P
 ) -> float:
-    found = found_in(series, rule[0], parameters=parameters)
-    return float(hypothesis_probabilities(found.log_integral, rule[1], probability)[:, -1].sum())
+    posteriors = posteriors_of(series, rule[0], parameters=parameters)
+    return float(
+        hypothesis_probabilities(posteriors.log_integral, rule[1], probability)[:, -1].sum()
+    )
 
 
 def stacked(series: Gaussian, r: float, change_scale: float, step: tuple[int, int] | None) -> float:
     """ln p(maxima of the likelihoods, all campaigns in one vector), by its whole covariance."""
     n = len(series.shift)
     take = np.tile(np.eye(Q), (n, 1))
-    whole = take @ take.T + np.kron(np.eye(n), np.diag([r**2] * P + [0.0] * S))
-    whole += block_diag(*map(np.linalg.inv, series.precision))
+    covariance = take @ take.T + np.kron(np.eye(n), np.diag([r**2] * P + [0.0] * S))
+    covariance += block_diag(*map(np.linalg.inv, series.precision))
     if step is not None:
         k, j = step
-        moved = np.zeros(n * Q)
-        moved[j + Q * k :: Q] = 1.0
-        whole += change_scale**2 * np.outer(moved, moved)
+        step_direction = np.zeros(n * Q)
+        step_direction[j + Q * k :: Q] = 1.0
+        covariance += change_scale**2 * np.outer(step_direction, step_direction)
     maxima = np.linalg.solve(series.precision, series.shift[:, :, None]).ravel()
-    return float(multivariate_normal(np.zeros(n * Q), whole).logpdf(maxima))
+    return float(multivariate_normal(np.zeros(n * Q), covariance).logpdf(maxima))
 
 
 @pytest.fixture(scope="module")
@@ -97,16 +100,18 @@ def series() -> Gaussian:
 
 def test_evidence_of_every_hypothesis(series: Gaussian) -> None:
     scatter = np.array([0.001, 0.02, 0.3])
-    found = found_in(series, scatter).log_integral
+    log_evidence = posteriors_of(series, scatter).log_integral
     dense = np.array([stacked(series, r, 0.2, None) for r in scatter])
     np.testing.assert_allclose(
-        found[:, -1] - found[0, -1], np.tile(dense - dense[0], (P, 1)).T, atol=1e-7
+        log_evidence[:, -1] - log_evidence[0, -1], np.tile(dense - dense[0], (P, 1)).T, atol=1e-7
     )
     for i, r in enumerate(scatter):
         for k in range(1, 5):
             for j in range(P):
-                own = stacked(series, r, 0.2, (k, j)) - dense[i]
-                assert found[i, k - 1, j] - found[i, -1, j] == pytest.approx(own, abs=1e-7)
+                expected = stacked(series, r, 0.2, (k, j)) - dense[i]
+                assert log_evidence[i, k - 1, j] - log_evidence[i, -1, j] == pytest.approx(
+                    expected, abs=1e-7
+                )
 
 
 def test_size_and_level_given_a_step(series: Gaussian) -> None:
@@ -115,7 +120,7 @@ def test_size_and_level_given_a_step(series: Gaussian) -> None:
     k = 3
     j = 0
     n = 5
-    found = found_in(series, np.array([r]))
+    posteriors = posteriors_of(series, np.array([r]))
     unknown = Q + 1 + n * P
     precision = np.diag(np.concatenate([np.ones(Q), [1.0 / 0.04], np.full(n * P, r**-2)]))
     right = np.zeros(unknown)
@@ -127,9 +132,11 @@ def test_size_and_level_given_a_step(series: Gaussian) -> None:
         precision += take.T @ series.precision[t] @ take
         right += take.T @ series.shift[t]
     covariance = np.linalg.inv(precision)
-    np.testing.assert_allclose(found.mean[0, k - 1, j], (covariance @ right)[: Q + 1], rtol=1e-7)
     np.testing.assert_allclose(
-        found.covariance[0, k - 1, j], covariance[: Q + 1, : Q + 1], rtol=1e-6, atol=1e-12
+        posteriors.mean[0, k - 1, j], (covariance @ right)[: Q + 1], rtol=1e-7
+    )
+    np.testing.assert_allclose(
+        posteriors.covariance[0, k - 1, j], covariance[: Q + 1, : Q + 1], rtol=1e-6, atol=1e-12
     )
 
 
@@ -138,7 +145,9 @@ def test_a_campaign_that_says_nothing_changes_nothing(series: Gaussian) -> None:
     silent = Gaussian(
         np.insert(series.precision, 2, 0.0, axis=0), np.insert(series.shift, 2, 0.0, axis=0)
     )
-    one, other = (found_in(own, np.array([0.02])).log_integral for own in (series, silent))
+    one, other = (
+        posteriors_of(campaigns, np.array([0.02])).log_integral for campaigns in (series, silent)
+    )
     np.testing.assert_allclose(other[:, [0, 1, 3, 4, 5]], one, atol=1e-9)
     np.testing.assert_allclose(other[:, 2], one[:, 1], atol=1e-9)
 
@@ -149,7 +158,9 @@ def test_probability_by_brute_force() -> None:
     maxima = np.array([0.30, 0.33, 0.34])
     series = Gaussian(precision[:, None, None], (precision * maxima)[:, None])
     nodes, weight = scatter_rule(0.02)
-    found = hypothesis_probabilities(found_in(series, nodes, 0.1, 1).log_integral, weight, 0.3)
+    probabilities = hypothesis_probabilities(
+        posteriors_of(series, nodes, 0.1, 1).log_integral, weight, 0.3
+    )
     r = (np.arange(400) + 0.5) * 1.2e-1 / 400
     delta = (np.arange(801) - 400) * 0.7 / 400
     totals = {}
@@ -157,14 +168,14 @@ def test_probability_by_brute_force() -> None:
         total = 0.0
         for one, prior in zip(r, halfnorm(scale=0.02).pdf(r), strict=True):
             covariance = np.ones((3, 3)) + np.diag(1.0 / precision + one**2)
-            own = multivariate_normal(np.zeros(3), covariance).pdf(
+            density = multivariate_normal(np.zeros(3), covariance).pdf(
                 maxima - delta[:, None] * (np.arange(3) >= k)
             )
-            total += prior * np.sum(own * norm(0.0, 0.1).pdf(delta)) * (delta[1] - delta[0])
+            total += prior * np.sum(density * norm(0.0, 0.1).pdf(delta)) * (delta[1] - delta[0])
         totals[k] = total * (0.7 if k == 3 else 0.15)
     expected = np.array(list(totals.values())) / sum(totals.values())
-    np.testing.assert_allclose(found.sum(axis=(0, 2)), expected, atol=2e-4)
-    assert found.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(probabilities.sum(axis=(0, 2)), expected, atol=2e-4)
+    assert probabilities.sum() == pytest.approx(1.0)
     prior = hypothesis_probabilities(np.zeros((2, 4, 3)), np.array([0.4, 0.6]), 0.3).sum(axis=0)
     np.testing.assert_allclose(prior, np.repeat([[0.3 / 9]] * 3 + [[0.7 / 3]], 3, axis=1))
 
@@ -175,7 +186,7 @@ def test_probabilities_are_calibrated() -> None:
     alarms are bounded."""
     rng = np.random.default_rng(11)
     rule = scatter_rule(0.02)
-    said = []
+    stated = []
     true = []
     for _ in range(1200):
         n = int(rng.integers(3, 9))
@@ -186,18 +197,20 @@ def test_probabilities_are_calibrated() -> None:
         changed = rng.random() < 0.5
         if changed:
             level[rng.integers(1, n) :, rng.integers(P)] += 0.2 * rng.standard_normal()
-        said.append(1.0 - no_change(drawn(rng, information, level, rng.standard_normal(S)), rule))
+        stated.append(1.0 - no_change(drawn(rng, information, level, rng.standard_normal(S)), rule))
         true.append(changed)
-    place = np.digitize(said, [0.2, 0.35, 0.5, 0.8, 0.95])
+    place = np.digitize(stated, [0.2, 0.35, 0.5, 0.8, 0.95])
     for one in range(6):
-        own = place == one
-        expected = np.mean(np.array(said)[own])
-        spread = np.sqrt(np.sum(np.array(said)[own] * (1.0 - np.array(said)[own])))
-        assert own.sum() > 20
-        assert abs(np.mean(np.array(true)[own]) - expected) < 3.5 * max(spread, 1.0) / own.sum()
+        in_bin = place == one
+        expected = np.mean(np.array(stated)[in_bin])
+        spread = np.sqrt(np.sum(np.array(stated)[in_bin] * (1.0 - np.array(stated)[in_bin])))
+        assert in_bin.sum() > 20
+        assert (
+            abs(np.mean(np.array(true)[in_bin]) - expected) < 3.5 * max(spread, 1.0) / in_bin.sum()
+        )
     for threshold in (0.5, 0.8, 0.95):
         bound = (1.0 - threshold) / threshold
-        assert np.mean(np.array(said)[~np.array(true)] > threshold) < bound + 2.0 * np.sqrt(
+        assert np.mean(np.array(stated)[~np.array(true)] > threshold) < bound + 2.0 * np.sqrt(
             bound / 600
         )
 
@@ -219,8 +232,8 @@ def visited(
     hardly at all."""
     root = rng.standard_normal((n, 3, 4)) * np.array([60.0, 4.0, 40.0])[:, None]
     information = root @ np.swapaxes(root, 1, 2)
-    own = halfnorm(scale=SCALE).rvs(random_state=rng) if r is None else r
-    level = rng.standard_normal(2) + own * rng.standard_normal((n, 2))
+    scatter = halfnorm(scale=SCALE).rvs(random_state=rng) if r is None else r
+    level = rng.standard_normal(2) + scatter * rng.standard_normal((n, 2))
     if step is not None:
         level[step[0] :, step[1]] += step[2]
     return drawn(rng, information, level, rng.standard_normal(1))
@@ -229,9 +242,9 @@ def visited(
 def analysed(series: Gaussian):  # type: ignore[no-untyped-def]
     nodes, prior = scatter_rule(SCALE)
     carried = carried_by(series, nodes, 2)
-    found = hypotheses(carried, 2, CHANGE)
-    weights = hypothesis_probabilities(found.log_integral, prior, 0.5)
-    return nodes, prior, carried, weights, instrument_moments(found, weights)
+    posteriors = hypotheses(carried, 2, CHANGE)
+    weights = hypothesis_probabilities(posteriors.log_integral, prior, 0.5)
+    return nodes, prior, carried, weights, instrument_moments(posteriors, weights)
 
 
 @pytest.mark.slow
@@ -262,11 +275,11 @@ def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
     series = visited(rng, n, r=0.02, step=(3, 0, 0.12))
     nodes, _, carried, weights, (mean, covariance) = analysed(series)
     level, sd, ends = current_levels(hypotheses(carried, p, CHANGE), weights)
-    seen = []
+    instrument_draws = []
     now = []
     total = []
     for i in range(len(nodes)):
-        for k, j in [(k, j) for k in range(1, n + 1) for j in range(p)]:
+        for k, j in product(range(1, n + 1), range(p)):
             weight = weights[i, k - 1, j]
             if weight < 1e-6:
                 continue
@@ -280,11 +293,11 @@ def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
             draws = rng.multivariate_normal(
                 inside @ np.einsum("tai,ta->i", take, carried.shift[i]), inside, 200
             )
-            seen.append(draws[:, p:q])
+            instrument_draws.append(draws[:, p:q])
             now.append(draws[:, :p] + draws[:, q:] * take[-1, :p, q])
             total.append(np.full(200, weight / 200))
     weight = np.concatenate(total)
-    b = np.concatenate(seen)
+    b = np.concatenate(instrument_draws)
     c = np.concatenate(now)
     assert weight.sum() == pytest.approx(1.0, abs=1e-3)
     assert weight @ b[:, 0] / weight.sum() == pytest.approx(
@@ -300,14 +313,16 @@ def test_points_are_posteriors_of_campaigns_alone() -> None:
     p = 2
     series = visited(np.random.default_rng(8), 4)
     nodes, prior, carried, _, _ = analysed(series)
-    known = np.array([0.4])
+    instrument = np.array([0.4])
     spread = np.array([[0.25]])
-    chart = chart_points(series, carried, nodes, prior, (known, spread))
+    chart = chart_points(series, carried, nodes, prior, (instrument, spread))
     for t in range(4):
-        own = np.linalg.inv(series.precision[t, :p, :p] + np.eye(p))
-        moved = own @ series.precision[t, :p, p:]
-        np.testing.assert_allclose(chart.estimate[t], own @ series.shift[t, :p] - moved @ known)
-        np.testing.assert_allclose(chart.sd[t], np.sqrt(np.diag(own)))
+        covariance = np.linalg.inv(series.precision[t, :p, :p] + np.eye(p))
+        response = covariance @ series.precision[t, :p, p:]
+        np.testing.assert_allclose(
+            chart.estimate[t], covariance @ series.shift[t, :p] - response @ instrument
+        )
+        np.testing.assert_allclose(chart.sd[t], np.sqrt(np.diag(covariance)))
     both = np.concatenate(
         [
             series.precision[:, :p, :p].sum(axis=0) + np.eye(p),
@@ -317,10 +332,10 @@ def test_points_are_posteriors_of_campaigns_alone() -> None:
     )
     levels = [
         np.linalg.solve(both[:, :p], series.shift[:, :p].sum(axis=0) - both[:, p:] @ b)
-        for b in (known, known + 0.5)
+        for b in (instrument, instrument + 0.5)
     ]
     np.testing.assert_allclose(chart.common_sd, np.abs(levels[1] - levels[0]))
-    other = chart_points(series, carried, nodes, prior, (known + 1.0, spread))
+    other = chart_points(series, carried, nodes, prior, (instrument + 1.0, spread))
     np.testing.assert_allclose(
         other.limits[:, 1:] - other.estimate[1:],
         chart.limits[:, 1:] - chart.estimate[1:],
@@ -337,77 +352,77 @@ def rows() -> pd.DataFrame:
 
 
 @pytest.fixture(scope="module")
-def found(rows: pd.DataFrame) -> Trend:
+def stepped(rows: pd.DataFrame) -> Trend:
     return lb.trend(rows)
 
 
-def by_time(found: Trend) -> list[float]:
-    return [own.change_just_before for own in found.campaigns]
+def by_time(trend: Trend) -> list[float]:
+    return [visit.change_just_before for visit in trend.campaigns]
 
 
-def names_of(found: Trend) -> list[str]:
-    return [own.campaign for own in found.campaigns]
+def names_of(trend: Trend) -> list[str]:
+    return [visit.campaign for visit in trend.campaigns]
 
 
-def test_a_loosened_joint(found: Trend) -> None:
-    own = found.parameters["C_XXX"]
-    assert found.changed
-    assert own.probability == max(one.probability for one in found.parameters.values())
-    assert sum(one.probability for one in found.parameters.values()) == pytest.approx(
-        found.probability
+def test_a_loosened_joint(stepped: Trend) -> None:
+    joint = stepped.parameters["C_XXX"]
+    assert stepped.changed
+    assert joint.probability == max(one.probability for one in stepped.parameters.values())
+    assert sum(one.probability for one in stepped.parameters.values()) == pytest.approx(
+        stepped.probability
     )
-    assert sum(by_time(found)) == pytest.approx(found.probability)
-    assert np.argmax(by_time(found)) == 6
+    assert sum(by_time(stepped)) == pytest.approx(stepped.probability)
+    assert np.argmax(by_time(stepped)) == 6
     truth = 0.2 * one_campaign().mean[one_campaign().names.index("C_XXX")]
-    assert abs(own.change.mean - truth) < 3.0 * own.change.sd
-    assert own.change.interval[0] < own.change.mean < own.change.interval[1]
-    assert own.percent == pytest.approx(20.0, abs=8.0)
-    assert own.place == 6
-    assert found.most_probable == "C_XXX"
-    assert own.level_now.mean - own.level_before == pytest.approx(own.change.mean, rel=0.05)
-    assert own.level_now.sd > own.common_sd > 0.0
-    assert found.false_alarm == pytest.approx(1.0 / 19.0)
-    table = found.estimates
+    assert abs(joint.change.mean - truth) < 3.0 * joint.change.sd
+    assert joint.change.interval[0] < joint.change.mean < joint.change.interval[1]
+    assert joint.percent == pytest.approx(20.0, abs=8.0)
+    assert joint.place == 6
+    assert stepped.most_probable == "C_XXX"
+    assert joint.level_now.mean - joint.level_before == pytest.approx(joint.change.mean, rel=0.05)
+    assert joint.level_now.sd > joint.common_sd > 0.0
+    assert stepped.false_alarm == pytest.approx(1.0 / 19.0)
+    table = stepped.estimates
     for side, end in ((-1.0, "ci_low"), (1.0, "ci_high")):
         np.testing.assert_allclose(
             table[end], table["estimate"] + side * norm.ppf(0.975) * table["sd"]
         )
-    said = verdict(found)
-    assert "Over 10 campaigns of M1 a change is found" in said
-    assert "one of C_XXX" in said
-    assert "between 2025-06-14 (c06) and 2025-07-14 (c07)" in said
-    assert "a machine that stays as it is has probability 0.053 at most" in said
-    assert doubts(found) == []
-    for shown in (str(found), found._repr_html_()):
-        for part in ("M1, 10 campaigns", "nm/N", f"{own.percent:+.0f} %", "a change is found"):
-            assert part in shown
-    told = [one for one in found.parameters.values() if one.percent is not None]
-    assert own in told
-    assert len(told) < len(found.parameters)
-    for one in told:
+    sentences = verdict(stepped)
+    assert "Over 10 campaigns of M1 a change is found" in sentences
+    assert "one of C_XXX" in sentences
+    assert "between 2025-06-14 (c06) and 2025-07-14 (c07)" in sentences
+    assert "a machine that stays as it is has probability 0.053 at most" in sentences
+    assert doubts(stepped) == []
+    for text in (str(stepped), stepped._repr_html_()):
+        for phrase in ("M1, 10 campaigns", "nm/N", f"{joint.percent:+.0f} %", "a change is found"):
+            assert phrase in text
+    with_percent = [one for one in stepped.parameters.values() if one.percent is not None]
+    assert joint in with_percent
+    assert len(with_percent) < len(stepped.parameters)
+    for one in with_percent:
         assert one.percent == pytest.approx(100.0 * one.change.mean / one.level_before)
 
 
-def test_conformity_of_every_campaign(rows: pd.DataFrame, found: Trend) -> None:
+def test_conformity_of_every_campaign(rows: pd.DataFrame, stepped: Trend) -> None:
     """Normal, with what the instrument adds; the limits of the newest campaign where none are
     given."""
-    limit = found.parameters["C_XXX"].level_now.mean
-    common = found.parameters["C_XXX"].common_sd
-    own = found.estimates.query("parameter == 'C_XXX'")
+    limit = stepped.parameters["C_XXX"].level_now.mean
+    common = stepped.parameters["C_XXX"].common_sd
+    estimates = stepped.estimates.query("parameter == 'C_XXX'")
     limits = {"C_XXX": lb.Tolerance(upper=limit), "stiffness_X": lb.Tolerance(lower=1.0 / limit)}
-    given = lb.trend(rows, tolerances=limits).conformity
-    expected = norm.cdf((limit - own["estimate"]) / np.hypot(own["sd"], common))
+    conformity = lb.trend(rows, tolerances=limits).conformity
+    expected = norm.cdf((limit - estimates["estimate"]) / np.hypot(estimates["sd"], common))
     np.testing.assert_allclose(
-        [one.probability for one in given["C_XXX"].values()], expected, atol=1e-9
+        [one.probability for one in conformity["C_XXX"].values()], expected, atol=1e-9
     )
     np.testing.assert_allclose(
-        [one.probability for one in given["stiffness_X"].values()], expected, atol=0.02
+        [one.probability for one in conformity["stiffness_X"].values()], expected, atol=0.02
     )
-    assert list(given["C_XXX"]) == names_of(found)
+    assert list(conformity["C_XXX"]) == names_of(stepped)
     stated = rows.assign(tolerances='{"C_XXX": "60 nm/N", "G": "20 µm"}')
     assert list(lb.trend(stated).conformity) == ["C_XXX"]
     assert "≤ 60" in str(lb.trend(stated))
-    assert found.conformity == {}
+    assert stepped.conformity == {}
 
 
 def test_a_machine_at_rest() -> None:
@@ -423,7 +438,9 @@ def test_a_machine_at_rest() -> None:
 
 def test_the_instruments_error_is_in_no_point(rows: pd.DataFrame) -> None:
     """A worse bar widens what is common, not points, limits or the step."""
-    one, other = (lb.trend(own) for own in (rows, with_prior(rows, {"force_gain": (0.0, 0.03)})))
+    one, other = (
+        lb.trend(campaigns) for campaigns in (rows, with_prior(rows, {"force_gain": (0.0, 0.03)}))
+    )
     for name in ("C_XXX", "C_YYY"):
         assert other.parameters[name].common_sd > 1.05 * one.parameters[name].common_sd
     for column in ("sd", "limit_high"):
@@ -436,35 +453,37 @@ def test_the_instruments_error_is_in_no_point(rows: pd.DataFrame) -> None:
     assert other.parameters["C_XXX"].change.mean == pytest.approx(
         one.parameters["C_XXX"].change.mean, rel=0.05
     )
-    apart = lb.trend(rows, one_instrument=False)
-    assert np.isfinite(apart.probability)
-    assert apart.parameters["C_XXX"].common_sd == 0.0
+    separate_bars = lb.trend(rows, one_instrument=False)
+    assert np.isfinite(separate_bars.probability)
+    assert separate_bars.parameters["C_XXX"].common_sd == 0.0
 
 
-def test_the_prior_of_the_fits_does_not_matter(rows: pd.DataFrame, found: Trend) -> None:
+def test_the_prior_of_the_fits_does_not_matter(rows: pd.DataFrame, stepped: Trend) -> None:
     """The same likelihoods from fits that were told of the machine: the same step, as probable."""
     truth = one_campaign()
-    told = {
+    prior = {
         name: (1.1 * truth.mean[truth.names.index(name)], 0.04 * 1e-4)
         for name in ("C_XXX", "C_YYY")
     }
-    other = lb.trend(with_prior(rows, told))
-    assert other.probability == pytest.approx(found.probability, rel=1e-6)
-    for name, own in found.parameters.items():
-        assert other.parameters[name].change.mean == pytest.approx(own.change.mean, rel=1e-5)
-        assert other.parameters[name].level_now.mean == pytest.approx(own.level_now.mean, rel=1e-5)
+    other = lb.trend(with_prior(rows, prior))
+    assert other.probability == pytest.approx(stepped.probability, rel=1e-6)
+    for name, parameter in stepped.parameters.items():
+        assert other.parameters[name].change.mean == pytest.approx(parameter.change.mean, rel=1e-5)
+        assert other.parameters[name].level_now.mean == pytest.approx(
+            parameter.level_now.mean, rel=1e-5
+        )
     np.testing.assert_allclose(
-        other.estimates["limit_high"], found.estimates["limit_high"], rtol=1e-5
+        other.estimates["limit_high"], stepped.estimates["limit_high"], rtol=1e-5
     )
 
 
-def test_order_of_time(rows: pd.DataFrame, found: Trend) -> None:
+def test_order_of_time(rows: pd.DataFrame, stepped: Trend) -> None:
     """By date, whatever the order of rows; without dates as given; equal dates as given."""
     mixed = lb.trend(rows.sample(frac=1.0, random_state=3))
-    assert names_of(mixed) == names_of(found)
-    assert mixed.probability == pytest.approx(found.probability)
+    assert names_of(mixed) == names_of(stepped)
+    assert mixed.probability == pytest.approx(stepped.probability)
     undated = lb.trend(rows.assign(date=None))
-    assert undated.probability == pytest.approx(found.probability)
+    assert undated.probability == pytest.approx(stepped.probability)
     assert any("No campaign has a date" in doubt for doubt in doubts(undated))
     assert "between c06 and c07" in verdict(undated)
     zoned = rows.assign(
@@ -495,18 +514,18 @@ def test_which_machine(rows: pd.DataFrame) -> None:
 def test_doubts(rows: pd.DataFrame) -> None:
     """What is to be minded of campaigns, of one bar's length and balls, of two campaigns."""
     doubtful = rows.assign(status=["failed", *["done"] * 9], converged=[True, False, *[True] * 8])
-    said = " ".join(doubts(lb.trend(doubtful, reference_force_N=20.0)))
-    assert "the fit failed: c01." in said
-    assert "Not converged, fit again with more draws: c02." in said
-    assert "20 N, was not within the tested forces" in said
+    sentences = " ".join(doubts(lb.trend(doubtful, reference_force_N=20.0)))
+    assert "the fit failed: c01." in sentences
+    assert "Not converged, fit again with more draws: c02." in sentences
+    assert "20 N, was not within the tested forces" in sentences
     assert "With two campaigns" in doubts(lb.trend(rows[:2]))[-1]
     assert "conservative for changes, not for levels" in verdict(lb.trend(rows))
     assert "not for levels" not in verdict(lb.trend(rows, one_instrument=False))
 
 
-@pytest.mark.parametrize(("options", "said"), cases(__file__, "refusals.toml")["trend"])
-def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], said: str) -> None:
-    refuses(said, lb.trend, rows, **options)
+@pytest.mark.parametrize(("options", "message"), cases(__file__, "refusals.toml")["trend"])
+def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], message: str) -> None:
+    refuses(message, lb.trend, rows, **options)
 
 
 @pytest.mark.parametrize("case", ["many", "no dates", "one day"])
@@ -520,18 +539,22 @@ def test_the_figure(case: str) -> None:
     if case == "one day":
         rows = rows.assign(date="2026-01-01")
     chosen = {"one day": ["C_XXX"], "no dates": ["C_XXX", "C_YYY", "E_YX2"]}.get(case)
-    found = lb.trend(rows, parameters=chosen)
-    figure = lb.control_chart(found)
+    result = lb.trend(rows, parameters=chosen)
+    figure = lb.control_chart(result)
     check_texts(figure)
-    shown = [axes for axes in figure.axes if axes.get_visible()]
-    assert len(shown) == len(found.parameters)
-    for axes, name in zip(shown, found.parameters, strict=True):
-        here = found.estimates.loc[found.estimates["parameter"] == name, "change_here"].to_numpy()
+    visible = [axes for axes in figure.axes if axes.get_visible()]
+    assert len(visible) == len(result.parameters)
+    for axes, name in zip(visible, result.parameters, strict=True):
+        probabilities = result.estimates.loc[
+            result.estimates["parameter"] == name, "change_here"
+        ].to_numpy()
         lines = [line for line in axes.lines if str(line.get_label()).startswith("a change here")]
-        assert [line.get_alpha() for line in lines] == pytest.approx(here[here > 0.05].tolist())
+        assert [line.get_alpha() for line in lines] == pytest.approx(
+            probabilities[probabilities > 0.05].tolist()
+        )
         places = [float(line.get_xdata()[0]) for line in lines]  # type: ignore[index]
         assert places == sorted(places)
-    assert "(nm/N)" in shown[0].get_ylabel()
+    assert "(nm/N)" in visible[0].get_ylabel()
 
 
 def test_scatter_rule_is_a_half_normal() -> None:
@@ -550,20 +573,22 @@ def test_limits_are_of_what_the_next_campaign_would_say() -> None:
     rng = np.random.default_rng(9)
     r = 0.05
     series = visited(rng, 3)
-    known = np.array([0.4])
+    instrument = np.array([0.4])
     carried = carried_by(series, np.array([r]), 2)
-    chart = chart_points(series, carried, np.array([r]), np.ones(1), (known, np.eye(1)), limits=0.9)
+    chart = chart_points(
+        series, carried, np.array([r]), np.ones(1), (instrument, np.eye(1)), limits=0.9
+    )
     x = Gaussian(
         np.eye(3) + carried.precision[0, :2].sum(axis=0), carried.shift[0, :2].sum(axis=0)
     ).draw(rng, (200_000,))
     x[:, :2] += r * rng.standard_normal((len(x), 2))
-    own = (
+    shift = (
         x @ series.precision[2]
         + rng.standard_normal(x.shape) @ np.linalg.cholesky(series.precision[2]).T
     )[:, :2]
     shrink = np.linalg.inv(np.eye(2) + series.precision[2, :2, :2])
-    said = (own - series.precision[2, :2, 2] * known) @ shrink
-    sd = said.std(axis=0)
+    estimates = (shift - series.precision[2, :2, 2] * instrument) @ shrink
+    sd = estimates.std(axis=0)
     np.testing.assert_allclose(
-        (chart.limits[:, 2] - np.quantile(said, [0.05, 0.95], axis=0)) / sd, 0.0, atol=0.03
+        (chart.limits[:, 2] - np.quantile(estimates, [0.05, 0.95], axis=0)) / sd, 0.0, atol=0.03
     )
