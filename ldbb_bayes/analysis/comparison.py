@@ -176,8 +176,8 @@ class Comparison(Result):
     #: by ten
     tolerance: float
     largest_error: Finite  #: that was seen, of these assumptions aside
-    #: number of evidences whose weights cannot be trusted: their errors are infinite. Readers of the
-    #: JSON know it by this older name
+    #: number of evidences whose weights cannot be trusted: their errors are infinite. Readers of
+    #: the JSON know it by this older name
     by_emcee: int = 0
     #: where the second model is the first with slopes, and has rivals of slopes
     explanations: Explanations | None = None

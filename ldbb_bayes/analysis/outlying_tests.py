@@ -34,16 +34,19 @@ __all__ = ["FALSE_ALARMS", "JudgedTest", "belonging", "judge_circle", "judge_tes
 
 # Probability that any test is flagged where all belong, over all tests.
 FALSE_ALARMS = 0.02
-# Fewest replicates of a test, and as many per test of the campaign: a p-value can then be so small
-# that Holm's method flags it.
+# Fewest replicates of each test.
 _REPLICATES = 20_000
+# Replicates of each test per test of the campaign: Holm's method flags smaller p-values of larger
+# campaigns, and no p-value is below one over the number of replicates.
 _REPLICATES_PER_TEST = 400
 # Replicates that share one posterior draw in the first look.
 _CIRCLES_PER_DRAW = 5
-# A test with a smaller p-value is looked at again, with as many times the replicates, of which
-# fewer share a draw: circles of one draw lie out together, so that small p-values need many draws.
+# A test with a smaller p-value is looked at again.
 _SMALL_P_VALUE = 0.05
+# Factor by which the second look has more replicates.
 _MORE_REPLICATES = 2
+# Replicates that share one posterior draw in the second look: circles of one draw lie out together,
+# so that small p-values need many draws.
 _CIRCLES_PER_DRAW_AGAIN = 2
 
 

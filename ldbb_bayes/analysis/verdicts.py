@@ -42,8 +42,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
+    "CONTRACTION_LIMIT",
+    "MAJORITY",
+    "OPEN_VARIANCE_SHARE",
     "Identifiability",
     "ParameterIdentifiability",
+    "SampledSd",
     "Verdict",
     "hyper_parameter_nodes",
     "identify",
