@@ -25,15 +25,11 @@ from ldbb_bayes.campaign.campaign import (
     CircularTest,
     ForceLaw,
     Instrument,
-    Label,
-    Length,
     MountCompensation,
-    Number,
-    Percent,
-    Positive,
     TestFields,
 )
 from ldbb_bayes.campaign.dcc import read_dcc
+from ldbb_bayes.campaign.field_types import Label, Length, Number, Percent, Positive
 from ldbb_bayes.campaign.text_table import columns_of, read_strict_table, strict_numbers
 from ldbb_bayes.errors import InputError, check_known, nearest, placed, require
 from ldbb_bayes.files import read_toml, staged_folder, validated

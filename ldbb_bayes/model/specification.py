@@ -14,7 +14,8 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Date, MountCompensation
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, MountCompensation
+from ldbb_bayes.campaign.field_types import Date
 from ldbb_bayes.campaign.folder import LARGEST_PLAN
 from ldbb_bayes.errors import InputError, check_known, placed, require
 from ldbb_bayes.files import parse_toml, read_toml, validated

@@ -10,7 +10,8 @@ import tomli_w
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from pydantic.dataclasses import dataclass as validated_dataclass
 
-from ldbb_bayes.campaign.campaign import Number, TestFields
+from ldbb_bayes.campaign.campaign import TestFields
+from ldbb_bayes.campaign.field_types import Number
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.files import read_toml, validated
 from ldbb_bayes.reading.words import ROLES, UNITS, unit_named

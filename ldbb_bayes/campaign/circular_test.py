@@ -1,0 +1,286 @@
+"""A circular test: the readings of one circle at one force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import field, fields, replace
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic.dataclasses import dataclass
+
+from ldbb_bayes.campaign.field_types import (
+    Coordinate,
+    FileName,
+    Force,
+    Length,
+    Number,
+    Pressure,
+    SetupNumber,
+)
+from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.files import refusing
+from ldbb_bayes.machine.chain import Circle
+from ldbb_bayes.results import Array, Shown
+
+__all__ = ["CENTRE", "PER_TEST", "CircularTest", "Direction", "TestFields", "distinct_forces"]
+
+Direction = Literal["CW", "CCW"]
+# Readings and arc that a test must have at least.
+_MINIMUM_READINGS = 9
+_MINIMUM_ARC_DEG = 180.0
+# Larger readings are in another unit [mm].
+_LARGEST_READING_MM = 100.0
+# A gap of at most so many median steps is an ordinary one: the circle is full.
+_ORDINARY_GAP = 3.0
+# A regulator repeats a force no better than to this share of the largest.
+_SAME_FORCE_SHARE = 1e-3
+# Relative tolerance of equal steps of the angle, and of one turn.
+_EVEN_TOLERANCE = 1e-6
+CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TestFields(Shown):
+    """What a program, campaign.toml or a layout says of a test beside its readings.
+
+    None: not stated.
+    """
+
+    __test__ = False
+
+    name: FileName | None = None  #: one that a file may have
+    force_N: Force | None = None  #: radial, above zero
+    pressure_bar: Pressure | None = None  #: of the regulator
+    direction: Direction | None = None  #: of travel: CW or CCW
+    work_ball_deg: Number | None = None  #: how far the ball is turned in its socket
+    tool_ball_deg: Number | None = None  #: likewise
+    radius_mm: Length | None = None  #: default: the campaign's
+    plane: str | None = None  #: XY, YZ or ZX; default: the campaign's
+    centre_x_mm: Coordinate | None = None  #: of the work ball, in machine coordinates
+    centre_y_mm: Coordinate | None = None  #: likewise
+    centre_z_mm: Coordinate | None = None  #: likewise
+    #: Tests of one set-up share the tool ball's offsets.
+    setup: SetupNumber | None = None
+    temperature_C: Number | None = None  #: during the test
+    time_s: Number | None = None  #: of the start, on any common clock
+
+
+_NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
+# Fields of a test that a table may hold in columns, by these very names, beside its load and
+# direction.
+PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
+
+
+@refusing("test")
+@dataclass(frozen=True, eq=False)
+class CircularTest(TestFields):
+    """One circle at one force. Without readings it is a planned test.
+
+    Force or pressure must be given (the campaign's force law supplies the other), angles in one of
+    two units, readings in at most one. Angles may go any number of turns.
+
+    Raises
+    ------
+    InputError
+        For missing, non-finite, too few or unequal numbers of angles and readings, or a force that
+        is not positive.
+    """
+
+    force_N: Force | None = None  #: radial, above zero
+    #: θ of the bar's sensitive direction from the plane's first axis, shape (n,)
+    angle_deg: Any = None
+    reading_um: Any = None  #: ρ: actual ball distance − R, shape (n,)
+    name: FileName = field(default="", kw_only=True)  #: f036 for 36 N, repeats numbered
+    #: how far the ball is turned in its socket
+    work_ball_deg: Number = field(default=0.0, kw_only=True)
+    #: how far the ball is turned in its socket
+    tool_ball_deg: Number = field(default=0.0, kw_only=True)
+    angle_rad: Any = field(default=None, kw_only=True)  #: instead of ``angle_deg``; None afterwards
+    #: instead of ``reading_um``; None afterwards
+    reading_mm: Any = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        angle = self._column("angle_deg", "angle_rad", np.rad2deg)
+        reading = self._column("reading_um", "reading_mm", _um_of_mm)
+        for fault in self._faults(angle, reading):
+            raise InputError(f"{self.label} must {fault}")
+        object.__setattr__(self, "angle_deg", angle)
+        object.__setattr__(self, "reading_um", reading)
+        object.__setattr__(self, "angle_rad", None)
+        object.__setattr__(self, "reading_mm", None)
+
+    def _column(
+        self, name: str, other_name: str, convert: Callable[[Array], Array]
+    ) -> Array | None:
+        """Return a column in its first unit, from the one of two units in which it is given."""
+        column = getattr(self, name)
+        other_column = getattr(self, other_name)
+        require(
+            column is None or other_column is None,
+            f"{self.label} must have {name} or {other_name}, got both. Keep one of them.",
+        )
+        if column is not None:
+            array = self._finite_array(name, column)
+        elif other_column is not None:
+            array = convert(self._finite_array(other_name, other_column))
+        else:
+            return None
+        array.setflags(write=False)
+        return array
+
+    def _finite_array(self, name: str, column: Any) -> Array:
+        array = np.array(column, dtype=float)
+        require(
+            array.ndim == 1,
+            f"{self.label} must have {name} of shape (n,), got shape {array.shape}. Pass one value"
+            " per reading.",
+        )
+        for k in np.flatnonzero(~np.isfinite(array)):
+            raise InputError(
+                f"{self.label} must have finite {name}, got {array[k]} at reading {k + 1}. Remove"
+                " or correct that reading."
+            )
+        return array
+
+    def _faults(self, angle: Array | None, reading: Array | None) -> Iterator[str]:
+        """Yield what the test must have and has not, and how to mend it."""
+        if angle is None:
+            yield "have angles, got none. Give angle_deg (or angle_rad)."
+            return
+        if len(angle) < _MINIMUM_READINGS:
+            yield (
+                f"have at least {_MINIMUM_READINGS} readings, got {len(angle)}. Leave the test out"
+                " or record more."
+            )
+        if reading is not None and len(reading) != len(angle):
+            yield (
+                f"have one reading per angle, got {len(angle)} angles and {len(reading)} readings."
+                " Check the two columns."
+            )
+        if self.force_N is None and self.pressure_bar is None:
+            yield "have a force or a pressure, got neither. Give force_N or pressure_bar."
+        arc_deg = _arc_of(angle.tobytes())
+        if arc_deg < _MINIMUM_ARC_DEG:
+            yield (
+                f"cover an arc of at least {_MINIMUM_ARC_DEG:g}°, got {arc_deg:.3g}°. Check the"
+                " unit of the angle (degrees or radians) or leave the test out."
+            )
+        if reading is None:
+            return
+        largest_mm = np.abs(reading).max() * 1e-3
+        if largest_mm > _LARGEST_READING_MM:
+            yield (
+                f"have readings below {_LARGEST_READING_MM:g} mm, got {largest_mm:.4g} mm. Check"
+                " the unit of the readings."
+            )
+
+    @property
+    def label(self) -> str:
+        """How messages call it."""
+        if not self.name:
+            return "a circular test"
+        return f"test {self.name!r}"
+
+    def angles_rad(self) -> Array:
+        """Return θ in radians, shape (n,)."""
+        return np.deg2rad(self.angle_deg)
+
+    def readings_mm(self) -> Array:
+        """Return ρ in millimetres, shape (n,); `InputError` for a planned test."""
+        require(
+            self.reading_um is not None,
+            f"{self.label} must have readings here, got a planned test. Use a campaign, or simulate"
+            " the plan.",
+        )
+        return np.asarray(self.reading_um) * 1e-3
+
+    def with_reading_um(self, reading_um: ArrayLike | None) -> CircularTest:
+        """Return the same test with other readings [µm]."""
+        return replace(self, reading_um=reading_um)
+
+    def select(self, keep: NDArray[np.bool_]) -> CircularTest:
+        """Return the same test with only the readings where ``keep`` is true."""
+        reading = None
+        if self.reading_um is not None:
+            reading = self.reading_um[keep]
+        return replace(self, angle_deg=self.angle_deg[keep], reading_um=reading)
+
+    @property
+    def step_deg(self) -> float:
+        """Step of angles in equal steps within one turn [deg], zero of others.
+
+        A plan can state it.
+        """
+        steps = np.diff(self.angle_deg)
+        is_even = np.allclose(steps, steps[0], rtol=_EVEN_TOLERANCE)
+        if is_even and abs(steps.sum()) < 360.0 * (1.0 + _EVEN_TOLERANCE):
+            return float(steps[0])
+        return 0.0
+
+    def planned(self) -> CircularTest:
+        """Return the same test without readings.
+
+        Angles in unequal steps become as many in equal ones over the same arc.
+        """
+        if self.step_deg:
+            return replace(self, reading_um=None)
+        arc = self.arc_deg
+        is_full = arc == 360.0
+        start = 0.0
+        if not is_full:
+            wrapped = np.unique(np.mod(self.angle_deg, 360.0))
+            gaps = np.diff(wrapped, append=wrapped[0] + 360.0)
+            start = np.roll(wrapped, -1)[np.argmax(gaps)]
+        even = start + np.linspace(0.0, arc, len(self.angle_deg), endpoint=not is_full)
+        return replace(self, reading_um=None, angle_deg=even)
+
+    @property
+    def circle(self) -> Circle:
+        """Radius, centre and plane; the campaign's defaults must have been filled in."""
+        x, y, z = (float(getattr(self, key) or 0.0) for key in CENTRE)
+        return Circle(float(self.radius_mm or 0.0), (x, y, z), self.plane or "XY")
+
+    @property
+    def arc_deg(self) -> float:
+        """Covered arc [deg]: 360° minus the largest gap between neighbouring angles.
+
+        It is 360° where that gap is an ordinary step.
+        """
+        return _arc_of(self.angle_deg.tobytes())
+
+
+def _um_of_mm(millimetres: Array) -> Array:
+    return millimetres * 1e3
+
+
+@lru_cache(maxsize=64)
+def _arc_of(angles: bytes) -> float:
+    """Return the covered arc [deg].
+
+    It is kept, as the tests of a campaign, and the candidates of a design, often have the same
+    angles.
+    """
+    wrapped = np.unique(np.mod(np.frombuffer(angles), 360.0))
+    if len(wrapped) < 2:
+        return 0.0
+    gaps = np.diff(np.append(wrapped, wrapped[0] + 360.0))
+    largest = float(gaps.max())
+    if largest <= _ORDINARY_GAP * float(np.median(gaps)):
+        return 360.0
+    return 360.0 - largest
+
+
+def distinct_forces(forces_N: ArrayLike) -> Array:
+    """Return the forces that differ, rising [N].
+
+    Those less than a thousandth of the largest above another are the same force.
+    """
+    ordered = np.unique(np.asarray(forces_N, dtype=float))
+    distinct: list[float] = []
+    for force in ordered.tolist():
+        if not distinct or force - distinct[-1] > _SAME_FORCE_SHARE * ordered[-1]:
+            distinct.append(force)
+    return np.array(distinct)

@@ -1,0 +1,92 @@
+"""Types of the fields that a user fills: numbers, lengths, forces, names and dates, with limits."""
+
+from __future__ import annotations
+
+import re
+from datetime import date, datetime
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
+
+__all__ = [
+    "STRICT",
+    "Certified",
+    "CertifiedAngle",
+    "Coordinate",
+    "Date",
+    "FileName",
+    "Force",
+    "Harmonic",
+    "Label",
+    "Length",
+    "Number",
+    "Percent",
+    "Positive",
+    "Pressure",
+    "SetupNumber",
+]
+
+# Largest number of a set-up.
+_LARGEST_SETUP = 1000
+# Unknown fields are refused.
+STRICT = ConfigDict(extra="forbid")
+
+
+def _refuse_text(value: Any) -> Any:
+    if isinstance(value, str | bool):
+        raise ValueError("it should be a number")
+    return value
+
+
+def _require_printable(text: str) -> str:
+    if not (text.strip() and text.isprintable()):
+        raise ValueError("it should be a name that can be printed")
+    return text
+
+
+def _iso_date(when: Any) -> str:
+    """Return a date, or its text, as ISO 8601."""
+    if isinstance(when, date):
+        return when.isoformat()
+    try:
+        datetime.fromisoformat(when)
+    except (TypeError, ValueError):
+        raise ValueError("it should be a date as ISO 8601, for example 2026-11-20") from None
+    return str(when)
+
+
+def _require_file_name(name: str) -> str:
+    if name and not re.fullmatch(r"[\w+\-][\w+\-. ]{0,99}", name):
+        raise ValueError(
+            "it names a file: letters, digits, spaces, '_', '-', '+' or '.', not starting with"
+            " a dot"
+        )
+    return name
+
+
+Number = Annotated[float, BeforeValidator(_refuse_text), Field(allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0.0)]
+Percent = Annotated[Number, Field(gt=0.0, le=100.0)]
+# [N]
+Force = Annotated[Number, Field(gt=0.0, le=1e6)]
+# [bar]
+Pressure = Annotated[Number, Field(ge=0.0)]
+# [mm]
+Length = Annotated[Number, Field(gt=0.0, le=1e5)]
+# [mm]
+Coordinate = Annotated[Number, Field(ge=-1e5, le=1e5)]
+# Of a certificate, in µm, N or degrees: what is larger is in another unit.
+Certified = Annotated[Number, Field(gt=0.0, le=1e3)]
+CertifiedAngle = Annotated[Number, Field(gt=0.0, le=10.0)]
+# Order, amplitude [µm] and phase [deg].
+Harmonic = tuple[
+    Annotated[int, BeforeValidator(_refuse_text), Field(ge=2, le=12)],
+    Annotated[Number, Field(ge=0.0)],
+    Number,
+]
+SetupNumber = Annotated[int, BeforeValidator(_refuse_text), Field(ge=1, le=_LARGEST_SETUP)]
+Label = Annotated[str, AfterValidator(_require_printable)]
+# A name that a file may have.
+FileName = Annotated[str, AfterValidator(_require_file_name)]
+# ISO 8601.
+Date = Annotated[str, BeforeValidator(_iso_date)]

@@ -1,0 +1,43 @@
+"""What the regulator's pressure does: the force of the bar, and the deflection of the mount."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from ldbb_bayes.campaign.field_types import STRICT, Number, Positive
+from ldbb_bayes.files import refusing
+from ldbb_bayes.results import Shown
+
+__all__ = ["ForceLaw", "MountCompensation"]
+
+
+@refusing("force law ([force])")
+@dataclass(frozen=True, config=STRICT)
+class ForceLaw(Shown):
+    """Force as a function of the regulator's pressure, F = slope · P + offset.
+
+    The default is that of the paper's bar.
+    """
+
+    slope_N_per_bar: Positive = 126.04  #: force per pressure
+    offset_N: Number = -14.2  #: force at zero pressure
+
+    def force_N(self, pressure_bar: float) -> float:
+        """Return the force at a pressure [N]."""
+        return self.slope_N_per_bar * pressure_bar + self.offset_N
+
+    def pressure_bar(self, force_N: float) -> float:
+        """Return the pressure for a force [bar]."""
+        return (force_N - self.offset_N) / self.slope_N_per_bar
+
+
+@refusing("mount ([mount])")
+@dataclass(frozen=True, config=STRICT)
+class MountCompensation(Shown):
+    """Deflection of the work ball's mount per bar (Eq. 32), and whether readings are free of it."""
+
+    deflection_um_per_bar: Annotated[Number, Field(ge=0.0, le=1e3)] = 2.33  #: nominal
+    compensated: bool = True  #: whether the readings are free of it
