@@ -1,0 +1,108 @@
+"""Posterior predictive checks: uniform when the model is right, small when not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import oracle_of, plan, simulated
+from scipy import stats
+
+import ldbb_bayes as lb
+from ldbb_bayes.inference.checks import TestChecks, autocorrelation, effects_of_failures
+from ldbb_bayes.inference.fit import Fit, State
+from ldbb_bayes.inference.posterior import fit_of
+from ldbb_bayes.report.wording import check_words
+
+MODEL = lb.HybridModel.first(0)
+PHI = np.array([0.3e-3, 0.5e-3, 0.4e-3, 2e-3])
+
+
+def fit_to(campaign: lb.Campaign) -> Fit:
+    rule = lb.StoppingRule(ess=400.0)
+    return fit_of(lb.sample(MODEL, campaign, sampler="independent", seed=1, rule=rule))
+
+
+def planted(harmonic: int, amplitude_um: float) -> lb.Campaign:
+    """A wave on one test of the campaign."""
+    campaign = simulated(plan((120,) * 4))
+    tests = list(campaign.tests)
+    wave = amplitude_um * np.cos(harmonic * tests[2].angles_rad())
+    tests[2] = tests[2].with_reading_um(np.asarray(tests[2].reading_um) + wave)
+    return replace(campaign, tests=tuple(tests))
+
+
+def test_a_right_model_passes() -> None:
+    """Few readings have no scatter to look at."""
+    fit = fit_to(simulated(plan((120, 20, 120, 100), arc_deg=230.0)))
+    assert fit.misfits == ()
+    assert fit.predictive_checks["f300"].noise_p is None
+    assert fit.predictive_checks["f300"].autocorrelation is None
+    assert len(fit.checks) == 3 * 15 + 13
+
+
+@pytest.mark.parametrize(
+    ("harmonic", "amplitude_um", "expected"),
+    [
+        (7, 4.0, {"order 7 of f520"}),
+        (20, 1.0, {"white noise of f520", "autocorrelation of f520"}),
+    ],
+)
+def test_a_wave_on_one_circle_is_found_where_it_is(
+    harmonic: int, amplitude_um: float, expected: set[str]
+) -> None:
+    fit = fit_to(planted(harmonic, amplitude_um))
+    unexpected = [check_words(check) for check in fit.unexpected]
+    assert expected <= set(unexpected)
+    assert unexpected[0] in expected
+    assert fit.state == State.USABLE, "neither moves an interval"
+
+
+def widening_by_waves(campaign: lb.Campaign, turn_rad: float) -> float:
+    """Widening of intervals by 1 µm at order 14, turned from circle to circle."""
+    tests = []
+    for index, test in enumerate(campaign.tests):
+        wave = np.cos(14 * test.angles_rad() + index * turn_rad)
+        tests.append(test.with_reading_um(np.asarray(test.reading_um) + wave))
+    failing = {test.name: TestChecks({}, 1e-9, 0.9, 1e-9) for test in tests}
+    bound = MODEL.bind(replace(campaign, tests=tuple(tests)))
+    return effects_of_failures(bound, PHI, failing)[1]
+
+
+def test_only_what_circles_do_not_share_beyond_the_orders_widens_intervals() -> None:
+    """1 µm at order 14: in all circles the same, nothing.
+
+    At four phases, as white noise of a variance of 4/3 · 120/2 · 1/8 µm² more.
+    """
+    campaign = simulated(plan((120,) * 4))
+    oracle = oracle_of(campaign, 0)
+    noisy = PHI * [np.sqrt(1.0 + 10.0 / 0.3**2), 1.0, 1.0, 1.0]
+    variance = np.diag(oracle.given(PHI)[2])
+    variance_with_noise = np.diag(oracle.given(noisy)[2])
+    growth = np.sqrt(variance_with_noise / variance).max() - 1.0
+    assert widening_by_waves(campaign, 0.0) == pytest.approx(0.0, abs=0.1)
+    assert widening_by_waves(campaign, 0.5 * np.pi) == pytest.approx(growth, rel=0.05)
+
+
+def test_autocorrelation_of_white_noise_is_uniform() -> None:
+    rng = np.random.default_rng(2)
+    angle = np.sort(rng.uniform(0.0, 360.0, 150))
+    p_values = []
+    for _ in range(400):
+        test = lb.CircularTest(100.0, angle, rng.normal(size=150))
+        p_values.append(autocorrelation(test)[1])
+    assert stats.kstest(p_values, "uniform").pvalue > 0.01
+
+
+def test_autocorrelation_of_smoothed_noise_is_seen() -> None:
+    noise = np.random.default_rng(2).normal(size=402)
+    smooth = np.convolve(noise, np.ones(3) / 3.0, mode="valid")
+    value, p = autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, smooth))
+    assert value > 0.5
+    assert p < 1e-6
+
+
+def test_a_dead_circle_has_no_autocorrelation() -> None:
+    dead = lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))
+    assert autocorrelation(dead) == (0.0, 1.0)

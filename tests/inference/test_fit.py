@@ -1,0 +1,86 @@
+"""What a fit says of itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from ldbb_bayes.inference.checks import TestChecks
+from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, State
+from ldbb_bayes.report.wording import check_notes, fit_verdict
+
+CHECKS = TestChecks(dict.fromkeys(range(13), 0.5), 0.2, 0.1, 0.3)
+MISSED = Concern(ConcernKind.NOT_CONVERGED, 200.0, 1000.0)
+AGAINST = Concern(ConcernKind.TRUNCATION, -20.0, -6.9)
+
+
+@pytest.fixture
+def fit() -> Fit:
+    sensitivity = {
+        "E_XX1": {"prior": 0.06},
+        "C_XXX": {"prior": 0.2},
+        "C_XYX": {"prior": 0.01},
+        "tau": {"prior": 0.3},
+    }
+    return Fit(
+        rmse_um=1.0,
+        fitness_percent={"a": 99.0},
+        log_prob_truncation=-1.0,
+        log_prob_truncation_error=0.0,
+        log_prob_truncation_prior=-2.0,
+        linearisation_error_um=0.0,
+        concerns=(),
+        predictive_checks={"a": CHECKS},
+        sensitivity=sensitivity,
+        shift={"a": 0.7},
+        widening=0.2,
+    )
+
+
+@pytest.fixture
+def unlikely(fit: Fit) -> Fit:
+    return replace(fit, predictive_checks={"a": replace(CHECKS, orders_p={0: 1e-9, 1: 0.5})})
+
+
+def test_a_usable_fit(fit: Fit) -> None:
+    assert (
+        fit_verdict(fit)
+        == "Converged; the model expects readings like these (15 checks, smallest p = 0.2, white"
+        " noise of a); 2 of 3 parameters are sensitive to their prior (C_XXX, E_XX1)."
+    )
+    assert (fit.state, fit.kinds) == (State.USABLE, ())
+
+
+def test_readings_against_non_negative_compliance_are_doubtful(fit: Fit) -> None:
+    doubtful = replace(fit, concerns=(AGAINST,))
+    assert "speak against non-negative compliance" in fit_verdict(doubtful)
+    assert doubtful.state == State.DOUBTFUL
+
+
+def test_what_has_not_converged_is_unusable(fit: Fit) -> None:
+    verdict = fit_verdict(replace(fit, concerns=(MISSED, AGAINST)))
+    assert verdict == "NOT CONVERGED: do not use the numbers."
+    assert replace(fit, concerns=(MISSED,)).state == State.UNUSABLE
+
+
+def test_a_failing_check_that_moves_intervals_is_doubtful(unlikely: Fit) -> None:
+    assert fit_verdict(unlikely).startswith(
+        "Converged; the model does not expect readings like these (order 0 of a): without a"
+    )
+    assert (unlikely.state, unlikely.kinds) == (State.DOUBTFUL, ("order",))
+    assert "<p>Converged; the model does not expect" in unlikely._repr_html_()
+    assert Fit.from_dict(unlikely.as_dict()) == unlikely
+
+
+def test_a_failing_check_that_moves_nothing_is_a_note(unlikely: Fit) -> None:
+    quiet = replace(unlikely, shift={"a": 0.3})
+    assert "(order 0 of a) hardly moves an interval" in fit_verdict(quiet)
+    assert (quiet.state, quiet.kinds, len(quiet.unexpected)) == (State.USABLE, (), 1)
+    assert list(check_notes(quiet)) == [
+        "The model does not expect order 0 of a: without a a parameter moves by 0.3 u."
+    ]
+
+
+def test_print_names_no_order_where_none_fails(fit: Fit) -> None:
+    assert "order" not in str(fit)
