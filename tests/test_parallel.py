@@ -1,5 +1,4 @@
-"""Independent jobs: every result once, few in flight, and what happens when a job raises, a worker
-dies or nobody wants more."""
+"""Independent jobs: every result once, whether a job raises, a worker dies or the caller stops."""
 
 from __future__ import annotations
 
@@ -58,6 +57,10 @@ class Late(Executor):
 
     def finish(self, future: Future[Any], call: Callable[[], Any]) -> None:
         future.set_result(call())
+
+
+def cancel(future: Future[Any], _: Callable[[], Any]) -> None:
+    future.cancel()
 
 
 def square(x: int) -> int:
@@ -163,7 +166,7 @@ def test_a_job_that_raises_says_which() -> None:
 
 def test_an_executor_that_gives_up_is_refused_after_what_is_done() -> None:
     executor = Late(at=64)
-    executor.finish = lambda future, _: future.cancel()  # type: ignore[method-assign, assignment, return-value]
+    executor.finish = cancel  # type: ignore[method-assign]
     with pytest.raises(
         InputError,
         match=r"the executor must last as long as its jobs, .* work is kept.*process_executor",
@@ -180,10 +183,10 @@ def test_processes(tmp_path: Path) -> None:
     """Two that last, none of them this one; killed ones cost nothing but their job, a job that
     always kills its worker a row."""
     with process_executor(2) as executor:
-        found = {own for _, own in done(where, range(20), executor)}
-        assert {threads for _, threads in found} == {"1"}
-        assert len(found) == 2
-        assert os.getpid() not in dict(found)
+        workers = {worker for _, worker in done(where, range(20), executor)}
+        assert {threads for _, threads in workers} == {"1"}
+        assert len(workers) == 2
+        assert os.getpid() not in dict(workers)
         with pytest.raises(ZeroDivisionError) as raised:
             list(done(reciprocal, range(4), executor))
         assert "in reciprocal" in raised.value.__notes__[0]
@@ -202,7 +205,7 @@ def test_processes(tmp_path: Path) -> None:
         assert lost.reason.startswith(
             "its worker died twice, the second time with no other job at work"
         )
-    for process, _ in found:
+    for process, _ in workers:
         with pytest.raises(ProcessLookupError):
             os.kill(process, 0)
     with executor_named("process", 1) as executor:
@@ -243,7 +246,10 @@ def test_a_job_blamed_by_dask_is_tried_once_more_when_all_others_are_done() -> N
         executor.at = 1
         work = call.args[-1]  # type: ignore[attr-defined]
         tried.append(work)
-        future.set_exception(KilledWorker()) if work == 3 else future.set_result(call())
+        if work == 3:
+            future.set_exception(KilledWorker())
+        else:
+            future.set_result(call())
 
     executor.finish = finish  # type: ignore[method-assign]
     results = list(done(square, range(12), executor))
@@ -263,10 +269,7 @@ def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         executor_named("dask", 3, "tcp://a:1"),
     ):
         pass
-    monkeypatch.setattr(
-        "multiprocessing.context.SpawnProcess.start",
-        lambda self: (_ for _ in ()).throw(OSError("no room")),
-    )
+    monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", fails_to_start)
     with (
         pytest.raises(InputError, match=r"a worker process must start, got no room"),
         process_executor(1) as executor,
@@ -284,6 +287,10 @@ def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         dask_executor(),
     ):
         pass
+
+
+def fails_to_start(_: object) -> None:
+    raise OSError("no room")
 
 
 def run(script: str, folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
