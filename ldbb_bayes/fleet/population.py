@@ -223,23 +223,20 @@ def _population_parts(result: Population) -> tuple[Table | str, ...]:
     )
     rows = [_table_row(name, parameter) for name, parameter in result.parameters.items()]
     table = Table.of("Population", heads, rows, text=("unit",))
-    return (
-        table,
-        PAGE["population"],
-        "",
-        *population_sentences(result),
-        *population_doubts(result),
-    )
+    passages: list[Table | str] = [table, PAGE["population"], ""]
+    passages += population_sentences(result)
+    passages += population_doubts(result)
+    return tuple(passages)
 
 
-def _table_row(name: str, parameter: PooledParameter) -> tuple[str, ...]:
+def _table_row(name: str, parameter: PooledParameter) -> list[str]:
     factor, unit = display_unit(parameter.unit)
     common = _NOTHING
     if parameter.instrument_sd > 0.0:
         common = round_uncertainty(2.0 * parameter.instrument_sd * factor)[0]
     spread = parameter.spread
     stated_spread = state(spread.mean, spread.sd, spread.interval, parameter.unit)
-    return (
+    return [
         display_name(name),
         unit,
         _without_unit(parameter.mean, parameter.unit),
@@ -247,7 +244,7 @@ def _table_row(name: str, parameter: PooledParameter) -> tuple[str, ...]:
         stated_spread.value,
         stated_spread.interval,
         _without_unit(parameter.next, parameter.unit),
-    )
+    ]
 
 
 def _without_unit(summary: Summary, unit: str) -> str:

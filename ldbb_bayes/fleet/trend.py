@@ -156,7 +156,7 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
     return tuple(passages)
 
 
-def _table_row(name: str, parameter: ParameterChange) -> tuple[str, ...]:
+def _table_row(name: str, parameter: ParameterChange) -> list[str]:
     factor, unit = display_unit(parameter.unit)
     level = parameter.level_now
     common = _NOTHING
@@ -169,14 +169,14 @@ def _table_row(name: str, parameter: ParameterChange) -> tuple[str, ...]:
         size = plus_minus(change.mean, change.sd, change.interval, parameter.unit)
         if parameter.percent is not None:
             percent = f"{parameter.percent:+.0f} %".replace("-", "−")
-    return (
+    return [
         display_name(name),
         plus_minus(level.mean, level.sd, level.interval, parameter.unit),
         common,
         probability_words(parameter.probability),
         size,
         percent,
-    )
+    ]
 
 
 @with_words.register
