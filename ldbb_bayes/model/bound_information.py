@@ -2,78 +2,101 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.terms import (
-    NOISE,
-    OWN,
-    BasisNoise,
-    Columns,
-)
+from ldbb_bayes.model.terms import NOISE, OWN, BasisNoise, Columns
 from ldbb_bayes.results import Array
 
 __all__ = ["information_of", "informations_of"]
 
 
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """Columns that count as noise of their test, with the class name of their term."""
+
+    term: str
+    columns: Columns | BasisNoise
+
+    def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
+        """Return its covariance in the reduced readings of a test [mm²]."""
+        if isinstance(self.columns, BasisNoise):
+            root = factor * self.columns.sd_at(hyper, test)
+        else:
+            root = factor @ (self.columns.values[test] * self.columns.sd_at(hyper))
+        return root @ root.T
+
+
 def information_of(bound: BoundModel, phi: Array) -> Information:
-    """What readings tell of a bound model's coefficients at φ (h,) [mm]; what differs between tests
-    is noise of its test."""
+    """Return the information about a bound model's coefficients at φ (h,) [mm].
+
+    What differs between tests is noise of its test.
+    """
     return next(informations_of(bound, phi[None]))
 
 
 def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
-    """That of `information_of` at several φ in turn, shape (w, h) [mm]; what φ only scales is
-    worked out once."""
-    names, owners = list(bound.names), [OWN] * len(bound.names)
-    columns = [bound.interest]
-    scale = list[Columns]()
-    private = [
-        part.values for part in bound.nuisance_columns if isinstance(part, Columns) and part.private
-    ]
-    # Tests of one noise: those sampled alike on circles of one kind and of one scale.
-    scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
-    alike = [
-        (
-            id(test.factor),
-            scale_of[circle].tobytes() if circle else b"",
-            *(values[r].tobytes() for values in private),
-        )
-        for r, (test, circle) in enumerate(
-            zip(bound.reduced, bound.setting.circle.tolist(), strict=True)
-        )
-    ]
-    kinds = {key: r for r, key in reversed([*enumerate(alike)])}
-    noise: dict[int, list[tuple[str, Columns | BasisNoise]]] = {r: [] for r in kinds.values()}
-    for kind, parts in bound.columns_of.items():
-        for part in parts:
-            if isinstance(part, Columns) and not part.private:
-                names += part.names
-                owners += [kind.__name__] * len(part.names)
-                columns.append(part.values)
-                scale.append(part)
-                continue
-            for sources in noise.values():
-                sources.append((kind.__name__, part))
-    every = np.concatenate(columns, axis=2)
-    design = tuple(test.factor @ every[r] for r, test in enumerate(bound.reduced))
-    for values in phi:
-        value = dict(zip(bound.hyper_prior.names, values.tolist(), strict=True))
-        scales = np.concatenate([bound.scale, *(part.sd_at(value) for part in scale)])
-        blocks: dict[int, dict[str, Array]] = {}
-        for r, sources in noise.items():
-            factor = bound.reduced[r].factor
-            blocks[r] = {NOISE: np.eye(len(factor)) * value["sigma"] ** 2}
-            for label, part in sources:
-                if isinstance(part, BasisNoise):
-                    spread = factor * part.sd_at(value, r)
-                else:
-                    spread = factor @ (part.values[r] * part.sd_at(value))
-                blocks[r][label] = blocks[r].get(label, 0.0) + spread @ spread.T
-        every_block = tuple(blocks[kinds[key]] for key in alike)
+    """Yield the information of `information_of` at several φ, shape (w, h) [mm].
+
+    What φ only scales is computed once.
+    """
+    names = list(bound.names)
+    owners = [OWN] * len(bound.names)
+    shared: list[Columns] = []
+    noises: list[_Noise] = []
+    for kind, columns_of_term in bound.columns_of.items():
+        for columns in columns_of_term:
+            if isinstance(columns, BasisNoise) or columns.private:
+                noises.append(_Noise(kind.__name__, columns))
+            else:
+                names += columns.names
+                owners += [kind.__name__] * len(columns.names)
+                shared.append(columns)
+    values = np.concatenate([bound.interest, *(columns.values for columns in shared)], axis=2)
+    design = tuple(test.factor @ values[r] for r, test in enumerate(bound.reduced))
+    representatives = _first_tests_of_equal_noise(bound, noises, phi)
+    for phi_values in phi:
+        hyper = dict(zip(bound.hyper_prior.names, phi_values.tolist(), strict=True))
+        scales = np.concatenate([bound.scale, *(columns.sd_at(hyper) for columns in shared)])
+        blocks = {
+            r: _noise_covariances(bound.reduced[r].factor, noises, hyper, r)
+            for r in dict.fromkeys(representatives)
+        }
+        blocks_of_tests = tuple(blocks[r] for r in representatives)
         yield Information(
-            tuple(names), tuple(owners), scales, bound.model.prior.flat, design, every_block
+            tuple(names), tuple(owners), scales, bound.model.prior.flat, design, blocks_of_tests
         )
+
+
+def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Array) -> list[int]:
+    """Return for every test the first test of the same noise.
+
+    Tests have the same noise if they are sampled at the same angles on circles of one kind and of
+    one scale.
+    """
+    scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
+    first_of_kind: dict[tuple[object, ...], int] = {}
+    representatives = []
+    for r, (test, circle) in enumerate(zip(bound.reduced, bound.setting.circle, strict=True)):
+        scale = scale_of[str(circle)].tobytes() if circle else b""
+        kind: list[object] = [id(test.factor), scale]
+        for noise in noises:
+            if isinstance(noise.columns, Columns):
+                kind.append(noise.columns.values[r].tobytes())
+        representatives.append(first_of_kind.setdefault(tuple(kind), r))
+    return representatives
+
+
+def _noise_covariances(
+    factor: Array, noises: list[_Noise], hyper: Mapping[str, float], test: int
+) -> dict[str, Array]:
+    """Return the covariance of a test's noise by term and of the readings' white noise [mm²]."""
+    blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
+    for noise in noises:
+        covariance = noise.covariance(factor, hyper, test)
+        blocks[noise.term] = blocks.get(noise.term, 0.0) + covariance
+    return blocks

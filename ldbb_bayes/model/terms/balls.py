@@ -2,39 +2,55 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Ball, Campaign
 from ldbb_bayes.model.fourier import MAX_ORDER
 from ldbb_bayes.model.setting import TRAVEL_NAMES, Setting
-from ldbb_bayes.model.terms.base import Term, Uncertainty, _in_plane, _order
+from ldbb_bayes.model.terms.base import Term, Uncertainty, order_in_words, plane_in_words
 from ldbb_bayes.model.terms.columns import Columns, Scale
+from ldbb_bayes.results import Array
 
 __all__ = ["BallForm", "MachinePattern"]
 
-
+# Orders of the form of a ball: order 0 is its radius, order 1 its centre.
 _FORM_ORDERS = range(2, MAX_ORDER + 1)
-
-
+# Orders of the machine's pattern: those below are its geometric errors.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
-
-
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
-
-
 # (S/24^½)² is the variance of a lobe whose peak to valley, 2 amplitudes, is S with each phase as
 # likely as another.
-_OF_SPHERICITY = 1.0 / 24.0
+_VARIANCE_PER_SPHERICITY = 1.0 / 24.0
+# The highest order to which a stated deviation from sphericity is attributed.
+_LAST_SPHERICITY_ORDER = 3
+
+
+class _TurnedBall(NamedTuple):
+    """A ball, and by how much it is turned against the angle of its columns [rad]."""
+
+    ball: Ball
+    turned_rad: float
+
+
+class _Form(NamedTuple):
+    """One sum of forms: the stem of its names, ψ of every test, and the balls."""
+
+    stem: str
+    turned_rad: Array
+    balls: tuple[_TurnedBall, ...]
 
 
 def _harmonic_names(stem: str, orders: Sequence[int]) -> tuple[str, ...]:
-    return tuple(f"{stem}_{trig}{n}" for n in orders for trig in ("cos", "sin"))
+    names = []
+    for order in orders:
+        names += [f"{stem}_cos{order}", f"{stem}_sin{order}"]
+    return tuple(names)
 
 
 @dataclass(frozen=True)
@@ -61,143 +77,191 @@ class BallForm(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        return (
-            Scale("tau", "tau_um", "τ", "ball form"),
-            *([_DECAY] if self.law == "decay" else []),
-        )
+        """Its hyper-parameters."""
+        tau = Scale("tau", "tau_um", "τ", "ball form")
+        return (tau, _DECAY) if self.law == "decay" else (tau,)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        work = setting.instrument.work
-        tool = setting.instrument.tool
-        far = setting.tool_ball_rad - np.pi
-        balls = [
-            (
-                "form",
-                setting.work_ball_rad,
-                [(work, 0.0), (tool, float(far[0] - setting.work_ball_rad[0]))],
-            )
-        ]
-        if setting.two_balls:
-            balls = [
-                ("work_form", setting.work_ball_rad, [(work, 0.0)]),
-                ("tool_form", far, [(tool, 0.0)]),
-            ]
-        return tuple(
-            Columns(
-                _harmonic_names(stem + plane, _FORM_ORDERS),
-                setting.harmonics(_FORM_ORDERS, turned) * own[:, None, None],
-                hyper="tau",
-                **self._prior(of),
-            )
-            for _, plane, own in setting.each("plane")
-            for stem, turned, of in balls
-        )
+        """Return its columns in a setting."""
+        columns = []
+        for group in setting.each("plane"):
+            for form in _forms(setting):
+                harmonics = setting.harmonics(_FORM_ORDERS, form.turned_rad)
+                columns.append(
+                    Columns(
+                        _harmonic_names(form.stem + group.suffix, _FORM_ORDERS),
+                        harmonics * group.tests[:, None, None],
+                        hyper="tau",
+                        **self._prior(form.balls),
+                    )
+                )
+        return tuple(columns)
 
-    def _prior(self, balls: Sequence[tuple[Ball, float]]) -> dict[str, Any]:
-        """Prior of the sum of forms of balls, each turned by so much [rad]: what `Columns`
-        takes."""
-        if self.law == "1/n":
-            return {
-                "sd": np.sqrt(len(balls) / 2.0) / np.repeat(np.array(_FORM_ORDERS, dtype=float), 2)
-            }
+    def _prior(self, balls: Sequence[_TurnedBall]) -> dict[str, Any]:
+        """Return the prior of the sum of forms of balls as arguments of `Columns`."""
         orders = np.repeat(_FORM_ORDERS, 2)
-        share = np.zeros(len(orders))
+        if self.law == "1/n":
+            return {"sd": np.sqrt(len(balls) / 2.0) / orders.astype(float)}
+        # Each ball contributes τ²/2 at orders that its certificate does not state.
+        share_of_tau = np.zeros(len(orders))
         stated = np.zeros(len(orders))
         mean = np.zeros(len(orders))
-        for ball, turned in balls:
-            sphericity = (
-                self.sphericity_um
-                if ball.stated_sphericity_um is None
-                else ball.stated_sphericity_um
-            )
-            variance = np.where(orders <= 3, _OF_SPHERICITY * sphericity**2, 0.0)
+        for ball, turned_rad in balls:
+            low = orders <= _LAST_SPHERICITY_ORDER
+            sphericity = self._sphericity(ball)
+            variance = np.where(low, _VARIANCE_PER_SPHERICITY * sphericity**2, 0.0)
             half = np.full(len(orders), 0.5)
             for order, amplitude, phase_deg in ball.harmonics_um:
-                at = orders == order
-                angle = order * (np.deg2rad(phase_deg) + turned)
-                half[at], variance[at] = 0.0, (0.5 * (ball.U_um or 0.0)) ** 2
-                mean[at] += amplitude * np.array([np.cos(angle), np.sin(angle)])
-            share = share + half
+                at_order = orders == order
+                angle = order * (np.deg2rad(phase_deg) + turned_rad)
+                half[at_order] = 0.0
+                variance[at_order] = _stated_sd_um(ball) ** 2
+                mean[at_order] += amplitude * np.array([np.cos(angle), np.sin(angle)])
+            share_of_tau = share_of_tau + half
             stated = stated + variance
-        scaled = {"sd": np.sqrt(share), "decay": "decay", "orders": orders.astype(float)}
-        return scaled | {"stated": np.sqrt(stated) * 1e-3, "mean": mean * 1e-3}
+        return {
+            "sd": np.sqrt(share_of_tau),
+            "decay": "decay",
+            "orders": orders.astype(float),
+            "stated": np.sqrt(stated) * 1e-3,
+            "mean": mean * 1e-3,
+        }
+
+    def _sphericity(self, ball: Ball) -> float:
+        """Return the deviation from sphericity [µm] that is stated, or else assumed."""
+        stated = ball.stated_sphericity_um
+        return self.sphericity_um if stated is None else stated
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Of the orders 2 and 3, beside what all orders share, and of those that a certificate
-        states, their amplitudes."""
+        """Yield the assumed sd of the orders 2 and 3, and the amplitudes that certificates state.
+
+        The orders share τ besides.
+        """
+        if self.law != "decay":
+            return
         for name in ("work", "tool"):
             ball: Ball = getattr(campaign.instrument, name)
-            stated = {n: own for n, own, _ in ball.harmonics_um}
-            sphericity = ball.stated_sphericity_um
-            usual = np.sqrt(_OF_SPHERICITY) * (
-                self.sphericity_um if sphericity is None else sphericity
-            )
-            for n in sorted({2, 3, *stated}) if self.law == "decay" else ():
-                value, sd = (
-                    (stated[n], 0.5 * (ball.U_um or 0.0)) if n in stated else (0.0, float(usual))
+            amplitudes = {order: amplitude for order, amplitude, _ in ball.harmonics_um}
+            usual_sd = float(np.sqrt(_VARIANCE_PER_SPHERICITY) * self._sphericity(ball))
+            sphericity_stated = ball.stated_sphericity_um is not None
+            for order in sorted({2, 3, *amplitudes}):
+                value = 0.0
+                sd = usual_sd
+                if order in amplitudes:
+                    value = amplitudes[order]
+                    sd = _stated_sd_um(ball)
+                stated = order in amplitudes or sphericity_stated
+                yield Uncertainty(
+                    f"{name}_form_{order}", value * 1e-3, sd * 1e-3, "mm", name, stated
                 )
-                known = n in stated or sphericity is not None
-                yield Uncertainty(f"{name}_form_{n}", value * 1e-3, sd * 1e-3, "mm", name, known)
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
+        """Return whether a certificate says how large a coefficient is."""
         instrument = campaign.instrument
-        own = {"w": (instrument.work,), "t": (instrument.tool,)}.get(
-            coefficient[0], (instrument.work, instrument.tool)
-        )
+        balls = [instrument.work, instrument.tool]
+        if coefficient.startswith("work"):
+            balls = [instrument.work]
+        elif coefficient.startswith("tool"):
+            balls = [instrument.tool]
         order = int(re.findall(r"\d+$", coefficient)[0])
-        return all(
-            b.stated_sphericity_um is not None or order in [n for n, *_ in b.harmonics_um]
-            for b in own
-        )
-
-    @staticmethod
-    def _ball(coefficient: str) -> str:
-        return {"w": "the work ball", "t": "the tool ball"}.get(coefficient[0], "")
+        for ball in balls:
+            orders = [harmonic[0] for harmonic in ball.harmonics_um]
+            if ball.stated_sphericity_um is None and order not in orders:
+                return False
+        return True
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        ball = cls._ball(coefficient)
-        order = _order(coefficient)
+        """Return a coefficient in words."""
+        ball = _ball_in_words(coefficient)
+        owner = f"{ball}'s " if ball else ""
+        order = order_in_words(coefficient)
         lobes = order.split()[1].removesuffix("θ")
-        return (
-            f"{ball + chr(39) + 's ' if ball else ''}{lobes}-lobe form"
-            f" ({order}{_in_plane(coefficient)})"
-        )
+        return f"{owner}{lobes}-lobe form ({order}{plane_in_words(coefficient)})"
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        ball = cls._ball(coefficient)
-        return f" in {_order(coefficient)}{f' of {ball}' if ball else ''}{_in_plane(coefficient)}"
+        """Return its pattern after the term's words."""
+        ball = _ball_in_words(coefficient)
+        of_ball = f" of {ball}" if ball else ""
+        return f" in {order_in_words(coefficient)}{of_ball}{plane_in_words(coefficient)}"
+
+
+def _forms(setting: Setting) -> list[_Form]:
+    """Return the forms that a setting separates: one sum, or one for each ball."""
+    work = setting.instrument.work
+    tool = setting.instrument.tool
+    far_side = setting.tool_ball_rad - np.pi
+    if setting.two_balls:
+        return [
+            _Form("work_form", setting.work_ball_rad, (_TurnedBall(work, 0.0),)),
+            _Form("tool_form", far_side, (_TurnedBall(tool, 0.0),)),
+        ]
+    tool_turned = float(far_side[0] - setting.work_ball_rad[0])
+    balls = (_TurnedBall(work, 0.0), _TurnedBall(tool, tool_turned))
+    return [_Form("form", setting.work_ball_rad, balls)]
+
+
+def _stated_sd_um(ball: Ball) -> float:
+    """Return the standard uncertainty of stated harmonics [µm], half the expanded one."""
+    return 0.5 * (ball.U_um or 0.0)
+
+
+def _ball_in_words(coefficient: str) -> str:
+    """Return the ball of a coefficient; empty where it is of both."""
+    if coefficient.startswith("work"):
+        return "the work ball"
+    if coefficient.startswith("tool"):
+        return "the tool ball"
+    return ""
 
 
 @dataclass(frozen=True)
 class MachinePattern(Term):
-    """cos nθ, sin nθ, n = 4 … 12, ω (n/6)^(−p): geometry of higher order and cyclic errors of the
-    machine, the same in every test of a plane, direction and radius. Only where a ball is clocked:
-    it does not turn with it; else it is one with the form."""
+    """cos nθ, sin nθ, n = 4 … 12, ω (n/6)^(−p): geometry of higher order and cyclic errors.
+
+    The pattern is the same in every test of a plane, direction and radius. It acts only where a
+    ball is clocked: it does not turn with the ball. Otherwise it cannot be separated from the form.
+    """
 
     stem = "pattern"
     remedy = "Run more circles with the balls clocked."
     scales = (Scale("omega", "omega_um", "ω", "pattern of the machine"), _DECAY)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        """Return its columns in a setting."""
         if not setting.clocked:
             return ()
-        found = []
-        orders = np.repeat(np.array(_PATTERN_ORDERS, dtype=float), 2)
-        for (_, plane, in_plane), (_, radius, at_radius) in itertools.product(
-            setting.each("plane"), setting.each("radius")
-        ):
-            for travel in sorted({*setting.travels}):
-                own = in_plane & at_radius & (setting.travel == travel)
-                if not own.any():
-                    continue
-                way = f"_{TRAVEL_NAMES[travel]}" if len(setting.travels) > 1 else ""
-                names = _harmonic_names(f"pattern{way}{radius}{plane}", _PATTERN_ORDERS)
-                values = setting.harmonics(_PATTERN_ORDERS) * own[:, None, None]
-                found.append(
-                    Columns(
-                        names, values, np.ones(len(names)), "omega", decay="decay", orders=orders
-                    )
-                )
-        return tuple(found)
+        columns = []
+        for plane in setting.each("plane"):
+            for radius in setting.each("radius"):
+                suffix = radius.suffix + plane.suffix
+                columns += _patterns(setting, suffix, plane.tests & radius.tests)
+        return tuple(columns)
+
+
+def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[Columns]:
+    """Return the columns of one plane and radius, for each direction of travel.
+
+    Parameters
+    ----------
+    setting
+        The setting.
+    suffix
+        What names carry of radius and plane.
+    tests
+        The tests of this plane and radius, shape (tests,).
+    """
+    orders = np.repeat(np.array(_PATTERN_ORDERS, dtype=float), 2)
+    columns = []
+    for travel in sorted({*setting.travels}):
+        acting = tests & (setting.travel == travel)
+        if not acting.any():
+            continue
+        direction = f"_{TRAVEL_NAMES[travel]}" if len(setting.travels) > 1 else ""
+        names = _harmonic_names(f"pattern{direction}{suffix}", _PATTERN_ORDERS)
+        values = setting.harmonics(_PATTERN_ORDERS) * acting[:, None, None]
+        columns.append(
+            Columns(names, values, np.ones(len(names)), "omega", decay="decay", orders=orders)
+        )
+    return columns

@@ -1,10 +1,4 @@
-"""The nuisance terms, each one class: its columns in the circle's basis, its scales, its unit and
-its words.
-
-ρ_r(θ) = F_r Σ_k (F_r − F0)^k j_C·C_k + j_G·E + terms + ε. A column of test r is its 25 basis
-coefficients; a term's columns are shared by all tests or stand for each test apart. A term of your
-own is one more class derived from `Term`.
-"""
+"""The base of all nuisance terms: what a term must say of itself."""
 
 from __future__ import annotations
 
@@ -23,64 +17,96 @@ from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Scale
 from ldbb_bayes.results import Result, Shown
 
-__all__ = ["Term", "Uncertainties", "Uncertainty", "Unit", "uncertainties"]
+__all__ = [
+    "Term",
+    "Uncertainties",
+    "Uncertainty",
+    "Unit",
+    "assumption",
+    "order_in_words",
+    "plane_in_words",
+    "uncertainties",
+]
+
+# Where the terms of the package are defined: models have them unless they say otherwise.
+_PACKAGE = "ldbb_bayes.model.terms."
+# Before every capital letter but the first of a class name.
+_BETWEEN_WORDS = re.compile(r"(?<!^)(?=[A-Z])")
+# The end of a coefficient's name: its plane, and the harmonic or order 0.
+_SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")
 
 
 class Unit(NamedTuple):
-    """A coefficient's unit: in files and results; the size of one for reading, and what that is
-    called."""
+    """A coefficient's unit."""
 
-    inside: str
-    one: float
-    label: str
+    inside: str  #: in files and results
+    one: float  #: one unit for reading, in the inside unit
+    label: str  #: name of the unit for reading
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What a term assumes of the instrument: a value and its standard uncertainty, in ``unit`` (mm,
-    N, rad), the field of `Instrument` that states it (empty: none does), and whether a certificate
-    has stated it."""
+    """What a term assumes of the instrument: a value and its standard uncertainty."""
 
     name: str
     value: float
     sd: float
-    unit: str
-    certificate: str
-    stated: bool
+    unit: str  #: of both: mm, N, rad
+    certificate: str  #: the field of `Instrument` that states it; empty where none does
+    stated: bool  #: whether a certificate has stated it
 
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """Everything that the terms of a model assume of the instrument, and the names of its
-    certificates."""
+    """Everything that the terms of a model assume of the instrument, and its certificates."""
 
     assumed: tuple[Uncertainty, ...]  #: in the order of the terms
-    certificates: Mapping[str, str]
+    certificates: Mapping[str, str]  #: names of the certificates
 
 
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
-    """Return what terms, by default those of the default model, assume of the instrument of a
-    campaign or plan."""
-    used = (
-        [kind() for kind in Term.kinds.values() if not kind.on_demand] if terms is None else terms
-    )
-    return Uncertainties(
-        tuple(own for term in used for own in term.assumed(campaign)),
-        campaign.instrument.certificates,
-    )
+    """Return what terms assume of the instrument of a campaign or plan.
+
+    Parameters
+    ----------
+    campaign
+        Campaign or plan.
+    terms
+        The terms; by default those of the default model.
+    """
+    if terms is None:
+        terms = [kind() for kind in Term.kinds.values() if not kind.on_demand]
+    assumed: list[Uncertainty] = []
+    for term in terms:
+        assumed.extend(term.assumed(campaign))
+    return Uncertainties(tuple(assumed), campaign.instrument.certificates)
 
 
-def _assumed(
+def assumption(
     campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0
 ) -> Uncertainty:
+    """Return what a term assumes of a coefficient: its value and standard uncertainty.
+
+    Parameters
+    ----------
+    campaign
+        Campaign or plan.
+    name
+        Name of the coefficient.
+    certificate
+        The field of `Instrument` that states the uncertainty; empty where none does.
+    sd, value
+        Standard uncertainty and value, in the coefficient's inside unit.
+    """
     stated = bool(certificate) and getattr(campaign.instrument, certificate) is not None
-    return Uncertainty(name, value, sd, Term.owner(name).unit_of(name).inside, certificate, stated)
+    unit = Term.owner(name).unit_of(name)
+    return Uncertainty(name, value, sd, unit.inside, certificate, stated)
 
 
 class Term(Shown):
-    """A nuisance of the readings. Derive a frozen dataclass to have one of your own in fits,
-    results, designs and model files.
+    """A nuisance of the readings.
 
+    Derive a frozen dataclass to have one of your own in fits, results, designs and model files.
     Its fields are its settings, positive numbers or strings, and its keys under ``[terms]`` of a
     model file; its class name is its name everywhere. Only `columns` has to be written; the rest
     has defaults.
@@ -96,6 +122,7 @@ class Term(Shown):
     ...         return (lb.Columns(("pitch_error_cos5", "pitch_error_sin5"), setting.harmonics([5]), sd),)
     """
 
+    #: all kinds of terms by class name, in the order of models, results and model files
     kinds: ClassVar[dict[str, type[Term]]] = {}
     #: what names of its coefficients begin with; default: ball_form for BallForm
     stem: ClassVar[str | tuple[str, ...]]
@@ -103,49 +130,46 @@ class Term(Shown):
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  #: of its coefficients
     #: what supplies it, as a noun: cures name it
     calibration: ClassVar[str] = "a measurement of it"
-    remedy: ClassVar[str] = (
-        #: advice for budgets in which it is the largest, a sentence
-        "Measure it, or narrow its prior."
-    )
-    instrument: ClassVar[bool] = (
-        #: it belongs to bar, balls, mount or force device, and is the same wherever these are
-        False
-    )
+    #: advice for budgets in which it is the largest, a sentence
+    remedy: ClassVar[str] = "Measure it, or narrow its prior."
+    #: it belongs to bar, balls, mount or force device, and is the same wherever these are
+    instrument: ClassVar[bool] = False
     #: fleets take its coefficient as one, the same in all campaigns of one instrument
     common: ClassVar[bool] = False
     on_demand: ClassVar[bool]  #: models have it only when asked to; so they have terms of your own
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        other = Term.kinds.get(cls.__name__)
-        if other is not None and other.__module__ != cls.__module__:
+        namesake = Term.kinds.get(cls.__name__)
+        if namesake is not None and namesake.__module__ != cls.__module__:
             raise InputError(
-                f"a term must have a name of its own, got {cls.__name__}, which {other.__module__}"
-                " has. Rename it."
+                f"a term must have a name of its own, got {cls.__name__}, which"
+                f" {namesake.__module__} has. Rename it."
             )
-        spaced = re.sub(r"(?<!^)(?=[A-Z])", " ", cls.__name__).lower()
-        cls.stem = vars(cls).get("stem", spaced.replace(" ", "_"))
-        cls.words = vars(cls).get("words", spaced)
-        of_package = cls.__module__.startswith("ldbb_bayes.model.terms.")
-        cls.on_demand = vars(cls).get("on_demand", not of_package)
+        settings = vars(cls)
+        words = _BETWEEN_WORDS.sub(" ", cls.__name__).lower()
+        cls.stem = settings.get("stem", words.replace(" ", "_"))
+        cls.words = settings.get("words", words)
+        cls.on_demand = settings.get("on_demand", not cls.__module__.startswith(_PACKAGE))
         Term.kinds[cls.__name__] = cls
 
     def __post_init__(self) -> None:
-        kind: Any = type(self)
         choices: dict[str, tuple[Any, ...]] = {}
+        # A class defined inside a function may have annotations that cannot be resolved.
+        kind: Any = type(self)
         with suppress(NameError):
             choices = _choices(kind)
         for name, value in vars(self).items():
-            what = f"{type(self).__name__} {name}"
+            setting = f"{type(self).__name__} {name}"
             if name in choices:
-                check_known(what, [value], choices[name])
-            elif isinstance(value, str | bool) or (
-                value == 0.0 and name.startswith("curvature")
-            ):  # no curvature, the rest stays
+                check_known(setting, [value], choices[name])
                 continue
-            elif not (np.isfinite(value) and value > 0.0):
+            without_curvature = value == 0.0 and name.startswith("curvature")
+            if isinstance(value, str | bool) or without_curvature:
+                continue
+            if not (np.isfinite(value) and value > 0.0):
                 raise InputError(
-                    f"{what} must be a positive number, got {value}. To drop the term, leave it"
+                    f"{setting} must be a positive number, got {value}. To drop the term, leave it"
                     " out."
                 )
 
@@ -155,62 +179,65 @@ class Term(Shown):
         return ()
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Its hyper-parameters in a setting, where more than ``scales``."""
+        """Return its hyper-parameters in a setting, where there are others than ``scales``."""
         return self.scales
 
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
-        """Its columns in a setting; none where it does not act."""
+        """Return its columns in a setting; none where it does not act."""
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """What it assumes of the instrument."""
+        """Yield what it assumes of the instrument."""
         yield from ()
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
-        """Whether a certificate says how large a coefficient is."""
-        alike = [own for own in self.assumed(campaign) if coefficient.startswith(own.name)]
-        return bool(alike) and max(alike, key=lambda own: len(own.name)).stated
+        """Return whether a certificate says how large a coefficient is."""
+        stated = False
+        longest = -1
+        for assumed in self.assumed(campaign):
+            if coefficient.startswith(assumed.name) and len(assumed.name) > longest:
+                longest = len(assumed.name)
+                stated = assumed.stated
+        return stated
 
     @classmethod
     def key(cls) -> str:
-        """Its name among options: ball-form for BallForm."""
-        return re.sub(r"(?<!^)(?=[A-Z])", "-", cls.__name__).lower()
+        """Return its name among options: ball-form for BallForm."""
+        return _BETWEEN_WORDS.sub("-", cls.__name__).lower()
 
     @staticmethod
     def owner(coefficient: str) -> type[Term]:
-        """The kind of term that a coefficient's name belongs to; `Term` itself when none has it."""
+        """Return the kind of term that a coefficient belongs to; `Term` itself when none has it."""
         for kind in Term.kinds.values():
             stems = (kind.stem,) if isinstance(kind.stem, str) else kind.stem
-            if any(coefficient == stem or coefficient.startswith(f"{stem}_") for stem in stems):
-                return kind
+            for stem in stems:
+                if coefficient == stem or coefficient.startswith(f"{stem}_"):
+                    return kind
         return Term
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Unit of a coefficient."""
+        """Return the unit of a coefficient."""
         return cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """A coefficient in words: ball form (cos 2θ)."""
+        """Return a coefficient in words: ball form (cos 2θ)."""
         if cls is Term:
             return coefficient
-        order = _order(coefficient) + _in_plane(coefficient)
-        return cls.words + (f" ({order.strip()})" if order else "")
+        harmonic = order_in_words(coefficient) + plane_in_words(coefficient)
+        return cls.words + (f" ({harmonic.strip()})" if harmonic else "")
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Its pattern after the term's words: `` in cos 2θ``; empty where it has none."""
-        order = _order(coefficient)
-        return f" in {order}{_in_plane(coefficient)}" if order else ""
-
-
-_SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")
+        """Return its pattern after the term's words: `` in cos 2θ``; empty where it has none."""
+        order = order_in_words(coefficient)
+        return f" in {order}{plane_in_words(coefficient)}" if order else ""
 
 
 @cache
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
-    """The values that fields of one kind of term may have, where its annotations list them."""
+    """Return the values that fields of a kind of term may have, where annotations list them."""
     return {
         name: get_args(hint)
         for name, hint in get_type_hints(kind).items()
@@ -218,14 +245,16 @@ def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
     }
 
 
-def _order(coefficient: str) -> str:
-    """form_XY_cos2 → cos 2θ."""
+def order_in_words(coefficient: str) -> str:
+    """Return the harmonic of a coefficient's name: cos 2θ for form_XY_cos2."""
     match = _SUFFIX.search(coefficient)
     if match is None or not match["trig"]:
         return "order 0" if coefficient.endswith("_0") else ""
-    return f"{match['trig']} {'' if match['order'] == '1' else match['order']}θ"
+    multiple = "" if match["order"] == "1" else match["order"]
+    return f"{match['trig']} {multiple}θ"
 
 
-def _in_plane(coefficient: str) -> str:
+def plane_in_words(coefficient: str) -> str:
+    """Return the plane of a coefficient's name: `` in plane XY`` for form_XY_cos2."""
     match = _SUFFIX.search(coefficient)
     return f" in plane {match['plane']}" if match and match["plane"] else ""

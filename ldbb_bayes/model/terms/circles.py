@@ -3,36 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ldbb_bayes.errors import require
 from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE
-from ldbb_bayes.model.setting import Setting
-from ldbb_bayes.model.terms.base import Term, Unit, _in_plane, _order
-from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Scale
+from ldbb_bayes.model.setting import GroupOfTests, Setting
+from ldbb_bayes.model.terms.base import Term, Unit, order_in_words, plane_in_words
+from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Hyper, Scale
 
 __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Moves", "SetupShift"]
 
-
+# Whether zero and centre move with one scale, with one each, or only one of them moves.
 Moves = Literal["together", "apart", "zero", "centre"]
-
-
+# What a drift is in proportion to.
 Covariate = Literal["time", "temperature"]
-
-
-_TRAVEL_ORDERS = 4
+# The last order of hysteresis in the first edition.
+_FIRST_EDITION_ORDERS = 4
 
 
 @dataclass(frozen=True)
 class SetupShift(Term):
-    """1, cos θ, sin θ, separate for every test: zero (order 0) and centre (order 1) move between
-    circles by δ.
+    """1, cos θ, sin θ, separate for every test, scaled by δ.
 
-    ``moves`` says whether both have one scale δ, each its own, δ_0 and δ_1, or one moves alone,
-    with δ.
+    Zero (order 0) and centre (order 1) move between circles. ``moves`` says whether both have one
+    scale δ, each its own, δ_0 and δ_1, or only one moves, with δ.
     """
 
     moves: Moves = "together"
@@ -41,71 +38,85 @@ class SetupShift(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
+        """Its hyper-parameters."""
         if self.moves != "apart":
             return (Scale("delta", "delta_um", "δ", "set-up shift"),)
-        return tuple(
-            Scale(f"delta_{n}", "delta_um", "δ", f"set-up shift of order {n}") for n in (0, 1)
+        return (
+            Scale("delta_0", "delta_um", "δ", "set-up shift of order 0"),
+            Scale("delta_1", "delta_um", "δ", "set-up shift of order 1"),
         )
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
+        """Return its columns in a setting."""
         zero = np.where(ORDERS == 0, 1.0, 0.0)
         centre = np.where(ORDERS == 1, 1.0, 0.0)
         circle = setting.circle
         if self.moves == "apart":
             return BasisNoise("delta_0", zero, circle), BasisNoise("delta_1", centre, circle)
-        return (
-            BasisNoise(
-                "delta",
-                {"together": zero + centre, "zero": zero, "centre": centre}[self.moves],
-                circle,
-            ),
-        )
+        sd = {"together": zero + centre, "zero": zero, "centre": centre}
+        return (BasisNoise("delta", sd[self.moves], circle),)
 
 
 @dataclass(frozen=True)
 class Discrepancy(Term):
-    """cos nθ, sin nθ, n = 2 … 12, separate for every test: model inadequacy and run-to-run change,
-    κ/n^decay."""
+    """cos nθ, sin nθ, n = 2 … 12, separate for every test, κ/n^decay.
+
+    Model inadequacy and change from run to run.
+    """
 
     decay: float = 1.0
     remedy = "Run more circles: what differs from one to the next averages out."
     scales = (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
+        """Return its columns in a setting."""
         sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
         return (BasisNoise("kappa", sd, setting.circle),)
 
 
 @dataclass(frozen=True)
 class CircleScale(Term):
-    """λ of every circle, which scales its set-up shift and its discrepancy, λ² ~ InvGamma(3/2,
-    3/2): circles scatter as Student's t with three degrees of freedom, so that an odd one does not
-    move the compliances. Off with fewer than four tests."""
+    """λ of every circle, which scales its set-up shift and its discrepancy, λ² ~ InvGamma(3/2, 3/2).
+
+    Circles scatter as Student's t with three degrees of freedom, so that an odd one does not move
+    the compliances. Off with fewer than four tests.
+    """
 
     stem = "lambda"
     words = "scale of a circle"
     remedy = "Repeat the odd circle."
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        names = dict.fromkeys(name for name in setting.circle.tolist() if name)
-        return tuple(
-            Scale(name, 1.0, "λ", f"scale of {name.removeprefix('lambda_')}", "circle")
-            for name in names
-        )
+        """Return the scale of every circle."""
+        scales = []
+        for name in dict.fromkeys(setting.circle.tolist()):
+            if name:
+                words = f"scale of {name.removeprefix('lambda_')}"
+                scales.append(Scale(name, 1.0, "λ", words, "circle"))
+        return tuple(scales)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        """Return its columns in a setting."""
         return ()
+
+
+class _HysteresisSd(NamedTuple):
+    """Sd of hysteresis at order 1, of its constant part: a number, or a hyper-parameter times it."""
+
+    sd_mm: float
+    hyper: Hyper | None
+    last_order: int
 
 
 @dataclass(frozen=True)
 class Hysteresis(Term):
-    """s cos nθ, s sin nθ, n = 0 … 12, s = ±1 the sign of travel: what differs between the two
-    directions (ISO 230-4).
+    """s cos nθ, s sin nθ, n = 0 … 12, s = ±1 the sign of travel.
 
-    A constant part (backlash, reversal spikes, servo mismatch), η/n, η at order 0, and one in
-    proportion to force (friction in the bar, lost motion), ``proportional_um_per_kN``/n; a set of
-    each for every plane. Active where a plane is run both ways; in one direction it looks like
-    machine. With ``law`` fixed orders end at 4 and ``constant_um`` stands for η (first edition).
+    What differs between the two directions (ISO 230-4): a constant part (backlash, reversal spikes,
+    servo mismatch), η/n, η at order 0, and one in proportion to force (friction in the bar, lost
+    motion), ``proportional_um_per_kN``/n; a set of each for every plane. Active where a plane is
+    run both ways; in one direction it looks like machine. With ``law`` fixed orders end at 4 and
+    ``constant_um`` stands for η (first edition).
     """
 
     constant_um: float = 2.0
@@ -116,65 +127,75 @@ class Hysteresis(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
+        """Its hyper-parameters."""
         return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        eta, size, last = (
-            ("eta", 1.0, MAX_ORDER)
-            if self.law == "sampled"
-            else (None, self.constant_um * 1e-3, _TRAVEL_ORDERS)
-        )
-        suffixes = ("0", *(f"{trig}{n}" for n in range(1, last + 1) for trig in ("cos", "sin")))
+        """Return its columns in a setting."""
+        columns: list[Columns] = []
+        for plane in setting.each("plane"):
+            if plane.value in setting.both_ways:
+                columns += self._columns_of_plane(setting, plane)
+        return tuple(columns)
+
+    def _columns_of_plane(self, setting: Setting, plane: GroupOfTests) -> list[Columns]:
+        """Return the constant part and the part in proportion to force."""
+        constant = self._constant_part()
+        suffixes = ["0"]
+        for order in range(1, constant.last_order + 1):
+            suffixes += [f"cos{order}", f"sin{order}"]
         count = len(suffixes)
-        spread = 1.0 / np.maximum(ORDERS[:count], 1.0)
-        found = []
-        for plane, stem, own in setting.each("plane"):
-            if plane not in setting.both_ways:
-                continue
-            values = np.zeros((setting.tests, SIZE, count))
-            values[:, np.arange(count), np.arange(count)] = np.where(own, setting.travel, 0.0)[
-                :, None
-            ]
-            parts = (
-                ("hysteresis", values, size, eta),
-                (
-                    "hysteresis_force",
-                    values * setting.force_N[:, None, None],
-                    self.proportional_um_per_kN * 1e-6,
-                    None,
-                ),
-            )
-            found += [
-                Columns(tuple(f"{part}{stem}_{n}" for n in suffixes), own, sd * spread, hyper)
-                for part, own, sd, hyper in parts
-            ]
-        return tuple(found)
+        falling = 1.0 / np.maximum(ORDERS[:count], 1.0)
+        sign = np.where(plane.tests, setting.travel, 0.0)
+        values = np.zeros((setting.tests, SIZE, count))
+        values[:, np.arange(count), np.arange(count)] = sign[:, None]
+        proportional_sd = self.proportional_um_per_kN * 1e-6
+        return [
+            Columns(
+                tuple(f"hysteresis{plane.suffix}_{suffix}" for suffix in suffixes),
+                values,
+                constant.sd_mm * falling,
+                constant.hyper,
+            ),
+            Columns(
+                tuple(f"hysteresis_force{plane.suffix}_{suffix}" for suffix in suffixes),
+                values * setting.force_N[:, None, None],
+                proportional_sd * falling,
+            ),
+        ]
+
+    def _constant_part(self) -> _HysteresisSd:
+        if self.law == "sampled":
+            return _HysteresisSd(1.0, "eta", MAX_ORDER)
+        return _HysteresisSd(self.constant_um * 1e-3, None, _FIRST_EDITION_ORDERS)
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        return (
-            Unit("mm/N", 1e-6, "µm/kN") if coefficient.startswith("hysteresis_force") else cls.unit
-        )
+        """Return the unit of a coefficient."""
+        if coefficient.startswith("hysteresis_force"):
+            return Unit("mm/N", 1e-6, "µm/kN")
+        return cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
+        """Return a coefficient in words."""
         force = " in proportion to force" if coefficient.startswith("hysteresis_force") else ""
-        return f"hysteresis{force} ({_order(coefficient)}{_in_plane(coefficient)})"
+        return f"hysteresis{force} ({order_in_words(coefficient)}{plane_in_words(coefficient)})"
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
+        """Return its pattern after the term's words."""
         force = " times force" if coefficient.startswith("hysteresis_force") else ""
-        return f" in {_order(coefficient)}{force}{_in_plane(coefficient)}"
+        return f" in {order_in_words(coefficient)}{force}{plane_in_words(coefficient)}"
 
 
 @dataclass(frozen=True)
 class Drift(Term):
-    """u, u B̂: the bar's length and the circle's centre change in proportion to time or temperature
-    u, from the campaign's mean.
+    """u, u B̂: bar length and circle centre change in proportion to time or temperature u.
 
-    Off by default: `SetupShift` covers what changes between circles at random. ``over`` is
-    ``time_s`` or ``temperature_C`` of the tests, ``length_um`` and ``centre_um`` one sd per hour or
-    kelvin. A steel bar of 150 mm grows by 1.7 µm/K.
+    u counts from the campaign's mean. Off by default: `SetupShift` covers what changes between
+    circles at random. ``over`` is ``time_s`` or ``temperature_C`` of the tests, ``length_um`` and
+    ``centre_um`` one sd per hour or kelvin. A steel bar of 150 mm grows by 1.7 µm/K.
     """
 
     over: Covariate = "time"
@@ -184,33 +205,36 @@ class Drift(Term):
     remedy = "Run the forces in an order that has nothing to do with time."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        change = setting.time_h if self.over == "time" else setting.temperature_K
-        field = "time_s" if self.over == "time" else "temperature_C"
+        """Return its columns in a setting."""
+        change = setting.temperature_K
+        field = "temperature_C"
+        if self.over == "time":
+            change = setting.time_h
+            field = "time_s"
         lacking = int(np.sum(~np.isfinite(change)))
-        cure = f"got {lacking} without. Record it, or leave the term Drift out."
-        require(not lacking, f"drift over {self.over} must have {field} in every test, {cure}")
-        axes = [k for k in range(3) if np.any(setting.direction[:, :, k])]
-        values = np.concatenate(
-            [setting.constant(change), setting.direction[:, :, axes] * change[:, None, None]],
-            axis=2,
+        require(
+            not lacking,
+            f"drift over {self.over} must have {field} in every test, got {lacking} without."
+            " Record it, or leave the term Drift out.",
         )
-        names = (f"drift_{self.over}_length", *(f"drift_{self.over}_{LINEAR[k]}" for k in axes))
-        return (
-            Columns(
-                names, values, np.array([self.length_um, *[self.centre_um] * len(axes)]) * 1e-3
-            ),
-        )
+        axes = [axis for axis in range(3) if np.any(setting.direction[:, :, axis])]
+        length = setting.constant(change)
+        centre = setting.direction[:, :, axes] * change[:, None, None]
+        names = [f"drift_{self.over}_length"]
+        names += [f"drift_{self.over}_{LINEAR[axis]}" for axis in axes]
+        sd_um = np.array([self.length_um] + [self.centre_um] * len(axes))
+        return (Columns(tuple(names), np.concatenate([length, centre], axis=2), sd_um * 1e-3),)
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
+        """Return the unit of a coefficient."""
         per = "h" if coefficient.startswith("drift_time") else "K"
         return Unit(f"mm/{per}", 1e-3, f"µm/{per}")
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        over, what = coefficient.removeprefix("drift_").split("_")
-        return (
-            "drift of"
-            f" {'the bar' + chr(39) + 's length' if what == 'length' else f'the centre along {what}'}"
-            f" over {over}"
-        )
+        """Return a coefficient in words."""
+        covariate, quantity = coefficient.removeprefix("drift_").split("_")
+        if quantity == "length":
+            return f"drift of the bar's length over {covariate}"
+        return f"drift of the centre along {quantity} over {covariate}"

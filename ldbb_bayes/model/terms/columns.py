@@ -12,40 +12,31 @@ from ldbb_bayes.errors import require
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.results import Array, Shown
 
-__all__ = ["BasisNoise", "Columns", "FORM_ORDER", "Hyper", "Law", "NOISE", "OWN", "Scale", "Source"]
+__all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law", "Scale", "Source"]
 
-
+# Name of a hyper-parameter.
 Hyper = str
-
-
-# Whose a coefficient is that is no term's: of the parameters of interest, of the white noise of
-# readings.
+# Owner of the parameters of interest, where coefficients are listed by the term they belong to.
 OWN = "Parameters"
-
-
+# Owner of the white noise of readings.
 NOISE = "ReadingNoise"
-
-
 # The order at which τ and ω are the sd of form.
 FORM_ORDER = 6.0
-
-
 Law = Literal["half-normal", "decay", "circle"]
 
 
 class Scale(NamedTuple):
-    """A hyper-parameter: the sd, in mm, of what it scales, with a half-normal prior whose scale
-    [µm] is ``prior_um``, or the field of `Prior` of that name. Results add ``_um`` to its name;
-    ``symbol`` and ``words`` are for reading.
+    """A hyper-parameter: the sd, in mm, of what it scales, with its prior.
 
     Two laws are of numbers without a unit: ``decay``, the power by which form falls with its order,
     and ``circle``, λ of one circle, λ² ~ InvGamma(3/2, 3/2).
     """
 
-    name: Hyper
+    name: Hyper  #: results add ``_um`` to it
+    #: scale of the half-normal prior [µm], or the field of `Prior` that holds it
     prior_um: float | str
-    symbol: str = ""
-    words: str = ""
+    symbol: str = ""  #: for reading
+    words: str = ""  #: for reading
     law: Law = "half-normal"
 
     def __repr__(self) -> str:
@@ -53,28 +44,43 @@ class Scale(NamedTuple):
 
 
 class Source(NamedTuple):
-    """What an sd is a known multiple of: a hyper-parameter times a circle's λ times
-    (order/6)^(−decay); 1 without them."""
+    """What an sd is a known multiple of.
+
+    A hyper-parameter times a circle's λ times (order/6)^(−decay); 1 without them.
+    """
 
     hyper: Hyper | None = None
     circle: Hyper | None = None
     decay: Hyper | None = None
     order: float = FORM_ORDER
 
+    @property
+    def names(self) -> tuple[Hyper, ...]:
+        """Names of the hyper-parameters it depends on."""
+        return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
+
     def at(self, value: Mapping[Hyper, Any]) -> Any:
-        """Its value at those of the hyper-parameters [mm], of any shape."""
-        size = value[self.hyper] if self.hyper else 1.0
-        size = size * value[self.circle] if self.circle else size
-        return size * (self.order / FORM_ORDER) ** -value[self.decay] if self.decay else size
+        """Return its value at those of the hyper-parameters [mm], of any shape."""
+        size: Any = value[self.hyper] if self.hyper else 1.0
+        if self.circle:
+            size = size * value[self.circle]
+        if self.decay:
+            size = size * (self.order / FORM_ORDER) ** -value[self.decay]
+        return size
 
 
 @dataclass(frozen=True, eq=False)
 class Columns(Shown):
-    """Columns of one term with their Gaussian prior, p coefficients."""
+    """Columns of one term with their Gaussian prior, p coefficients.
+
+    The sd of coefficient j is sd_j · hyper · λ_circle · (order_j/6)^(−decay), and ``stated`` in
+    quadrature.
+    """
 
     names: tuple[str, ...]  #: they begin with the term's ``stem``
     values: Array  #: shape (tests, 25, p)
-    #: Prior sd (p,), or one number for all: in units of ``hyper`` where one is named, else in mm; infinite for a flat prior.
+    #: Prior sd (p,), or one number for all: in units of ``hyper`` where one is named, else in mm;
+    #: infinite for a flat prior.
     sd: Any
     hyper: Hyper | None = None  #: the hyper-parameter that scales ``sd``
     private: bool = False  #: every test has its own copy of each coefficient
@@ -88,7 +94,8 @@ class Columns(Shown):
     def __post_init__(self) -> None:
         p = len(self.names)
         for name in ("sd", "mean"):
-            if isinstance(value := getattr(self, name), int | float):
+            value = getattr(self, name)
+            if isinstance(value, int | float):
                 object.__setattr__(self, name, np.full(p, float(value)))
         require(
             self.values.shape[1:] == (SIZE, p) and self.sd.shape == (p,),
@@ -99,61 +106,70 @@ class Columns(Shown):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Of each coefficient."""
+        """Source of the sd of each coefficient."""
         if self.decay is None or self.orders is None:
             return (Source(self.hyper),) * len(self.names)
-        return tuple(Source(self.hyper, None, self.decay, float(n)) for n in self.orders)
+        return tuple(
+            Source(self.hyper, decay=self.decay, order=float(order)) for order in self.orders
+        )
 
     def sources_of(self, test: int) -> tuple[Source, ...]:
-        """Of each coefficient of one test."""
-        circle = (str(self.circle[test]) or None) if len(self.circle) else None
+        """Return the source of the sd of each coefficient of one test."""
+        circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
 
     def sd_at(self, value: Mapping[Hyper, Any]) -> Array:
-        """Prior sd at hyper-parameters, numbers or arrays (w,) [mm], shape (..., p)."""
-        sizes = (
-            np.broadcast_arrays(*(source.at(value) for source in self.sources))
-            if self.names
-            else [np.zeros(0)]
-        )
-        scaled = self.sd * (np.stack(sizes, axis=-1) if self.names else 1.0)
+        """Return the prior sd at hyper-parameters, numbers or arrays (w,) [mm], shape (..., p)."""
+        scaled: Array = self.sd * 1.0
+        if self.names:
+            sizes = np.broadcast_arrays(*(source.at(value) for source in self.sources))
+            scaled = self.sd * np.stack(sizes, axis=-1)
         return scaled if self.stated is None else np.hypot(scaled, self.stated)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
-        """What one draw from the prior at φ adds to the readings' coefficients, shape (tests, 25)
-        [mm]."""
+        """Draw what the term adds to the readings' coefficients at φ, shape (tests, 25) [mm]."""
         sd = self.sd_at(phi)
-        drawn = sd * rng.standard_normal((tests if self.private else 1, len(sd)))
-        drawn = drawn if self.mean is None else drawn + self.mean
-        return np.einsum("tkq,tq->tk", self.values, np.broadcast_to(drawn, (tests, len(sd))))
+        copies = tests if self.private else 1
+        draws = sd * rng.standard_normal((copies, len(sd)))
+        if self.mean is not None:
+            draws = draws + self.mean
+        return np.einsum("tkq,tq->tk", self.values, np.broadcast_to(draws, (tests, len(sd))))
 
 
 @dataclass(frozen=True, eq=False)
 class BasisNoise(Shown):
-    """Independent coefficients on the basis itself, separate for every test: sd = hyper · λ ·
-    ``sd`` (25,); ``circle`` (tests,): the name of each test's λ, empty for none."""
+    """Independent coefficients on the basis itself, separate for every test: sd = hyper · λ · sd."""
 
     hyper: Hyper
-    sd: Array
-    circle: Sequence[Hyper] | Array = ()
+    sd: Array  #: shape (25,), in units of ``hyper``
+    circle: Sequence[Hyper] | Array = ()  #: name of each test's λ, empty for none
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Of each test; one alone where circles have no λ."""
-        return tuple(Source(self.hyper, str(name) or None) for name in self.circle) or (
-            Source(self.hyper),
-        )
+        """Source of the sd of each test; a single one where circles have no λ."""
+        if not len(self.circle):
+            return (Source(self.hyper),)
+        return tuple(Source(self.hyper, str(name) or None) for name in self.circle)
 
     def source(self, test: int) -> Source:
-        """Of one test."""
-        return self.sources[test if len(self.circle) else 0]
+        """Return the source of the sd of one test."""
+        return Source(self.hyper, _circle_of(self.circle, test))
 
     def sd_at(self, value: Mapping[Hyper, Any], test: int) -> Array:
-        """Their sd at hyper-parameters, numbers or arrays (w,) [mm], shape (..., 25)."""
+        """Return the sd of a test at hyper-parameters, numbers or arrays (w,) [mm].
+
+        Shape (..., 25).
+        """
         return np.multiply.outer(self.source(test).at(value), self.sd)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
-        """One draw of them, shape (tests, 25) [mm]."""
-        return np.stack([self.sd_at(phi, r) for r in range(tests)]) * rng.standard_normal(
-            (tests, SIZE)
-        )
+        """Draw the coefficients at φ, shape (tests, 25) [mm]."""
+        sd = np.stack([self.sd_at(phi, test) for test in range(tests)])
+        return sd * rng.standard_normal((tests, SIZE))
+
+
+def _circle_of(circles: Sequence[Hyper] | Array, test: int) -> Hyper | None:
+    """Return the name of a test's λ; None where it has none."""
+    if not len(circles):
+        return None
+    return str(circles[test]) or None

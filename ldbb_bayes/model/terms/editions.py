@@ -11,7 +11,13 @@ __all__ = ["first_edition"]
 
 
 def first_edition() -> tuple[Term, ...]:
-    """Return the nuisances of the model's first edition: form of 1/n, linear springs, circles of
-    one scatter."""
-    springs = (BarLength(), Mount(curvature_um=0.0), ForceError(curvature_sd=0.0))
-    return (BallForm(law="1/n"), *springs, SetupShift(), Discrepancy(), Hysteresis(law="fixed"))
+    """Return the nuisances of the first edition: form of 1/n, linear springs, one scatter."""
+    return (
+        BallForm(law="1/n"),
+        BarLength(),
+        Mount(curvature_um=0.0),
+        ForceError(curvature_sd=0.0),
+        SetupShift(),
+        Discrepancy(),
+        Hysteresis(law="fixed"),
+    )

@@ -10,16 +10,26 @@ import numpy as np
 from ldbb_bayes.campaign.campaign import Campaign, Instrument
 from ldbb_bayes.model.fourier import derivative
 from ldbb_bayes.model.setting import Setting
-from ldbb_bayes.model.terms.base import Term, Uncertainty, Unit, _assumed
+from ldbb_bayes.model.terms.base import Term, Uncertainty, Unit, assumption
 from ldbb_bayes.model.terms.columns import Columns
 
 __all__ = ["Angle", "BarLength", "ForceError", "Mount"]
 
 
+def _standard_uncertainty(
+    expanded: float | None, assumed: float, unit_per_stated: float = 1.0
+) -> float:
+    """Return half of a stated expanded uncertainty (k = 2), or what is assumed without one."""
+    return assumed if expanded is None else 0.5 * expanded * unit_per_stated
+
+
 @dataclass(frozen=True)
 class BarLength(Term):
-    """1: calibration of the bar's length (ball radii, zero setting, bar temperature); another
-    radius is another length. Mean and sd are those of the bar's certificate where there is one."""
+    """1: calibration of the bar's length (ball radii, zero setting, bar temperature).
+
+    Another radius is another length. Mean and sd are those of the bar's certificate where there is
+    one.
+    """
 
     sd_um: float = 9.4  #: one sd of the bar's length
     calibration = "a calibration of the bar's length"
@@ -27,47 +37,40 @@ class BarLength(Term):
     instrument = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        names, own = zip(
-            *((f"bar_length{radius}", own) for _, radius, own in setting.each("radius")),
-            strict=True,
-        )
-        values = setting.constant(np.column_stack(own).astype(float))
-        stated = setting.instrument
-        sd = _expanded(stated.bar_U_um, self.sd_um)
-        mean = np.full(len(names), stated.bar_length_error_um * 1e-3)
-        return (
-            Columns(
-                names, values, np.full(len(names), sd * 1e-3), mean=mean if mean.any() else None
-            ),
-        )
+        """Return its columns in a setting."""
+        names = []
+        constants = []
+        for group in setting.each("radius"):
+            names.append(f"bar_length{group.suffix}")
+            constants.append(group.tests)
+        values = setting.constant(np.column_stack(constants).astype(float))
+        sd = np.full(len(names), self._sd_um(setting.instrument) * 1e-3)
+        mean = np.full(len(names), setting.instrument.bar_length_error_um * 1e-3)
+        return (Columns(tuple(names), values, sd, mean=mean if mean.any() else None),)
+
+    def _sd_um(self, instrument: Instrument) -> float:
+        return _standard_uncertainty(instrument.bar_U_um, self.sd_um)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        own = campaign.instrument
-        yield _assumed(
-            campaign,
-            "bar_length",
-            "bar_U_um",
-            _expanded(own.bar_U_um, self.sd_um) * 1e-3,
-            own.bar_length_error_um * 1e-3,
-        )
+        """Yield what it assumes of the instrument."""
+        sd = self._sd_um(campaign.instrument) * 1e-3
+        error = campaign.instrument.bar_length_error_um * 1e-3
+        yield assumption(campaign, "bar_length", "bar_U_um", sd, error)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
+        """Return a coefficient in words."""
         radius = coefficient.removeprefix("bar_length").removeprefix("_")
         return cls.words + (f" at R = {radius} mm" if radius else "")
 
 
-def _expanded(stated: float | None, assumed: float, factor: float = 1.0) -> float:
-    """Standard uncertainty of a stated expanded one (k = 2), times ``factor``; what is assumed
-    where none is stated."""
-    return assumed if stated is None else 0.5 * stated * factor
-
-
 @dataclass(frozen=True)
 class Mount(Term):
-    """P: deflection of the work ball's mount per bar, known to ``relative_sd`` of its nominal value
-    (Eq. 32) or as its certificate says; and a curvature, q(F) = 4 (F/F_max)(1 − F/F_max) times
-    ``curvature_um`` (0: none)."""
+    """P: deflection of the work ball's mount per bar, and its curvature with force.
+
+    The deflection is known to ``relative_sd`` of its nominal value (Eq. 32) or as its certificate
+    says. The curvature is q(F) = 4 (F/F_max)(1 − F/F_max) times ``curvature_um`` (0: none).
+    """
 
     relative_sd: float = 0.10
     curvature_um: float = 0.5
@@ -78,39 +81,47 @@ class Mount(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        relative = _expanded(setting.instrument.mount_U_percent, self.relative_sd, 0.01)
+        """Return its columns in a setting."""
+        relative = self._relative_sd(setting.instrument)
         sd = np.array([relative * (setting.deflection_um_per_bar * 1e-3)])
         linear = Columns(("mount",), setting.constant(setting.pressure_bar), sd)
         if not self.curvature_um:
             return (linear,)
         sd = np.array([self.curvature_um * 1e-3])
-        return linear, Columns(("mount_curvature",), setting.constant(setting.bow), sd)
+        curved = Columns(("mount_curvature",), setting.constant(setting.bow), sd)
+        return linear, curved
+
+    def _relative_sd(self, instrument: Instrument) -> float:
+        return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
+        """Yield what it assumes of the instrument."""
         nominal = campaign.mount.deflection_um_per_bar * 1e-3
-        relative = _expanded(campaign.instrument.mount_U_percent, self.relative_sd, 0.01)
-        yield _assumed(campaign, "mount", "mount_U_percent", relative * nominal, nominal)
+        sd = self._relative_sd(campaign.instrument) * nominal
+        yield assumption(campaign, "mount", "mount_U_percent", sd, nominal)
         if self.curvature_um:
-            yield _assumed(campaign, "mount_curvature", "", self.curvature_um * 1e-3)
+            yield assumption(campaign, "mount_curvature", "", self.curvature_um * 1e-3)
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
+        """Return the unit of a coefficient."""
         return Term.unit if coefficient == "mount_curvature" else cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        return (
-            "curvature of the mount's deflection"
-            if coefficient == "mount_curvature"
-            else "mount deflection"
-        )
+        """Return a coefficient in words."""
+        if coefficient == "mount_curvature":
+            return "curvature of the mount's deflection"
+        return "mount deflection"
 
 
 @dataclass(frozen=True)
 class ForceError(Term):
-    """F j_C·Ĉ times a gain error and F_max q(F) j_C·Ĉ times a curvature of the force law, 0 for
-    none, both common to all tests; and j_C·Ĉ times a random force error of each test. Each as the
-    load cell's certificate says where there is one."""
+    """F j_C·Ĉ times a gain error, F_max q(F) j_C·Ĉ times a curvature, j_C·Ĉ times a random error.
+
+    Gain error and curvature of the force law (0: none) are common to all tests; every test has a
+    random force error of its own. Each is as the load cell's certificate says where there is one.
+    """
 
     gain_sd: float = 0.01  #: one sd, a share of the force
     curvature_sd: float = 0.01  #: one sd, a share of F_max
@@ -123,60 +134,66 @@ class ForceError(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        """Return its columns in a setting."""
         deflection = (setting.wrench @ setting.compliance_estimate)[:, :, None]
-        sd = self._sds(setting.instrument)
+        sd = self._sd_by_name(setting.instrument)
         forces = {
             "force_gain": setting.force_N,
             "force_curvature": setting.largest_force_N * setting.bow,
         }
-        parts = [
-            (name, force[:, None, None] * deflection)
-            for name, force in forces.items()
-            if name in sd
-        ]
-        return (
-            *(Columns((name,), values, np.array([sd[name]])) for name, values in parts),
-            Columns(("force_random",), deflection, np.array([sd["force_random"]]), private=True),
-        )
+        columns = []
+        for name, force in forces.items():
+            if name in sd:
+                values = force[:, None, None] * deflection
+                columns.append(Columns((name,), values, np.array([sd[name]])))
+        random_sd = np.array([sd["force_random"]])
+        return (*columns, Columns(("force_random",), deflection, random_sd, private=True))
 
-    def _sds(self, stated: Instrument) -> dict[str, float]:
-        """As it is, or as a certificate states; a linearity is a bound, each value within it as
-        likely as another."""
-        linearity = stated.force_linearity_percent
-        random = stated.force_random_N
-        curvature = self.curvature_sd if linearity is None else 0.01 * linearity / np.sqrt(3.0)
-        found = {
-            "force_gain": _expanded(stated.force_U_percent, self.gain_sd, 0.01),
-            "force_curvature": float(curvature),
+    def _sd_by_name(self, instrument: Instrument) -> dict[str, float]:
+        """Return the sd of every coefficient, stated by a certificate or else assumed.
+
+        A stated linearity is a bound: every value within it is as likely as another.
+        """
+        sd = {
+            "force_gain": _standard_uncertainty(instrument.force_U_percent, self.gain_sd, 0.01),
         }
-        found |= {"force_random": self.random_sd_N if random is None else random}
-        return {
-            name: sd for name, sd in found.items() if self.curvature_sd or name != "force_curvature"
-        }
+        if self.curvature_sd:
+            linearity = instrument.force_linearity_percent
+            sd["force_curvature"] = self.curvature_sd
+            if linearity is not None:
+                sd["force_curvature"] = float(0.01 * linearity / np.sqrt(3.0))
+        random = instrument.force_random_N
+        sd["force_random"] = self.random_sd_N if random is None else random
+        return sd
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        for name, sd in self._sds(campaign.instrument).items():
-            named = zip(
-                self.stem,
-                ("force_U_percent", "force_linearity_percent", "force_random_N"),
-                strict=True,
-            )
-            yield _assumed(campaign, name, dict(named)[name], sd)
+        """Yield what it assumes of the instrument."""
+        certificates = {
+            "force_gain": "force_U_percent",
+            "force_curvature": "force_linearity_percent",
+            "force_random": "force_random_N",
+        }
+        for name, sd in self._sd_by_name(campaign.instrument).items():
+            yield assumption(campaign, name, certificates[name], sd)
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
+        """Return the unit of a coefficient."""
         return Unit("N", 1.0, "N") if coefficient == "force_random" else cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
+        """Return a coefficient in words."""
         return coefficient.replace("_", " ")
 
 
 @dataclass(frozen=True)
 class Angle(Term):
-    """dρ/dθ of the fitted circle, F j_C·Ĉ + j_G·Ê, once for all tests and once times the direction
-    of travel: angle reference and lag of the trace. Tests that state no direction count as
-    clockwise."""
+    """dρ/dθ of the fitted circle, F j_C·Ĉ + j_G·Ê: angle reference and lag of the trace.
+
+    Once for all tests, and once times the direction of travel. Tests that state no direction count
+    as clockwise.
+    """
 
     sd_deg: float = 0.1
     unit = Unit("rad", np.pi / 180.0, "°")
@@ -185,20 +202,23 @@ class Angle(Term):
     instrument = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        """Return its columns in a setting."""
         slope = derivative(setting.fitted)
         lag = slope * setting.travel[:, None]
-        sd = np.deg2rad(_expanded(setting.instrument.angle_U_deg, self.sd_deg))
-        return (
-            Columns(
-                ("angle_reference", "angle_lag"), np.stack([slope, lag], axis=2), np.full(2, sd)
-            ),
-        )
+        values = np.stack([slope, lag], axis=2)
+        sd = np.full(2, self._sd_rad(setting.instrument))
+        return (Columns(("angle_reference", "angle_lag"), values, sd),)
+
+    def _sd_rad(self, instrument: Instrument) -> float:
+        return float(np.deg2rad(_standard_uncertainty(instrument.angle_U_deg, self.sd_deg)))
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        sd = float(np.deg2rad(_expanded(campaign.instrument.angle_U_deg, self.sd_deg)))
+        """Yield what it assumes of the instrument."""
+        sd = self._sd_rad(campaign.instrument)
         for name in ("angle_reference", "angle_lag"):
-            yield _assumed(campaign, name, "angle_U_deg", sd)
+            yield assumption(campaign, name, "angle_U_deg", sd)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
+        """Return a coefficient in words."""
         return coefficient.replace("_", " ")

@@ -1,0 +1,192 @@
+"""The parameters of interest of a campaign: compliances, their slopes and geometric errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.errors import check_known, require
+from ldbb_bayes.machine.linear import Kept
+from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
+from ldbb_bayes.model.prior import Prior, compliance_unit, geometric_unit
+from ldbb_bayes.model.setting import Setting
+from ldbb_bayes.results import Array
+
+__all__ = ["Group", "Parameter", "ParametersOfInterest", "compliance_rows", "physical_rows"]
+
+Group = Literal["compliance", "slope", "geometric"]
+# Slopes are in proportion to the size of their compliance. Whatever its estimate, the size is at
+# least the prior sd divided by this.
+_SD_PER_LEAST_SIZE = 20.0
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of interest."""
+
+    name: str
+    unit: str
+    prior_sd: float  #: infinite when the prior is flat
+    group: Group
+    degree: int = 0  #: of a compliance: the power of force that it goes with
+    prior_mean: float = 0.0  #: zero when the prior is flat
+
+    @property
+    def compliance(self) -> str:
+        """The compliance that a slope belongs to: C_XXX for C_XXX_1."""
+        return self.name.removesuffix(f"_{self.degree}") if self.degree else self.name
+
+
+class _Row(NamedTuple):
+    """A parameter before it has a prior."""
+
+    name: str
+    unit: str
+    group: Group
+    degree: int
+
+
+@dataclass(frozen=True)
+class ParametersOfInterest:
+    """β = (C_0 …, E) of a campaign, fixed parameters included."""
+
+    degree: int
+    visible: Kept  #: the compliances that the campaign's circles can separate
+    geometric_errors: tuple[GeometricName, ...]
+
+    @property
+    def compliances(self) -> tuple[ComplianceName, ...]:
+        """The compliances at degree 0."""
+        return self.visible.names
+
+    def with_prior(self, prior: Prior, setting: Setting) -> tuple[Parameter, ...]:
+        """Return all parameters with their prior; InputError where it names unknown ones."""
+        rows = self._rows()
+        names = [row.name for row in rows]
+        check_known("prior override", prior.overrides, names)
+        check_known("prior mean", prior.means, names)
+        parameters = []
+        for row, sd in zip(rows, self.prior_sd(prior, setting).tolist(), strict=True):
+            prior_sd = np.inf if prior.flat else sd
+            mean = prior.means.get(row.name, 0.0)
+            parameters.append(Parameter(row.name, row.unit, prior_sd, row.group, row.degree, mean))
+        return tuple(parameters)
+
+    def _rows(self) -> list[_Row]:
+        rows = [
+            _Row(name.label, compliance_unit(name), "compliance", 0) for name in self.compliances
+        ]
+        for degree in range(1, self.degree + 1):
+            for name in self.compliances:
+                unit = compliance_unit(name, degree)
+                rows.append(_Row(f"{name.label}_{degree}", unit, "slope", degree))
+        for error in self.geometric_errors:
+            rows.append(_Row(error.label, geometric_unit(error.kind), "geometric", 0))
+        return rows
+
+    def prior_sd(self, prior: Prior, setting: Setting) -> Array:
+        """Return the prior sd of all parameters, slopes measured against the setting's Ĉ."""
+        size = self._with_dropped_sets(prior.compliance_size)
+        if prior.slopes_of_estimate:
+            size = np.maximum(np.abs(setting.compliance_estimate), size / _SD_PER_LEAST_SIZE)
+        blocks = [self.compliance_sd(prior)]
+        for degree in range(1, self.degree + 1):
+            blocks.append(prior.slope_sd(self.compliances, degree, setting.force_range_N, size))
+        return np.concatenate([*blocks, prior.geometric_sd(self.geometric_errors)])
+
+    def compliance_sd(self, prior: Prior) -> Array:
+        """Return the prior sd of every compliance.
+
+        Unless overridden it includes what the compliance absorbs of dropped sets.
+        """
+        overridden = [name.label in prior.overrides for name in self.compliances]
+        with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
+        return np.where(overridden, prior.compliance_sd(self.compliances), with_dropped_sets)
+
+    def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
+        """Return sizes of the compliances, with absorbed dropped sets added in quadrature."""
+        sizes = size_of(self.compliances)
+        for k, absorbed in enumerate(self.visible.absorbed):
+            heads = [name for name in absorbed if name.label in self.visible.dependent]
+            if heads:
+                weights = np.array([absorbed[name] for name in heads])
+                sizes[k] = np.hypot(sizes[k], np.linalg.norm(weights * size_of(heads)))
+        return sizes
+
+
+def compliance_rows(
+    compliances: Sequence[ComplianceName], parameters: Sequence[Parameter], lever_N: float
+) -> Array:
+    """Return the rows A with C(F) = A β, shape (compliances, p).
+
+    Parameters
+    ----------
+    compliances
+        The compliances, one for each row.
+    parameters
+        The parameters β, one for each column.
+    lever_N
+        F − F0.
+    """
+    labels = [name.label for name in compliances]
+    rows = np.zeros((len(labels), len(parameters)))
+    for column, parameter in enumerate(parameters):
+        if parameter.group != "geometric":
+            row = labels.index(parameter.compliance)
+            rows[row, column] = lever_N**parameter.degree
+    return rows
+
+
+def physical_rows(
+    interest: ParametersOfInterest,
+    parameters: Sequence[Parameter],
+    levers_N: Sequence[float],
+    reference_force_N: float,
+) -> Array:
+    """Return the rows A of the physical region A β ≥ 0, shape (rows, p).
+
+    C(F) ≥ 0 holds for compliances that are a deflection under the force itself. InputError for a
+    compliance fixed at zero at F0 whose free slope would make it negative on one side of F0.
+
+    Parameters
+    ----------
+    interest
+        All parameters of interest.
+    parameters
+        The free ones.
+    levers_N
+        F − F0 at the forces that can bind.
+    reference_force_N
+        F0.
+    """
+    at_forces = [compliance_rows(interest.compliances, parameters, lever) for lever in levers_N]
+    # A dictionary keeps the rows in order and drops equal ones.
+    rows: dict[tuple[float, ...], None] = {}
+    for j in np.flatnonzero(interest.visible.not_negative):
+        label = interest.compliances[j].label
+        rows_of_compliance = [matrix[j] for matrix in at_forces]
+        _check_slope_has_compliance(label, parameters, rows_of_compliance, reference_force_N)
+        for row in rows_of_compliance:
+            if row.any():
+                rows[tuple(row)] = None
+    return np.array([*rows]).reshape(-1, len(parameters))
+
+
+def _check_slope_has_compliance(
+    label: str, parameters: Sequence[Parameter], rows: Sequence[Array], reference_force_N: float
+) -> None:
+    """Refuse a linear slope without its compliance where forces lie on both sides of F0."""
+    belongs = [p.group != "geometric" and p.compliance == label for p in parameters]
+    degrees = [p.degree for p, belonging in zip(parameters, belongs, strict=True) if belonging]
+    if degrees != [1]:
+        return
+    signs = {float(np.sign(row @ belongs)) for row in rows}
+    require(
+        not {-1.0, 1.0} <= signs,
+        f"{label} must not be fixed at zero while {label}_1 is free: about F0 ="
+        f" {reference_force_N:g} N C(F) would be negative on one side. Fix"
+        f" {label}_1 too, or give a reference_force_N outside the tested forces.",
+    )

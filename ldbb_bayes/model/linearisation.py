@@ -1,0 +1,128 @@
+"""The point about which a campaign's model is linearised: estimates Ĉ and Ê by least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.machine.chain import LINEAR
+from ldbb_bayes.machine.parameters import ComplianceName
+from ldbb_bayes.model.interest import ParametersOfInterest
+from ldbb_bayes.model.linear_algebra import minimum_norm_solution
+from ldbb_bayes.model.prior import Prior
+from ldbb_bayes.model.reduction import Reduced
+from ldbb_bayes.model.setting import Setting
+from ldbb_bayes.results import Array
+
+__all__ = [
+    "MachineEstimate",
+    "estimate_machine",
+    "fit_nearest",
+    "linearise",
+    "nominal_mount_offset",
+    "planned_compliances",
+]
+
+# A direct compliance of a usual machine tool [mm/N], 20 N/µm: Ĉ where there are no readings.
+_USUAL_DIRECT_COMPLIANCE = 5e-5
+
+
+class MachineEstimate(NamedTuple):
+    """Ĉ and Ê."""
+
+    compliances: Array
+    geometric_errors: Array
+
+
+def linearise(
+    setting: Setting, compliances: Sequence[ComplianceName], estimate: MachineEstimate
+) -> Setting:
+    """Return the setting with Ĉ and the circle fitted with Ĉ and Ê."""
+    axial = np.zeros(3)
+    for name, value in zip(compliances, estimate.compliances, strict=True):
+        if name.kind == "direct":
+            axial[LINEAR.index(name.twist)] += value
+    elastic = setting.force_N[:, None] * (setting.wrench @ estimate.compliances)
+    fitted = elastic + setting.geometric @ estimate.geometric_errors
+    return replace(
+        setting,
+        compliance_estimate=estimate.compliances,
+        axial_estimate=axial,
+        fitted=fitted,
+    )
+
+
+def nominal_mount_offset(setting: Setting) -> Array:
+    """Return the nominal mount deflection that is still in the readings, shape (tests, 25) [mm].
+
+    Eq. 32; zero when the readings are compensated.
+    """
+    nominal = 0.0 if setting.compensated else setting.deflection_um_per_bar * 1e-3
+    return setting.constant(setting.pressure_bar * nominal)[:, :, 0]
+
+
+def planned_compliances(compliances: Sequence[ComplianceName], prior: Prior) -> Array:
+    """Return Ĉ without readings: the prior mean where there is one, else a usual machine's."""
+    values = []
+    for name in compliances:
+        usual = _USUAL_DIRECT_COMPLIANCE if name.kind == "direct" else 0.0
+        values.append(prior.means.get(name.label, usual))
+    return np.array(values)
+
+
+def estimate_machine(
+    interest: ParametersOfInterest, prior: Prior, setting: Setting, reduced: Sequence[Reduced]
+) -> MachineEstimate:
+    """Return Ĉ and Ê: least squares at degree 0 on the whole campaign.
+
+    Where it is not unique, the estimate is nearest to the prior mean in units of the prior sd.
+    """
+    planned = planned_compliances(interest.compliances, prior)
+    proper = Prior.first() if prior.flat else prior
+    elastic = setting.force_N[:, None, None] * setting.wrench
+    columns = np.concatenate([elastic, setting.geometric], axis=2)
+    scale = np.concatenate(
+        [interest.compliance_sd(proper), proper.geometric_sd(interest.geometric_errors)]
+    )
+    names = [name.label for name in interest.compliances]
+    names += [name.label for name in interest.geometric_errors]
+    mean = np.array([proper.means.get(name, 0.0) for name in names])
+    estimate = fit_nearest(columns, mean, scale, reduced, nominal_mount_offset(setting))
+    count = len(interest.compliances)
+    if reduced[0].projection is None:
+        return MachineEstimate(planned, estimate[count:])
+    visible = np.abs(setting.wrench).max(axis=(0, 1)) > 0.0
+    return MachineEstimate(np.where(visible, estimate[:count], planned), estimate[count:])
+
+
+def fit_nearest(
+    columns: Array, near: Array, scale: Array, reduced: Sequence[Reduced], offset: Array
+) -> Array:
+    """Return the least-squares estimate nearest to a point, shape (p,); of a plan, the point.
+
+    Parameters
+    ----------
+    columns
+        Columns of the parameters, shape (tests, 25, p).
+    near
+        The point, shape (p,).
+    scale
+        The units in which distance from the point counts, shape (p,).
+    reduced
+        The reduced readings of every test.
+    offset
+        What the readings contain besides, shape (tests, 25) [mm].
+    """
+    rows = []
+    values = []
+    for r, test in enumerate(reduced):
+        if test.projection is None:
+            return near
+        rows.append(test.factor @ columns[r])
+        values.append(test.projection - test.factor @ offset[r])
+    jacobian = np.concatenate(rows)
+    residuals = np.concatenate(values) - jacobian @ near
+    return near + minimum_norm_solution(jacobian, residuals, scale)
