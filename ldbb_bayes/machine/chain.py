@@ -1,18 +1,9 @@
-"""The machine as a serial chain: topology and planes → driven joints, and the names of all
-compliances and geometric errors.
+"""The machine as a serial chain: topology, planes and driven joints.
 
 A topology such as ``wCAFYXZSt`` reads from the workpiece ``w`` through the foundation ``F`` to the
 tool ``t`` (ISO 10791 style). A circular test drives the two linear axes of its plane; the joints of
 all planes tested carry the compliances and geometric errors of the model. Vectors are (X, Y, Z) of
 the machine.
-
-The bar reads what homogeneous transforms say (Eq. 1-14), or what every parameter adds per unit (Eq.
-16-23). For a unit force along the bar, joint k sees the wrench g_k = J_kᵀ B̂ = (B̂, lever × B̂):
-three forces, three moments about its frame. By Eq. 20 a compliance C_ijk (twist i for wrench j at
-joint k) then changes the reading by g_k,i · g_k,j. An error motion of joint k, a twist e about the
-same frame, changes it by ± g_k · e, minus in the workpiece branch. The planar model of the paper is
-what remains while the levers lie in the plane. Of the compliances only what circles can separate is
-kept: null columns, proportional sets and their representatives (Table 2).
 """
 
 from __future__ import annotations

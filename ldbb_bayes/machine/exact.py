@@ -1,4 +1,4 @@
-"""The exact forward model of a circular test."""
+"""The exact forward model of a circular test: homogeneous transforms, Eq. 1-14."""
 
 from __future__ import annotations
 
@@ -9,11 +9,8 @@ import numpy as np
 
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.machine.chain import LINEAR, ROTARY, Branch, Circle, Joint, Machine
-from ldbb_bayes.machine.linear import _bearer, compliance_jacobian
-from ldbb_bayes.machine.parameters import (
-    geometric_names,
-    joint_names,
-)
+from ldbb_bayes.machine.linear import compliance_jacobian, error_bearer
+from ldbb_bayes.machine.parameters import geometric_names, joint_names
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import inside_name
 
@@ -29,24 +26,36 @@ def exact_reading_mm(
     compliances: Mapping[str, float] | None = None,
     geometric_errors: Mapping[str, float] | None = None,
 ) -> Array:
-    """Return the exact reading of one circle, shape (n,) [mm]: geometry by Eq. 1-14 plus compliance
-    by Eq. 20.
-
-    InputError for names that the machine does not have.
+    """Return the exact reading of one circle: geometry by Eq. 1-14 plus compliance by Eq. 20.
 
     Parameters
     ----------
-    circle, angle_rad : where: angles θ, shape (n,) [rad].
-    force_N : radial force.
-    compliances : any of the 36 ``C_ijk`` of each joint [mm/N, rad/N, rad/(N mm)]; the others are
-        zero.
-    geometric_errors : any of `geometric_names` [1, 1/mm, rad, mm]; the others are zero.
+    machine, circle
+        Where.
+    angle_rad
+        Angles θ, shape (n,) [rad].
+    force_N
+        Radial force.
+    compliances
+        Any of the 36 ``C_ijk`` of each joint [mm/N, rad/N, rad/(N mm)]; the others are zero.
+    geometric_errors
+        Any of `geometric_names` [1, 1/mm, rad, mm]; the others are zero.
+
+    Returns
+    -------
+    Shape (n,) [mm].
+
+    Raises
+    ------
+    InputError
+        For names that the machine does not have.
     """
-    given = compliances or {}
-    every = {name.label: name for name in joint_names(machine)}
-    check_known("parameter", given, tuple(every))
-    columns = compliance_jacobian(machine, circle, angle_rad, [every[label] for label in given])
-    elastic = force_N * columns @ np.array(list(given.values()), dtype=float)
+    values = compliances or {}
+    name_of = {name.label: name for name in joint_names(machine)}
+    check_known("parameter", values, tuple(name_of))
+    names = [name_of[label] for label in values]
+    columns = compliance_jacobian(machine, circle, angle_rad, names)
+    elastic = force_N * columns @ np.array(list(values.values()), dtype=float)
     errors = {inside_name(name): value for name, value in (geometric_errors or {}).items()}
     return geometric_reading_mm(machine, circle, angle_rad, errors) + elastic
 
@@ -54,11 +63,20 @@ def exact_reading_mm(
 def geometric_reading_mm(
     machine: Machine, circle: Circle, angle_rad: Array, geometric_errors: Mapping[str, Any]
 ) -> Array:
-    """Exact geometric part of the reading (Eq. 13-14), shape (n,) [mm]. Complex errors are allowed
-    (complex step)."""
+    """Return the exact geometric part of the reading (Eq. 13-14), shape (n,) [mm].
+
+    Parameters
+    ----------
+    machine, circle
+        Where.
+    angle_rad
+        Angles θ, shape (n,) [rad].
+    geometric_errors
+        Any of `geometric_names`; complex errors are allowed (complex step).
+    """
     check_known("parameter", geometric_errors, [name.label for name in geometric_names(machine)])
-    tool = _branch(machine, "tool", circle, angle_rad, geometric_errors)
-    work = _branch(machine, "workpiece", circle, angle_rad, geometric_errors)
+    tool = _branch_transform(machine, "tool", circle, angle_rad, geometric_errors)
+    work = _branch_transform(machine, "workpiece", circle, angle_rad, geometric_errors)
     offset = np.array([geometric_errors.get(f"E_{axis}t0", 0.0) for axis in LINEAR])
     tool = tool @ _translation(machine.end_mm("tool", circle, angle_rad) + offset)
     work = work @ _translation(machine.end_mm("workpiece", circle, angle_rad))
@@ -67,55 +85,62 @@ def geometric_reading_mm(
     return distance - circle.radius_mm
 
 
-def _branch(
+def _branch_transform(
     machine: Machine, branch: Branch, circle: Circle, angle_rad: Array, errors: Mapping[str, Any]
 ) -> Array:
-    """Transform from the foundation to the end of a branch, shape (n, 4, 4)."""
+    """Return the transform from the foundation to the end of a branch, shape (n, 4, 4)."""
     transform = np.broadcast_to(np.eye(4), (len(angle_rad), 4, 4))
     position = circle.position_mm(angle_rad)
     for joint in machine.branch(branch):
-        transform = transform @ _joint_transform(
-            machine, joint, joint.sign * position[:, joint.index], errors
-        )
+        coordinate = joint.sign * position[:, joint.index]
+        transform = transform @ _joint_transform(machine, joint, coordinate, errors)
     return transform
 
 
 def _joint_transform(
     machine: Machine, joint: Joint, coordinate: Array, errors: Mapping[str, Any]
 ) -> Array:
-    """One joint: its nominal motion followed by its error motion (Eq. 4-5, 8-9), about its own
-    frame."""
+    """Return the transform of one joint: nominal motion, then error motion, about its frame.
+
+    Eq. 4-5, 8-9.
+    """
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate
     before = np.eye(4)
     after = np.eye(4)
     for name in geometric_names(machine):
-        if name.kind == "offset" or _bearer(machine, name)[0] != joint or name.label not in errors:
+        if name.kind == "offset" or name.label not in errors:
+            continue
+        bearer = error_bearer(machine, name)
+        if bearer.joint != joint:
             continue
         value = errors[name.label]
-        if name.kind == "squareness":
-            turn = _rotation(ROTARY.index(name.component), value)
-            before, after = (
-                (before @ turn, after) if _bearer(machine, name)[1] else (before, after @ turn)
-            )
-        else:
+        if name.kind != "squareness":
             motion[:, LINEAR.index(name.component)] += value * coordinate**name.order
+            continue
+        rotation = _rotation(ROTARY.index(name.component), value)
+        if bearer.before_motion:
+            before = before @ rotation
+        else:
+            after = after @ rotation
     frame = np.asarray(joint.frame_mm)[None]
     return _translation(frame) @ before @ _translation(motion) @ after @ _translation(-frame)
 
 
 def _translation(vector: Array) -> Array:
-    """Shape (n, 3) → (n, 4, 4)."""
+    """Return translations by vectors (n, 3), shape (n, 4, 4)."""
     transform = np.tile(np.eye(4, dtype=vector.dtype), (len(vector), 1, 1))
     transform[:, :3, 3] = vector
     return transform
 
 
 def _rotation(axis: int, angle: Any) -> Array:
-    """About X, Y or Z, shape (4, 4)."""
+    """Return a rotation about X, Y or Z, shape (4, 4)."""
     first = (axis + 1) % 3
     second = (axis + 2) % 3
     transform = np.eye(4, dtype=np.result_type(float, angle))
-    transform[first, first] = transform[second, second] = np.cos(angle)
-    transform[first, second], transform[second, first] = -np.sin(angle), np.sin(angle)
+    transform[first, first] = np.cos(angle)
+    transform[second, second] = np.cos(angle)
+    transform[first, second] = -np.sin(angle)
+    transform[second, first] = np.sin(angle)
     return transform

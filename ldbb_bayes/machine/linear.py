@@ -1,18 +1,28 @@
-"""The linear hybrid Jacobian, and the compliances that circles can separate."""
+"""The linear hybrid Jacobian, and the compliances that circles can separate.
+
+For a unit force along the bar, joint k sees the wrench g_k = J_kᵀ B̂ = (B̂, lever × B̂): three
+forces, three moments about its frame. By Eq. 20 a compliance C_ijk (twist i for wrench j at joint
+k) then changes the reading by g_k,i · g_k,j. An error motion of joint k, a twist e about the same
+frame, changes it by ± g_k · e, minus in the workpiece branch (Eq. 16-23). The planar model of the
+paper is what remains while the levers lie in the plane. Of the compliances only what circles can
+separate is kept: null columns, proportional sets and their representatives (Table 2).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 
 from ldbb_bayes.errors import require
-from ldbb_bayes.machine.chain import LINEAR, ROTARY, Circle, Joint, Machine
+from ldbb_bayes.machine.chain import LINEAR, Circle, Joint, Machine
 from ldbb_bayes.machine.parameters import (
-    _COMPONENTS,
+    COMPONENTS,
     ComplianceName,
     GeometricName,
     geometric_names,
@@ -22,8 +32,10 @@ from ldbb_bayes.machine.parameters import (
 from ldbb_bayes.results import Array, readable
 
 __all__ = [
+    "ErrorBearer",
     "Kept",
     "compliance_jacobian",
+    "error_bearer",
     "geometric_jacobian",
     "hybrid_jacobian",
     "kept_compliances",
@@ -31,98 +43,117 @@ __all__ = [
     "wrench_jacobian",
 ]
 
-if TYPE_CHECKING:
-    import pandas as pd
+# Angles of the full circle on which columns are compared.
+_ANGLES = 64
+# Columns are proportional if the cosine of their angle differs from 1 by less.
+_PARALLEL = 1e-10
+# Columns smaller than this share of the largest are null.
+_NULL_SHARE = 1e-10
+# Weights below this share of the largest are rounding.
+_ROUNDING_WEIGHT = 1e-7
+# A column is independent of others if its remainder after projection on them is larger.
+_INDEPENDENT = 1e-8
+
+
+class ErrorBearer(NamedTuple):
+    """The joint at which a geometric error sits."""
+
+    joint: Joint
+    before_motion: bool  #: whether the error comes before the joint's own motion
 
 
 def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
-    """The paper's planar wrench Jacobian: reading per unit force and unit compliance, shape (n, 18)
-    for one plane. Columns in the order of `wrench_names` [1, mm or mm²]; times F [N] and C they
-    give the reading [mm]."""
+    """Return the paper's planar wrench Jacobian, shape (n, 18) for one plane [1, mm or mm²].
+
+    Reading per unit force and unit compliance: times F [N] and C it gives the reading [mm]. Columns
+    are in the order of `wrench_names`.
+    """
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
 
 
 def compliance_jacobian(
     machine: Machine, circle: Circle, angle_rad: Array, names: Sequence[ComplianceName]
 ) -> Array:
-    """Reading per unit force and unit compliance, Eq. 20-23, at angles (n,) [rad], of any of
-    `joint_names`, shape (n, compliances) [1, mm or mm²]."""
+    """Return the reading per unit force and unit compliance, Eq. 20-23.
+
+    Parameters
+    ----------
+    machine, circle
+        Where.
+    angle_rad
+        Angles θ, shape (n,) [rad].
+    names
+        Any of `joint_names`.
+
+    Returns
+    -------
+    Shape (n, compliances) [1, mm or mm²].
+    """
     direction = circle.direction(angle_rad)
-    joints = {name.joint for name in names}
-    wrench = {
-        axis: _wrench(machine.lever_mm(machine.joint(axis), circle, angle_rad), direction)
-        for axis in joints
-    }
+    wrenches = {}
+    for axis in {name.joint for name in names}:
+        lever = machine.lever_mm(machine.joint(axis), circle, angle_rad)
+        wrenches[axis] = _wrench(lever, direction)
     columns = np.zeros((len(angle_rad), len(names)))
     for k, name in enumerate(names):
-        own = wrench[name.joint]
-        columns[:, k] = (
-            own[:, _COMPONENTS.index(name.twist)] * own[:, _COMPONENTS.index(name.wrench)]
-        )
+        wrench = wrenches[name.joint]
+        twist_component = wrench[:, COMPONENTS.index(name.twist)]
+        columns[:, k] = twist_component * wrench[:, COMPONENTS.index(name.wrench)]
     return columns
 
 
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
-    """Reading per unit geometric error, Eq. 16-18, shape (n, geometric errors): columns in the
-    order of `geometric_names` [mm per unit of the error]."""
-    return np.stack(
-        [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)],
-        axis=1,
-    )
+    """Return the reading per unit geometric error, Eq. 16-18, shape (n, geometric errors).
+
+    Columns are in the order of `geometric_names` [mm per unit of the error].
+    """
+    columns = [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)]
+    return np.stack(columns, axis=1)
 
 
 def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: GeometricName) -> Array:
     direction = circle.direction(angle_rad)
-    component = _COMPONENTS.index(name.component)
+    component = COMPONENTS.index(name.component)
     if name.kind == "offset":
         return direction[:, component]
-    joint, before = _bearer(machine, name)
+    joint, before_motion = error_bearer(machine, name)
     lever = machine.lever_mm(joint, circle, angle_rad)
     coordinate = joint.sign * circle.position_mm(angle_rad)[:, joint.index]
-    if before:
+    if before_motion:
         lever[:, joint.index] += coordinate
     return joint.sign * coordinate**name.order * _wrench(lever, direction)[:, component]
 
 
-def _bearer(machine: Machine, name: GeometricName) -> tuple[Joint, bool]:
-    """The joint at which an error sits, and whether it comes before the joint's own motion. A
-    squareness turns what the primary axis carries when both axes are in one branch; else it turns
-    the secondary axis itself."""
+def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
+    """Return the joint at which a geometric error sits.
+
+    A squareness turns what the primary axis carries when both axes are in one branch; else it turns
+    the secondary axis itself.
+    """
     if name.kind != "squareness":
-        return machine.joint(name.axis), False
+        return ErrorBearer(machine.joint(name.axis), before_motion=False)
     primary = machine.joint(name.reference)
     secondary = machine.joint(name.axis)
-    return (primary, False) if primary.branch == secondary.branch else (secondary, True)
+    if primary.branch == secondary.branch:
+        return ErrorBearer(primary, before_motion=False)
+    return ErrorBearer(secondary, before_motion=True)
 
 
 def _wrench(lever: Array, direction: Array) -> Array:
+    """Return forces and moments of a unit force along the bar, shape (n, 6)."""
     return np.concatenate([direction, np.cross(lever, direction)], axis=1)
-
-
-_ANGLES = 64
-
-
-_PARALLEL = 1e-10
-
-
-_TINY = 1e-10
-
-
-_TINY_WEIGHT = 1e-7
-
-
-_NEW = 1e-8
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What remains of the wrench Jacobian. The weights of a set are the pattern of each member in
-    units of the representative's [mm or mm² per rotation more]."""
+    """The compliances that circles can separate, and what each of them stands for."""
 
     #: one representative per proportional set, in the order of Table 1
     names: tuple[ComplianceName, ...]
     #: proportional sets (Table 2), whose weighted sums the kept ones are, representative first
     sets: tuple[tuple[str, ...], ...]
+    #: of each member of a set: its pattern in units of the representative's [mm or mm² per
+    #: rotation it has more]
     weights: tuple[tuple[float, ...], ...]
     #: what each stands for beside its set: dropped sets, with weights
     absorbed: tuple[Mapping[ComplianceName, float], ...]
@@ -135,12 +166,11 @@ class Kept:
 
 
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
-    """Null columns, proportional sets and representatives of the wrench Jacobian (Table 2), found
-    numerically.
+    """Return null columns, proportional sets and representatives of the wrench Jacobian (Table 2).
 
-    The planar compliances of every plane are looked at, and of the others those that the circles'
-    lever arms load. In a set the representative is chosen by these rules, in this order; for the
-    paper's machine they give the paper's choice:
+    They are found numerically. The planar compliances of every plane are examined, and of the
+    others those that the circles' lever arms load. In a set the representative is chosen by these
+    rules, in this order; for the paper's machine they give the paper's choice:
 
     1. a rotation for a force before a translation for a moment;
     2. the fewest rotations;
@@ -148,116 +178,170 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     4. of a rotation, a joint that drives the plane it turns;
     5. alphabetical order.
 
-    The circles of a campaign are taken together: another centre or plane can separate compliances
-    that one circle cannot. Default: R = 150 mm about the frames' origin in every plane.
+    The circles of a campaign are taken as one set of readings: another centre or plane can separate
+    compliances that one circle cannot. Default: R = 150 mm about the frames' origin in every plane.
     """
-    return _kept(machine, circles or tuple(Circle(plane=plane) for plane in machine.planes))
+    if not circles:
+        circles = tuple(Circle(plane=plane) for plane in machine.planes)
+    return _kept_compliances(machine, circles)
 
 
-@lru_cache(maxsize=64)
-def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """Compliances that circles may show, with their columns on full circles."""
+
+    names: tuple[ComplianceName, ...]
+    jacobian: Array  #: shape (n, candidates)
+    unit: Array  #: the same with columns of norm 1, zero for null columns
+    live: tuple[int, ...]  #: indices of the columns that are not null
+
+
+def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
+    """Return the planar compliances, and of the others those that the lever arms load."""
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
-    planar = set(wrench_names(machine))
     names = joint_names(machine)
     jacobian = np.concatenate(
         [compliance_jacobian(machine, circle, angle, names) for circle in circles]
     )
+    # Rotations in units of the radius: all columns are of comparable size.
     unit = jacobian / [circles[0].radius_mm ** name.rotations for name in names]
     norms = np.linalg.norm(unit, axis=0)
-    used = [i for i in range(len(names)) if norms[i] > _TINY * norms.max() or names[i] in planar]
-    used.sort(key=lambda i: (names[i] not in planar, i))
-    names = tuple(names[i] for i in used)
-    jacobian = jacobian[:, used]
-    unit = unit[:, used]
-    norms = norms[used]
-    live = [i for i in range(len(names)) if norms[i] > _TINY * norms.max()]
-    unit = unit / np.where(norms > 0, norms, 1.0)
-    by_head = {group[0]: group for group in _proportional_sets(unit, live, names)}
-    heads = sorted(by_head, key=lambda i: _table_order(names[i], machine))
-    chosen = _independent(unit, heads)
-    dropped = [i for i in heads if i not in chosen]
-    singular = np.linalg.svd(jacobian[:, chosen], compute_uv=False)
-    scale = np.abs(jacobian[:, chosen]).max(axis=0)
-    coefficients = (
-        np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0] / scale[:, None]
+    planar = set(wrench_names(machine))
+    index = [i for i, name in enumerate(names) if name in planar]
+    loaded = norms > _NULL_SHARE * norms.max()
+    index += [i for i, name in enumerate(names) if name not in planar and loaded[i]]
+    unit = unit[:, index]
+    norms = norms[index]
+    live = np.flatnonzero(norms > _NULL_SHARE * norms.max())
+    return _Candidates(
+        tuple(names[i] for i in index),
+        jacobian[:, index],
+        unit / np.where(norms > 0, norms, 1.0),
+        tuple(live.tolist()),
     )
-    sizes = (jacobian**2).sum(axis=0)
-    relative = scale[:, None] / np.maximum(np.abs(jacobian).max(axis=0), _TINY)
+
+
+@lru_cache(maxsize=64)
+def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
+    candidates = _candidates(machine, circles)
+    names = candidates.names
+    jacobian = candidates.jacobian
+    set_by_head = {members[0]: members for members in _proportional_sets(candidates)}
+    heads = sorted(set_by_head, key=lambda i: _table_order(names[i], machine))
+    chosen = _independent(candidates.unit, heads)
+    dropped = [i for i in heads if i not in chosen]
+    # Every column in terms of the kept ones, which are scaled for the sake of rounding.
+    scale = np.abs(jacobian[:, chosen]).max(axis=0)
+    scaled = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0]
+    coefficients = scaled / scale[:, None]
+    relative = scale[:, None] / np.maximum(np.abs(jacobian).max(axis=0), _NULL_SHARE)
+    dropped_members: list[int] = []
+    for i in dropped:
+        dropped_members += set_by_head[i]
+    absorbed = []
+    for row, size in zip(coefficients, relative, strict=True):
+        weights = {}
+        for j in dropped_members:
+            if abs(row[j] * size[j]) > _ROUNDING_WEIGHT:
+                weights[names[j]] = float(np.round(row[j], 9))
+        absorbed.append(weights)
+    singular = np.linalg.svd(jacobian[:, chosen], compute_uv=False)
+    live = list(candidates.live)
+    tolerance = _NULL_SHARE * np.sqrt(len(live))
     return Kept(
         names=tuple(names[i] for i in chosen),
-        sets=tuple(tuple(names[j].label for j in by_head[i]) for i in chosen),
-        weights=tuple(
-            tuple(np.round(jacobian[:, i] @ jacobian[:, by_head[i]] / sizes[i], 9).tolist())
-            for i in chosen
-        ),
-        absorbed=tuple(
-            {
-                names[j]: float(np.round(row[j], 9))
-                for i in dropped
-                for j in by_head[i]
-                if abs(row[j] * size[j]) > _TINY_WEIGHT
-            }
-            for row, size in zip(coefficients, relative, strict=True)
-        ),
+        sets=tuple(_labels(names, set_by_head[i]) for i in chosen),
+        weights=tuple(_weights(jacobian, set_by_head[i]) for i in chosen),
+        absorbed=tuple(absorbed),
         not_negative=_not_negative(names, jacobian, coefficients),
         null=tuple(name.label for i, name in enumerate(names) if i not in live),
-        dependent=tuple(names[i].label for i in dropped),
-        rank=int(np.linalg.matrix_rank(unit[:, live], tol=_TINY * np.sqrt(len(live)))),
+        dependent=_labels(names, dropped),
+        rank=int(np.linalg.matrix_rank(candidates.unit[:, live], tol=tolerance)),
         condition_number=float(singular[0] / singular[-1]),
     )
+
+
+def _labels(names: Sequence[ComplianceName], index: Sequence[int]) -> tuple[str, ...]:
+    return tuple(names[i].label for i in index)
+
+
+def _weights(jacobian: Array, members: Sequence[int]) -> tuple[float, ...]:
+    """Return the pattern of each member of a set in units of the first one's."""
+    head = members[0]
+    size = (jacobian**2).sum(axis=0)[head]
+    weights = jacobian[:, head] @ jacobian[:, members] / size
+    return tuple(np.round(weights, 9).tolist())
 
 
 def _not_negative(
     names: Sequence[ComplianceName], jacobian: Array, coefficients: Array
 ) -> tuple[bool, ...]:
-    """A kept compliance is Σ_k ⟨A_k, C_k⟩ over the joints' matrices, all columns written in those
+    """Return which kept compliances cannot be negative.
+
+    A kept compliance is Σ_k ⟨A_k, C_k⟩ over the joints' matrices, all columns written in those
     kept: it cannot be negative for positive semi-definite C_k if and only if every A_k is positive
-    semi-definite."""
-    six = LINEAR + ROTARY
-    unit = dict.fromkeys(LINEAR + ROTARY, 1.0)
+    semi-definite.
+    """
+    # Typical size of each component's wrench, so that the entries of A_k are comparable.
+    unit = dict.fromkeys(COMPONENTS, 1.0)
     for i, name in enumerate(names):
         if name.twist == name.wrench:
-            unit[name.twist] = max(unit[name.twist], float(np.sqrt(np.abs(jacobian[:, i]).max())))
-    found = []
+            size = float(np.sqrt(np.abs(jacobian[:, i]).max()))
+            unit[name.twist] = max(unit[name.twist], size)
+    units = np.array([unit[name.twist] * unit[name.wrench] for name in names])
+    flags = []
     for row in coefficients:
-        joints: dict[str, Array] = {}
-        for name, value in zip(names, row, strict=True):
-            matrix = joints.setdefault(name.joint, np.zeros((6, 6)))
-            i = six.index(name.twist)
-            j = six.index(name.wrench)
-            weight = 0.5 * value / (unit[name.twist] * unit[name.wrench])
-            matrix[i, j] += weight
-            matrix[j, i] += weight
-        largest = max(np.abs(matrix).max() for matrix in joints.values())
-        found.append(
-            all(
-                np.linalg.eigvalsh(matrix).min() > -_TINY_WEIGHT * largest
-                for matrix in joints.values()
-            )
-        )
-    return tuple(found)
+        matrices = _joint_matrices(names, 0.5 * row / units)
+        largest = max(np.abs(matrix).max() for matrix in matrices)
+        lowest = min(np.linalg.eigvalsh(matrix).min() for matrix in matrices)
+        flags.append(bool(lowest > -_ROUNDING_WEIGHT * largest))
+    return tuple(flags)
 
 
-def _proportional_sets(
-    unit: Array, live: Sequence[int], names: Sequence[ComplianceName]
-) -> list[list[int]]:
-    """Group columns that are multiples of one another; the preferred name leads its set."""
+def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]) -> list[Array]:
+    """Return the symmetric matrices A_k of all joints, shape (6, 6) each, from halved weights."""
+    matrices: dict[str, Array] = {}
+    for name, half in zip(names, halves, strict=True):
+        matrix = matrices.setdefault(name.joint, np.zeros((6, 6)))
+        i = COMPONENTS.index(name.twist)
+        j = COMPONENTS.index(name.wrench)
+        matrix[i, j] += half
+        matrix[j, i] += half
+    return list(matrices.values())
+
+
+def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
+    """Return sets of columns that are multiples of one another, each led by the preferred name."""
+    unit = candidates.unit
     sets: list[list[int]] = []
-    for i in live:
-        same = (group for group in sets if 1.0 - abs(unit[:, i] @ unit[:, group[0]]) <= _PARALLEL)
-        if (group := next(same, None)) is None:
-            sets.append([i])
+    for i in candidates.live:
+        for members in sets:
+            if 1.0 - abs(unit[:, i] @ unit[:, members[0]]) <= _PARALLEL:
+                members.append(i)
+                break
         else:
-            group.append(i)
-    return [sorted(group, key=lambda i: names[i].preference) for group in sets]
+            sets.append([i])
+    return [sorted(members, key=lambda i: candidates.names[i].preference) for members in sets]
 
 
-def _table_order(name: ComplianceName, machine: Machine) -> tuple[int, int, int, int]:
-    """Order of Table 1: translations for forces, rotations for forces, rotation for moment; joints
-    in the planes' order."""
+class _TableOrder(NamedTuple):
+    """Sort key of Table 1."""
+
+    rotations: int
+    twist: int
+    wrench: int
+    joint: int
+
+
+def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
+    """Return the place of a compliance in Table 1.
+
+    Translations for forces, rotations for forces, rotation for moment; joints in the planes' order.
+    """
     joints = [joint.axis for joint in machine.joints]
-    components = [*joints, *(axis for axis in LINEAR if axis not in joints), *ROTARY]
-    return (
+    rigid = [axis for axis in LINEAR if axis not in joints]
+    components = [*joints, *rigid, *COMPONENTS[len(LINEAR) :]]
+    return _TableOrder(
         name.rotations,
         components.index(name.twist),
         components.index(name.wrench),
@@ -266,11 +350,12 @@ def _table_order(name: ComplianceName, machine: Machine) -> tuple[int, int, int,
 
 
 def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
-    """Representatives in order that each add a new direction."""
+    """Return the representatives, in order, that each add a new direction."""
     chosen: list[int] = []
     basis = np.zeros((unit.shape[0], 0))
     for i in representatives:
-        if np.linalg.norm(unit[:, i] - basis @ (basis.T @ unit[:, i])) > _NEW:
+        remainder = unit[:, i] - basis @ (basis.T @ unit[:, i])
+        if np.linalg.norm(remainder) > _INDEPENDENT:
             chosen.append(i)
             basis = np.linalg.qr(unit[:, chosen])[0]
     return chosen
@@ -285,52 +370,69 @@ def hybrid_jacobian(
     degree: int = 0,
     reference_force_N: float = 0.0,
 ) -> pd.DataFrame:
-    """Return the reading per unit of every parameter of the linear hybrid model, J_H of Eq. 28 and,
-    with F0 = 0, 33: DataFrame, shape (n, (degree + 1) compliances + geometric errors) [mm per
-    inside unit of the parameter].
+    """Return the reading per unit of every parameter of the linear hybrid model.
 
-    Column k of a compliance is F (F − F0)^k j_C. Columns are those of this circle alone, named as
-    in results: C_XXX …, C_XXX_1 …, then E_XX1 … . InputError for a degree other than 0, 1 or 2.
+    J_H of Eq. 28 and, with F0 = 0, 33. Column k of a compliance is F (F − F0)^k j_C. Columns are
+    those of this circle alone, named as in results: C_XXX …, C_XXX_1 …, then E_XX1 … .
 
     Parameters
     ----------
-    circle, angle_rad : where: angles θ, shape (n,) [rad].
-    force_N, reference_force_N : radial force F, and F0.
-    degree : 0, 1 or 2.
-    """
-    import pandas as pd
+    machine, circle
+        Where.
+    angle_rad
+        Angles θ, shape (n,) [rad].
+    force_N, reference_force_N
+        Radial force F, and F0.
+    degree
+        0, 1 or 2: constant, linear or quadratic compliance.
 
+    Returns
+    -------
+    Shape (n, (degree + 1) compliances + geometric errors) [mm per inside unit of the parameter].
+
+    Raises
+    ------
+    InputError
+        For a degree other than 0, 1 or 2.
+    """
     require(
         degree in (0, 1, 2),
         f"degree must be 0, 1 or 2, got {degree}. Choose constant, linear or quadratic compliance.",
     )
     angle = np.asarray(angle_rad, dtype=float)
-    kept = kept_compliances(machine, circle).names
-    elastic = force_N * compliance_jacobian(machine, circle, angle, kept)
-    columns = {
-        name.label + (f"_{k}" if k else ""): elastic[:, j] * (force_N - reference_force_N) ** k
-        for k in range(degree + 1)
-        for j, name in enumerate(kept)
-    }
-    geometric = geometric_jacobian(machine, circle, angle).T
-    columns |= {
-        name.label: own for name, own in zip(geometric_names(machine), geometric, strict=True)
-    }
+    compliances = kept_compliances(machine, circle).names
+    elastic = force_N * compliance_jacobian(machine, circle, angle, compliances)
+    columns: dict[str, Array] = {}
+    for k in range(degree + 1):
+        suffix = f"_{k}" if k else ""
+        for j, compliance in enumerate(compliances):
+            column = elastic[:, j] * (force_N - reference_force_N) ** k
+            columns[compliance.label + suffix] = column
+    geometric = geometric_jacobian(machine, circle, angle)
+    for j, error in enumerate(geometric_names(machine)):
+        columns[error.label] = geometric[:, j]
     return readable(pd.DataFrame(columns))
 
 
 def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame:
-    """Return what one unit of every planar compliance, 18 for one plane, and of every geometric
-    error, 7, does to readings of a ``circle`` at ``angle_rad`` (n,): DataFrame, shape (n, 25) [mm
-    per unit, and N of compliances] (Tables 2 and 3)."""
-    import pandas as pd
+    """Return what one unit of every planar compliance and geometric error does to readings.
 
+    Tables 2 and 3: 18 compliances and 7 errors for one plane.
+
+    Parameters
+    ----------
+    machine, circle
+        Where.
+    angle_rad
+        Angles θ, shape (n,) [rad].
+
+    Returns
+    -------
+    Shape (n, 25) [mm per unit, and N of compliances].
+    """
     angle = np.asarray(angle_rad, dtype=float)
-    names = [
-        *(name.label for name in wrench_names(machine)),
-        *(name.label for name in geometric_names(machine)),
-    ]
-    values = np.hstack(
-        [wrench_jacobian(machine, circle, angle), geometric_jacobian(machine, circle, angle)]
-    )
-    return readable(pd.DataFrame(values, columns=names))
+    names = [name.label for name in wrench_names(machine)]
+    names += [name.label for name in geometric_names(machine)]
+    elastic = wrench_jacobian(machine, circle, angle)
+    geometric = geometric_jacobian(machine, circle, angle)
+    return readable(pd.DataFrame(np.hstack([elastic, geometric]), columns=names))

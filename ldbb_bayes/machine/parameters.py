@@ -8,6 +8,7 @@ from typing import Literal
 from ldbb_bayes.machine.chain import LINEAR, PLANES, ROTARY, Machine
 
 __all__ = [
+    "COMPONENTS",
     "ComplianceKind",
     "ComplianceName",
     "GeometricKind",
@@ -17,16 +18,14 @@ __all__ = [
     "wrench_names",
 ]
 
-
-_COMPONENTS = LINEAR + ROTARY
-
-
 GeometricKind = Literal["gain", "straightness", "squareness", "offset"]
-
-
 ComplianceKind = Literal[
     "direct", "cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment"
 ]
+# The components of a twist or wrench, in order: along X, Y, Z and about them.
+COMPONENTS = LINEAR + ROTARY
+# The power of its axis' coordinate that a geometric error goes with, where it is not 0.
+_ORDERS: dict[GeometricKind, int] = {"gain": 1, "straightness": 2}
 
 
 @dataclass(frozen=True)
@@ -50,111 +49,107 @@ class ComplianceName:
     @property
     def kind(self) -> ComplianceKind:
         """What the parameter is physically; priors and units follow from it."""
+        same_component = self.twist == self.wrench
         if self.rotations == 2:
-            return (
-                "rotation_for_moment" if self.twist == self.wrench else "rotation_for_other_moment"
-            )
+            return "rotation_for_moment" if same_component else "rotation_for_other_moment"
         if self.rotations == 1:
             return "rotation_for_force"
-        return "direct" if self.twist == self.wrench else "cross"
+        return "direct" if same_component else "cross"
 
     @property
     def meaning(self) -> str:
         """In words."""
-        about = dict(zip(ROTARY, LINEAR, strict=True))
-        moved = (
-            f"rotation about {about[self.twist]}"
-            if self.twist in ROTARY
-            else f"translation along {self.twist}"
-        )
-        load = (
-            f"moment about {about[self.wrench]}"
-            if self.wrench in ROTARY
-            else f"force along {self.wrench}"
-        )
-        return f"{moved} for a {load}, joint {self.joint}"
+        axis_of = dict(zip(ROTARY, LINEAR, strict=True))
+        motion = f"translation along {self.twist}"
+        if self.twist in ROTARY:
+            motion = f"rotation about {axis_of[self.twist]}"
+        load = f"force along {self.wrench}"
+        if self.wrench in ROTARY:
+            load = f"moment about {axis_of[self.wrench]}"
+        return f"{motion} for a {load}, joint {self.joint}"
 
     @property
     def preference(self) -> tuple[bool, int, bool, bool, str]:
         """Sort key within a proportional set, see `kept_compliances`."""
         translation_for_moment = self.wrench in ROTARY and self.twist not in ROTARY
-        turned = {axes.rotation: plane for plane, axes in PLANES.items()}
-        idle = self.twist in ROTARY and self.joint not in turned[self.twist]
+        turned_plane = {axes.rotation: plane for plane, axes in PLANES.items()}
+        idle = self.twist in ROTARY and self.joint not in turned_plane[self.twist]
         return (translation_for_moment, self.rotations, self.joint != self.twist, idle, self.label)
 
 
 @dataclass(frozen=True)
 class GeometricName:
-    """A geometric error: component of the deviation (X, Y, Z of a translation, A, B, C of a
-    rotation), the axis it belongs to (``t``: the tool), its kind; of a squareness its reference
-    axis, of a tool offset its set-up, where there are several."""
+    """A geometric error: a component of an axis' deviation."""
 
-    component: str
-    axis: str
+    component: str  #: X, Y, Z of a translation, A, B, C of a rotation
+    axis: str  #: the axis it belongs to; ``t``: the tool
     kind: GeometricKind
-    reference: str = ""
-    setup: int = 0
+    reference: str = ""  #: of a squareness, its reference axis
+    setup: int = 0  #: of a tool offset, its set-up where there are several
 
     @property
     def label(self) -> str:
-        """The name in code: E_XX1, E_YX2, E_C0YX (ISO 230-1: E_C(0Y)X), E_Xt0, E_Xt0_2 in set-up
-        2."""
+        """The name in code: E_XX1, E_YX2, E_C0YX (ISO 230-1: E_C(0Y)X), E_Xt0.
+
+        E_Xt0_2 in set-up 2.
+        """
         if self.kind == "squareness":
             return f"E_{self.component}0{self.reference}{self.axis}"
-        return f"E_{self.component}{self.axis}{self.order}" + (
-            f"_{self.setup}" if self.setup else ""
-        )
+        setup = f"_{self.setup}" if self.setup else ""
+        return f"E_{self.component}{self.axis}{self.order}{setup}"
 
     @property
     def order(self) -> int:
         """The power of the axis' coordinate that it goes with."""
-        return {"gain": 1, "straightness": 2}.get(self.kind, 0)
+        return _ORDERS.get(self.kind, 0)
 
     @property
     def meaning(self) -> str:
         """In words."""
-        return {
-            "gain": (
+        if self.kind == "gain":
+            return (
                 f"scale error of {self.axis}: positioning deviation in proportion to its coordinate"
-            ),
-            "straightness": (
+            )
+        if self.kind == "straightness":
+            return (
                 f"straightness deviation of {self.axis} in the direction of {self.component},"
                 " quadratic"
-            ),
-            "squareness": f"squareness error of {self.axis} to {self.reference}",
-            "offset": (
-                f"offset of the tool ball along {self.component}"
-                + (f", set-up {self.setup}" if self.setup else "")
-            ),
-        }[self.kind]
+            )
+        if self.kind == "squareness":
+            return f"squareness error of {self.axis} to {self.reference}"
+        setup = f", set-up {self.setup}" if self.setup else ""
+        return f"offset of the tool ball along {self.component}{setup}"
 
 
 def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
-    """Names of the columns of the planar wrench Jacobian, 18 for one plane: joint, then twist, then
-    wrench component."""
-    planes = [(plane, PLANES[plane]) for plane in machine.planes]
-    return tuple(
-        dict.fromkeys(
-            ComplianceName(i, j, axis)
-            for plane, own in planes
-            for axis in plane
-            for i in own
-            for j in own
-        )
-    )
+    """Return the names of the columns of the planar wrench Jacobian, 18 for one plane.
+
+    Order: joint, then twist, then wrench component.
+    """
+    names: dict[ComplianceName, None] = {}
+    for plane in machine.planes:
+        for axis in plane:
+            for twist in PLANES[plane]:
+                for wrench in PLANES[plane]:
+                    names[ComplianceName(twist, wrench, axis)] = None
+    return tuple(names)
 
 
 def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
-    """Names of all compliances of all joints with six degrees of freedom each, 36 a joint."""
-    six = LINEAR + ROTARY
-    return tuple(
-        ComplianceName(i, j, joint.axis) for joint in machine.joints for i in six for j in six
-    )
+    """Return the names of all compliances of all joints, 36 a joint of six degrees of freedom."""
+    names = []
+    for joint in machine.joints:
+        for twist in COMPONENTS:
+            for wrench in COMPONENTS:
+                names.append(ComplianceName(twist, wrench, joint.axis))
+    return tuple(names)
 
 
 def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
-    """The geometric errors in the paper's order: of each plane gains, quadratic straightness,
-    squareness; then tool offsets."""
+    """Return the geometric errors in the paper's order.
+
+    Of each plane gains, quadratic straightness, squareness; then tool offsets.
+    """
     names: list[GeometricName] = []
     for plane in machine.planes:
         primary, secondary = machine.squared(plane)

@@ -1,4 +1,4 @@
-"""The hybrid model of a machine: HybridModel before it meets a campaign, BoundModel of one campaign.
+"""The hybrid model: HybridModel before it meets a campaign, BoundModel of one campaign.
 
 ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε, β = (C_0 …, E) ~ N(m, S), nuisances Gaussian
 given φ = (σ, δ, κ, τ).
@@ -25,7 +25,6 @@ from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.interest import (
-    Parameter,
     ParametersOfInterest,
     compliance_rows,
     physical_rows,
@@ -152,7 +151,7 @@ class HybridModel(Result):
 
     @classmethod
     def paper(cls, degree: int = 0) -> HybridModel:
-        """Return the model without nuisances, flat and untruncated: its point estimate is Eq. 31."""
+        """Return the model without nuisances, flat, untruncated: its point estimate is Eq. 31."""
         return cls(degree, (), Prior.paper(), preset="paper")
 
     @classmethod
@@ -681,7 +680,7 @@ class BoundModel(Shown):
 
     @cached_property
     def truncation_prior(self) -> tuple[float, float]:
-        """ln P(T | prior) and its error [nat]; 0 without truncation.
+        """The log probability ln P(T | prior) and its error [nat]; 0 without truncation.
 
         Compliances that share no parameter are independent.
         """
@@ -699,7 +698,7 @@ class BoundModel(Shown):
 
     @property
     def log_prob_truncation_prior(self) -> float:
-        """ln P(T | prior)."""
+        """The log probability ln P(T | prior)."""
         return self.truncation_prior[0]
 
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:

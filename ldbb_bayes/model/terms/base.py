@@ -119,7 +119,8 @@ class Term(Shown):
     ...
     ...     def columns(self, setting):
     ...         sd = np.full(2, self.sd_um * 1e-3)
-    ...         return (lb.Columns(("pitch_error_cos5", "pitch_error_sin5"), setting.harmonics([5]), sd),)
+    ...         names = ("pitch_error_cos5", "pitch_error_sin5")
+    ...         return (lb.Columns(names, setting.harmonics([5]), sd),)
     """
 
     #: all kinds of terms by class name, in the order of models, results and model files

@@ -76,7 +76,7 @@ class Discrepancy(Term):
 
 @dataclass(frozen=True)
 class CircleScale(Term):
-    """λ of every circle, which scales its set-up shift and its discrepancy, λ² ~ InvGamma(3/2, 3/2).
+    """λ of every circle, which scales its shift and its discrepancy, λ² ~ InvGamma(3/2, 3/2).
 
     Circles scatter as Student's t with three degrees of freedom, so that an odd one does not move
     the compliances. Off with fewer than four tests.
@@ -101,7 +101,7 @@ class CircleScale(Term):
 
 
 class _HysteresisSd(NamedTuple):
-    """Sd of hysteresis at order 1, of its constant part: a number, or a hyper-parameter times it."""
+    """Sd of the constant part of hysteresis at order 1, in units of its hyper-parameter if any."""
 
     sd_mm: float
     hyper: Hyper | None

@@ -138,7 +138,7 @@ class Columns(Shown):
 
 @dataclass(frozen=True, eq=False)
 class BasisNoise(Shown):
-    """Independent coefficients on the basis itself, separate for every test: sd = hyper · λ · sd."""
+    """Independent coefficients on the basis, separate for every test: hyper · λ · ``sd``."""
 
     hyper: Hyper
     sd: Array  #: shape (25,), in units of ``hyper``
