@@ -27,11 +27,10 @@ def columns(test: lb.CircularTest, degree: int, reference_force_N: float) -> np.
         c,
         s,
     ]
-    powers = [
-        force * (force - reference_force_N) ** k * own
-        for k in range(degree + 1)
-        for own in compliance
-    ]
+    powers = []
+    for power in range(degree + 1):
+        load = force * (force - reference_force_N) ** power
+        powers += [load * pattern for pattern in compliance]
     return np.column_stack([*powers, *geometry])
 
 
@@ -41,36 +40,38 @@ def columns(test: lb.CircularTest, degree: int, reference_force_N: float) -> np.
 )
 def test_against_plain_matrices(degree: int, reference: float, fixed: tuple[str, ...]) -> None:
     campaign = simulated(plan((90, 60, 80, 70), forces_N=(36.0, 200.0, 500.0, 742.0)), seed=2)
-    found = lb.least_squares(campaign, degree, reference_force_N=reference, fixed=fixed)
+    fit = lb.least_squares(campaign, degree, reference_force_N=reference, fixed=fixed)
     jacobian = np.vstack([columns(test, degree, reference) for test in campaign.tests])
-    jacobian = np.delete(jacobian, [5] if fixed else [], axis=1)
+    if fixed:
+        jacobian = np.delete(jacobian, [5], axis=1)
     reading = np.concatenate([test.readings_mm() for test in campaign.tests])
     scale = np.linalg.norm(jacobian, axis=0)
-    estimate, (square,), *_ = np.linalg.lstsq(jacobian / scale, reading, rcond=None)
-    inverse = np.linalg.inv((jacobian / scale).T @ (jacobian / scale))
+    scaled = jacobian / scale
+    solution, (square,), *_ = np.linalg.lstsq(scaled, reading, rcond=None)
+    estimate = solution / scale
     freedom = len(reading) - jacobian.shape[1]
-    np.testing.assert_allclose(found.table["estimate"] / (estimate / scale), 1.0, rtol=1e-6)
-    np.testing.assert_allclose(
-        found.table["u"], np.sqrt(np.diag(inverse) * square / freedom) / scale, rtol=1e-6
-    )
-    assert found.quality.rmse_um == pytest.approx(1e3 * np.sqrt(square / len(reading)), rel=1e-8)
-    predicted = 1e3 * jacobian @ (estimate / scale)
-    np.testing.assert_allclose(
-        np.concatenate(list(found.predicted_um.values())), predicted, atol=1e-6
-    )
+    variance = np.diag(np.linalg.inv(scaled.T @ scaled)) * square / freedom
+    np.testing.assert_allclose(fit.table["estimate"] / estimate, 1.0, rtol=1e-6)
+    np.testing.assert_allclose(fit.table["u"], np.sqrt(variance) / scale, rtol=1e-6)
+    assert fit.quality.rmse_um == pytest.approx(1e3 * np.sqrt(square / len(reading)), rel=1e-8)
+    predicted_um = 1e3 * jacobian @ estimate
+    by_test = np.concatenate(list(fit.predicted_um.values()))
+    np.testing.assert_allclose(by_test, predicted_um, atol=1e-6)
     first = campaign.tests[0]
-    own = np.asarray(first.reading_um) - predicted[: len(first.angle_deg)]
-    expected = 100.0 * (1.0 - np.sqrt(np.mean(own**2)) / np.ptp(np.asarray(first.reading_um)))
-    assert found.quality.fitness_percent[first.name] == pytest.approx(expected, rel=1e-8)
+    reading_um = np.asarray(first.reading_um)
+    residual_um = reading_um - predicted_um[: len(first.angle_deg)]
+    fitness = 100.0 * (1.0 - np.sqrt(np.mean(residual_um**2)) / np.ptp(reading_um))
+    assert fit.quality.fitness_percent[first.name] == pytest.approx(fitness, rel=1e-8)
 
 
 def test_the_papers_numbers(recovered: lb.Campaign) -> None:
     """Tables 5 and 6 to 1.05 half-units of the last digit, and the published RMSE."""
-    whole = lb.least_squares(recovered)
+    constant = lb.least_squares(recovered)
+    linear = lb.least_squares(recovered, 1)
     for name in ("table_5_global_compliances", "table_6_global_geometric_errors"):
-        assert max(misses(printed(name).iloc[0], whole.estimate)) <= 1.05
-    assert f"{whole.quality.rmse_um:.1f}" == "1.1"
-    assert f"{lb.least_squares(recovered, 1).quality.rmse_um:.1f}" == "0.9"
+        assert max(misses(printed(name).iloc[0], constant.estimate)) <= 1.05
+    assert f"{constant.quality.rmse_um:.1f}" == "1.1"
+    assert f"{linear.quality.rmse_um:.1f}" == "0.9"
 
 
 def test_uncompensated_mount_is_subtracted(recovered: lb.Campaign) -> None:
@@ -80,36 +81,36 @@ def test_uncompensated_mount_is_subtracted(recovered: lb.Campaign) -> None:
         for test in recovered.tests
     ]
     mount = replace(recovered.mount, compensated=False)
-    found = lb.least_squares(replace(recovered, tests=tuple(raw), mount=mount))
-    np.testing.assert_allclose(
-        found.table["estimate"], lb.least_squares(recovered).table["estimate"], rtol=1e-8
-    )
+    uncompensated = replace(recovered, tests=tuple(raw), mount=mount)
+    estimate = lb.least_squares(uncompensated).table["estimate"]
+    expected = lb.least_squares(recovered).table["estimate"]
+    np.testing.assert_allclose(estimate, expected, rtol=1e-8)
 
 
 def test_what_is_not_determined() -> None:
-    angle = 60.0 * np.arange(9)  # six places on the circle: rank 12
-    few = lb.Campaign(
-        tuple(lb.CircularTest(force, angle, np.cos(np.arange(9.0))) for force in (100.0, 400.0))
-    )
-    assert lb.least_squares(few).table[["estimate", "u"]].isna().all(axis=None)
+    """Six places on the circle: rank 12."""
+    angle = 60.0 * np.arange(9)
+    reading = np.cos(np.arange(9.0))
+    tests = [lb.CircularTest(force, angle, reading) for force in (100.0, 400.0)]
+    table = lb.least_squares(lb.Campaign(tuple(tests))).table
+    assert table[["estimate", "u"]].isna().all(axis=None)
 
 
-@pytest.mark.parametrize("wrong", ["plan", "one force", "too few forces"])
-def test_refused(recovered: lb.Campaign, wrong: str) -> None:
-    campaign, degree, message = {
-        "plan": (recovered.plan(), 0, "got a plan"),
-        "one force": (recovered.select(["f036"]), 0, "two force levels"),
-        "too few forces": (
-            recovered.select(["f036", "f742"]),
-            1,
-            "at least (3|three) force levels",
-        ),
-    }[wrong]
-    refuses(message, lb.least_squares, campaign, degree)
+def test_a_plan_is_refused(recovered: lb.Campaign) -> None:
+    refuses("got a plan", lb.least_squares, recovered.plan(), 0)
 
 
-def test_shown() -> None:
-    found = lb.least_squares(simulated(plan(), seed=1))
-    assert "RMSE" in str(found)
-    assert "Eq. 31" in found._repr_html_()
-    assert lb.LeastSquares.from_dict(found.as_dict()).table.equals(found.table)
+def test_one_force_is_refused(recovered: lb.Campaign) -> None:
+    refuses("two force levels", lb.least_squares, recovered.select(["f036"]), 0)
+
+
+def test_too_few_forces_are_refused(recovered: lb.Campaign) -> None:
+    campaign = recovered.select(["f036", "f742"])
+    refuses("at least (3|three) force levels", lb.least_squares, campaign, 1)
+
+
+def test_print_notebook_and_json() -> None:
+    fit = lb.least_squares(simulated(plan(), seed=1))
+    assert "RMSE" in str(fit)
+    assert "Eq. 31" in fit._repr_html_()
+    assert lb.LeastSquares.from_dict(fit.as_dict()).table.equals(fit.table)
