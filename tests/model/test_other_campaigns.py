@@ -1,13 +1,17 @@
-"""Campaigns of several planes, radii, centres, set-ups, directions and times: the model against a
-dense one built here."""
+"""Campaigns of several planes, radii, centres, set-ups, directions and times.
+
+The model is compared with a dense one that is built here.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from campaigns import refuses
+from oracle import waves as wave_columns
 from scipy import stats
 
 import ldbb_bayes as lb
@@ -15,7 +19,7 @@ from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.machine.parameters import geometric_names
-from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Drift
 from ldbb_bayes.report.wording import standing_words
 
@@ -23,27 +27,32 @@ FORCES_N = (100.0, 400.0, 700.0)
 ANGLE = np.arange(30) * 12.0
 
 
+def waves(order: int, angle: np.ndarray) -> np.ndarray:
+    """cos nθ and sin nθ as rows; of order 0 a row of ones."""
+    return wave_columns(order, angle).T
+
+
 def everything(*, arc_deg: float = 360.0) -> Campaign:
-    """Three planes, two radii, two centres, both directions in XY and YZ, two set-ups, times and
-    temperatures."""
+    """Three planes, two radii and centres, both directions in XY and YZ, two set-ups, times."""
     angle = ANGLE if arc_deg == 360.0 else np.linspace(0.0, arc_deg, 33)
     tests = []
     for i, plane in enumerate(("XY", "YZ", "ZX")):
+        directions = ("CW",) if plane == "ZX" else ("CW", "CCW")
         for k, force in enumerate(FORCES_N):
-            for way in ("CW", "CCW") if plane != "ZX" else ("CW",):
+            for direction in directions:
                 tests.append(
                     CircularTest(
                         force,
                         angle,
                         plane=plane,
-                        direction=way,
-                        radius_mm=100.0 if k == 1 else 150.0,
-                        centre_x_mm=20.0 if k == 2 else 0.0,
+                        direction=direction,
+                        radius_mm=(150.0, 100.0, 150.0)[k],
+                        centre_x_mm=(0.0, 0.0, 20.0)[k],
                         centre_z_mm=-15.0,
                         setup=2 if plane == "YZ" else 1,
                         time_s=600.0 * len(tests) + 100.0 * k**2,
                         temperature_C=20.0 + 0.3 * i + 0.1 * k,
-                        work_ball_deg=45.0 * (k == 1),
+                        work_ball_deg=(0.0, 45.0, 0.0)[k],
                     )
                 )
     return Campaign(
@@ -53,77 +62,107 @@ def everything(*, arc_deg: float = 360.0) -> Campaign:
     )
 
 
-def dense(
-    bound: object, campaign: Campaign, phi: dict[str, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of the parameters at the readings' own angles, and the covariance of all readings by
-    hand from the measurement model: nothing of terms, basis or reduction."""
-    forces = np.array([t.force_N for t in campaign.tests])
-    reference = 0.5 * (forces.min() + forces.max())
-    machine = campaign.machine()
-    errors = [name.label for name in geometric_names(machine)]
-    rows = []
-    parts = []
-    own: dict[tuple, list[np.ndarray]] = {}
-    start = 0
-    hours = np.array([t.time_s for t in campaign.tests]) / 3600.0
-    for r, t in enumerate(campaign.tests):
-        theta = np.deg2rad(t.angle_deg)
-        way = 1.0 if t.direction == "CW" else -1.0
-        n = len(t.angle_deg)
-        c = compliance_jacobian(machine, t.circle, theta, bound.compliances)
-        g = dict(zip(errors, geometric_jacobian(machine, t.circle, theta).T, strict=True))
-        geometry = []
-        for name in bound.names[2 * len(bound.compliances) :]:
-            stem, _, setup = name.partition("t0")
-            if setup or stem in ("E_X", "E_Y", "E_Z"):
-                mine = t.setup == (int(setup[1:]) if setup else 1)
-                geometry.append(g[f"{stem}t0"] if mine else np.zeros(n))
-            else:
-                geometry.append(g[name])
-        rows.append(
-            np.hstack(
-                [t.force_N * c, t.force_N * (t.force_N - reference) * c, np.stack(geometry, axis=1)]
-            )
-        )
-        columns = {
-            ("length", t.radius_mm): 9.4e-3 * np.ones(n),
-            ("mount",): 0.233e-3 * t.pressure_bar * np.ones(n),
+class DenseModel:
+    """The model of a campaign by hand from the measurement model: no terms, basis or reduction.
+
+    Columns of the parameters at the readings' own angles, and the covariance of all readings.
+    """
+
+    def __init__(self, bound: BoundModel, campaign: Campaign, phi: dict[str, float]) -> None:
+        self.bound = bound
+        self.tests = campaign.tests
+        self.machine = campaign.machine()
+        self.phi = phi
+        self.angles = [np.deg2rad(test.angle_deg) for test in self.tests]
+        self.compliance = [
+            compliance_jacobian(self.machine, test.circle, theta, bound.compliances)
+            for test, theta in zip(self.tests, self.angles, strict=True)
+        ]
+
+    def design(self) -> np.ndarray:
+        """Columns of compliances, slopes and geometric errors, shape (readings, p)."""
+        forces = np.array([test.force_N for test in self.tests])
+        reference = 0.5 * (forces.min() + forces.max())
+        rows = []
+        for r, test in enumerate(self.tests):
+            elastic = test.force_N * self.compliance[r]
+            slope = (test.force_N - reference) * elastic
+            rows.append(np.hstack([elastic, slope, self._geometry(r)]))
+        return np.vstack(rows)
+
+    def _geometry(self, r: int) -> np.ndarray:
+        """Columns of the geometric errors; a tool offset only in its own set-up."""
+        test = self.tests[r]
+        errors = [name.label for name in geometric_names(self.machine)]
+        values = geometric_jacobian(self.machine, test.circle, self.angles[r])
+        by_error = dict(zip(errors, values.T, strict=True))
+        columns = []
+        for name in self.bound.names[2 * len(self.bound.compliances) :]:
+            stem, _, suffix = name.partition("t0")
+            if not suffix and stem not in ("E_X", "E_Y", "E_Z"):
+                columns.append(by_error[name])
+                continue
+            setup = int(suffix[1:]) if suffix else 1
+            columns.append(by_error[f"{stem}t0"] * (test.setup == setup))
+        return np.stack(columns, axis=1)
+
+    def covariance(self) -> np.ndarray:
+        """Covariance of all readings given the parameters."""
+        sizes = [len(theta) for theta in self.angles]
+        ends = np.cumsum(sizes)
+        blocks = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
+        covariance = np.eye(ends[-1]) * self.phi["sigma"] ** 2
+        shared: dict[tuple[Any, ...], np.ndarray] = {}
+        for r, block in enumerate(blocks):
+            for key, value in self._shared_columns(r).items():
+                column = shared.setdefault(key, np.zeros(ends[-1]))
+                column[block] = value
+        for column in shared.values():
+            covariance += np.outer(column, column)
+        for r, block in enumerate(blocks):
+            covariance[block, block] += self._private_covariance(r)
+        return covariance
+
+    def _shared_columns(self, r: int) -> dict[tuple[Any, ...], np.ndarray]:
+        """Columns that tests share, times their sd, by what they are of."""
+        test = self.tests[r]
+        theta = self.angles[r]
+        ones = np.ones(len(theta))
+        deflection = self.compliance[r] @ self.bound.setting.compliance_estimate
+        times = np.array([other.time_s for other in self.tests])
+        hours = (test.time_s - times.mean()) / 3600.0
+        columns: dict[tuple[Any, ...], np.ndarray] = {
+            ("length", test.radius_mm): 9.4e-3 * ones,
+            ("mount",): 0.233e-3 * test.pressure_bar * ones,
+            ("gain",): 0.01 * test.force_N * deflection,
+            ("drift",): 2e-3 * hours * ones,
+            ("drift", test.plane[0]): 5e-3 * hours * np.cos(theta),
+            ("drift", test.plane[1]): 5e-3 * hours * np.sin(theta),
         }
-        columns[("gain",)] = 0.01 * t.force_N * c @ bound.setting.compliance_estimate
-        for m in range(2, 13):
-            for ball, turn in (("w", t.work_ball_deg), ("t", t.tool_ball_deg - 180.0)):
-                for trig in (np.cos, np.sin):
-                    value = phi["tau"] / m / np.sqrt(2) * trig(m * (theta - np.deg2rad(turn)))
-                    columns[("form", t.plane, m, ball, trig.__name__)] = value
-        if t.plane != "ZX":
+        turns = {"work": test.work_ball_deg, "tool": test.tool_ball_deg - 180.0}
+        for ball, turn_deg in turns.items():
+            for m in range(2, 13):
+                sd = self.phi["tau"] / m / np.sqrt(2)
+                for k, wave in enumerate(waves(m, theta - np.deg2rad(turn_deg))):
+                    columns["form", test.plane, m, ball, k] = sd * wave
+        if test.plane != "ZX":
+            travel = 1.0 if test.direction == "CW" else -1.0
             for m in range(5):
-                for trig in (np.cos, np.sin)[: 1 if m == 0 else 2]:
-                    value = way * 2e-3 / max(m, 1) * trig(m * theta)
-                    columns[("way", t.plane, m, trig.__name__)] = value
-                    columns[("friction", t.plane, m, trig.__name__)] = value * t.force_N * 1e-3
-        u = hours[r] - hours.mean()
-        columns[("drift",)] = 2e-3 * u * np.ones(n)
-        for axis, value in zip(t.plane, (np.cos(theta), np.sin(theta)), strict=True):
-            columns[("drift", axis)] = 5e-3 * u * value
-        parts.append((slice(start, start + n), t, theta, c))
-        for key, value in columns.items():
-            own.setdefault(key, []).append((slice(start, start + n), value))
-        start += n
-    covariance = np.eye(start) * phi["sigma"] ** 2
-    for blocks in own.values():
-        column = np.zeros(start)
-        for part, value in blocks:
-            column[part] = value
-        covariance += np.outer(column, column)
-    for part, _t, theta, c in parts:
-        deflection = 4.0 * c @ bound.setting.compliance_estimate
-        covariance[part, part] += np.outer(deflection, deflection)
+                for k, wave in enumerate(waves(m, theta)):
+                    hysteresis = travel * 2e-3 / max(m, 1) * wave
+                    columns["hysteresis", test.plane, m, k] = hysteresis
+                    columns["friction", test.plane, m, k] = hysteresis * test.force_N * 1e-3
+        return columns
+
+    def _private_covariance(self, r: int) -> np.ndarray:
+        """Covariance of force error, set-up shift and discrepancy of one test."""
+        deflection = 4.0 * self.compliance[r] @ self.bound.setting.compliance_estimate
+        covariance = np.outer(deflection, deflection)
         for m in range(13):
-            scale = phi["delta"] if m < 2 else phi["kappa"] / m
-            for trig in (np.cos, np.sin)[: 1 if m == 0 else 2]:
-                covariance[part, part] += scale**2 * np.outer(trig(m * theta), trig(m * theta))
-    return np.vstack(rows), covariance
+            sd = self.phi["delta"] if m < 2 else self.phi["kappa"] / m
+            for wave in waves(m, self.angles[r]):
+                covariance += sd**2 * np.outer(wave, wave)
+        return covariance
 
 
 @pytest.mark.parametrize("arc_deg", [360.0, 250.0])
@@ -132,38 +171,33 @@ def test_against_a_dense_model(arc_deg: float) -> None:
     hyper = {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 2.0}
     campaign = model.simulate(everything(arc_deg=arc_deg), seed=3, hyper_um=hyper).campaign
     bound = model.bind(campaign)
-    phi = np.array([[hyper[str(name)] * 1e-3 for name in bound.hyper_prior.names]])
-    design, covariance = dense(
-        bound, campaign, {name: value * 1e-3 for name, value in hyper.items()}
-    )
-    reading = np.concatenate([t.readings_mm() for t in campaign.tests])
+    phi_mm = {name: value * 1e-3 for name, value in hyper.items()}
+    phi = np.array([[phi_mm[str(name)] for name in bound.hyper_prior.names]])
+    dense = DenseModel(bound, campaign, phi_mm)
+    design = dense.design()
+    covariance = dense.covariance()
+    sd = bound.prior_sd
+    reading = np.concatenate([test.readings_mm() for test in campaign.tests])
     beta = bound.centre + 0.1 * bound.scale * np.random.default_rng(1).normal(size=len(bound.names))
-    expected = stats.multivariate_normal(design @ beta, covariance).logpdf(reading)
-    assert bound.log_likelihood(phi, beta[None])[0] == pytest.approx(expected, abs=1e-5)
-    evidence = stats.multivariate_normal(
-        None, covariance + (design * bound.prior_sd**2) @ design.T
-    ).logpdf(reading)
-    found, given = bound.given(phi)
-    assert found[0] == pytest.approx(evidence, abs=1e-5)
-    gain = (
-        bound.prior_sd[:, None] ** 2
-        * design.T
-        @ np.linalg.inv(covariance + (design * bound.prior_sd**2) @ design.T)
-    )
+    log_likelihood = stats.multivariate_normal(design @ beta, covariance).logpdf(reading)
+    assert bound.log_likelihood(phi, beta[None])[0] == pytest.approx(log_likelihood, abs=1e-5)
+    predictive = covariance + (design * sd**2) @ design.T
+    expected = stats.multivariate_normal(None, predictive).logpdf(reading)
+    log_evidence, conditional = bound.given(phi)
+    assert log_evidence[0] == pytest.approx(expected, abs=1e-5)
+    gain = sd[:, None] ** 2 * design.T @ np.linalg.inv(predictive)
     mean = gain @ reading
-    spread = given.spread()[0]
-    after = np.diag(bound.prior_sd**2) - gain @ design * bound.prior_sd**2
-    np.testing.assert_allclose((given.mean[0] - mean) / bound.prior_sd, 0.0, atol=1e-7)
-    np.testing.assert_allclose(
-        (spread @ spread.T - after) / np.outer(bound.prior_sd, bound.prior_sd), 0.0, atol=1e-7
-    )
+    np.testing.assert_allclose((conditional.mean[0] - mean) / sd, 0.0, atol=1e-7)
+    expected_covariance = np.diag(sd**2) - gain @ design * sd**2
+    difference = conditional.covariance[0] - expected_covariance
+    np.testing.assert_allclose(difference / np.outer(sd, sd), 0.0, atol=1e-7)
 
 
 def test_clockwise_is_positive() -> None:
     setting = HybridModel.first(1).bind(everything()).setting
-    assert [
-        {"CW": 1.0, "CCW": -1.0}[test.direction or ""] for test in everything().tests
-    ] == setting.travel.tolist()
+    signs = {"CW": 1.0, "CCW": -1.0}
+    expected = [signs[str(test.direction)] for test in everything().tests]
+    assert setting.travel.tolist() == expected
 
 
 def test_one_direction_leaves_the_model_as_it_was() -> None:
@@ -199,8 +233,8 @@ def test_drift_of_a_sorted_campaign_is_stated() -> None:
         for k, f in enumerate((100.0, 300.0, 500.0, 700.0))
     )
     model = HybridModel.first(1).with_term(Drift("time", length_um=20.0, centre_um=20.0))
-    found = degeneracies(model.bind(Campaign(tests)))
-    lengthwise = [d for d in found if d.nuisances and d.nuisances[0] == "drift_time_length"]
+    combinations = degeneracies(model.bind(Campaign(tests)))
+    lengthwise = [d for d in combinations if d.nuisances and d.nuisances[0] == "drift_time_length"]
     assert lengthwise
     assert set(lengthwise[0].parameters) >= {"C_XXX", "C_YYY"}
     mixed = tuple(replace(t, time_s=60.0 * k) for t, k in zip(tests, (2, 0, 3, 1), strict=True))
