@@ -1,0 +1,216 @@
+"""Reading of campaign.toml: its tables, the tests that it names, and the certificates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field, fields
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+from ldbb_bayes.campaign.campaign import CampaignFields
+from ldbb_bayes.campaign.certified_instrument import Ball, Instrument
+from ldbb_bayes.campaign.circular_test import CircularTest, TestFields
+from ldbb_bayes.campaign.dcc import read_dcc
+from ldbb_bayes.campaign.field_types import Label, Length, Number, Percent, Positive
+from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
+from ldbb_bayes.campaign.readings_table import read_readings
+from ldbb_bayes.errors import InputError, placed, require
+from ldbb_bayes.files import read_toml, validated
+
+__all__ = ["LARGEST_PLAN", "CampaignContent", "read_campaign_toml"]
+
+# Readings of a planned test that states no number.
+_PLANNED_READINGS = 720
+# Readings of a plan at most.
+LARGEST_PLAN = 2_000_000
+# Keys of planned tests only.
+_PLAN_KEYS = ("readings", "start_deg", "arc_deg")
+_STRICT = ConfigDict(extra="forbid", defer_build=True)
+
+
+@dataclass(frozen=True, kw_only=True, config=_STRICT)
+class _TestFile(TestFields):
+    file: str | None = None
+    readings: Annotated[int, Field(ge=9, le=1_000_000)] | None = None
+    start_deg: Number | None = None
+    arc_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
+
+
+# Certificates: a key of a table is the field of `Instrument` called after both.
+@dataclass(frozen=True, config=_STRICT)
+class _Balls:
+    work: Ball = field(default_factory=Ball)
+    tool: Ball = field(default_factory=Ball)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class _Bar:
+    length_error_um: Number = 0.0
+    U_um: Positive | None = None
+    certificate: Label | None = None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class _Mount(MountCompensation):
+    stiffness_N_per_um: Positive | None = None
+    U_percent: Percent | None = None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class _Force(ForceLaw):
+    U_percent: Percent | None = None
+    linearity_percent: Percent | None = None
+    random_N: Positive | None = None
+    certificate: Label | None = None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class _Angle:
+    U_deg: Positive | None = None
+
+
+@dataclass(frozen=True, kw_only=True, config=_STRICT)
+class _CampaignFile(CampaignFields):
+    schema: Literal[1]
+    topology: str
+    plane: str
+    radius_mm: Length
+    mount: _Mount = field(default_factory=_Mount)
+    force_law: Annotated[_Force, Field(alias="force")] = field(default_factory=_Force)
+    balls: _Balls = field(default_factory=_Balls)
+    bar: _Bar = field(default_factory=_Bar)
+    angle: _Angle = field(default_factory=_Angle)
+    tolerances: Annotated[dict[str, str], Field(alias="tolerance")] = field(default_factory=dict)
+    test: Annotated[list[_TestFile], Field(min_length=1, max_length=1000)]
+
+
+class CampaignContent(NamedTuple):
+    """What a campaign.toml says."""
+
+    tests: tuple[CircularTest, ...]
+    fields: dict[str, Any]  # the other fields of the campaign
+
+
+def read_campaign_toml(path: Path) -> CampaignContent:
+    """Return the tests of a campaign.toml, and the other fields of its campaign."""
+    content = read_toml(path)
+    _fill_from_certificates(path, content)
+    file = validated(_CampaignFile, content, str(path))
+    planned = sum(entry.readings or _PLANNED_READINGS for entry in file.test if entry.file is None)
+    require(
+        planned <= LARGEST_PLAN,
+        f"{path}: a plan must have at most {LARGEST_PLAN} readings, got {planned}. Plan fewer"
+        " readings a circle.",
+    )
+    tests = [_read_test(path, number, entry) for number, entry in enumerate(file.test, start=1)]
+    campaign_fields = {entry.name: getattr(file, entry.name) for entry in fields(CampaignFields)}
+    campaign_fields["name"] = file.name or path.resolve().parent.name
+    law = file.force_law
+    campaign_fields["force_law"] = ForceLaw(law.slope_N_per_bar, law.offset_N)
+    campaign_fields["mount"] = _mount_of(path, file, content)
+    campaign_fields["instrument"] = _instrument_of(path, file)
+    return CampaignContent(tuple(tests), campaign_fields)
+
+
+def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
+    """Put what the DCCs say in place of their names."""
+    tables = {"bar": content.get("bar"), "force": content.get("force")}
+    balls = content.get("balls", {})
+    if isinstance(balls, dict):
+        tables["balls.work"] = balls.get("work")
+        tables["balls.tool"] = balls.get("tool")
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            continue
+        dcc = table.pop("dcc", None)
+        if not isinstance(dcc, str):
+            continue
+        certified = "ball" if name.startswith("balls.") else name
+        stated = read_dcc(_path_inside(path, f"[{name}]: dcc", dcc)).fields(certified)
+        for key in stated:
+            require(
+                key not in table,
+                f"{path}: [{name}] must have {key} or take it from its dcc, got both. Keep one of"
+                " them.",
+            )
+        table |= stated
+
+
+def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> MountCompensation:
+    """Return the mount; a stiffness is a deflection per bar by the slope of the force law."""
+    stated = content.get("mount", {}).keys()
+    require(
+        not {"stiffness_N_per_um", "deflection_um_per_bar"} <= stated,
+        f"{path}: [mount] must have stiffness_N_per_um or deflection_um_per_bar, got both. Keep one"
+        " of them.",
+    )
+    deflection_um_per_bar = file.mount.deflection_um_per_bar
+    if file.mount.stiffness_N_per_um:
+        deflection_um_per_bar = file.force_law.slope_N_per_bar / file.mount.stiffness_N_per_um
+    return MountCompensation(deflection_um_per_bar, file.mount.compensated)
+
+
+def _instrument_of(path: Path, file: _CampaignFile) -> Instrument:
+    """Return what certificates say."""
+    tables = {"bar": file.bar, "mount": file.mount, "force": file.force_law, "angle": file.angle}
+    stated: dict[str, Any] = {"work": file.balls.work, "tool": file.balls.tool}
+    for table_name, table in tables.items():
+        for key, value in vars(table).items():
+            stated[f"{table_name}_{key}"] = value
+    with placed(path):
+        return Instrument(**{entry.name: stated[entry.name] for entry in fields(Instrument)})
+
+
+def _read_test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
+    stated = {key: value for key, value in vars(entry).items() if value is not None}
+    plan = {key: stated.pop(key) for key in _PLAN_KEYS if key in stated}
+    file = stated.pop("file", None)
+    if file is None:
+        stated["angle_deg"] = _planned_angles(plan)
+        with placed(f"{toml}, test {number}"):
+            return CircularTest(**stated)
+    for key in plan:
+        raise InputError(
+            f"{toml}, test {number}: {key} must stand in planned tests only, got it beside 'file'."
+            " Remove one of them."
+        )
+    path = _path_inside(toml, f"test {number}: file", file)
+    test_fields: dict[str, Any] = {"name": Path(file).stem, **stated, **read_readings(path)}
+    with placed(path):
+        return CircularTest(**test_fields)
+
+
+def _planned_angles(plan: Mapping[str, Any]) -> Any:
+    """Return the angles of a planned test [deg]; a full turn does not repeat its first angle."""
+    readings = plan.get("readings", _PLANNED_READINGS)
+    arc_deg = plan.get("arc_deg", 360.0)
+    steps = readings - 1
+    if abs(arc_deg) == 360.0:
+        steps = readings
+    return plan.get("start_deg", 0.0) + arc_deg * (np.arange(readings) / steps)
+
+
+def _path_inside(toml: Path, place: str, file: str) -> Path:
+    """Return the referenced file, which must lie inside the campaign's folder, links followed."""
+    folder = toml.parent
+    root = folder.resolve()
+    subject = f"{toml}, {place} must"
+    try:
+        path = (root / file).resolve()
+        is_file = path.is_file()
+    except (OSError, RuntimeError, ValueError):
+        raise InputError(
+            f"{subject} be the name of one, got {file[:80]!r}, which leads nowhere. Check the name."
+        ) from None
+    require(
+        path.is_relative_to(root) and not Path(file).is_absolute(),
+        f"{subject} lie inside {folder}, got {file!r}. Copy it there and use a relative name.",
+    )
+    require(
+        is_file, f"{subject} exist, got {file!r}, which is no file in {folder}. Check the name."
+    )
+    return folder / file

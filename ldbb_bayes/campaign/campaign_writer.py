@@ -1,0 +1,114 @@
+"""Writing of campaign folders: campaign.toml and one CSV per test."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from ldbb_bayes.campaign.campaign import LABELS, Campaign
+from ldbb_bayes.campaign.certified_instrument import Instrument
+from ldbb_bayes.campaign.circular_test import PER_TEST, CircularTest
+from ldbb_bayes.errors import require
+
+__all__ = ["TOML_NAME", "write_campaign_into"]
+
+TOML_NAME = "campaign.toml"
+# Version of the format.
+_SCHEMA = 1
+# Relative tolerance of a full turn.
+_TURN_TOLERANCE = 1e-6
+
+
+def write_campaign_into(campaign: Campaign, folder: Path) -> None:
+    """Write campaign.toml and the CSVs into an existing folder."""
+    text = tomli_w.dumps(_without_none(_campaign_tables(campaign)))
+    for test in campaign.tests:
+        text += f"\n[[test]]\n{tomli_w.dumps(_test_table(campaign, test))}"
+    (folder / TOML_NAME).write_text(text, encoding="utf-8")
+    for test in campaign.tests:
+        if test.reading_um is not None:
+            _write_readings(test, folder / f"{test.name}.csv")
+
+
+def _write_readings(test: CircularTest, path: Path) -> None:
+    lines = ["angle_deg,reading_um\n"]
+    for angle, reading in zip(test.angle_deg.tolist(), test.reading_um.tolist(), strict=True):
+        lines.append(f"{angle},{reading}\n")
+    path.write_text("".join(lines), encoding="utf-8")
+
+
+def _campaign_tables(campaign: Campaign) -> dict[str, Any]:
+    """Return the content of campaign.toml without its tests."""
+    tables: dict[str, Any] = {"schema": _SCHEMA}
+    for name in ("topology", "plane", "radius_mm", "name", *LABELS):
+        tables[name] = getattr(campaign, name)
+    tables["feed_mm_per_min"] = campaign.feed_mm_per_min
+    tables["resolution_um"] = campaign.resolution_um
+    tables["mount"] = asdict(campaign.mount)
+    tables["force"] = asdict(campaign.force_law)
+    _add_certificates(tables, campaign.instrument)
+    tables["tolerance"] = dict(campaign.tolerances) or None
+    frames = {axis: list(frame) for axis, frame in campaign.frames_mm.items()}
+    tables["frames_mm"] = frames or None
+    return tables
+
+
+def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
+    """Add what certificates say: of a field, the table and its key."""
+    stated = asdict(instrument)
+    balls = {}
+    for ball in ("work", "tool"):
+        certified = {key: value for key, value in stated.pop(ball).items() if value}
+        if certified:
+            balls[ball] = certified
+    tables["balls"] = balls or None
+    for name, value in stated.items():
+        if value:
+            table, _, key = name.partition("_")
+            tables.setdefault(table, {})[key] = value
+
+
+def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
+    """Return a [[test]] of campaign.toml, without what is as usual."""
+    usual = {
+        "radius_mm": campaign.radius_mm,
+        "plane": campaign.plane,
+        "setup": 1,
+        "temperature_C": None,
+        "time_s": None,
+    }
+    is_planned = test.reading_um is None
+    table: dict[str, Any] = {"file": None if is_planned else f"{test.name}.csv"}
+    for key in ("force_N", "pressure_bar", "name", "direction"):
+        table[key] = getattr(test, key)
+    for key in PER_TEST:
+        value = getattr(test, key)
+        if value != usual.get(key, 0.0):
+            table[key] = value
+    if is_planned:
+        table |= _planned_angles_table(test)
+    return _without_none(table)
+
+
+def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
+    """Return number, start and arc of the angles of a planned test."""
+    readings = len(test.angle_deg)
+    step_deg = test.step_deg
+    require(
+        step_deg,
+        "a plan's angles must be evenly spaced within one turn to be written, got others in test"
+        f" {test.name!r}. Plan even angles.",
+    )
+    arc_deg = (readings - 1) * step_deg
+    if abs(abs(readings * step_deg) - 360.0) < _TURN_TOLERANCE * 360.0:
+        arc_deg = float(np.copysign(360.0, step_deg))
+    start_deg = float(test.angle_deg[0])
+    return {"readings": readings, "start_deg": start_deg, "arc_deg": float(arc_deg)}
+
+
+def _without_none(table: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if value is not None}

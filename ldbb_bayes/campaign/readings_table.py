@@ -1,0 +1,171 @@
+"""Tables of readings: one CSV per test, or one tidy CSV of all tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ldbb_bayes.campaign.circular_test import PER_TEST, CircularTest
+from ldbb_bayes.campaign.text_table import Row, columns_of, read_strict_table, strict_numbers
+from ldbb_bayes.errors import InputError, nearest, placed, require
+from ldbb_bayes.results import Array
+
+__all__ = ["read_readings", "tests_of_table"]
+
+# Columns that a table may have at most.
+_LARGEST_COLUMNS = 1000
+# Characters of a column's name that a message shows.
+_SHOWN_NAME = 60
+_ANGLES = ("angle_deg", "angle_rad")
+_READINGS = ("reading_um", "reading_mm")
+# Columns of a tidy CSV that must be the same in all rows of a test.
+_TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
+_TEXT_COLUMNS = ("test", "direction", "plane")
+# Angles of a smaller span in degrees are radians, those of a larger one in radians are degrees.
+_SMALLEST_SPAN_DEG = 7.0
+_LARGEST_SPAN_RAD = 8.0 * np.pi
+
+
+def read_readings(path: Path) -> dict[str, Array]:
+    """Return angles and readings of one test from its CSV, by the names of the columns."""
+    return _angles_and_readings(path, _read_columns(path, (*_ANGLES, *_READINGS)))
+
+
+def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
+    """Return the tests of a tidy CSV.
+
+    Its columns are test, force_N (or pressure_bar), angle_deg, reading_um, optionally others.
+    """
+    columns = _read_columns(path, ("test", *_ANGLES, *_READINGS, *_TEST_COLUMNS))
+    require(
+        "test" in columns,
+        f"{path}, line 1: columns must hold 'test', got none. Name the test each row belongs to.",
+    )
+    readings = _angles_and_readings(path, columns)
+    tests = []
+    for name in dict.fromkeys(columns["test"].tolist()):
+        rows = columns["test"] == name
+        fields: dict[str, Any] = {key: column[rows] for key, column in readings.items()}
+        for key in _TEST_COLUMNS:
+            if key in columns:
+                fields[key] = _single_value(path, name, key, columns[key][rows])
+        with placed(path):
+            tests.append(CircularTest(name=name, **fields))
+    return tuple(tests)
+
+
+def _single_value(path: Path, test: str, column: str, values: Any) -> str | float | None:
+    """Return the value that all rows of a test must share; None for an empty text."""
+    require(
+        len(set(values.tolist())) == 1,
+        f"{path}: {column} must be the same in all rows of a test, got {values.min()} to"
+        f" {values.max()} in {test!r}. Split the test or correct the rows.",
+    )
+    if column in _TEXT_COLUMNS:
+        return values[0] or None
+    return float(values[0])
+
+
+def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
+    """Return the columns of a CSV by name: numbers, or texts.
+
+    Where semicolons or tabs separate and no point stands, commas are decimal.
+    """
+    rows, separator = read_strict_table(path)
+    names = [""]
+    if rows[0].line == 1:
+        names = [name.strip() for name in rows[0].cells]
+    _check_names(path, names, known)
+    filled = [row for row in rows[1:] if any(row.cells)]
+    _check_rows(path, filled, len(names))
+    lines, cells = columns_of(str(path), filled, len(names))
+    cells_by_name = dict(zip(names, cells, strict=True))
+    decimal = "."
+    if separator != "," and not _has_point(cells_by_name):
+        decimal = ","
+    columns: dict[str, Any] = {}
+    for name, column in cells_by_name.items():
+        if name in _TEXT_COLUMNS:
+            columns[name] = np.array(column, dtype=object)
+        else:
+            columns[name] = strict_numbers(str(path), name, lines, column, decimal)
+    return columns
+
+
+def _check_names(path: Path, names: Sequence[str], known: Sequence[str]) -> None:
+    require(
+        len(names) <= _LARGEST_COLUMNS,
+        f"{path}, line 1: a table must have at most {_LARGEST_COLUMNS} columns, got {len(names)}."
+        " Export it again.",
+    )
+    for name in names:
+        shown = name[:_SHOWN_NAME]
+        require(
+            name in known,
+            f"{path}, line 1: columns must be among {', '.join(known)}, got {shown!r}. Did you mean"
+            f" {nearest(shown, known)!r}? Rename or remove the column, or let ldbb-bayes import"
+            " read the file.",
+        )
+        require(
+            names.count(name) == 1,
+            f"{path}, line 1: columns must differ, got {name!r} twice. Remove one.",
+        )
+
+
+def _check_rows(path: Path, rows: Sequence[Row], width: int) -> None:
+    require(
+        rows,
+        f"{path} must hold readings below its header, got none. Fill the file or remove the test.",
+    )
+    all_too_wide = all(any(row.cells[width:]) for row in rows)
+    require(
+        not all_too_wide,
+        f"{path}, line 1: the header must name every column, got fewer names than columns. Name"
+        " them all; with decimal commas separate the cells by semicolons.",
+    )
+
+
+def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
+    """Return whether a point stands in a column of numbers."""
+    for name, cells in cells_by_name.items():
+        if name not in _TEXT_COLUMNS and any("." in cell for cell in cells):
+            return True
+    return False
+
+
+def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
+    """Return the columns of angles and readings.
+
+    A span that contradicts the angle's unit is refused.
+    """
+    angle = _one_of(path, columns, _ANGLES)
+    reading = _one_of(path, columns, _READINGS)
+    span = float(np.ptp(columns[angle]))
+    if angle == "angle_deg":
+        require(
+            span >= _SMALLEST_SPAN_DEG,
+            f"{path}: angle_deg must span more than 7°, got {span:.3g}°. If the angles are radians,"
+            " name the column angle_rad.",
+        )
+    else:
+        require(
+            span <= _LARGEST_SPAN_RAD,
+            f"{path}: angle_rad must span at most 4 turns, got {span:.4g} rad. If the angles are"
+            " degrees, name the column angle_deg.",
+        )
+    return {angle: columns[angle], reading: columns[reading]}
+
+
+def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
+    """Return the one of two names that is a column."""
+    present = [name for name in names if name in columns]
+    if len(present) != 1:
+        number = "both" if present else "neither"
+        raise InputError(
+            f"{path}, line 1: columns must hold {names[0]} or {names[1]}, got {number}. Correct the"
+            " header."
+        )
+    return present[0]
