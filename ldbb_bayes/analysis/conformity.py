@@ -1,5 +1,4 @@
-"""Conformity with tolerances: p = P(lower ≤ η ≤ upper | y) of JCGM 106, and decisions after ISO
-14253-1; may the numbers be used?
+"""Conformity with tolerances, p = P(lower ≤ η ≤ upper | y) of JCGM 106, decided after ISO 14253-1.
 
 A machine conforms where p is at least the confidence, for a normal posterior where the estimate
 lies inside each limit by the guard band; it does not conform where 1 − p is; in between nothing is
@@ -8,17 +7,18 @@ decided.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import path_draws
 from ldbb_bayes.analysis.tolerances import (
-    _PATHS,
+    PATH_QUANTITIES,
     Tolerance,
     check_force,
     quantities_of,
@@ -31,14 +31,14 @@ from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByName, Result
 from ldbb_bayes.units import is_direct
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-
 __all__ = ["Conformity", "Decision", "conformity", "draws_at", "normal_conformity"]
 
-_FEW = 10
-_TRACES = 2000
+# Fewer draws than this beyond a limit, or within it, are too few to count: the normal tail is used.
+_FEWEST_DRAWS = 10
+# Draws of the machine's path.
+_PATH_DRAWS = 2000
+# Least sd that a distance is divided by.
+_LEAST_SD = 1e-300
 
 
 class Decision(StrEnum):
@@ -82,107 +82,142 @@ def conformity(
 ) -> dict[str, Conformity]:
     """Decide whether a machine conforms.
 
-    InputError for an unknown name, a number without its unit or with one of another kind, or limits
-    the wrong way round.
-
     Parameters
     ----------
-    posterior : from `average`, `sample` or `load`.
+    posterior : DataTree
+        From `average`, `sample` or `load`.
     tolerances : mapping of name to str or Tolerance, optional
         Default: those of the campaign. Names are parameters, ``stiffness_X`` (1/C_XXX), and G,
         F_max and F_min of the machine's path, with the plane where there are several (``G_YZ``).
-    force_N : at which compliances, stiffnesses and the path are stated, from a tenth of the least
+    force_N : float, optional
+        Force at which compliances, stiffnesses and the path are stated, from a tenth of the least
         force tested to 1.5 times the largest; default: the model's reference force, where C(F) is
         C.
-    confidence : probability that a decision asks for.
+    confidence : float
+        Probability that a decision asks for.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, a number without its unit or with one of another kind, or limits the
+        wrong way round.
     """
     require(
         0.5 < confidence < 1.0,
         f"confidence must lie between 0.5 and 1, got {confidence}. For 95 % give 0.95.",
     )
     bound = bound_of(posterior)
+    if tolerances is None:
+        tolerances = bound.campaign.tolerances
     known = quantities_of(bound)
-    read = tolerances_in(known, bound.campaign.tolerances if tolerances is None else tolerances)
-    force = bound.setting.reference_force_N if force_N is None else float(force_N)
+    limits = tolerances_in(known, tolerances)
     check_force(bound.campaign, force_N)
-    if not read:
-        return ByName()
-    draws = dict(_draws(posterior, bound, read, force))
-    return ByName(
-        {
-            name: _decided(known[name].unit, own, read[name], confidence, at)
-            for name, (own, at) in draws.items()
-        }
-    )
+    force = bound.setting.reference_force_N
+    if force_N is not None:
+        force = float(force_N)
+    decisions = ByName[Conformity]()
+    if not limits:
+        return decisions
+    for name, stated in _stated_draws(posterior, bound, limits, force).items():
+        decisions[name] = _decide_by_draws(known[name].unit, stated, limits[name], confidence)
+    return decisions
 
 
 def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
     """Return the draws of every parameter, of compliances at a force [inside units]."""
     bound = bound_of(posterior)
-    values = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
+    draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
     if force_N == bound.setting.reference_force_N:
-        return values
+        return draws
     curves = curves_of(posterior, np.array([force_N]))[:, 0]
-    return values | {own.label: curves[:, j] for j, own in enumerate(bound.compliances)}
+    for j, compliance in enumerate(bound.compliances):
+        draws[compliance.label] = curves[:, j]
+    return draws
 
 
-def _draws(
+class _StatedDraws(NamedTuple):
+    """Draws of a quantity, and the force at which it is stated."""
+
+    values: Array  #: (draws,)
+    force_N: float | None  #: None of geometric errors and slopes
+
+
+def _stated_draws(
     posterior: xr.DataTree, bound: BoundModel, names: Collection[str], force: float
-) -> Iterable[tuple[str, tuple[Array, float | None]]]:
-    """Draws of what is named, and the force at which it is stated."""
+) -> dict[str, _StatedDraws]:
+    """Return draws of the named quantities."""
     parameters = dict(zip(bound.names, bound.parameters, strict=True))
     values = draws_at(posterior, force)
-    along = {f"stiffness_{name[2]}": name for name in bound.names if is_direct(name)}
+    compliances = {f"stiffness_{name[2]}": name for name in bound.names if is_direct(name)}
     paths: dict[str, Array] = {}
-    if any(name.startswith(tuple(_PATHS)) for name in names):
-        several = len(bound.setting.planes) > 1
-        for where, found in path_draws(posterior, [force], _TRACES):
-            paths |= {
-                f"{name}_{where['plane']}" if several else name: found[name] * 1e-3
-                for name in _PATHS
-            }
+    if any(name.startswith(tuple(PATH_QUANTITIES)) for name in names):
+        paths = _path_draws(posterior, bound, force)
+    draws = {}
     for name in names:
-        if name in parameters:
-            yield name, (values[name], force if parameters[name].group == "compliance" else None)
+        if name in compliances:
+            draws[name] = _StatedDraws(1.0 / values[compliances[name]], force)
+        elif name in paths:
+            draws[name] = _StatedDraws(paths[name], force)
+        elif parameters[name].group == "compliance":
+            draws[name] = _StatedDraws(values[name], force)
         else:
-            yield name, (1.0 / values[along[name]] if name in along else paths[name], force)
+            draws[name] = _StatedDraws(values[name], None)
+    return draws
 
 
-def _decided(
-    unit: str, draws: Array, tolerance: Tolerance, confidence: float, force: float | None
+def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
+    """Return draws of the quantities of the machine's path [mm], by name."""
+    several_planes = len(bound.setting.planes) > 1
+    draws = {}
+    for path in path_draws(posterior, [force], _PATH_DRAWS):
+        for quantity in PATH_QUANTITIES:
+            name = quantity
+            if several_planes:
+                name = f"{quantity}_{path.place['plane']}"
+            draws[name] = path.quantities[quantity] * 1e-3
+    return draws
+
+
+def _decide_by_draws(
+    unit: str, stated: _StatedDraws, tolerance: Tolerance, confidence: float
 ) -> Conformity:
+    """Decide by the share of draws between the limits."""
+    draws = stated.values
     mean = float(draws.mean())
     sd = float(draws.std(ddof=1))
     low, high = tolerance.ends
-    below = _tail(draws < low, (low - mean) / max(sd, 1e-300))
-    above = _tail(draws > high, (mean - high) / max(sd, 1e-300))
-    return _conformity(
-        unit, mean, sd, tolerance, min(max(1.0 - below - above, 0.0), 1.0), confidence, force
-    )
+    below = _tail_probability(draws < low, (low - mean) / max(sd, _LEAST_SD))
+    above = _tail_probability(draws > high, (mean - high) / max(sd, _LEAST_SD))
+    probability = min(max(1.0 - below - above, 0.0), 1.0)
+    return _decide(unit, mean, sd, tolerance, probability, confidence, stated.force_N)
 
 
-def _tail(outside: Array, score: float) -> float:
-    """Probability beyond a limit: the share of draws; where few are on either side, the normal
-    tail, as far as they allow."""
+def _tail_probability(outside: Array, score: float) -> float:
+    """Return the probability beyond a limit.
+
+    It is the share of draws; where few are on either side, the normal tail, as far as they allow.
+    """
     n = len(outside)
     count = int(outside.sum())
-    if min(count, n - count) >= _FEW:
+    if min(count, n - count) >= _FEWEST_DRAWS:
         return count / n
     tail = float(ndtr(score))
-    least = _FEW / n
-    return min(tail, least) if count < _FEW else max(tail, 1.0 - least)
+    smallest_share = _FEWEST_DRAWS / n
+    if count < _FEWEST_DRAWS:
+        return min(tail, smallest_share)
+    return max(tail, 1.0 - smallest_share)
 
 
 def normal_conformity(
     unit: str, mean: float, sd: float, tolerance: Tolerance, *, confidence: float = 0.95
 ) -> Conformity:
-    """The same of a normal distribution."""
+    """Decide whether a quantity with a normal distribution conforms."""
     low, high = tolerance.ends
     probability = float(ndtr((high - mean) / sd) - ndtr((low - mean) / sd))
-    return _conformity(unit, mean, sd, tolerance, probability, confidence, None)
+    return _decide(unit, mean, sd, tolerance, probability, confidence, None)
 
 
-def _conformity(
+def _decide(
     unit: str,
     mean: float,
     sd: float,
@@ -191,21 +226,21 @@ def _conformity(
     confidence: float,
     force: float | None,
 ) -> Conformity:
-    decided = Decision.CONFORMS if probability >= confidence else Decision.NOT_DECIDED
-    decision = Decision.DOES_NOT_CONFORM if probability <= 1.0 - confidence else decided
-    band = float(ndtri(confidence)) * sd
+    """Decide by the probability of conformance."""
+    decision = Decision.NOT_DECIDED
+    if probability <= 1.0 - confidence:
+        decision = Decision.DOES_NOT_CONFORM
+    elif probability >= confidence:
+        decision = Decision.CONFORMS
     return Conformity(
-        unit,
-        force,
-        tolerance.lower,
-        tolerance.upper,
-        mean,
-        sd,
-        probability,
-        band,
-        confidence,
-        decision,
+        unit=unit,
+        force_N=force,
+        lower=tolerance.lower,
+        upper=tolerance.upper,
+        mean=mean,
+        sd=sd,
+        probability=probability,
+        guard_band=float(ndtri(confidence)) * sd,
+        confidence=confidence,
+        decision=decision,
     )
-
-
-# ---- may the numbers be used?

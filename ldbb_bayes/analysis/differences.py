@@ -15,7 +15,7 @@ import pandas as pd
 import xarray as xr
 from scipy.special import ndtr, ndtri
 
-from ldbb_bayes.analysis.circularity import offsets
+from ldbb_bayes.analysis.circle_columns import offsets
 from ldbb_bayes.analysis.common_instrument import _of_one_instrument
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of

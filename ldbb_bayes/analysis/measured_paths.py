@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import product
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from ldbb_bayes.analysis.circularity import (
-    _CLOSED_DEG,
-    _COS2,
-    _SIN2,
-    BIDIRECTIONAL,
-    MINIMUM_ZONES,
-    QUANTITIES,
-    _per_second_order,
-)
+from ldbb_bayes.analysis.circle_columns import COS2, SIN2, second_order_factors
+from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, MINIMUM_ZONES, QUANTITIES
 from ldbb_bayes.analysis.radial_zones import least_squares_zone, minimum_zone_width
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.inference.posterior import bound_of
@@ -28,13 +20,17 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["measured_circularity"]
 
+# From this arc on a circle is full: squareness and scale mismatch can be read from it.
+_FULL_CIRCLE_DEG = 350.0
+
 
 def measured_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The same of the readings as they are, balls, bar and mount included.
+    """Return circular-test quantities of the readings as they are, balls, bar and mount included.
 
     Parameters
     ----------
-    posterior : or the campaign: nothing of a fit enters.
+    posterior : DataTree or Campaign
+        Nothing of a fit enters.
 
     Returns
     -------
@@ -46,40 +42,62 @@ def measured_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFram
         One row per clockwise and counterclockwise test of the same circle: G_b, G_b_minimum_zone, D
         [µm].
     """
-    bound = (
-        HybridModel.first(0).bind(posterior)
-        if isinstance(posterior, Campaign)
-        else bound_of(posterior)
-    )
-    tests = {test.name: _measured(bound, test) for test in bound.campaign.tests}
+    if isinstance(posterior, Campaign):
+        bound = HybridModel.first(0).bind(posterior)
+    else:
+        bound = bound_of(posterior)
+    tests = {test.name: _measure_test(bound, test) for test in bound.campaign.tests}
     pairs = {}
-    for one, other in _pairs(bound.campaign.tests):
-        traces = _trace(one), _trace(other)
-        both = np.concatenate(traces, axis=1)
-        pairs[f"{one.name} + {other.name}"] = {
-            "force_N": one.force_N,
-            "plane": one.plane,
-            "G_b": least_squares_zone(*both).width,
-            "G_b_minimum_zone": minimum_zone_width(*both),
-            "D": float(np.mean([least_squares_zone(*trace).mean for trace in traces])),
-        }
+    for pair in _pairs(bound.campaign.tests):
+        name = f"{pair.clockwise.name} + {pair.counterclockwise.name}"
+        pairs[name] = _measure_pair(pair)
     columns = ["force_N", "plane", *BIDIRECTIONAL, "G_b_minimum_zone"]
     units = QUANTITIES | BIDIRECTIONAL | MINIMUM_ZONES
-    by_test = readable(
-        pd.DataFrame.from_dict(tests, orient="index"), "The readings as they are", units
-    )
-    return by_test, readable(
-        pd.DataFrame.from_dict(pairs, orient="index", columns=columns), "Both directions", units
+    test_table = pd.DataFrame.from_dict(tests, orient="index")
+    pair_table = pd.DataFrame.from_dict(pairs, orient="index", columns=columns)
+    return (
+        readable(test_table, "The readings as they are", units),
+        readable(pair_table, "Both directions", units),
     )
 
 
-def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
+class _Pair(NamedTuple):
+    """Two tests of the same circle, force, set-up and clocking, run both ways."""
+
+    clockwise: CircularTest
+    counterclockwise: CircularTest
+
+
+def _measure_pair(pair: _Pair) -> dict[str, Any]:
+    """Return the row of a pair of tests."""
+    clockwise_angle, clockwise_reading = _trace(pair.clockwise)
+    counter_angle, counter_reading = _trace(pair.counterclockwise)
+    angle = np.concatenate([clockwise_angle, counter_angle])
+    reading = np.concatenate([clockwise_reading, counter_reading])
+    means = [
+        least_squares_zone(clockwise_angle, clockwise_reading).mean,
+        least_squares_zone(counter_angle, counter_reading).mean,
+    ]
+    return {
+        "force_N": pair.clockwise.force_N,
+        "plane": pair.clockwise.plane,
+        "G_b": least_squares_zone(angle, reading).width,
+        "G_b_minimum_zone": minimum_zone_width(angle, reading),
+        "D": float(np.mean(means)),
+    }
+
+
+def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
+    """Return the row of a test."""
     angle, reading = _trace(test)
     zone = least_squares_zone(angle, reading)
-    second = np.full(2, np.nan)
-    if test.arc_deg >= _CLOSED_DEG and len(angle) > SIZE:
-        second = np.linalg.lstsq(basis(angle), reading, rcond=None)[0][[_COS2, _SIN2]]
-    mismatch, square = second * _per_second_order(bound, bound.test_names.index(test.name))
+    squareness = np.nan
+    scale_mismatch = np.nan
+    if test.arc_deg >= _FULL_CIRCLE_DEG and len(angle) > SIZE:
+        coefficients = np.linalg.lstsq(basis(angle), reading, rcond=None)[0]
+        factors = second_order_factors(bound, bound.test_names.index(test.name))
+        squareness = coefficients[SIN2] * factors.squareness
+        scale_mismatch = coefficients[COS2] * factors.scale_mismatch
     return {
         "force_N": test.force_N,
         "direction": test.direction,
@@ -90,21 +108,34 @@ def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
         "F_max": zone.upper - zone.mean,
         "F_min": zone.lower - zone.mean,
         "G_minimum_zone": minimum_zone_width(angle, reading),
-        "squareness": square,
-        "scale_mismatch": mismatch,
+        "squareness": squareness,
+        "scale_mismatch": scale_mismatch,
     }
 
 
 def _trace(test: CircularTest) -> Array:
-    """Angles and readings, shape (2, n)."""
+    """Return angles and readings, shape (2, n)."""
     return np.array([test.angles_rad(), test.reading_um], dtype=float)
 
 
-def _pairs(tests: Sequence[CircularTest]) -> Iterator[tuple[CircularTest, CircularTest]]:
-    """Clockwise and counterclockwise tests of the same circle, force, set-up and clocking."""
+def _pairs(tests: Sequence[CircularTest]) -> list[_Pair]:
+    """Return clockwise and counterclockwise tests of the same place."""
+    pairs = []
+    for clockwise in tests:
+        if clockwise.direction != "CW":
+            continue
+        for counterclockwise in tests:
+            if counterclockwise.direction == "CCW" and _same_place(clockwise, counterclockwise):
+                pairs.append(_Pair(clockwise, counterclockwise))
+    return pairs
 
-    def place(test: CircularTest) -> tuple[Any, ...]:
-        return test.circle, test.force_N, test.setup, test.work_ball_deg, test.tool_ball_deg
 
-    clockwise, other = ([test for test in tests if test.direction == way] for way in ("CW", "CCW"))
-    return ((one, two) for one, two in product(clockwise, other) if place(one) == place(two))
+def _same_place(test: CircularTest, other: CircularTest) -> bool:
+    """Say whether two tests have the same circle, force, set-up and clocking."""
+    return (
+        test.circle == other.circle
+        and test.force_N == other.force_N
+        and test.setup == other.setup
+        and test.work_ball_deg == other.work_ball_deg
+        and test.tool_ball_deg == other.tool_ball_deg
+    )

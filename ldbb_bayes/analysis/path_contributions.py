@@ -8,7 +8,14 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from ldbb_bayes.analysis.circularity import _ANGLE, _machine_columns, _spread, first_circle, offsets
+from ldbb_bayes.analysis.circle_columns import (
+    ANGLE_RAD,
+    MachineColumns,
+    first_circle,
+    machine_columns,
+    offsets,
+)
+from ldbb_bayes.analysis.circularity import summarise_draws
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.fourier import basis
@@ -18,74 +25,94 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["COMPLIANCE", "DRAWS", "GEOMETRY", "TOGETHER", "contribution_paths", "contributions"]
 
-
+# Draws of the posterior behind the contributions.
 DRAWS = 2000
-
-
+# Names of the sources that are sums of others.
 TOGETHER = "compliance and geometry"
-
-
 COMPLIANCE = "compliance"
-
-
 GEOMETRY = "geometry"
+# Columns of the table, those in µm last; the median is that of the peak-to-peak.
+_PLACE_COLUMNS = ["plane", "radius_mm", "force_N", "source"]
+_VALUE_COLUMNS = ["maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high"]
 
 
 @one_blas_thread
 def contributions(
     posterior: xr.DataTree, force_N: float | None = None, *, ci_prob: float = 0.95
 ) -> pd.DataFrame:
-    """Largest, smallest and peak-to-peak contribution to the reading of one circle [µm].
+    """Return largest, smallest and peak-to-peak contributions to the reading of one circle [µm].
 
     Parameters
     ----------
-    force_N : default: the highest tested.
+    posterior : DataTree
+    force_N : float, optional
+        Default: the highest tested.
     ci_prob : float
+        Probability of the intervals.
 
     Returns
     -------
-    One row per plane and source: the two together, compliance, geometry, every compliance (its
-    slope included) and every geometric error; radius_mm, force_N; maximum, minimum and peak_to_peak
-    of the mean path; median, sd, ci_low and ci_high of the peak-to-peak. Where a source is hardly
-    known its median exceeds the peak-to-peak of its mean, which may be zero.
+    DataFrame
+        One row per plane and source: the two together, compliance, geometry, every compliance (its
+        slope included) and every geometric error; radius_mm, force_N; maximum, minimum and
+        peak_to_peak of the mean path; median, sd, ci_low and ci_high of the peak-to-peak. Where a
+        source is hardly known its median exceeds the peak-to-peak of its mean, which may be zero.
     """
     check_probability(ci_prob)
     bound = bound_of(posterior)
     beta, _ = draws_of(posterior, bound, DRAWS)
-    force = float(bound.setting.force_N.max()) if force_N is None else float(force_N)
+    force = float(bound.setting.force_N.max())
+    if force_N is not None:
+        force = float(force_N)
     rows = []
     for plane in bound.setting.planes:
         r = first_circle(bound, plane)
-        where = {"plane": plane, "radius_mm": float(bound.setting.radius_mm[r]), "force_N": force}
+        radius_mm = float(bound.setting.radius_mm[r])
         for source, path in contribution_paths(bound, r, force, beta).items():
-            mean = path.mean(axis=0)
-            ends = {"maximum": float(mean.max()), "minimum": float(mean.min())}
-            rows.append(
-                {**where, "source": source, **ends, **_spread(np.ptp(path, axis=1), ci_prob)}
-            )
-    columns = ["maximum", "minimum", "median", "sd", "ci_low", "ci_high"]
-    found = pd.DataFrame(rows, columns=["plane", "radius_mm", "force_N", "source", *columns])
-    units = dict.fromkeys(("maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high"), "µm")
+            mean_path = path.mean(axis=0)
+            place = {"plane": plane, "radius_mm": radius_mm, "force_N": force, "source": source}
+            ends = {"maximum": float(mean_path.max()), "minimum": float(mean_path.min())}
+            rows.append(place | ends | summarise_draws(np.ptp(path, axis=1), ci_prob))
+    table = pd.DataFrame(rows).rename(columns={"median": "peak_to_peak"})
+    table = table.reindex(columns=[*_PLACE_COLUMNS, *_VALUE_COLUMNS])
     caption = f"Contributions to the reading, {100 * ci_prob:g} % intervals of the peak-to-peak"
-    return readable(found.rename(columns={"median": "peak_to_peak"}), caption, units)
+    return readable(table, caption, dict.fromkeys(_VALUE_COLUMNS, "µm"))
 
 
 def contribution_paths(
     bound: BoundModel, r: int, force_N: float, beta: Array, only: Collection[str] = ()
 ) -> Mapping[str, Array]:
-    """Contributions on the circle of test r at 0°, 1° … 359°, each (draws, 360) [µm], keyed as in
-    `contributions`."""
-    turn = basis(_ANGLE).T * 1e3
-    elastic, geometric = _machine_columns(bound, r, force_N)
-    machine = np.where(offsets(bound), 0.0, geometric)
-    columns = {TOGETHER: elastic + machine, COMPLIANCE: elastic, GEOMETRY: machine}
+    """Return contributions on the circle of test r, each (draws, 360) [µm], by source.
+
+    Angles are 0°, 1° … 359°; sources are those of `contributions`, or some ``only``.
+    """
+    turn = basis(ANGLE_RAD).T * 1e3
+    paths = {}
+    for source, columns in _columns_by_source(bound, machine_columns(bound, r, force_N)).items():
+        if only and source not in only:
+            continue
+        path = beta @ columns.T @ turn
+        if path.any():
+            paths[source] = path
+    return paths
+
+
+def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, Array]:
+    """Return the columns (25, p) of every source."""
+    geometry = np.where(offsets(bound), 0.0, columns.geometric)
+    by_source = {
+        TOGETHER: columns.elastic + geometry,
+        COMPLIANCE: columns.elastic,
+        GEOMETRY: geometry,
+    }
     for compliance in bound.compliances:
-        own = [
-            p.group != "geometric" and p.compliance == compliance.label for p in bound.parameters
-        ]
-        columns[compliance.label] = np.where(own, elastic, 0.0)
+        belongs = []
+        for parameter in bound.parameters:
+            is_elastic = parameter.group != "geometric"
+            belongs.append(is_elastic and parameter.compliance == compliance.label)
+        by_source[compliance.label] = np.where(belongs, columns.elastic, 0.0)
     for j, parameter in enumerate(bound.parameters):
         if parameter.group == "geometric":
-            columns[parameter.name] = np.where(np.arange(len(bound.names)) == j, geometric, 0.0)
-    paths = {name: beta @ own.T @ turn for name, own in columns.items() if not only or name in only}
-    return {name: path for name, path in paths.items() if path.any()}
+            is_parameter = np.arange(len(bound.names)) == j
+            by_source[parameter.name] = np.where(is_parameter, columns.geometric, 0.0)
+    return by_source

@@ -5,27 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linprog
 
 from ldbb_bayes.errors import require
 from ldbb_bayes.results import Array
 
 __all__ = ["Zone", "least_squares_zone", "minimum_zone_width"]
 
-
-_FEWEST = 3
-
-
-_SIDES = ((-1.0, 0.0, 1.0), (1.0, 1.0, 0.0))
+# A centre and a radius need three angles.
+_FEWEST_ANGLES = 3
 
 
 @dataclass(frozen=True)
 class Zone:
-    """A path about the centre of its least-squares circle: smallest and largest radial deviation
-    from the nominal radius, and that of the least-squares circle, in the unit of the deviations."""
+    """A path about the centre of its least-squares circle, in the unit of the deviations."""
 
-    lower: float
-    upper: float
-    mean: float
+    lower: float  #: smallest radial deviation from the nominal radius
+    upper: float  #: largest radial deviation
+    mean: float  #: of the least-squares circle
 
     @property
     def width(self) -> float:
@@ -34,41 +31,50 @@ class Zone:
 
 
 def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
-    """The zone about the centre of the least-squares circle, of radial deviations at each angle,
-    shape (n,), in any unit."""
-    columns = _columns(angle_rad, deviation)
+    """Return the zone about the centre of the least-squares circle.
+
+    Radial deviations at each angle, shape (n,), may have any unit.
+    """
+    columns = _circle_columns(angle_rad, deviation)
     mean, *centre = np.linalg.lstsq(columns, deviation, rcond=None)[0].tolist()
-    rest = deviation - columns[:, 1:] @ centre
-    return Zone(float(rest.min()), float(rest.max()), mean)
+    centred = deviation - columns[:, 1:] @ centre
+    return Zone(float(centred.min()), float(centred.max()), mean)
 
 
 def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
-    """Width of the zone about the centre that makes it narrowest: a linear programme, solved
-    exactly."""
-    from scipy.optimize import linprog
+    """Return the width of the zone about the centre that makes it narrowest.
 
-    columns = _columns(angle_rad, deviation)
-    size = max(float(np.abs(deviation).max()), np.finfo(float).tiny)
-    # Centre, lower, upper: lower ≤ ρ − a cos θ − b sin θ ≤ upper.
-    sides = [
-        sign * np.column_stack([columns[:, 1:], columns[:, :1] * low, columns[:, :1] * high])
-        for sign, low, high in _SIDES
-    ]
-    limits = np.concatenate([-deviation, deviation]) / size
-    solved = linprog(
-        [0.0, 0.0, -1.0, 1.0], np.vstack(sides), limits, bounds=(None, None), method="highs"
+    A linear programme, solved exactly: lower ≤ ρ − a cos θ − b sin θ ≤ upper for the centre (a, b).
+    """
+    columns = _circle_columns(angle_rad, deviation)
+    scale = max(float(np.abs(deviation).max()), np.finfo(float).tiny)
+    ones = columns[:, :1]
+    zeros = 0.0 * ones
+    centre = columns[:, 1:]
+    # The unknowns are a, b, lower, upper.
+    below_upper = -np.column_stack([centre, zeros, ones])
+    above_lower = np.column_stack([centre, ones, zeros])
+    limits = np.concatenate([-deviation, deviation]) / scale
+    solution = linprog(
+        [0.0, 0.0, -1.0, 1.0],
+        np.vstack([below_upper, above_lower]),
+        limits,
+        bounds=(None, None),
+        method="highs",
     )
     require(
-        solved.success,
-        f"a minimum zone must exist, got none ({solved.message}). Check the readings.",
+        solution.success,
+        f"a minimum zone must exist, got none ({solution.message}). Check the readings.",
     )
-    return float(np.ptp(deviation - columns[:, 1:] @ (np.asarray(solved.x)[:2] * size)))
+    best_centre = np.asarray(solution.x)[:2] * scale
+    return float(np.ptp(deviation - centre @ best_centre))
 
 
-def _columns(angle_rad: Array, deviation: Array) -> Array:
+def _circle_columns(angle_rad: Array, deviation: Array) -> Array:
+    """Return the columns of radius and centre, shape (n, 3)."""
     require(
-        len(deviation) >= _FEWEST and len(angle_rad) == len(deviation),
-        f"a zone must have at least {_FEWEST} angles with a deviation each, got {len(deviation)}."
-        " Give the trace.",
+        len(deviation) >= _FEWEST_ANGLES and len(angle_rad) == len(deviation),
+        f"a zone must have at least {_FEWEST_ANGLES} angles with a deviation each, got"
+        f" {len(deviation)}. Give the trace.",
     )
     return np.column_stack([np.ones(len(angle_rad)), np.cos(angle_rad), np.sin(angle_rad)])

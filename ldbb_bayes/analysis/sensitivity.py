@@ -1,25 +1,10 @@
-"""What a comparison rests on: two models under other assumptions, what else explains a change with
-force, subsets of slopes.
-
-Slopes, joint load, a curved mount and a curved force law may each explain a change with force, and
-every compliance may have a slope or none: every combination is a model, as probable as another
-beforehand, and the exact evidence says how probable it is afterwards. C(F) is averaged over all
-subsets of slopes; where there are too many (several planes), over those that a search from the best
-to its neighbours visits first.
-
-Local fits take compliance as constant over two neighbouring force levels: what varies from pair to
-pair is what a slope would have to explain. For every pair both the paper's least squares (Tables 7
-and 8) and the posterior with nuisances. Pairs overlap and share ball form, bar length and mount:
-neighbouring estimates err together, so the scatter of the points says less than their bars seem to.
-Geometry is free in every pair, which therefore estimates the tangent d(F C)/dF = C + F dC/dF, not
-C(F) itself: the two are one only where compliance is constant.
-"""
+"""Two models compared under other assumptions about how circles differ from one another."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from operator import methodcaller
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from ldbb_bayes.inference.evidence import log_bayes_factor
 from ldbb_bayes.inference.nodes import Nodes
@@ -27,20 +12,34 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.terms import CircleScale, Discrepancy, SetupShift, Term
 from ldbb_bayes.results import Finite
 
-__all__ = ["Assumed", "WHITE_NOISE", "changed", "discrepancy_assumptions", "under"]
+__all__ = ["WHITE_NOISE", "Assumed", "Change", "changed", "discrepancy_assumptions", "under"]
 
+# From a model to the same under another assumption.
 Change = Callable[[HybridModel], HybridModel]
+# The assumption that leaves nothing but white noise.
 WHITE_NOISE = "white noise only, no truncation"
-_DISCREPANCIES: tuple[tuple[str, type[Term], Term | None], ...] = (
-    ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)),
-    ("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
-    ("without discrepancy", Discrepancy, None),
-    ("set-up shift: one scale for orders 0 and 1", SetupShift, SetupShift("together")),
-    ("set-up shift: own scales for orders 0 and 1", SetupShift, SetupShift("apart")),
-    ("set-up shift of order 0 (zero) only", SetupShift, SetupShift("zero")),
-    ("set-up shift of order 1 (centre) only", SetupShift, SetupShift("centre")),
-    ("without set-up shift", SetupShift, None),
-    ("circles of one scatter", CircleScale, None),
+# The assumption that changes nothing.
+_UNCHANGED = "as in the model"
+
+
+class _Alternative(NamedTuple):
+    """Another idea of how circles differ."""
+
+    label: str
+    kind: type[Term]  #: the term that it is about
+    term: Term | None  #: what takes its place
+
+
+_ALTERNATIVES = (
+    _Alternative("discrepancy κ/n", Discrepancy, Discrepancy(1.0)),
+    _Alternative("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
+    _Alternative("without discrepancy", Discrepancy, None),
+    _Alternative("set-up shift: one scale for orders 0 and 1", SetupShift, SetupShift("together")),
+    _Alternative("set-up shift: own scales for orders 0 and 1", SetupShift, SetupShift("apart")),
+    _Alternative("set-up shift of order 0 (zero) only", SetupShift, SetupShift("zero")),
+    _Alternative("set-up shift of order 1 (centre) only", SetupShift, SetupShift("centre")),
+    _Alternative("without set-up shift", SetupShift, None),
+    _Alternative("circles of one scatter", CircleScale, None),
 )
 
 
@@ -60,32 +59,57 @@ class Assumed:
 
 
 def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
-    """Return how circles may differ from one another: what the models say, one idea after the other
-    changed, and not at all."""
-    changes: dict[str, Change] = {"as in the model": replace}
-    for label, kind, term in _DISCREPANCIES:
-        if any(
-            next((own for own in model.nuisances if isinstance(own, kind)), None) != term
-            for model in models
-        ):
-            changes[label] = (
-                methodcaller("without", kind.key())
-                if term is None
-                else methodcaller("with_term", term)
-            )
-    return changes | {
-        WHITE_NOISE: methodcaller(
-            "without", "truncation", *(kind.key() for kind in Term.kinds.values())
-        )
-    }
+    """Return assumptions of how circles may differ from one another, by label.
+
+    First what the models say, then one idea after the other changed, and last white noise alone.
+    """
+    changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
+    for alternative in _ALTERNATIVES:
+        terms = [_term_of_kind(model, alternative.kind) for model in models]
+        if any(term != alternative.term for term in terms):
+            changes[alternative.label] = _change_to(alternative)
+    changes[WHITE_NOISE] = _reduce_to_white_noise
+    return changes
+
+
+def _term_of_kind(model: HybridModel, kind: type[Term]) -> Term | None:
+    """Return a model's term of a kind, or None."""
+    for term in model.nuisances:
+        if isinstance(term, kind):
+            return term
+    return None
+
+
+def _leave_unchanged(model: HybridModel) -> HybridModel:
+    return model
+
+
+def _change_to(alternative: _Alternative) -> Change:
+    """Return the change of a model to an alternative."""
+
+    def change(model: HybridModel) -> HybridModel:
+        if alternative.term is None:
+            return model.without(alternative.kind.key())
+        return model.with_term(alternative.term)
+
+    return change
+
+
+def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
+    return model.without("truncation", *(kind.key() for kind in Term.kinds.values()))
 
 
 def changed(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
     """Return the two models under every assumption that leaves a difference between them."""
-    both = {label: tuple(map(change, pair)) for label, change in changes.items()}
-    return {label: models for label, models in both.items() if models[0] != models[1]}
+    pair = tuple(pair)
+    pairs = {}
+    for label, change in changes.items():
+        models = tuple(change(model) for model in pair)
+        if models[0] != models[1]:
+            pairs[label] = models
+    return pairs
 
 
 def under(
@@ -93,10 +117,22 @@ def under(
     assumptions: Mapping[str, Sequence[HybridModel]],
     weigh: Callable[..., Sequence[Nodes]],
 ) -> tuple[Assumed, ...]:
-    """Return the two models compared under every assumption."""
-    assumed = []
+    """Return the two models compared under every assumption.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Names of the two models.
+    assumptions : mapping of str to sequence of HybridModel
+        The two models by assumption, from `changed`.
+    weigh : callable
+        Returns the nodes of models.
+    """
+    names = tuple(names)
+    comparisons = []
     for label, models in assumptions.items():
-        one, two = (nodes.evidence for nodes in weigh(*models))
-        values = dict(zip(names, (one.log_value, two.log_value), strict=True))
-        assumed.append(Assumed(label, *log_bayes_factor(two, one), values))
-    return tuple(assumed)
+        first, second = (nodes.evidence for nodes in weigh(*models))
+        log_evidence = dict(zip(names, (first.log_value, second.log_value), strict=True))
+        log_factor, error = log_bayes_factor(second, first)
+        comparisons.append(Assumed(label, log_factor, error, log_evidence))
+    return tuple(comparisons)

@@ -14,31 +14,41 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Shown
 from ldbb_bayes.units import inside_name, is_direct, to_inside
 
-__all__ = ["Quantity", "Tolerance", "check_force", "quantities", "quantities_of", "tolerances_in"]
+__all__ = [
+    "PATH_QUANTITIES",
+    "Quantity",
+    "Tolerance",
+    "check_force",
+    "quantities",
+    "quantities_of",
+    "tolerances_in",
+]
 
-
-_PATHS = {"G": ("upper",), "F_max": ("upper",), "F_min": ("lower",)}
-
-
-_POSITIVE = re.compile(r"C_(.)\1.")  # deflection and tilt under their own force and moment
-
-
-_NEVER_NEGATIVE = re.compile(_POSITIVE.pattern + r"|stiffness_.|G(_..)?")
-
-
-_LEAST = 0.1
-
-
-_MOST = 1.5  # of the tested forces, where C(F) may be stated
+_UPPER = ("upper",)
+_LOWER = ("lower",)
+_BOTH = ("lower", "upper")
+# Quantities of the machine's path, and the side that a single number limits.
+PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
+# Deflection and tilt under their own force and moment: cannot be negative.
+_DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
+_NEVER_NEGATIVE = re.compile(_DIRECT_COMPLIANCE.pattern + r"|stiffness_.|G(_..)?")
+# The forces at which C(F) may be stated: these shares of the least and of the largest tested.
+_LEAST_FORCE_SHARE = 0.1
+_LARGEST_FORCE_SHARE = 1.5
+# Signs before a number, and the sides that they limit.
+_SIDES_BY_SIGN = {"±": _BOTH, "≤": _UPPER, "<=": _UPPER, "≥": _LOWER, ">=": _LOWER}
+_SIGN = re.compile(r"\s*(±|≤|<=|≥|>=)?")
+_NUMBER = re.compile(r"^\s*[+−-]?[\d.]+(e[+-]?\d+)?", re.IGNORECASE)
+_EXPONENT = re.compile(r"\de[+-]?\d")
+_UNIT_CHARACTER = re.compile(r"[^\W\d]|[%°]")
 
 
 @dataclass(frozen=True)
 class Tolerance(Shown):
-    """What a quantity may be, limits included, in inside units (mm, N, rad); None: no limit on that
-    side."""
+    """What a quantity may be, limits included, in inside units (mm, N, rad)."""
 
-    lower: float | None = None  #: limit
-    upper: float | None = None  #: limit
+    lower: float | None = None  #: limit; None: no limit on that side
+    upper: float | None = None  #: limit; None: no limit on that side
 
     def __post_init__(self) -> None:
         low, high = self.ends
@@ -70,84 +80,113 @@ class Quantity:
 
 
 def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[str, Quantity]:
-    """What may have a tolerance, by name: parameters with these units, stiffnesses, and the
-    machine's path in these planes."""
-    found = {
-        key: Quantity(unit, ("upper",) if _POSITIVE.fullmatch(key) else ("lower", "upper"))
-        for key, unit in units.items()
-    }
-    found |= {
-        f"stiffness_{name[2]}": Quantity("N/mm", ("lower",)) for name in units if is_direct(name)
-    }
-    ends = [f"_{plane}" for plane in planes] if len(planes) > 1 else [""] * len(planes)
-    return found | {
-        name + end: Quantity("mm", sides) for name, sides in _PATHS.items() for end in ends
-    }
+    """Return what may have a tolerance, by name.
+
+    Parameters
+    ----------
+    units : mapping of str to str
+        Units of the parameters, by name.
+    planes : collection of str
+        The planes in which the machine's path may have a tolerance.
+    """
+    by_name = {}
+    for name, unit in units.items():
+        sides: tuple[str, ...] = _BOTH
+        if _DIRECT_COMPLIANCE.fullmatch(name):
+            sides = _UPPER
+        by_name[name] = Quantity(unit, sides)
+    for name in units:
+        if is_direct(name):
+            by_name[f"stiffness_{name[2]}"] = Quantity("N/mm", _LOWER)
+    for name, limited_sides in PATH_QUANTITIES.items():
+        for plane in planes:
+            name_in_plane = name
+            if len(planes) > 1:
+                name_in_plane = f"{name}_{plane}"
+            by_name[name_in_plane] = Quantity("mm", limited_sides)
+    return by_name
 
 
 def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
-    """The same of a bound model."""
-    return quantities({own.name: own.unit for own in bound.parameters}, bound.setting.planes)
+    """Return what may have a tolerance in a bound model, by name."""
+    units = {parameter.name: parameter.unit for parameter in bound.parameters}
+    return quantities(units, bound.setting.planes)
 
 
 def tolerances_in(
     known: Mapping[str, Quantity], given: Mapping[str, str | Tolerance]
 ) -> dict[str, Tolerance]:
-    """Tolerances by name: texts with a unit read, names and limits checked. ``60 nm/N`` is an upper
-    limit of what cannot be negative, of a stiffness a lower one (``18 N/µm``), of anything else ±;
-    ``−20..40 µrad`` is both, and ``≤``, ``≥`` or ``±`` before a number say which."""
-    read = {}
-    for name, tolerance in ((inside_name(name), own) for name, own in given.items()):
+    """Return tolerances by name: texts with a unit read, names and limits checked.
+
+    ``60 nm/N`` is an upper limit of what cannot be negative, of a stiffness a lower one
+    (``18 N/µm``), of anything else ±; ``−20..40 µrad`` is both, and ``≤``, ``≥`` or ``±`` before a
+    number say which.
+    """
+    tolerances = {}
+    for stated_name, stated in given.items():
+        name = inside_name(stated_name)
         check_known("tolerance", [name], known)
-        read[name] = own = (
-            tolerance if isinstance(tolerance, Tolerance) else _read(name, tolerance, known[name])
-        )
-        limit = own.lower if own.upper is None else own.upper
-        said = (
-            f"tolerance of {name} must have a limit above 0, for {name} cannot be negative, got"
-            f" {tolerance}. Leave the sign out."
-        )
-        require(limit is None or limit > 0.0 or not _NEVER_NEGATIVE.fullmatch(name), said)
-    return read
+        if isinstance(stated, Tolerance):
+            tolerance = stated
+        else:
+            tolerance = _read_tolerance(name, stated, known[name])
+        if _NEVER_NEGATIVE.fullmatch(name):
+            limit = tolerance.upper
+            if limit is None:
+                limit = tolerance.lower
+            require(
+                limit is None or limit > 0.0,
+                f"tolerance of {name} must have a limit above 0, for {name} cannot be negative, got"
+                f" {stated}. Leave the sign out.",
+            )
+        tolerances[name] = tolerance
+    return tolerances
 
 
 def check_force(campaign: Campaign, force_N: float | None) -> None:
     """Refuse a force far from those tested, at which nothing can be stated; None passes."""
-    least, most = (float(end) for end in (campaign.forces_N.min(), campaign.forces_N.max()))
-    got = f"{campaign.name!r} was tested from {least:g} to {most:g} N, got {force_N}"
-    cure = "Choose one within what was tested, or test at that force"
-    said = (
-        f"force_N (--force-N) must be a force from {_LEAST * least:g} to {_MOST * most:g} N, for"
-        f" {got}. {cure}."
+    if force_N is None:
+        return
+    least = float(campaign.forces_N.min())
+    largest = float(campaign.forces_N.max())
+    lower = _LEAST_FORCE_SHARE * least
+    upper = _LARGEST_FORCE_SHARE * largest
+    require(
+        force_N > 0.0 and lower <= force_N <= upper,
+        f"force_N (--force-N) must be a force from {lower:g} to {upper:g} N, for {campaign.name!r}"
+        f" was tested from {least:g} to {largest:g} N, got {force_N}. Choose one within what was"
+        " tested, or test at that force.",
     )
-    require(force_N is None or (force_N > 0.0 and _LEAST * least <= force_N <= _MOST * most), said)
 
 
-def _read(name: str, text: str, quantity: Quantity) -> Tolerance:
-    what = f"tolerance of {name}"
-    least, between, most = text.partition("..")
-    if between:
-        unit = re.sub(r"^\s*[+−-]?[\d.]+(e[+-]?\d+)?", "", most, flags=re.IGNORECASE)
-        least = (
-            least if re.search(r"[^\W\d]|[%°]", re.sub(r"\de[+-]?\d", "", least)) else least + unit
-        )
-        low, high = (to_inside(end, quantity.unit, what) for end in (least, most))
-        require(
-            low < high,
-            f"{what} must have its lower limit first, got {text!r}. Write for example −20..40"
-            " µrad.",
-        )
-        return Tolerance(low, high)
-    sign = re.match(r"\s*(±|≤|<=|≥|>=)?", text)
-    told = {
-        "±": ("lower", "upper"),
-        "≤": ("upper",),
-        "<=": ("upper",),
-        "≥": ("lower",),
-        ">=": ("lower",),
-    }
-    sides = told.get(sign[1] if sign and sign[1] else "", quantity.sides)
-    value = to_inside(text[sign.end() if sign else 0 :], quantity.unit, what)
-    if len(sides) == 2:
+def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
+    """Read a tolerance from a text with a unit."""
+    subject = f"tolerance of {name}"
+    lower, dots, upper = text.partition("..")
+    if dots:
+        return _read_range(subject, text, lower, upper, quantity.unit)
+    sides = quantity.sides
+    number = text
+    sign = _SIGN.match(text)
+    if sign is not None:
+        sides = _SIDES_BY_SIGN.get(sign[1], quantity.sides)
+        number = text[sign.end() :]
+    value = to_inside(number, quantity.unit, subject)
+    if sides == _BOTH:
         return Tolerance(-abs(value), abs(value))
-    return Tolerance(**{sides[0]: value})
+    if sides == _LOWER:
+        return Tolerance(lower=value)
+    return Tolerance(upper=value)
+
+
+def _read_range(subject: str, text: str, lower: str, upper: str, inside_unit: str) -> Tolerance:
+    """Read both limits; a lower one without unit has that of the upper."""
+    if not _UNIT_CHARACTER.search(_EXPONENT.sub("", lower)):
+        lower += _NUMBER.sub("", upper)
+    low = to_inside(lower, inside_unit, subject)
+    high = to_inside(upper, inside_unit, subject)
+    require(
+        low < high,
+        f"{subject} must have its lower limit first, got {text!r}. Write for example −20..40 µrad.",
+    )
+    return Tolerance(low, high)

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
+from ldbb_bayes.analysis.comparison import Comparison, Sign
 from ldbb_bayes.analysis.verdicts import ParameterIdentifiability, Verdict
 from ldbb_bayes.inference.fit import ConcernKind, Fit, State
 from ldbb_bayes.results import Result
 
 __all__ = ["Judgement", "Reason", "ReasonKind", "Use", "is_determined", "state_of"]
 
-if TYPE_CHECKING:
-    from ldbb_bayes.analysis.comparison import Comparison
 
-
-_HARDLY = 0.9
+# A parameter whose u is at least this share of the prior's is hardly determined by the readings.
+_HARDLY_DETERMINED = 0.9
 
 
 class Use(StrEnum):
@@ -29,7 +27,7 @@ class Use(StrEnum):
 
 
 class ReasonKind(StrEnum):
-    """Why not, or why not without reservation."""
+    """Why numbers cannot be used, or only with reservation."""
 
     NOT_CONVERGED = "not-converged"
     MISFIT = "misfit"
@@ -44,11 +42,11 @@ class ReasonKind(StrEnum):
 
 @dataclass(frozen=True)
 class Reason(Result):
-    """One reason: the parameters or tests it is about, and of those not determined what they are
-    confounded with."""
+    """One reason why numbers cannot be used, or only with reservation."""
 
     kind: ReasonKind
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()  #: of the parameters or tests that it is about
+    #: what parameters that are not determined are confounded with
     partners: tuple[str, ...] = ()
 
 
@@ -61,9 +59,11 @@ class Judgement(Result):
 
 
 def is_determined(entry: ParameterIdentifiability) -> bool:
-    """Whether the readings determine a parameter: identified, or its u at most a third of what the
-    prior says."""
-    return entry.verdict == Verdict.IDENTIFIED or not entry.contraction < _HARDLY
+    """Return whether the readings determine a parameter.
+
+    It is identified, or its u is at most a third of what the prior says.
+    """
+    return entry.verdict == Verdict.IDENTIFIED or not entry.contraction < _HARDLY_DETERMINED
 
 
 def state_of(
@@ -73,38 +73,78 @@ def state_of(
     *,
     comparison: Comparison | None = None,
 ) -> Judgement:
-    """Say whether the numbers of a certificate can be used.
+    """Return whether the numbers of a certificate can be used.
 
     Not: where the sampler missed its target, the model does not expect the readings, or these
-    contradict non-negative compliance. With reservation: where what is ``stated`` (parameters) is
-    hardly determined by the readings, rests on the prior, noise is above what its prior expects,
-    forces are too few for the degree, or the answer of ``comparison`` hangs on assumptions.
-    """
-    concerns = {own.kind: own for own in reversed(fit.concerns)}
-    grave = []
-    if fit.state == State.UNUSABLE:
-        grave.append(Reason(ReasonKind.NOT_CONVERGED))
-    if fit.misfits:
-        grave.append(
-            Reason(ReasonKind.MISFIT, tuple(dict.fromkeys(own.test for own in fit.misfits)))
-        )
-    if ConcernKind.TRUNCATION in concerns:
-        grave.append(Reason(ReasonKind.TRUNCATION))
-    weak = [own for name, own in verdicts.items() if name in stated and not is_determined(own)]
-    minor = [Reason(ReasonKind.NOT_DETERMINED, (own.name,), own.partners) for own in weak]
-    sensitive = tuple(
-        name for name in fit.sensitive if name in stated and name not in {own.name for own in weak}
-    )
-    minor += [Reason(ReasonKind.PRIOR_SENSITIVE, sensitive)] if sensitive else []
-    names = tuple(own.name for own in fit.concerns if own.kind == ConcernKind.HYPER)
-    minor += [Reason(ReasonKind.HYPER, names)] if names else []
-    minor += [Reason(ReasonKind.FORCES)] if ConcernKind.FORCES in concerns else []
-    if comparison is not None:
-        from ldbb_bayes.analysis.comparison import (
-            Sign,
-        )  # commands that compare nothing start without it
+    contradict non-negative compliance. With reservation: where what is stated is hardly determined
+    by the readings, rests on the prior, noise is above what its prior expects, forces are too few
+    for the degree, or the answer of the comparison hangs on assumptions.
 
-        minor += [] if comparison.within_tolerance else [Reason(ReasonKind.ROUGH_EVIDENCE)]
-        minor += [Reason(ReasonKind.OPEN_SIGN)] if comparison.sign == Sign.OPEN else []
-    use = Use.DO_NOT_USE if grave else Use.WITH_RESERVATION if minor else Use.CAN_BE_USED
-    return Judgement(use, (*grave, *minor))
+    Parameters
+    ----------
+    fit : Fit
+    verdicts : mapping of str to ParameterIdentifiability
+        By parameter.
+    stated : collection of str
+        The parameters on the certificate.
+    comparison : Comparison, optional
+        Of models, where the certificate states one.
+    """
+    grave = _grave_reasons(fit)
+    reservations = _reservations(fit, verdicts, stated)
+    if comparison is not None:
+        reservations += _reservations_of_comparison(comparison)
+    use = Use.CAN_BE_USED
+    if reservations:
+        use = Use.WITH_RESERVATION
+    if grave:
+        use = Use.DO_NOT_USE
+    return Judgement(use, (*grave, *reservations))
+
+
+def _grave_reasons(fit: Fit) -> list[Reason]:
+    """Return why the numbers cannot be used."""
+    reasons = []
+    if fit.state == State.UNUSABLE:
+        reasons.append(Reason(ReasonKind.NOT_CONVERGED))
+    if fit.misfits:
+        tests = dict.fromkeys(misfit.test for misfit in fit.misfits)
+        reasons.append(Reason(ReasonKind.MISFIT, tuple(tests)))
+    if _has_concern(fit, ConcernKind.TRUNCATION):
+        reasons.append(Reason(ReasonKind.TRUNCATION))
+    return reasons
+
+
+def _reservations(
+    fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str]
+) -> list[Reason]:
+    """Return the reservations about one fit."""
+    reasons = []
+    undetermined = []
+    for name, entry in verdicts.items():
+        if name in stated and not is_determined(entry):
+            undetermined.append(entry.name)
+            reasons.append(Reason(ReasonKind.NOT_DETERMINED, (entry.name,), entry.partners))
+    sensitive = [name for name in fit.sensitive if name in stated and name not in undetermined]
+    if sensitive:
+        reasons.append(Reason(ReasonKind.PRIOR_SENSITIVE, tuple(sensitive)))
+    noisy = [concern.name for concern in fit.concerns if concern.kind == ConcernKind.HYPER]
+    if noisy:
+        reasons.append(Reason(ReasonKind.HYPER, tuple(noisy)))
+    if _has_concern(fit, ConcernKind.FORCES):
+        reasons.append(Reason(ReasonKind.FORCES))
+    return reasons
+
+
+def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
+    """Return the reservations about a comparison of models."""
+    reasons = []
+    if not comparison.within_tolerance:
+        reasons.append(Reason(ReasonKind.ROUGH_EVIDENCE))
+    if comparison.sign == Sign.OPEN:
+        reasons.append(Reason(ReasonKind.OPEN_SIGN))
+    return reasons
+
+
+def _has_concern(fit: Fit, kind: ConcernKind) -> bool:
+    return any(concern.kind == kind for concern in fit.concerns)

@@ -1,10 +1,15 @@
-"""Subsets of slopes: which compliances vary with force, and C(F) averaged over the subsets."""
+"""Subsets of slopes: which compliances vary with force, and C(F) averaged over the subsets.
+
+Every compliance may have a slope or none. Where there are too many subsets (several planes), those
+are weighed that a search from the best to its neighbours visits first.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +24,7 @@ from ldbb_bayes.results import Array, Numbers
 from ldbb_bayes.units import ranked
 
 __all__ = [
+    "AveragedSlopes",
     "Curve",
     "SlopeSubset",
     "VaryingSlope",
@@ -27,27 +33,24 @@ __all__ = [
     "slope_subsets",
 ]
 
-
+# Draws behind the curves C(F), and forces at which they are stated.
 _DRAWS = 4000
+_CURVE_POINTS = 41
+# Up to so many subsets all are weighed; of more only so many.
+_ALL_SUBSETS = 729
+_SEARCHED_SUBSETS = 100
 
-
-_POINTS = 41
-
-
-_EVERY = 729
-
-
-_SEARCHED = 100
+# Which compliances have a slope.
+Choice = tuple[bool, ...]
 
 
 @dataclass(frozen=True)
 class SlopeSubset:
-    """One subset: the compliances that vary with force, its log evidence and posterior
-    probability."""
+    """One subset of slopes."""
 
-    varying: tuple[str, ...]
-    log_evidence: float
-    probability: float
+    varying: tuple[str, ...]  #: the compliances that vary with force
+    log_evidence: float  #: [nat]
+    probability: float  #: posterior
 
 
 @dataclass(frozen=True)
@@ -59,8 +62,7 @@ class VaryingSlope:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """C(F) of one compliance: mean, median and equal-tailed credible band at each force, in inside
-    units."""
+    """C(F) of one compliance with its equal-tailed credible band, in inside units."""
 
     unit: str
     force_N: Numbers
@@ -71,94 +73,141 @@ class Curve:
     ci_prob: float
 
 
+class AveragedSlopes(NamedTuple):
+    """Slopes averaged over their subsets."""
+
+    slopes: dict[str, VaryingSlope]  #: by compliance
+    subsets: tuple[SlopeSubset, ...]  #: the most probable first
+    curves: dict[str, Curve]  #: C(F) averaged over the subsets, by compliance
+
+
 def count_subsets(model: HybridModel, campaign: Campaign) -> int:
     """Return how many models `slope_subsets` weighs."""
-    possible = 2 ** len(_slopes(model, campaign))
-    return possible if possible <= _EVERY else _SEARCHED
+    possible = 2 ** len(_slope_names(model, campaign))
+    if possible <= _ALL_SUBSETS:
+        return possible
+    return _SEARCHED_SUBSETS
 
 
 def slope_subsets(
     model: HybridModel, evidences: Evidences, *, seed: int, ci_prob: float = 0.95
-) -> tuple[dict[str, VaryingSlope], tuple[SlopeSubset, ...], dict[str, Curve]]:
-    """Every compliance's probability of a slope, subsets of slopes at degree 1, most probable
-    first, and C(F) averaged."""
-    slopes = _slopes(model, evidences.campaign)
+) -> AveragedSlopes:
+    """Weigh subsets of slopes at degree 1 and average over them.
 
-    def of(there: tuple[bool, ...]) -> Nodes:
-        return evidences.of(
-            model.fixing(
-                *(slope for slope, own in zip(slopes.values(), there, strict=True) if not own)
-            )
-        )[0]
+    Parameters
+    ----------
+    model : HybridModel
+        Of degree 1, with all slopes.
+    evidences : Evidences
+        Nodes to use and to add to.
+    seed : int
+        Seed of the draws behind the curves.
+    ci_prob : float
+        Probability of the bands of the curves.
+    """
+    slope_names = _slope_names(model, evidences.campaign)
 
-    every = itertools.product((False, True), repeat=len(slopes))
-    weighed = (
-        {there: of(there) for there in every}
-        if 2 ** len(slopes) <= _EVERY
-        else _best_first(len(slopes), of)
+    def weigh(choice: Choice) -> Nodes:
+        fixed = [
+            slope for slope, varies in zip(slope_names.values(), choice, strict=True) if not varies
+        ]
+        return evidences.of(model.fixing(*fixed))[0]
+
+    if 2 ** len(slope_names) <= _ALL_SUBSETS:
+        choices = itertools.product((False, True), repeat=len(slope_names))
+        nodes_by_choice = {choice: weigh(choice) for choice in choices}
+    else:
+        nodes_by_choice = _best_first(len(slope_names), weigh)
+    log_evidence = np.array([nodes.evidence.log_value for nodes in nodes_by_choice.values()])
+    probability = probabilities(log_evidence)
+    subsets = []
+    for choice, value, share in zip(
+        nodes_by_choice, log_evidence.tolist(), probability.tolist(), strict=True
+    ):
+        subsets.append(SlopeSubset(tuple(itertools.compress(slope_names, choice)), value, share))
+    inclusion = (probability @ np.array(list(nodes_by_choice))).tolist()
+    slopes = {}
+    for name, share in zip(slope_names, inclusion, strict=True):
+        slopes[name] = VaryingSlope(share)
+    return AveragedSlopes(
+        slopes,
+        tuple(ranked(subsets, lambda subset: subset.probability)),
+        averaged_curves(list(nodes_by_choice.values()), probability, seed, ci_prob),
     )
-    log_evidence = np.array([nodes.evidence.log_value for nodes in weighed.values()])
-    share = probabilities(log_evidence)
-    found = [
-        SlopeSubset(tuple(itertools.compress(slopes, there)), *values)
-        for there, *values in zip(weighed, log_evidence.tolist(), share.tolist(), strict=True)
-    ]
-    inclusion = (share @ np.array(list(weighed))).tolist()
-    return (
-        {
-            name: VaryingSlope(probability)
-            for name, probability in zip(slopes, inclusion, strict=True)
-        },
-        tuple(ranked(found, lambda subset: subset.probability)),
-        averaged_curves(list(weighed.values()), share, seed, ci_prob),
-    )
 
 
-def _slopes(model: HybridModel, campaign: Campaign) -> dict[str, str]:
-    """Compliances that have a slope, and its name."""
-    return {p.compliance: p.name for p in model.bind(campaign).parameters if p.group == "slope"}
+def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
+    """Return the names of the slopes, by compliance."""
+    names = {}
+    for parameter in model.bind(campaign).parameters:
+        if parameter.group == "slope":
+            names[parameter.compliance] = parameter.name
+    return names
 
 
-def _best_first(
-    slopes: int, of: Callable[[tuple[bool, ...]], Nodes]
-) -> dict[tuple[bool, ...], Nodes]:
-    """From no slope and from all: the neighbours (one slope changed) of the best subset not yet
-    expanded, until there are ``_SEARCHED``."""
-    seen = {there: of(there) for there in ((False,) * slopes, (True,) * slopes)}
-    expanded: set[tuple[bool, ...]] = set()
-    while len(seen) < _SEARCHED and len(expanded) < len(seen):
-        best = max(
-            (there for there in seen if there not in expanded),
-            key=lambda there: seen[there].evidence.log_value,
-        )
+def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
+    """Search subsets from no slope and from all, the neighbours of the best subset first.
+
+    Neighbours differ in one slope. The search ends at the largest number of subsets.
+    """
+    weighed: dict[Choice, Nodes] = {}
+    for choice in ((False,) * slopes, (True,) * slopes):
+        weighed[choice] = weigh(choice)
+    expanded: set[Choice] = set()
+
+    def log_evidence(choice: Choice) -> float:
+        return weighed[choice].evidence.log_value
+
+    while len(weighed) < _SEARCHED_SUBSETS and len(expanded) < len(weighed):
+        best = max((choice for choice in weighed if choice not in expanded), key=log_evidence)
         expanded.add(best)
-        for near in ((*best[:i], not best[i], *best[i + 1 :]) for i in range(slopes)):
-            if near not in seen and len(seen) < _SEARCHED:
-                seen[near] = of(near)
-    return seen
+        for i in range(slopes):
+            neighbour = (*best[:i], not best[i], *best[i + 1 :])
+            if neighbour not in weighed and len(weighed) < _SEARCHED_SUBSETS:
+                weighed[neighbour] = weigh(neighbour)
+    return weighed
 
 
 def averaged_curves(
-    weighed: Sequence[Nodes], share: Array, seed: int, ci_prob: float
+    weighed: Sequence[Nodes], probability: Array, seed: int, ci_prob: float
 ) -> dict[str, Curve]:
-    """C(F), see `compliance_curves`, over the tested forces, averaged over models with these
-    probabilities."""
+    """Return C(F) over the tested forces, averaged over models, by compliance.
+
+    Parameters
+    ----------
+    weighed : sequence of Nodes
+        Of the models.
+    probability : ndarray, shape (models,)
+        Their posterior probabilities.
+    seed : int
+    ci_prob : float
+        Probability of the bands.
+    """
     rng = np.random.default_rng(seed)
     bound = weighed[0].bound
-    forces = bound.campaign.forces_N
-    force = np.linspace(forces.min(), forces.max(), _POINTS) if np.ptp(forces) > 0 else forces[:1]
-    counts = np.floor(share * _DRAWS + rng.random()).astype(int)
-    values = []
+    tested = bound.campaign.forces_N
+    forces = tested[:1]
+    if np.ptp(tested) > 0:
+        forces = np.linspace(tested.min(), tested.max(), _CURVE_POINTS)
+    counts = np.floor(probability * _DRAWS + rng.random()).astype(int)
+    draws = []
     for nodes, count in zip(weighed, counts, strict=True):
         if count:
             beta, phi = nodes.draw(int(count), rng)
-            values.append(compliance_curves(nodes.bound, phi, beta, force, rng))
-    every = np.concatenate(values)
-    low, median, high = np.quantile(every, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob], axis=0)
-    mean = every.mean(axis=0)
-    return {
-        name.label: Curve(
-            compliance_unit(name), force, mean[:, j], median[:, j], low[:, j], high[:, j], ci_prob
+            draws.append(compliance_curves(nodes.bound, phi, beta, forces, rng))
+    curves = np.concatenate(draws)
+    levels = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
+    low, median, high = np.quantile(curves, levels, axis=0)
+    mean = curves.mean(axis=0)
+    by_compliance = {}
+    for j, name in enumerate(bound.compliances):
+        by_compliance[name.label] = Curve(
+            unit=compliance_unit(name),
+            force_N=forces,
+            mean=mean[:, j],
+            median=median[:, j],
+            low=low[:, j],
+            high=high[:, j],
+            ci_prob=ci_prob,
         )
-        for j, name in enumerate(bound.compliances)
-    }
+    return by_compliance

@@ -145,9 +145,9 @@ class Evidences(Shown):
         return [nodes.evidence for nodes in self._nodes.values()]
 
 
-def _largest_first(model: HybridModel) -> tuple[int, int, int]:
+def _largest_first(model: HybridModel) -> list[int]:
     """Return a key that sorts models from the largest: degree, fixed parameters, rivals."""
-    return -model.degree, len(model.fixed), -len(model.rivals)
+    return [-model.degree, len(model.fixed), -len(model.rivals)]
 
 
 def _family(model: HybridModel) -> str:

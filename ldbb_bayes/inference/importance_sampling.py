@@ -47,7 +47,7 @@ def importance_sample(
     *,
     tolerance: float = 1e-2,
     seed: int = 0,
-    most: int = 65_536,
+    max_points: int = 65_536,
     tries: int = 2,
 ) -> Integral:
     """Return ∫ f from quasi-random points, to the tolerance and with weights that can be trusted.
@@ -68,16 +68,21 @@ def importance_sample(
         Error asked for [nat].
     seed : int
         Seed of the scrambles.
-    most : int
+    max_points : int
         Largest number of points of a round.
     tries : int
         How many seeds are tried.
     """
-    best = _best_of_rounds(log_density, modes, tolerance, seed, most)
+    best = _best_of_rounds(log_density, modes, tolerance, seed, max_points)
     if best.trusted or tries < 2:
         return best
     retried = importance_sample(
-        log_density, modes, tolerance=tolerance, seed=seed + 1, most=most, tries=tries - 1
+        log_density,
+        modes,
+        tolerance=tolerance,
+        seed=seed + 1,
+        max_points=max_points,
+        tries=tries - 1,
     )
     if retried.trusted:
         return retried
@@ -89,7 +94,7 @@ def _best_of_rounds(
     modes: Sequence[tuple[Array, Array]],
     tolerance: float,
     seed: int,
-    most: int,
+    max_points: int,
 ) -> Integral:
     """Return the first round that reaches the tolerance, or the best; the first is never used."""
     rng = np.random.default_rng(seed)
@@ -101,8 +106,10 @@ def _best_of_rounds(
     rounds = [first]
     while len(rounds) < _ROUNDS:
         proposal = _fit_to_rounds(rounds)
-        size = min(_GROWTH * size, most // _SCRAMBLES)
-        sample = _draw_round(log_density, proposal, size, rng, tolerance=tolerance, most=most)
+        size = min(_GROWTH * size, max_points // _SCRAMBLES)
+        sample = _draw_round(
+            log_density, proposal, size, rng, tolerance=tolerance, max_points=max_points
+        )
         if sample.trusted and sample.error <= tolerance:
             return sample
         rounds.append(sample)
@@ -120,11 +127,11 @@ def _draw_round(
     rng: np.random.Generator,
     *,
     tolerance: float = np.inf,
-    most: int = 0,
+    max_points: int = 0,
 ) -> Integral:
     """Draw ``size`` points a scramble, and double them while that pays and the tolerance asks.
 
-    A round is not continued where twice its points would be more than ``most``.
+    A round is not continued where twice its points would be more than ``max_points``.
     """
     count = np.maximum(np.rint(size * proposal.share), 1.0).astype(int)
     proposal = replace(proposal, share=count / count.sum())
@@ -133,7 +140,7 @@ def _draw_round(
     for _ in count:
         engines.append([qmc.Sobol(h, rng=rng) for _ in range(_SCRAMBLES)])
     sample = _extend_sample(log_density, proposal, engines, count, None)
-    while 2 * len(sample.free) <= most and sample.trusted and sample.error > tolerance:
+    while 2 * len(sample.free) <= max_points and sample.trusted and sample.error > tolerance:
         if sample.ess <= _EFFICIENT * len(sample.free):
             break
         repeats = len(sample.free) // (_SCRAMBLES * count.sum())
@@ -204,12 +211,12 @@ def _fit_to_rounds(rounds: Sequence[Integral]) -> Mixture:
 
 def _even_out(log_weight: Array, h: int) -> Array:
     """Return normalised weights, raised to a power below one while few points would carry all."""
-    enough = min(len(log_weight) / 3.0, _FITTED_PER_DIMENSION * (h + 1.0))
+    sufficient = min(len(log_weight) / 3.0, _FITTED_PER_DIMENSION * (h + 1.0))
     power = 1.0
     while True:
         weight = np.exp(power * (log_weight - log_weight.max()))
         weight = weight / weight.sum()
         power = _EVENING * power
-        too_few = 1.0 / (weight**2).sum() < enough
+        too_few = 1.0 / (weight**2).sum() < sufficient
         if not too_few or power <= _LEAST_POWER:
             return np.asarray(weight)

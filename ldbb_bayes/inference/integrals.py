@@ -72,7 +72,7 @@ class Integral:
 
     @property
     def log_integral(self) -> float:
-        """ln ∫ f."""
+        """The integral, ln ∫ f."""
         return float(np.logaddexp.reduce(self._log_weight))
 
     @property

@@ -40,12 +40,12 @@ def grow_lattice(
     *,
     tolerance: float = 1e-3,
     step: float | None = None,
-    most: int = 200_000,
+    max_nodes: int = 200_000,
 ) -> Integral:
     """Return ∫ f from a lattice whose error of ln ∫ f is below the tolerance.
 
     The lattice grows from the modes until nothing that counts is left, and its step is shortened
-    as needed. At ``most`` nodes growing and shortening stop, and the error says what was left out.
+    as needed. At ``max_nodes`` growing and shortening stop, and the error says what was left out.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def grow_lattice(
         Error asked for [nat].
     step : float, optional
         The first step, in sd.
-    most : int
+    max_nodes : int
         Largest number of nodes.
     """
     centre = modes[0][0]
@@ -73,10 +73,10 @@ def grow_lattice(
     while True:
         starts = [np.linalg.solve(root, mode - centre) / step for mode, _ in modes]
         lattice = _lattice(
-            log_density, centre, step * root, starts, depth, most, coarser_difference
+            log_density, centre, step * root, starts, depth, max_nodes, coarser_difference
         )
         nodes_of_finer = len(lattice.free) * _FINER**-h
-        if lattice.error <= tolerance or nodes_of_finer > most:
+        if lattice.error <= tolerance or nodes_of_finer > max_nodes:
             return lattice
         if lattice.edge_error > tolerance / 2.0:
             depth += _DEEPER
@@ -101,12 +101,13 @@ def _lattice(
     cell: Array,
     starts: Sequence[Array],
     depth: float,
-    most: int,
+    max_nodes: int,
     coarser_difference: float,
 ) -> Integral:
     """Return ∫ f from the two grids of a lattice with this cell (h, h)."""
     grids = [
-        _grow_grid(log_density, centre, cell, starts, offset, depth, most) for offset in (0.0, 0.5)
+        _grow_grid(log_density, centre, cell, starts, offset, depth, max_nodes)
+        for offset in (0.0, 0.5)
     ]
     places = np.concatenate([grid.places for grid in grids])
     values = np.concatenate([grid.log_density for grid in grids])
@@ -144,7 +145,7 @@ def _grow_grid(
     starts: Sequence[Array],
     offset: float,
     depth: float,
-    most: int,
+    max_nodes: int,
 ) -> _Grid:
     """Grow one grid from its starts by the neighbours of what counts."""
     h = len(starts[0])
@@ -155,7 +156,7 @@ def _grow_grid(
     values = np.zeros(0)
     highest = -np.inf
     last = 0
-    while len(front) and len(index) <= most:
+    while len(front) and len(index) <= max_nodes:
         value = in_chunks(log_density, _points(centre, cell, front + offset))
         index = np.concatenate([index, front])
         values = np.concatenate([values, value])
@@ -166,7 +167,7 @@ def _grow_grid(
         candidate_keys, first = np.unique(_keys(candidates), return_index=True)
         front = candidates[first[~np.isin(candidate_keys, keys)]]
     edge = values <= highest - depth
-    if len(index) > most:
+    if len(index) > max_nodes:
         edge[-last:] = True
     return _Grid(index + offset, values, edge)
 

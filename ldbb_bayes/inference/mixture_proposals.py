@@ -48,11 +48,10 @@ _SHRINKAGE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class SplitT:
-    """x = centre + root z, every z independent, Student-t with a scale and degrees of freedom for
-    each side of zero.
+    """x = centre + root z, every z an independent split Student-t.
 
-    ``scale`` and ``freedom`` are (2, h): below, above. The density is continuous: both sides have
-    the same height at zero.
+    Each z has a scale and degrees of freedom for each side of zero: ``scale`` and ``freedom`` are
+    (2, h), below and above. The density is continuous: both sides have the same height at zero.
     """
 
     centre: Array

@@ -87,8 +87,10 @@ class HyperPosterior:
 
     @cached_property
     def modes(self) -> list[tuple[Array, Array]]:
-        """Every mode (h,) that counts, the highest first, and a root (h, h) of the inverse
-        curvature there."""
+        """Every mode (h,) that counts, the highest first.
+
+        Each with a root (h, h) of the inverse curvature there.
+        """
         summits = []
         for start in self._starts():
             summits.append(
@@ -383,7 +385,10 @@ class Nodes:
 
     @cached_property
     def evidence(self) -> Evidence:
-        """ln Z = ln ∫ p(y | φ) p(φ) dφ; truncated: ln Z + ln P(T | y) − ln P(T | prior)."""
+        """The evidence, ln Z = ln ∫ p(y | φ) p(φ) dφ.
+
+        Truncated: ln Z + ln P(T | y) − ln P(T | prior).
+        """
         log_value = self.integral.log_integral
         if self.posterior.truncated:
             log_value = log_value - self.bound.log_prob_truncation_prior
@@ -415,9 +420,9 @@ class Nodes:
             moments = orthant.moments(points)
             return moments.mean, moments.covariance
 
-        given = self._moments_given(free, moments_along_axes)
-        mean = weight @ given.mean
-        return mean, np.sqrt(weight @ (given.variance + (given.mean - mean) ** 2))
+        conditional = self._moments_given(free, moments_along_axes)
+        mean = weight @ conditional.mean
+        return mean, np.sqrt(weight @ (conditional.variance + (conditional.mean - mean) ** 2))
 
     def quantiles(self, levels: Array, *, seed: int, components: int = _COMPONENTS) -> Array:
         """Return quantiles of β, shape (levels, p).
@@ -431,9 +436,9 @@ class Nodes:
             x, _ = orthant.draw_along_axes(rng)
             return x, np.zeros((*x.shape, x.shape[1]))
 
-        given = self._moments_given(self.integral.pick(components, rng), draw_along_axes)
-        mean = given.mean
-        sd = np.sqrt(np.maximum(given.variance, 0.0))
+        conditional = self._moments_given(self.integral.pick(components, rng), draw_along_axes)
+        mean = conditional.mean
+        sd = np.sqrt(np.maximum(conditional.variance, 0.0))
         sd = np.maximum(sd, _LEAST_SD_SHARE * mean.std(axis=0))
         return mixture_quantiles(np.full(len(mean), 1.0 / len(mean)), mean, sd, levels)
 

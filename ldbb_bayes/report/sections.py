@@ -11,7 +11,8 @@ from typing import Any, TypeAlias
 import pandas as pd
 
 from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
-from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES, squareness_name
+from ldbb_bayes.analysis.circle_columns import squareness_name
+from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.cures import cures
 from ldbb_bayes.analysis.design import Design

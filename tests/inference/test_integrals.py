@@ -307,14 +307,14 @@ def test_every_point_of_a_lattice_has_a_key_of_its_own() -> None:
 
 
 def test_what_cannot_be_trusted_says_so() -> None:
-    found = importance_sample(*case(student, 45, 0), tolerance=0.02, most=8192)
+    found = importance_sample(*case(student, 45, 0), tolerance=0.02, max_points=8192)
     assert (found.trusted, found.error) == (False, np.inf)
     again = [
-        importance_sample(*case(student, 26, 0), most=512, seed=2, tries=tries).trusted
+        importance_sample(*case(student, 26, 0), max_points=512, seed=2, tries=tries).trusted
         for tries in (1, 2)
     ]
     assert again == [False, True], "another seed"
-    assert grow_lattice(*case(half_normals, 3, 0), tolerance=1e-6, most=2000).error > 1e-6
+    assert grow_lattice(*case(half_normals, 3, 0), tolerance=1e-6, max_nodes=2000).error > 1e-6
 
 
 HARD = [

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 
 from ldbb_bayes.analysis import circularity as of_path
 from ldbb_bayes.analysis import path_contributions
+from ldbb_bayes.analysis.circle_columns import first_circle
 from ldbb_bayes.analysis.measured_paths import measured_circularity
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
@@ -533,7 +534,7 @@ def _paths(
     """Paths on the first circle of a plane, (draws, 360) [µm], all or only these: of the very draws
     of `analysis.path_contributions.contributions`."""
     r, (beta, _) = (
-        of_path.first_circle(bound, plane),
+        first_circle(bound, plane),
         draws_of(posterior, bound, path_contributions.DRAWS),
     )
     return path_contributions.contribution_paths(bound, r, force_N, beta, only)

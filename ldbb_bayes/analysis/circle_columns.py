@@ -1,0 +1,83 @@
+"""Columns of the machine's model on the circle of one test, at any force."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.model.fourier import harmonic_index
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.setting import geometric_errors_of
+from ldbb_bayes.results import Array
+
+__all__ = [
+    "ANGLE_RAD",
+    "COS2",
+    "SIN2",
+    "MachineColumns",
+    "SecondOrderFactors",
+    "first_circle",
+    "machine_columns",
+    "offsets",
+    "second_order_factors",
+    "squareness_name",
+]
+
+# Angles at which paths are stated, 0°, 1° … 359°.
+ANGLE_RAD = np.arange(360) * (np.pi / 180.0)
+# Places of cos 2θ and sin 2θ among the coefficients of the basis.
+COS2, SIN2 = harmonic_index(2)
+
+
+class MachineColumns(NamedTuple):
+    """Columns of the parameters on one circle."""
+
+    elastic: Array  #: of compliances and slopes (25, p)
+    geometric: Array  #: of geometric errors (25, p)
+
+
+class SecondOrderFactors(NamedTuple):
+    """What the second harmonic of a circle stands for [µm/m per µm]."""
+
+    scale_mismatch: float  #: per cos 2θ
+    squareness: float  #: per sin 2θ
+
+
+def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns:
+    """Return the columns of the parameters on the circle of test r, at any force."""
+    geometric = np.array([parameter.group == "geometric" for parameter in bound.parameters])
+    elastic = force_N * bound.setting.wrench[r] @ bound.compliance_at(force_N)
+    return MachineColumns(elastic, np.where(geometric, bound.interest[r], 0.0))
+
+
+def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:
+    """Return scale mismatch and squareness per µm of the second harmonic of test r."""
+    radius_m = float(bound.setting.radius_mm[r]) * 1e-3
+    sin2_of_squareness = float(bound.setting.geometric[r][SIN2, _squareness_index(bound, r)])
+    return SecondOrderFactors(2.0 / radius_m, 1e3 / sin2_of_squareness)
+
+
+def _squareness_index(bound: BoundModel, r: int) -> int:
+    """Return which geometric error is the squareness of the plane of test r."""
+    sin2 = bound.setting.geometric[r][SIN2]
+    for j, error in enumerate(geometric_errors_of(bound.campaign)):
+        if error.kind == "squareness" and sin2[j] != 0.0:
+            return j
+    raise LookupError(f"test {r} must have a squareness error in its plane, got none")
+
+
+def squareness_name(bound: BoundModel, plane: str) -> str:
+    """Return the name of the squareness error of a plane, such as E_C0YX."""
+    index = _squareness_index(bound, first_circle(bound, plane))
+    return geometric_errors_of(bound.campaign)[index].label
+
+
+def first_circle(bound: BoundModel, plane: str) -> int:
+    """Return the index of the first test of a plane."""
+    return list(bound.setting.plane).index(plane)
+
+
+def offsets(bound: BoundModel) -> Array:
+    """Return which parameters are offsets of the tool ball, shape (p,)."""
+    return np.array([name.startswith("E_") and name[3] == "t" for name in bound.names])
