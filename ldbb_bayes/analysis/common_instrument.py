@@ -1,4 +1,8 @@
-"""The difference of two campaigns run with one instrument, whose errors cancel."""
+"""The difference of two campaigns run with one instrument, whose errors cancel.
+
+Bar, balls, mount and force device are the same in both: their coefficients, and the prior of these,
+count once.
+"""
 
 from __future__ import annotations
 
@@ -17,120 +21,217 @@ from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import ranked
 
-_LEARNT = 0.05
+__all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
+
+# Readings say something of a coefficient where they lower its variance by at least this share of
+# what they leave.
+_LEAST_INFORMATION = 0.05
+# Hyper-parameters of the instrument: scale and decay of the form of the balls.
+_INSTRUMENT_HYPERS = ("tau", "decay")
 
 
-class _Together(NamedTuple):
-    """What both campaigns say: means (2, names), second less first with its sd, and where they
-    disagree most about the instrument, with the p-value of that (allowing for the number of
-    coefficients; None where neither says anything)."""
+class Conflict(NamedTuple):
+    """The coefficient of the instrument about which two campaigns disagree most."""
 
-    means: Array
-    difference: Array
-    sd: Array
-    conflict: tuple[str, float] | None
+    coefficient: str
+    p_value: float  #: allowing for the number of coefficients
 
 
-def _of_one_instrument(
-    bounds: Sequence[BoundModel], phi: Sequence[Array], read: Sequence[Array]
-) -> _Together:
-    """Two campaigns run with one instrument; ``read``: rows that take β of each to the parameters
-    compared, each (names, p)."""
-    if (
-        len(
-            {
-                (test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0)
-                for own in bounds
-                for test in own.campaign.tests
-            }
-        )
-        > 1
-    ):
+class JointDifference(NamedTuple):
+    """What both campaigns say together of the parameters compared."""
+
+    means: Array  #: of both campaigns (2, names)
+    difference: Array  #: second less first (names,)
+    sd: Array  #: of the difference (names,)
+    conflict: Conflict | None  #: None where neither campaign says anything of the instrument
+
+
+class _Campaign(NamedTuple):
+    """One campaign at its hyper-parameters."""
+
+    information: Information
+    names: list[str]  #: of the coefficients
+    mean: Array  #: of the coefficients
+
+
+def joint_difference(
+    bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array]
+) -> JointDifference:
+    """Return the difference of two campaigns run with one instrument.
+
+    Parameters
+    ----------
+    bounds : sequence of BoundModel
+        Of both campaigns.
+    phi : sequence of ndarray
+        Hyper-parameters of each, (h,) [mm].
+    rows : sequence of ndarray
+        Rows that take β of each to the parameters compared, each (names, p).
+    """
+    if _several_clockings(bounds):
         bounds = [bound.with_two_balls() for bound in bounds]
-    for name in ("tau", "decay"):
-        if any(name not in bound.hyper_prior.names for bound in bounds):
-            continue
-        at = [bound.hyper_prior.names.index(name) for bound in bounds]
-        phi[0][at[0]] = phi[1][at[1]] = 0.5 * (phi[0][at[0]] + phi[1][at[1]])
-    information = [information_of(bound, values) for bound, values in zip(bounds, phi, strict=True)]
-    said = "same_instrument must go with proper priors, got flat ones. Fit with the default preset."
-    require(not any(own.flat for own in information), said)
-    # Bar lengths are the same only of the same radius.
-    lengths = [{"bar_length": f"bar_length_{bound.setting.radii_mm[0]:g}"} for bound in bounds]
-    names = [
-        [own.get(name, name) for name in found.names]
-        for own, found in zip(lengths, information, strict=True)
-    ]
-    of_instrument = [
-        owner in Term.kinds and Term.kinds[owner].instrument for owner in information[0].owners
-    ]
-    alike = [
-        name
-        for name, shared in zip(names[0], of_instrument, strict=True)
-        if shared and name in names[1]
-    ]
-    apart = [name for name in names[1] if name not in alike]
-    place = [
-        list(range(len(names[0]))),
-        [names[0].index(n) if n in alike else len(names[0]) + apart.index(n) for n in names[1]],
-    ]
-    means = [_mean(bound, values) for bound, values in zip(bounds, phi, strict=True)]
-    size = len(names[0]) + len(apart)
+    phi = _share_hypers(bounds, phi)
+    campaigns = [_solve(bound, values) for bound, values in zip(bounds, phi, strict=True)]
+    require(
+        not any(campaign.information.flat for campaign in campaigns),
+        "same_instrument must go with proper priors, got flat ones. Fit with the default preset.",
+    )
+    first, second = campaigns
+    common = _common_coefficients(first, second)
+    all_names = [*first.names, *(name for name in second.names if name not in common)]
+    size = len(all_names)
     # The prior of what both have is in both posteriors and counts once.
-    again = np.array([names[0].index(name) for name in alike], dtype=int)
-    prior = np.zeros((size, size))
-    prior[again, again] = information[0].scale[again] ** -2.0
-    both = Gaussian(-prior, np.zeros(size))
-    rows = np.zeros((2, len(read[0]), size))
-    for k, (own, mean) in enumerate(zip(information, means, strict=True)):
-        root = own.root()[0] / own.scale
+    common_places = np.array([first.names.index(name) for name in common], dtype=int)
+    prior_precision = np.zeros((size, size))
+    prior_precision[common_places, common_places] = first.information.scale[common_places] ** -2.0
+    joint = Gaussian(-prior_precision, np.zeros(size))
+    joint_rows = np.zeros((2, len(rows[0]), size))
+    for k, campaign in enumerate(campaigns):
+        places = _places(campaign, all_names, common, is_first=k == 0)
+        root = campaign.information.root()[0] / campaign.information.scale
         precision = np.zeros((size, size))
         shift = np.zeros(size)
-        precision[np.ix_(place[k], place[k])] = root.T @ root
-        shift[place[k]] = root.T @ (root @ mean)
-        both = both + Gaussian(precision, shift)
-        rows[k][:, place[k][: read[k].shape[1]]] = read[k]
-    sd = np.sqrt((both.spread(rows[1] - rows[0]) ** 2).sum(axis=1))
-    return _Together(
-        rows @ both.mean,
-        (rows[1] - rows[0]) @ both.mean,
-        sd,
-        _conflict(alike, names, information, means),
+        precision[np.ix_(places, places)] = root.T @ root
+        shift[places] = root.T @ (root @ campaign.mean)
+        joint = joint + Gaussian(precision, shift)
+        joint_rows[k][:, places[: rows[k].shape[1]]] = rows[k]
+    difference_rows = joint_rows[1] - joint_rows[0]
+    return JointDifference(
+        joint_rows @ joint.mean,
+        difference_rows @ joint.mean,
+        np.sqrt((joint.spread(difference_rows) ** 2).sum(axis=1)),
+        worst_conflict(
+            common,
+            [campaign.names for campaign in campaigns],
+            [campaign.information for campaign in campaigns],
+            [campaign.mean for campaign in campaigns],
+        ),
     )
 
 
-def _conflict(
-    alike: Sequence[str],
+def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
+    """Say whether the balls were turned between any two tests."""
+    clockings = set()
+    for bound in bounds:
+        for test in bound.campaign.tests:
+            clockings.add((test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0))
+    return len(clockings) > 1
+
+
+def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Array]:
+    """Return hyper-parameters in which those of the instrument are the mean of both campaigns."""
+    shared = [values.copy() for values in phi]
+    for name in _INSTRUMENT_HYPERS:
+        if any(name not in bound.hyper_prior.names for bound in bounds):
+            continue
+        indices = [bound.hyper_prior.names.index(name) for bound in bounds]
+        mean = 0.5 * (shared[0][indices[0]] + shared[1][indices[1]])
+        for values, index in zip(shared, indices, strict=True):
+            values[index] = mean
+    return shared
+
+
+def _solve(bound: BoundModel, phi: Array) -> _Campaign:
+    """Return information, names and posterior mean of a campaign's coefficients."""
+    information = information_of(bound, phi)
+    # Bar lengths are the same only of the same radius.
+    bar_length = f"bar_length_{bound.setting.radii_mm[0]:g}"
+    names = []
+    for name in information.names:
+        if name == "bar_length":
+            name = bar_length
+        names.append(name)
+    return _Campaign(information, names, _posterior_mean(bound, phi))
+
+
+def _common_coefficients(first: _Campaign, second: _Campaign) -> list[str]:
+    """Return the instrument's coefficients that both campaigns have."""
+    common = []
+    for name, owner in zip(first.names, first.information.owners, strict=True):
+        of_instrument = owner in Term.kinds and Term.kinds[owner].instrument
+        if of_instrument and name in second.names:
+            common.append(name)
+    return common
+
+
+def _places(
+    campaign: _Campaign, all_names: Sequence[str], common: Sequence[str], *, is_first: bool
+) -> list[int]:
+    """Return where a campaign's coefficients stand among those of both.
+
+    Those of the first come first; the others' own follow in their order.
+    """
+    if is_first:
+        return list(range(len(campaign.names)))
+    private_count = sum(name not in common for name in campaign.names)
+    place = len(all_names) - private_count
+    places = []
+    for name in campaign.names:
+        if name in common:
+            places.append(all_names.index(name))
+        else:
+            places.append(place)
+            place += 1
+    return places
+
+
+def worst_conflict(
+    common: Sequence[str],
     names: Sequence[Sequence[str]],
     information: Sequence[Information],
     means: Sequence[Array],
-) -> tuple[str, float] | None:
-    """Where the readings of both, each by itself, disagree most about a coefficient: what they say
-    of it beyond its prior, n ± 1/√l with l = 1/Var(ν | y) − 1/S, must be the same number."""
-    places = np.array([[own.index(name) for name in alike] for own in names], dtype=int)
-    scale = np.array([own.scale[at] for own, at in zip(information, places, strict=True)])
-    variance = np.array(
-        [np.diag(own.covariance())[at] for own, at in zip(information, places, strict=True)]
-    )
-    mean = np.array([own[at] for own, at in zip(means, places, strict=True)])
-    learnt = 1.0 / variance - 1.0
-    precision = learnt / scale**2
-    seen = np.flatnonzero(precision.min(axis=0) * scale[0] ** 2 > _LEARNT).tolist()
-    if not seen:
+) -> Conflict | None:
+    """Return where the readings of two campaigns disagree most about a coefficient.
+
+    What they say of it beyond its prior, n ± 1/√l with l = 1/Var(ν | y) − 1/S, must be the same
+    number.
+
+    Parameters
+    ----------
+    common : sequence of str
+        Coefficients that both have.
+    names : sequence of sequence of str
+        All coefficients of each campaign.
+    information : sequence of Information
+        Of each.
+    means : sequence of ndarray
+        Posterior means of each.
+    """
+    scales = []
+    variances = []
+    common_means = []
+    for k in range(len(names)):
+        places = np.array([names[k].index(name) for name in common], dtype=int)
+        scales.append(information[k].scale[places])
+        variances.append(np.diag(information[k].covariance())[places])
+        common_means.append(means[k][places])
+    scale = np.array(scales)
+    variance = np.array(variances)
+    gained = 1.0 / variance - 1.0
+    precision = gained / scale**2
+    informed = precision.min(axis=0) * scale[0] ** 2 > _LEAST_INFORMATION
+    if not informed.any():
         return None
-    stated = mean / (variance * np.maximum(learnt, _LEARNT))
-    apart = {
-        alike[j]: float(abs(stated[0, j] - stated[1, j]) / np.sqrt((1.0 / precision[:, j]).sum()))
-        for j in seen
-    }
-    worst = ranked(apart, apart.__getitem__)[0]
-    return worst, min(1.0, float(2.0 * ndtr(-apart[worst])) * len(seen))
+    stated = np.array(common_means) / (variance * np.maximum(gained, _LEAST_INFORMATION))
+    distances = {}
+    for j in np.flatnonzero(informed):
+        sd = np.sqrt((1.0 / precision[:, j]).sum())
+        distances[common[j]] = float(abs(stated[0, j] - stated[1, j]) / sd)
+    worst = ranked(distances, distances.__getitem__)[0]
+    p_value = float(2.0 * ndtr(-distances[worst])) * len(distances)
+    return Conflict(worst, min(1.0, p_value))
 
 
-def _mean(bound: BoundModel, phi: Array) -> Array:
-    """Posterior mean of parameters and shared nuisances at φ, in the order of `information_of`."""
+def _posterior_mean(bound: BoundModel, phi: Array) -> Array:
+    """Return the posterior mean of parameters and shared nuisances at φ.
+
+    The order is that of `information_of`.
+    """
     beta = bound.given(phi[None])[1].mean[0]
-    if not any(isinstance(term, Columns) and not term.private for term in bound.nuisance_columns):
+    has_shared_nuisances = any(
+        isinstance(term, Columns) and not term.private for term in bound.nuisance_columns
+    )
+    if not has_shared_nuisances:
         return np.asarray(beta)
     _, nuisances = bound.given_interest.conditional(phi[None], (beta - bound.centre)[None])
     return np.concatenate([beta, nuisances.mean[0]])

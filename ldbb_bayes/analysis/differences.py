@@ -1,14 +1,14 @@
-"""Two campaigns of one kind of machine: by how much does every parameter differ, and with what
-probability has it grown?
+"""By how much every parameter differs between two campaigns of one kind of machine.
 
 Before and after a repair, machine A and B. Independent instruments: the difference of independent
-posteriors. The same bar, balls, mount and force device: their errors cancel (`instrument`).
+posteriors. The same bar, balls, mount and force device: their errors cancel (`common_instrument`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,7 @@ import xarray as xr
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circle_columns import offsets
-from ldbb_bayes.analysis.common_instrument import _of_one_instrument
+from ldbb_bayes.analysis.common_instrument import Conflict, joint_difference
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
 from ldbb_bayes.inference.summary import check_probability
@@ -26,7 +26,19 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["differences"]
 
+# Pairs of draws behind the interval of a difference of independent posteriors.
 _DRAWS = 20_000
+
+
+class _Differences(NamedTuple):
+    """The parameters of two campaigns compared."""
+
+    means: Array  #: of both (2, names)
+    difference: Array  #: second less first (names,)
+    sd: Array  #: of the difference (names,)
+    interval: Array  #: ends of the equal-tailed interval (2, names)
+    increase: Array  #: probability that the parameter has grown (names,)
+    conflict: Conflict | None = None
 
 
 @one_blas_thread
@@ -37,112 +49,141 @@ def differences(
     same_instrument: bool = False,
     ci_prob: float = 0.95,
 ) -> pd.DataFrame:
-    """Every parameter of ``other`` less that of ``posterior``.
-
-    InputError for other machines, or a flat prior with ``same_instrument``.
+    """Return every parameter of ``other`` less that of ``posterior``.
 
     Parameters
     ----------
-    posterior, other : of machines with the same topology, planes and joint frames.
-    same_instrument : whether bar, balls, mount and force device were the same.
+    posterior, other : DataTree
+        Of machines with the same topology, planes and joint frames.
+    same_instrument : bool
+        Whether bar, balls, mount and force device were the same.
     ci_prob : float
+        Probability of the intervals.
 
     Returns
     -------
-    One row per parameter both have, offsets of the tool ball left out: unit, first, second (means,
-    at the first one's reference force), difference, sd, ci_low, ci_high, probability_of_increase.
-    ``attrs["conflict"]``: of one instrument, the coefficient in which the campaigns disagree most
-    about it, and the p-value of that (Bonferroni); else None.
+    DataFrame
+        One row per parameter both have, offsets of the tool ball left out: unit, first, second
+        (means, at the first one's reference force), difference, sd, ci_low, ci_high,
+        probability_of_increase. ``attrs["conflict"]``: of one instrument, the coefficient in which
+        the campaigns disagree most about it, and the p-value of that (Bonferroni); else None.
+
+    Raises
+    ------
+    InputError
+        For other machines, or a flat prior with ``same_instrument``.
     """
     check_probability(ci_prob)
-    one = bound_of(posterior)
-    two = bound_of(other)
-    _check(one, two, record_of(other)["campaign"]["name"])
-    names = [
-        name
-        for name, offset in zip(one.names, offsets(one), strict=True)
-        if not offset and name in two.names
-    ]
-    at = one.setting.reference_force_N
-    read = [_reading(bound, names, at) for bound in (one, two)]
-    levels = 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob
-    drawn = [
-        draws_of(tree, bound) for tree, bound in zip((posterior, other), (one, two), strict=True)
-    ]
-    conflict = None
+    bounds = [bound_of(posterior), bound_of(other)]
+    first, second = bounds
+    _check_comparable_machines(first, second, record_of(other)["campaign"]["name"])
+    names = []
+    for name, is_offset in zip(first.names, offsets(first), strict=True):
+        if not is_offset and name in second.names:
+            names.append(name)
+    reference_force_N = first.setting.reference_force_N
+    rows = [_rows_at_force(bound, names, reference_force_N) for bound in bounds]
+    first_beta, first_phi = draws_of(posterior, first)
+    second_beta, second_phi = draws_of(other, second)
+    levels = np.array([0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
     if same_instrument:
-        means, mean, sd, conflict = _of_one_instrument(
-            (one, two), [phi.mean(axis=0) for _, phi in drawn], read
-        )
-        interval = mean + ndtri(np.array(levels))[:, None] * sd
-        increase = ndtr(mean / sd)
+        phi = [first_phi.mean(axis=0), second_phi.mean(axis=0)]
+        compared = _compare_one_instrument(bounds, phi, rows, levels)
     else:
-        first, second = (beta @ rows.T for (beta, _), rows in zip(drawn, read, strict=True))
-        means = np.array([first.mean(axis=0), second.mean(axis=0)])
-        mean = means[1] - means[0]
-        sd = np.sqrt(first.var(axis=0) + second.var(axis=0))
-        rng = np.random.default_rng(0)
-        apart = (
-            second[rng.integers(len(second), size=_DRAWS)]
-            - first[rng.integers(len(first), size=_DRAWS)]
-        )
-        interval = np.quantile(apart, levels, axis=0)
-        increase = (apart > 0.0).mean(axis=0)
+        compared = _compare_independent(first_beta @ rows[0].T, second_beta @ rows[1].T, levels)
+    units = [first.parameters[first.names.index(name)].unit for name in names]
     table = pd.DataFrame(
         {
-            "unit": [one.parameters[one.names.index(name)].unit for name in names],
-            "first": means[0],
-            "second": means[1],
-            "difference": mean,
-            "sd": sd,
-            "ci_low": interval[0],
-            "ci_high": interval[1],
-            "probability_of_increase": increase,
+            "unit": units,
+            "first": compared.means[0],
+            "second": compared.means[1],
+            "difference": compared.difference,
+            "sd": compared.sd,
+            "ci_low": compared.interval[0],
+            "ci_high": compared.interval[1],
+            "probability_of_increase": compared.increase,
         },
         index=names,
     )
-    table.attrs["conflict"] = conflict
+    table.attrs["conflict"] = None
+    if compared.conflict is not None:
+        table.attrs["conflict"] = tuple(compared.conflict)
     return readable(table, f"Second less first, {100 * ci_prob:g} % intervals")
 
 
-def _check(one: BoundModel, two: BoundModel, name: str) -> None:
-    first = one.campaign
-    second = two.campaign
-    cure = "Name another campaign; to compare models of one campaign use compare."
-    got = f"got {name!r} twice (SHA-256 {first.sha256[:12]}…). {cure}"
-    require(first.sha256 != second.sha256, f"results must be of different readings, {got}")
-    for what, own, others in (
-        ("topology", first.topology, second.topology),
-        ("frames_mm", first.frames_mm, second.frames_mm),
-    ):
-        cure = "Compare campaigns of one kind of machine."
-        require(
-            own == others,
-            f"results must be of machines with the same {what}, got {own!r} and {others!r}"
-            f" ({name!r}). {cure}",
-        )
-    got = f"got {', '.join(one.setting.planes)} and {', '.join(two.setting.planes)} ({name!r})"
-    cure = "a compliance would stand for other sets. Compare campaigns of the same planes."
-    require(
-        {*one.setting.planes} == {*two.setting.planes},
-        f"results must be of the same planes, {got}: {cure}",
+def _compare_one_instrument(
+    bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array], levels: Array
+) -> _Differences:
+    """Compare campaigns run with one instrument, normal at the mean hyper-parameters."""
+    joint = joint_difference(bounds, phi, rows)
+    return _Differences(
+        means=joint.means,
+        difference=joint.difference,
+        sd=joint.sd,
+        interval=joint.difference + ndtri(levels)[:, None] * joint.sd,
+        increase=ndtr(joint.difference / joint.sd),
+        conflict=joint.conflict,
     )
 
 
-def _reading(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:
-    """Rows that take β to these parameters at another reference force, shape (names, p)."""
+def _compare_independent(first: Array, second: Array, levels: Array) -> _Differences:
+    """Compare independent posteriors from draws of the parameters, each (draws, names)."""
+    means = np.array([first.mean(axis=0), second.mean(axis=0)])
+    rng = np.random.default_rng(0)
+    second_draws = second[rng.integers(len(second), size=_DRAWS)]
+    first_draws = first[rng.integers(len(first), size=_DRAWS)]
+    draws = second_draws - first_draws
+    return _Differences(
+        means=means,
+        difference=means[1] - means[0],
+        sd=np.sqrt(first.var(axis=0) + second.var(axis=0)),
+        interval=np.quantile(draws, levels, axis=0),
+        increase=(draws > 0.0).mean(axis=0),
+    )
+
+
+def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str) -> None:
+    """Refuse posteriors of the same readings, and of other machines or planes."""
+    campaign = first.campaign
+    other = second.campaign
+    require(
+        campaign.sha256 != other.sha256,
+        f"results must be of different readings, got {name!r} twice (SHA-256"
+        f" {campaign.sha256[:12]}…). Name another campaign; to compare models of one campaign use"
+        " compare.",
+    )
+    require(
+        campaign.topology == other.topology,
+        f"results must be of machines with the same topology, got {campaign.topology!r} and"
+        f" {other.topology!r} ({name!r}). Compare campaigns of one kind of machine.",
+    )
+    require(
+        campaign.frames_mm == other.frames_mm,
+        f"results must be of machines with the same frames_mm, got {campaign.frames_mm!r} and"
+        f" {other.frames_mm!r} ({name!r}). Compare campaigns of one kind of machine.",
+    )
+    require(
+        set(first.setting.planes) == set(second.setting.planes),
+        f"results must be of the same planes, got {', '.join(first.setting.planes)} and"
+        f" {', '.join(second.setting.planes)} ({name!r}): a compliance would stand for other sets."
+        " Compare campaigns of the same planes.",
+    )
+
+
+def _rows_at_force(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:
+    """Return rows that take β to these parameters at another reference force, (names, p)."""
     rows = np.zeros((len(names), len(bound.names)))
     lever = reference_force_N - bound.setting.reference_force_N
     for i, name in enumerate(names):
-        own = bound.parameters[bound.names.index(name)]
+        target = bound.parameters[bound.names.index(name)]
+        if target.group == "geometric":
+            rows[i, bound.names.index(name)] = 1.0
+            continue
         for j, parameter in enumerate(bound.parameters):
-            power = parameter.degree - own.degree
-            if own.group == "geometric":
-                rows[i, j] = parameter.name == name
-            elif (
-                parameter.group != "geometric"
-                and parameter.compliance == own.compliance
-                and power >= 0
-            ):
-                rows[i, j] = comb(parameter.degree, own.degree) * lever**power
+            same_compliance = (
+                parameter.group != "geometric" and parameter.compliance == target.compliance
+            )
+            power = parameter.degree - target.degree
+            if same_compliance and power >= 0:
+                rows[i, j] = comb(parameter.degree, target.degree) * lever**power
     return rows

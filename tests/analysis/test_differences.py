@@ -13,8 +13,12 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.common_instrument import _conflict, _of_one_instrument, _Together
-from ldbb_bayes.analysis.differences import _reading
+from ldbb_bayes.analysis.common_instrument import (
+    JointDifference,
+    joint_difference,
+    worst_conflict,
+)
+from ldbb_bayes.analysis.differences import _rows_at_force
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
@@ -133,10 +137,10 @@ def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
     return gain @ np.concatenate(readings), np.diag(prior**2) - gain @ (jacobian * prior**2)
 
 
-def together(bounds: list[BoundModel]) -> tuple[list[str], _Together]:
+def together(bounds: list[BoundModel]) -> tuple[list[str], JointDifference]:
     names = [name for name in bounds[0].names if not name.startswith(("E_Xt", "E_Yt"))]
-    return names, _of_one_instrument(
-        bounds, [PHI.copy(), PHI.copy()], [_reading(bound, names, 389.0) for bound in bounds]
+    return names, joint_difference(
+        bounds, [PHI.copy(), PHI.copy()], [_rows_at_force(bound, names, 389.0) for bound in bounds]
     )
 
 
@@ -216,7 +220,7 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
             means.append(
                 np.array([0.0, value, 0.5 * value]) * prior_sd**2 / (prior_sd**2 + noise**2)
             )
-        found = _conflict(["length", "form"], [["E", "form", "length"]] * 2, own, means)
+        found = worst_conflict(["length", "form"], [["E", "form", "length"]] * 2, own, means)
         assert found == (
             "form",
             pytest.approx(2.0 * 2.0 * stats.norm.sf(4.0 / np.hypot(1.0, 1.5)), rel=1e-6),
