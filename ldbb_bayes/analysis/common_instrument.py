@@ -214,7 +214,7 @@ def worst_conflict(
         return None
     stated = np.array(common_means) / (variance * np.maximum(gained, _LEAST_INFORMATION))
     distances = {}
-    for j in np.flatnonzero(informed):
+    for j in np.flatnonzero(informed).tolist():
         sd = np.sqrt((1.0 / precision[:, j]).sum())
         distances[common[j]] = float(abs(stated[0, j] - stated[1, j]) / sd)
     worst = ranked(distances, distances.__getitem__)[0]
