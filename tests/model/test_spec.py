@@ -43,10 +43,11 @@ def test_round_trip(model: lb.HybridModel) -> None:
 def test_what_is_left_out_is_the_presets() -> None:
     assert model_from_toml("schema = 1") == lb.HybridModel.default(1)
     first = lb.HybridModel.first(1)
-    alone = model_from_toml(
+    two_terms = model_from_toml(
         'schema = 1\npreset = "first"\n[terms.BallForm]\n[terms.Mount]\nrelative_sd = 0.2\n'
     )
-    assert alone.nuisances == (first.nuisances[0], replace(first.nuisances[2], relative_sd=0.2))  # type: ignore[type-var]
+    mount = replace(first.nuisances[2], relative_sd=0.2)  # type: ignore[type-var]
+    assert two_terms.nuisances == (first.nuisances[0], mount)
     assert "Drift" not in model_to_toml(lb.HybridModel.first(1))
     model = model_from_toml(
         "schema = 1\ndegree = 0\n[prior]\ntau_um = 15.0\n[terms.BarLength]\nsd_um = 2.0\n"
@@ -111,8 +112,11 @@ NO_SD = (
 
 @pytest.mark.parametrize(("priors", "message"), [*CASES["priors"], NO_SD])
 def test_priors_refused(priors: dict[str, object], message: str) -> None:
-    given = {name: tuple(own) if isinstance(own, list) else own for name, own in priors.items()}
-    refuses(message, lb.HybridModel.default(1).with_prior, given)
+    arguments = dict(priors)
+    for name, prior in priors.items():
+        if isinstance(prior, list):  # TOML has no tuples
+            arguments[name] = tuple(prior)
+    refuses(message, lb.HybridModel.default(1).with_prior, arguments)
 
 
 def test_missing_file(tmp_path: Path) -> None:
