@@ -31,7 +31,7 @@ from .campaign.campaign import ForceLaw as ForceLaw
 from .campaign.campaign import Instrument as Instrument
 from .campaign.campaign import MountCompensation as MountCompensation
 from .campaign.campaign import Plan as Plan
-from .campaign.dcc import read_dcc as read_dcc
+from .campaign.dcc_reader import read_dcc as read_dcc
 from .campaign.folder import embedded_campaign as embedded_campaign
 from .campaign.folder import read_campaign as read_campaign
 from .campaign.folder import write_campaign as write_campaign
@@ -96,8 +96,8 @@ from .reading.masks import mask_reversals as mask_reversals
 from .report import figures as figures
 from .report.dcc import write_dcc as write_dcc
 from .report.figures import save_figures as save_figures
-from .report.page import write_report as write_report
 from .report.fit_tables import fit_in_words as fit_in_words
+from .report.page import write_report as write_report
 from .report.wording import with_words as with_words
 
 __version__: str

@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass
 from ldbb_bayes.campaign.campaign import CampaignFields
 from ldbb_bayes.campaign.certified_instrument import Ball, Instrument
 from ldbb_bayes.campaign.circular_test import CircularTest, TestFields
-from ldbb_bayes.campaign.dcc import read_dcc
+from ldbb_bayes.campaign.dcc_reader import read_dcc
 from ldbb_bayes.campaign.field_types import Label, Length, Number, Percent, Positive
 from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.campaign.readings_table import read_readings

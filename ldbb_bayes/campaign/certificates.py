@@ -257,8 +257,10 @@ class CalibrationCertificate(Shown):
         """Return file, identifier and quantities as one line."""
         titles = ", ".join(_title_with_holder(quantity) for quantity in quantities)
         text = f"{self.path.name}, DCC {self.identifier}: {titles}"
-        printable = [sign if sign.isprintable() else " " for sign in text]
-        return "".join(printable)[:_LONGEST_LABEL]
+        label = ""
+        for sign in text[:_LONGEST_LABEL]:
+            label += sign if sign.isprintable() else " "
+        return label
 
     def _content(self) -> str:
         return _listed(self.quantities) or "no number at all"
@@ -275,8 +277,9 @@ def _title_with_holder(quantity: CertifiedQuantity) -> str:
 
 def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | None:
     """Return the last of the largest quantities; None of none."""
-    ordered = sorted(quantities, key=CertifiedQuantity.magnitude)
-    return ordered[-1] if ordered else None
+    if not quantities:
+        return None
+    return sorted(quantities, key=CertifiedQuantity.magnitude)[-1]
 
 
 def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:

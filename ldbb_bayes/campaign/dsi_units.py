@@ -66,9 +66,11 @@ def _dimension_text(powers: Mapping[str, int]) -> str:
     for dimension, power in powers.items():
         if not dimension or not power:
             continue
-        exponent = "" if abs(power) == 1 else str(abs(power))
+        factor = dimension
+        if abs(power) > 1:
+            factor += str(abs(power))
         if power > 0:
-            numerators += f"{dimension}{exponent}"
+            numerators += factor
         else:
-            denominators += f"/{dimension}{exponent}"
+            denominators += f"/{factor}"
     return numerators + denominators

@@ -73,25 +73,8 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
     recordings
         The tests; planes and temperatures are added to their fields.
     """
-    for key, option in _OPTIONS.items():
-        places: dict[Any, str] = {}
-        for recording in recordings:
-            values = _stated_values(recording, key)
-            certain = _certain_value(recording, key)
-            if certain is not None:
-                _note_contradictions(recording, key, certain, values)
-                continue
-            places_of_test = {value: stated.place for value, stated in values.items()}
-            places |= places_of_test
-            compared = places_of_test if key in _FIELDS_OF_EACH else places
-            _check_stated(recording, key, compared)
-            for value, stated in values.items():
-                shown = value
-                if key in UNITS_SHOWN:
-                    shown = f"{value:g} {UNITS_SHOWN[key]}"
-                recording.note(key, shown, stated.source, option)
-                if key == "plane":
-                    recording.fields[key] = value
+    for key in _OPTIONS:
+        places = _places_by_value(recordings, key)
         if key == "plane" and not _is_common_plane(recordings, places):
             continue
         if places:
@@ -100,6 +83,39 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
     campaign.setdefault("machine_id", machine_id)
     for recording in recordings:
         _take_temperature(recording)
+
+
+def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
+    """Return where each value of a field is stated, which is noted, in tests without a certain one.
+
+    Planes go to the fields of their tests.
+    """
+    places: dict[Any, str] = {}
+    for recording in recordings:
+        values = _stated_values(recording, key)
+        certain = _certain_value(recording, key)
+        if certain is not None:
+            _note_contradictions(recording, key, certain, values)
+            continue
+        places_of_test = {value: stated.place for value, stated in values.items()}
+        places |= places_of_test
+        if key in _FIELDS_OF_EACH:
+            _check_stated(recording, key, places_of_test)
+        else:
+            _check_stated(recording, key, places)
+        for stated in values.values():
+            _note_stated(recording, key, stated)
+    return places
+
+
+def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
+    """Note a stated value; a plane goes to the fields of its test."""
+    text = stated.value
+    if key in UNITS_SHOWN:
+        text = f"{stated.value:g} {UNITS_SHOWN[key]}"
+    recording.note(key, text, stated.source, _OPTIONS[key])
+    if key == "plane":
+        recording.fields[key] = stated.value
 
 
 def _stated_values(recording: Recording, key: str) -> dict[Any, _StatedValue]:
@@ -125,23 +141,29 @@ def _stated_values(recording: Recording, key: str) -> dict[Any, _StatedValue]:
 
 def _certain_value(recording: Recording, key: str) -> Any:
     """Return what a user or a column states of a field; None where neither does."""
-    value = recording.stated.get(key) or recording.fields.get(key) or recording.stated_value(key)
-    if isinstance(value, MountCompensation):
-        return "compensated" if value.compensated else "raw"
-    return value
+    value = recording.stated.get(key)
+    if not value:
+        value = recording.fields.get(key)
+    if not value:
+        value = recording.stated_value(key)
+    if not isinstance(value, MountCompensation):
+        return value
+    if value.compensated:
+        return "compensated"
+    return "raw"
 
 
 def _note_contradictions(
     recording: Recording, key: str, certain: Any, values: Mapping[Any, _StatedValue]
 ) -> None:
     """Note values other than the certain one; raw readings are never taken as compensated."""
-    others = {value: stated for value, stated in values.items() if value != certain}
-    if "raw" in others:
+    different = {value: stated for value, stated in values.items() if value != certain}
+    if "raw" in different:
         raise InputError(
             f"{recording.place}: {key} must be said once, got {certain} as given and raw in"
-            f" {others['raw'].place}. Correct the line, or give --raw."
+            f" {different['raw'].place}. Correct the line, or give --raw."
         )
-    for value, stated in others.items():
+    for value, stated in different.items():
         reason = f"{stated.source} says {value}"
         recording.note(key, f"{certain}, as given", reason, _OPTIONS[key])
 

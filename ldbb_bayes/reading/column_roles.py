@@ -187,16 +187,8 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
     for role in ROLES:
         if role not in roles.columns:
             _find_role(place, role, roles, headers)
-    if "angle" in roles.columns:
-        if "time" not in layout.columns:
-            roles.columns.pop("time", None)
-    elif "time" not in roles.columns and "time_s" in headers:
-        roles.columns["time"] = list(headers).index("time_s")
-    for role, column in list(roles.columns.items()):
-        if role != "reading" and column in roles.readings:
-            del roles.columns[role]
-    if not roles.readings and "reading" in roles.columns:
-        roles.readings = [roles.columns["reading"]]
+    _settle_time(roles, layout, headers)
+    _settle_readings(roles)
     if len(roles.readings) > 1 and "test" in roles.columns:
         test_header = headers[roles.columns["test"]][:LONGEST_NAME]
         raise InputError(
@@ -207,11 +199,32 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
     return roles
 
 
+def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:
+    """Drop a time beside an angle; without both take time_s, a field of tests, for the time."""
+    if "angle" in roles.columns:
+        if "time" not in layout.columns:
+            roles.columns.pop("time", None)
+    elif "time" not in roles.columns and "time_s" in headers:
+        roles.columns["time"] = list(headers).index("time_s")
+
+
+def _settle_readings(roles: ColumnRoles) -> None:
+    """Take columns of readings from other roles, and the one column of the role as the readings."""
+    for role, column in list(roles.columns.items()):
+        if role != "reading" and column in roles.readings:
+            del roles.columns[role]
+    if not roles.readings and "reading" in roles.columns:
+        roles.readings = [roles.columns["reading"]]
+
+
 def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRoles:
     """Return the columns that the layout states."""
     roles = ColumnRoles()
     for role, stated in layout.columns.items():
-        references = stated if isinstance(stated, list) else [stated]
+        if isinstance(stated, list):
+            references = stated
+        else:
+            references = [stated]
         columns = [_column_index(place, role, reference, headers) for reference in references]
         if not columns:
             continue
@@ -238,11 +251,9 @@ def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> Colum
 
 def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]) -> None:
     """Add the column whose header names the role, if there is one."""
-    taken = set(roles.columns.values())
-    free = [column for column in range(len(headers)) if column not in taken]
-    candidates = [column for column in free if has_role(unit_of(headers[column]).name, role)]
-    # A column called exactly like a field of a test is that field.
-    candidates = [k for k in candidates if headers[k] not in PER_TEST] or candidates
+    assigned = set(roles.columns.values())
+    free = [column for column in range(len(headers)) if column not in assigned]
+    candidates = _candidates(role, free, headers)
     if role == "reading":
         # Columns may be called by the load of their test: 36 N [mm], reading 238 N.
         loaded = [column for column in free if load_in_name([headers[column]]) is not None]
@@ -258,8 +269,25 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
             f"{place}: one column must hold the {role}, got {names}. Say which:"
             f" --{role}-column{advice}."
         )
-    if candidates and (role == "reading" or headers[candidates[0]] not in PER_TEST):
-        roles.columns[role] = candidates[0]
+    if not candidates:
+        return
+    column = candidates[0]
+    if role == "reading" or headers[column] not in PER_TEST:
+        roles.columns[role] = column
+
+
+def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> list[int]:
+    """Return the columns whose headers name a role.
+
+    A column called exactly like a field of a test is that field, unless there is no other.
+    """
+    candidates = []
+    for column in columns:
+        name = unit_of(headers[column]).name
+        if has_role(name, role):
+            candidates.append(column)
+    no_fields = [column for column in candidates if headers[column] not in PER_TEST]
+    return no_fields or candidates
 
 
 def _column_index(place: str, role: str, reference: str | int, headers: Sequence[str]) -> int:

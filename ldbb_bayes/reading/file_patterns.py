@@ -50,8 +50,8 @@ def _path_of(text: str) -> Path:
 
 
 def _first_wild_part(path: Path) -> int | None:
-    for k, part in enumerate(path.parts):
-        if "*" in part or "?" in part:
+    for k, name in enumerate(path.parts):
+        if "*" in name or "?" in name:
             return k
     return None
 
@@ -84,5 +84,9 @@ def _is_hidden(path: Path) -> bool:
 
 def _natural_order(name: object) -> list[str | int]:
     """Return a key that sorts 2 N before 10 N."""
-    parts = re.split(r"([0-9]+)", str(name).casefold())
-    return [int(part) if part.isdigit() else part for part in parts]
+    key: list[str | int] = []
+    for piece in re.split(r"([0-9]+)", str(name).casefold()):
+        key.append(piece)
+        if piece.isdigit():
+            key[-1] = int(piece)
+    return key

@@ -211,12 +211,16 @@ def _first_row_without_header(sheet: Sheet, block: int) -> int:
     rows = sheet.rows
     width = len(rows[block].cells)
     first = block
-    while first and len(rows[first - 1].cells) == width and count_numbers(rows[first - 1].cells):
+    while first:
+        cells_above = rows[first - 1].cells
+        if len(cells_above) != width or count_numbers(cells_above) == 0:
+            break
         first -= 1
     if first == 0:
         return first
     row = rows[first - 1]
-    if count_numbers(row.cells) or any(count_numbers(other.cells) >= 2 for other in rows[:first]):
+    numbers_above = [count_numbers(row_above.cells) for row_above in rows[:first]]
+    if numbers_above[-1] > 0 or max(numbers_above) >= 2:
         cells = ", ".join(repr(cell) for cell in row.cells)
         raise InputError(
             f"{sheet.place}, line {row.line}: rows of a table without a header must be alike, got"
@@ -298,31 +302,54 @@ def _join_units(words: Sequence[str]) -> list[str]:
 
 def _row_of_units(cells: Sequence[str]) -> list[str]:
     """Return the units in a row that holds nothing else; empty where it holds names."""
-    texts = [cell.strip("[](){} ") for cell in cells]
-    units = [unit_named(text) for text in texts]
-    n_certain = 0
+    units = []
+    for cell in cells:
+        text = cell.strip("[](){} ")
+        units.append(unit_named(text) or text)
+    holds_load = any(load_in_name([cell]) is not None for cell in cells)
+    if holds_load or not _holds_only_units(cells):
+        return []
+    return units
+
+
+def _holds_only_units(cells: Sequence[str]) -> bool:
+    """Return whether a row has a known unit, and hardly anything that may be none."""
+    n_known = 0
+    n_bracketed = 0
     uncertain = []
-    for cell, unit in zip(cells, units, strict=True):
-        if cell and (unit or _BRACKETED.fullmatch(cell)):
-            n_certain += 1
+    for cell in cells:
+        if unit_named(cell.strip("[](){} ")):
+            n_known += 1
+        elif _BRACKETED.fullmatch(cell):
+            n_bracketed += 1
         elif cell:
             uncertain.append(cell)
-    n_filled = n_certain + len(uncertain)
-    n_needed = 2
+    n_certain = n_known + n_bracketed
+    n_needed = min(2, n_certain + len(uncertain))
     if "grad" in [comparable(cell) for cell in uncertain]:  # German for degree
-        n_needed = 1
-    if not any(units) or n_certain < min(n_filled, n_needed):
-        return []
-    if any(len(cell) > _LONGEST_UNIT for cell in uncertain):
-        return []
-    if any(load_in_name([cell]) is not None for cell in cells):
-        return []
-    return [unit or text for unit, text in zip(units, texts, strict=True)]
+        n_needed = min(1, n_needed)
+    if n_known == 0 or n_certain < n_needed:
+        return False
+    return all(len(cell) <= _LONGEST_UNIT for cell in uncertain)
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
     """Note how a sheet is written, which column was taken for what, and what was not used."""
     _note_format(sheet, heading, layout, log)
+    _note_columns(sheet, heading, layout, log)
+    unused = _unused_headers(heading)
+    if unused:
+        log.add(
+            sheet.place,
+            "columns not used",
+            ", ".join(unused)[:LONGEST_NAME],
+            "no role is known for them",
+            "--…-column, or a [[test]] in --layout",
+        )
+
+
+def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
+    """Note which column was taken for what, where the layout does not state it."""
     columns: dict[str, Any] = {}
     for role, column in heading.roles.items():
         if role not in layout.columns:
@@ -332,22 +359,21 @@ def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: Assumption
     if columns:
         log.keep(columns=dict(layout.columns) | columns)
         assignments = ", ".join(f"{role} = {column!r}" for role, column in columns.items())
-        reason = "their names" if heading.line else "no header: the first two"
+        reason = "their names"
+        if not heading.line:
+            reason = "no header: the first two"
         options = ", ".join(f"--{role}-column" for role in columns)
         log.add(sheet.place, "columns", assignments[:LONGEST_NAME], reason, options)
-    used = {*heading.roles.values(), *heading.readings}
+
+
+def _unused_headers(heading: Heading) -> list[str]:
+    """Return the headers of columns without a role that are no field of a test."""
+    columns_in_use = {*heading.roles.values(), *heading.readings}
     unused = []
     for column, header in enumerate(heading.headers):
-        if header and column not in used and header not in PER_TEST:
+        if header and column not in columns_in_use and header not in PER_TEST:
             unused.append(header)
-    if unused:
-        log.add(
-            sheet.place,
-            "columns not used",
-            ", ".join(unused)[:LONGEST_NAME],
-            "no role is known for them",
-            "--…-column, or a [[test]] in --layout",
-        )
+    return unused
 
 
 def _note_format(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:

@@ -253,12 +253,16 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
 
 def _iso_date(text: str) -> str:
     """Return a date as ISO 8601; empty for one that the calendar lacks."""
-    parts = [part for part in re.split(r"[-/., ]+", text.casefold()) if part]
-    if parts[0].isalpha():  # March 4, 2026
-        parts = [parts[1], parts[0], parts[2]]
-    day, month, year = parts
-    if len(day) == 4:
-        day, year = year, day
+    first, second, third = re.findall(r"[^-/., ]+", text.casefold())
+    day = first
+    month = second
+    year = third
+    if first.isalpha():  # March 4, 2026
+        day = second
+        month = first
+    elif len(first) == 4:  # 2026-03-04
+        year = first
+        day = third
     if month.isalpha():
         month = _month_number(month)
     try:
@@ -318,8 +322,10 @@ def _senses(text: str) -> set[str]:
     senses = set()
     counter_words = tuple(_DIRECTION_WORDS["counter"])
     for match in _SENSE.finditer(text):
-        is_counter_clockwise = match[1].casefold().startswith(counter_words)
-        senses.add("CCW" if is_counter_clockwise else "CW")
+        if match[1].casefold().startswith(counter_words):
+            senses.add("CCW")
+        else:
+            senses.add("CW")
     return senses
 
 

@@ -14,6 +14,7 @@ from ldbb_bayes.results import Array
 
 __all__ = [
     "NUMBER_IN_TEXT",
+    "OTHER_MARK",
     "constant_value",
     "could_be_thousands",
     "decimal_mark",
@@ -62,6 +63,8 @@ _MISSING = (
     "null",
     "none",
 )
+# What may stand between thousands, by decimal mark.
+OTHER_MARK = {".": ",", ",": "."}
 # Up to these a number with a mark before three digits may be of thousands: 1,000 N, not 150.000 mm.
 _LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
 
@@ -121,8 +124,7 @@ def number(cell: str, decimal: str = ".") -> float:
         with suppress(ValueError):
             return float(cell)
     text = cell.strip().translate(_MINUS_SIGNS)
-    other_mark = "," if decimal == "." else r"\."
-    for mark in (_GAP, other_mark):
+    for mark in (_GAP, re.escape(OTHER_MARK[decimal])):
         if re.search(mark, text):
             if not _is_grouped(text.partition(decimal)[0], mark):
                 raise ValueError(cell)
@@ -132,8 +134,9 @@ def number(cell: str, decimal: str = ".") -> float:
 
 def number_in_text(text: str) -> float:
     """Return a number found in a line or a name; a comma in it is its decimal mark."""
-    decimal = "," if "," in text else "."
-    return number(text, decimal)
+    if "," in text:
+        return number(text, ",")
+    return number(text)
 
 
 def numbers_of(
@@ -170,20 +173,22 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
     certain: str | None = None
     single: dict[str, tuple[int, str]] = {}  # first cell with that mark only
     for line, cell in cells:
-        comma = cell.rfind(",")
-        point = cell.rfind(".")
-        mark = "," if comma > point else "."
-        if comma >= 0 and point >= 0:
+        has_comma = "," in cell
+        has_point = "." in cell
+        if has_comma and has_point:
+            mark = max(",.", key=cell.rfind)
             if certain not in (None, mark):
                 raise _contradicting_marks(place, line, cell)
             certain = mark
-        elif comma >= 0 or point >= 0:
-            single.setdefault(mark, (line, cell))
+        elif has_comma:
+            single.setdefault(",", (line, cell))
+        elif has_point:
+            single.setdefault(".", (line, cell))
     if certain is None:
         if len(single) == 2:
             raise _contradicting_marks(place, *max(single.values()))
         return next(iter(single), None)
-    other = "." if certain == "," else ","
+    other = OTHER_MARK[certain]
     if other in single:
         line, cell = single[other]
         if not _is_grouped(cell, re.escape(other)):

@@ -67,8 +67,9 @@ def _labelled_cells(
     labelled = []
     for name, cell in zip(header, cells, strict=False):
         if name and cell:
-            label = "direction" if is_direction(cell) else name
-            labelled.append((place, f"{label}: {cell}"))
+            if is_direction(cell):
+                name = "direction"
+            labelled.append((place, f"{name}: {cell}"))
     return labelled
 
 

@@ -90,11 +90,12 @@ class Recording:
 
     def stated_value(self, key: str) -> Any:
         """Return what the [[test]], the layout or an option states; None where none does."""
-        sources = (self.stated.get(key), getattr(self.layout, key, None), self.campaign.get(key))
-        for value in sources:
-            if value is not None:
-                return value
-        return None
+        value = self.stated.get(key)
+        if value is None:
+            value = getattr(self.layout, key, None)
+        if value is None:
+            value = self.campaign.get(key)
+        return value
 
     def name_of_file(self, title: str) -> str:
         """Return a title as the name of a test, which is that of a file; changes are noted."""

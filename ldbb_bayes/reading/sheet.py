@@ -25,7 +25,9 @@ class Sheet:
     @property
     def name_in_file(self) -> str:
         """Return what distinguishes the sheet in its file; empty for the only table of a file."""
-        return "" if self.is_only_table else self.name
+        if self.is_only_table:
+            return ""
+        return self.name
 
     @property
     def title(self) -> str:

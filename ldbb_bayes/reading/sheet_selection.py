@@ -85,14 +85,10 @@ def select_sheets(
         # The reader of rows says which column is missing.
         selection = SheetSelection(tables=incomplete)
         return _mark_only_tables(selection, list(incomplete))
+    reason = "it holds no table of angles and readings"
     for sheet in selection.left_out:
-        log.add(
-            sheet.place,
-            "left out",
-            "the sheet" if sheet.name else "the file",
-            "it holds no table of angles and readings",
-            "--sheets",
-        )
+        kind = "the sheet" if sheet.name else "the file"
+        log.add(sheet.place, "left out", kind, reason, "--sheets")
     return _mark_only_tables(selection, selection.tables)
 
 

@@ -14,6 +14,7 @@ from ldbb_bayes.reading.headers import Heading, note_heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.numerals import (
+    OTHER_MARK,
     constant_value,
     could_be_thousands,
     decimal_mark,
@@ -204,9 +205,9 @@ def _note_stated_mark(
     sheet: Sheet, cells: Sequence[tuple[int, str]], decimal: str, log: AssumptionLog
 ) -> None:
     """Note a stated decimal mark that no cell has, while cells have the other."""
-    other = "," if decimal == "." else "."
     if any(decimal in cell for _, cell in cells):
         return
+    other = OTHER_MARK[decimal]
     if any(other in cell for _, cell in cells):
         reason = f"cells have {other!r} alone: thousands"
         log.add(sheet.place, "decimal mark", f"{decimal}, as given", reason, "--decimal")

@@ -68,23 +68,23 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
         return None
     unit = UNITS_SHOWN.get(key, "°")
     option = option_for(key)
-    evidence, *others = certain + uncertain
+    evidence, *further_evidence = certain + uncertain
     value = evidence.value
     if math.isnan(value):
         raise InputError(
             f"{recording.place}: {key} must be one number, got a mark in {evidence.source} that may"
             f" stand between thousands. Give {option}."
         )
-    for other in others:
-        if math.isnan(other.value) or np.isclose(other.value, value, rtol=other.tolerance):
+    for other in further_evidence:
+        if _agrees(other, value):
             continue
         if not certain:
             raise InputError(
                 f"{recording.place}: {key} must be said once, got {value:g} {unit} in"
                 f" {evidence.source} and {other.value:g} {unit} in {other.source}. Give {option}."
             )
-        taken = f"{value:g} {unit}, {evidence.source}"
-        recording.note(key, taken, f"{other.source} says {other.value:g} {unit}", option)
+        reason = f"{other.source} says {other.value:g} {unit}"
+        recording.note(key, f"{value:g} {unit}, {evidence.source}", reason, option)
     if not certain:
         statements = recording.statements.get(key)
         reason = evidence.source
@@ -92,6 +92,13 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
             reason += ", no unit there"
         recording.note(key, f"{value:g} {unit}", reason, option)
     return value
+
+
+def _agrees(evidence: _Evidence, value: float) -> bool:
+    """Return whether evidence is not clear, or is the value but for rounding."""
+    if math.isnan(evidence.value):
+        return True
+    return bool(np.isclose(evidence.value, value, rtol=evidence.tolerance))
 
 
 def _certain_evidence(
@@ -188,7 +195,9 @@ def unit_size(
     header_unit = recording.heading.units[recording.heading.roles[role]]
     stated_unit: str | None = getattr(recording.layout, f"{role}_unit")
     unit = stated_unit or header_unit or usual
-    option = "--unit" if role == "reading" else f"--{role}-unit"
+    option = f"--{role}-unit"
+    if role == "reading":
+        option = "--unit"
     if unit not in UNITS[role]:
         raise InputError(
             f"{recording.place}: the {role} must be in {', '.join(UNITS[role])}, got"

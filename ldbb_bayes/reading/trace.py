@@ -101,7 +101,9 @@ def _angles_of_column(recording: Recording) -> Array:
     if raw is None:
         raise _missing_column(recording, "angle", "angle, or the time")
     span = float(np.ptp(raw))
-    usual_unit = "deg" if span > _LARGEST_SPAN_RAD else "rad"
+    usual_unit = "rad"
+    if span > _LARGEST_SPAN_RAD:
+        usual_unit = "deg"
     size = unit_size(recording, "angle", usual_unit, f"it spans {span:.4g}")
     layout = recording.layout
     angle = layout.angle_sign * (raw * size - layout.angle_offset_deg)
@@ -166,7 +168,9 @@ def _deviations(recording: Recording, raw: Array) -> Array:
     )
     largest = float(np.abs(raw).max())
     is_near_radius = abs(np.median(raw) / recording.radius_mm - 1.0) < _NEAR_RADIUS
-    usual_unit = "mm" if is_near_radius or largest < _LARGEST_IN_MM else "um"
+    usual_unit = "um"
+    if is_near_radius or largest < _LARGEST_IN_MM:
+        usual_unit = "mm"
     reading = raw * unit_size(recording, "reading", usual_unit, f"the largest is {largest:.4g}")
     if _zero_of(recording, reading) == "distance":
         reading = reading - 1e3 * recording.radius_mm
@@ -189,19 +193,22 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
     else:
         is_wrong = is_far and not is_near
     if is_wrong:
-        as_stated = f" as {stated} (--zero)" if stated else ""
+        as_stated = ""
+        if stated is not None:
+            as_stated = f" as {stated} (--zero)"
         raise InputError(
             f"{recording.place}: readings must be deviations from {radius_mm:g} mm, or distances"
             f" near it, got {median_mm:.5g} mm{as_stated}. Give --radius-mm, or --unit, or --zero."
         )
     if stated is not None:
         return stated
-    zero = "distance" if is_near else "deviation"
-    recording.log.keep(zero=zero)
-    if zero == "distance":
-        taken = f"distance of the balls, {radius_mm:g} mm subtracted"
-        recording.note("reading", taken, f"its median is {median_mm:.4g} mm", "--zero")
-    return zero
+    if not is_near:
+        recording.log.keep(zero="deviation")
+        return "deviation"
+    recording.log.keep(zero="distance")
+    subtracted = f"distance of the balls, {radius_mm:g} mm subtracted"
+    recording.note("reading", subtracted, f"its median is {median_mm:.4g} mm", "--zero")
+    return "distance"
 
 
 def _handle_laps(recording: Recording, trace: Trace) -> Trace:

@@ -30,8 +30,18 @@ _LONGEST_UNIT = 40
 WORDS: Mapping[str, Any] = tomllib.loads(
     (Path(__file__).parent / "words.toml").read_text(encoding="utf-8")
 )
+
+
+def _role_words() -> dict[str, list[str]]:
+    """Return, by role, the words by which a header names it."""
+    role_words = {}
+    for role, words in WORDS["roles"].items():
+        role_words[role] = words.split()
+    return role_words
+
+
 # Words by which a header names each role, in the order in which the roles are tried.
-ROLES: Mapping[str, Sequence[str]] = {role: words.split() for role, words in WORDS["roles"].items()}
+ROLES: Mapping[str, Sequence[str]] = _role_words()
 # Quantities that are no load and no radius of a test: a maximum, the ambient temperature, …
 OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
 

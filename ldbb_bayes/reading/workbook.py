@@ -24,7 +24,7 @@ __all__ = ["WORKBOOK_SUFFIXES", "read_workbook"]
 
 WORKBOOK_SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 _MEGABYTE = 2**20
-# Bytes that the parts of a workbook may unpack to.
+# Bytes that the members of a workbook may unpack to.
 _LARGEST_UNPACKED = 256 * _MEGABYTE
 # How many times larger than the archive they may be.
 _LARGEST_RATIO = 200.0
@@ -107,20 +107,20 @@ def _check_archive(path: Path, raw: bytes) -> None:
     """Refuse an archive that unpacks to too much, or has a cell too far out."""
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
-            parts = archive.infolist()
-            _check_size(path, parts)
-            for part in parts:
-                if part.filename.startswith("xl/worksheets/"):
-                    _check_cells(path, archive.read(part))
+            members = archive.infolist()
+            _check_size(path, members)
+            for member in members:
+                if member.filename.startswith("xl/worksheets/"):
+                    _check_cells(path, archive.read(member))
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - whatever a damaged archive makes of the library
         raise _unreadable(path, f"a damaged one ({type(error).__name__})") from None
 
 
-def _check_size(path: Path, parts: Sequence[zipfile.ZipInfo]) -> None:
-    unpacked = sum(part.file_size for part in parts)
-    packed = sum(part.compress_size for part in parts)
+def _check_size(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
+    unpacked = sum(member.file_size for member in members)
+    packed = sum(member.compress_size for member in members)
     require(
         unpacked <= min(_LARGEST_UNPACKED, _LARGEST_RATIO * packed + _SMALL_ARCHIVE),
         f"{path} must unpack to at most {_LARGEST_UNPACKED / _MEGABYTE:.0f} MB and"

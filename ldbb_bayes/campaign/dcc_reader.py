@@ -158,9 +158,9 @@ def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
 
 def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | None:
     """Return the length of the shortest list of several entries; None where there is none."""
-    lengths = [len(units), len(uncertainty.U), len(uncertainty.k), len(uncertainty.coverage)]
-    lengths = [length for length in lengths if length > 1]
-    return min(lengths) if lengths else None
+    lists = (units, uncertainty.U, uncertainty.k, uncertainty.coverage)
+    lengths = [len(entries) for entries in lists if len(entries) > 1]
+    return min(lengths, default=None)
 
 
 def _entry(entries: Sequence[_T], k: int) -> _T | None:
