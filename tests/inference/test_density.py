@@ -30,8 +30,11 @@ MODELS = {
 def test_densities_are_the_oracles(edition: str, rng: np.random.Generator) -> None:
     """ln p(y | x) of the dense covariance; ln p(x) of normals inside, over P(T) in closed form, and
     of the scales."""
-    model = MODELS["tight"] if edition == "first" else lb.HybridModel.default(1)
-    priors = TIGHT if edition == "first" else {}
+    model = lb.HybridModel.default(1)
+    priors: dict[str, tuple[float, float]] = {}
+    if edition == "first":
+        model = MODELS["tight"]
+        priors = TIGHT
     density = lb.log_density(model, FOUR)
     dense = oracle_of(FOUR, 1, edition=edition, given_priors=priors)
     x = density.initial(5, seed=2)
@@ -39,8 +42,9 @@ def test_densities_are_the_oracles(edition: str, rng: np.random.Generator) -> No
     for point, likelihood, prior in zip(
         x, density.log_likelihood(x), density.log_prior(x), strict=True
     ):
-        parts = density.split(point)
-        beta, hyper = (np.array([*parts[key].values()]) for key in ("parameters", "hyper"))
+        by_name = density.split(point)
+        beta = np.array([*by_name["parameters"].values()])
+        hyper = np.array([*by_name["hyper"].values()])
         named = dict(zip(dense.hypers, hyper, strict=True))
         assert likelihood == pytest.approx(dense.log_likelihood(named, beta), abs=1e-4)
         expected = (
@@ -60,60 +64,80 @@ def test_prior_transform_gives_draws_of_the_prior(name: str, rng: np.random.Gene
     density = lb.log_density(MODELS[name], FEW)
     bound = density.bound
     size = 300 if name == "quadratic" else 4000
-    drawn = density.prior_transform(rng.random((size, len(density.names))))
-    assert np.isfinite(density.log_prior(drawn)).all()
-    assert np.all((drawn >= density.bounds[:, 0]) & (drawn <= density.bounds[:, 1]))
+    draws = density.prior_transform(rng.random((size, len(density.names))))
+    assert np.isfinite(density.log_prior(draws)).all()
+    assert np.all((draws >= density.bounds[:, 0]) & (draws <= density.bounds[:, 1]))
     normal = bound.prior_mean + rng.standard_normal((200_000, len(bound.names))) * bound.prior_sd
     rejected = normal[(normal @ bound.truncation.rows.T >= 0.0).all(axis=1)]
     looks = np.vstack([np.eye(len(bound.names)), bound.truncation.rows])
     p_values = [
-        stats.ks_2samp(drawn[:, : len(bound.names)] @ look, rejected @ look).pvalue
+        stats.ks_2samp(draws[:, : len(bound.names)] @ look, rejected @ look).pvalue
         for look in looks
     ]
     assert min(p_values) > 1e-4
     tau = density.names.index("tau")
-    assert stats.kstest(drawn[:, tau], stats.halfnorm(scale=5e-3).cdf).pvalue > 1e-4
+    assert stats.kstest(draws[:, tau], stats.halfnorm(scale=5e-3).cdf).pvalue > 1e-4
     one = rng.random(len(density.names))
     np.testing.assert_array_equal(
         density.prior_transform(one), density.prior_transform(one[None])[0]
     )
 
 
-def test_outside_the_bounds() -> None:
-    density = lb.log_density(lb.HybridModel.default(1), FOUR)
-    x = density.initial(1)[0]
-    for name, value in {
-        "C_XXX": -1e-6,
-        "sigma": 1e-5,
-        "decay": 0.4,
-        "lambda_f036": -1.0,
-        "tau": np.nan,
-    }.items():
-        moved = np.where(np.array(density.names) == name, value, x)
-        assert np.clip(value, *density.bounds[density.names.index(name)]) != value
-        assert density.log_prob(moved) == density.log_prior(moved) == -np.inf
-        assert np.isfinite(density.log_likelihood(moved)) == (name == "C_XXX")
-    assert pickle.loads(pickle.dumps(density)).log_prob(x) == density.log_prob(x)
+@pytest.fixture(scope="module")
+def density() -> lb.LogDensity:
+    return lb.log_density(lb.HybridModel.default(1), FOUR)
+
+
+@pytest.fixture(scope="module")
+def start(density: lb.LogDensity) -> np.ndarray:
+    return density.initial(1)[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("C_XXX", -1e-6),
+        ("sigma", 1e-5),
+        ("decay", 0.4),
+        ("lambda_f036", -1.0),
+        ("tau", np.nan),
+    ],
+)
+def test_outside_the_bounds(
+    name: str, value: float, density: lb.LogDensity, start: np.ndarray
+) -> None:
+    outside = np.where(np.array(density.names) == name, value, start)
+    assert np.clip(value, *density.bounds[density.names.index(name)]) != value
+    assert density.log_prob(outside) == density.log_prior(outside) == -np.inf
+    assert np.isfinite(density.log_likelihood(outside)) == (name == "C_XXX")
+
+
+def test_a_density_is_pickled_and_named(density: lb.LogDensity, start: np.ndarray) -> None:
+    assert pickle.loads(pickle.dumps(density)).log_prob(start) == density.log_prob(start)
     assert repr(density) == "LogDensity of 'campaign': 19 parameters, 9 scales"
-    refuses(
-        r"x must have shape \(28,\) or \(n, 28\), got \(3,\)\. Order it as in names",
-        density.log_prob,
-        np.zeros(3),
-    )
-    for u in (1.5, -1e-9, np.nan):
-        with pytest.raises(InputError, match=f"u must lie between 0 and 1, got {u}. Give prior"):
-            density.prior_transform(np.where(np.arange(len(x)) == 3, u, 0.5))
-    refuses(
-        "must have readings to have a posterior, got a plan",
-        lb.log_density,
-        lb.HybridModel.default(1),
-        plan(),
-    )
-    refuses(
-        "must be proper, got a flat one",
-        lb.log_density(lb.HybridModel.paper(0), FEW).prior_transform,
-        np.zeros(14),
-    )
+
+
+def test_a_wrong_shape_is_refused(density: lb.LogDensity) -> None:
+    message = r"x must have shape \(28,\) or \(n, 28\), got \(3,\)\. Order it as in names"
+    refuses(message, density.log_prob, np.zeros(3))
+
+
+@pytest.mark.parametrize("u", [1.5, -1e-9, np.nan])
+def test_no_probability_is_refused(u: float, density: lb.LogDensity) -> None:
+    point = np.full(len(density.names), 0.5)
+    point[3] = u
+    with pytest.raises(InputError, match=f"u must lie between 0 and 1, got {u}. Give prior"):
+        density.prior_transform(point)
+
+
+def test_a_plan_is_refused() -> None:
+    message = "must have readings to have a posterior, got a plan"
+    refuses(message, lb.log_density, lb.HybridModel.default(1), plan())
+
+
+def test_a_flat_prior_has_no_transform() -> None:
+    flat = lb.log_density(lb.HybridModel.paper(0), FEW)
+    refuses("must be proper, got a flat one", flat.prior_transform, np.zeros(14))
 
 
 def test_an_optimiser_finds_the_mode() -> None:
@@ -121,13 +145,13 @@ def test_an_optimiser_finds_the_mode() -> None:
     density = lb.log_density(lb.HybridModel.paper(0), FEW)
     x0 = density.initial(1)[0]
     options = {"maxfev": 40_000, "maxiter": 40_000, "adaptive": True, "xatol": 1e-6, "fatol": 1e-9}
-    found = optimize.minimize(
-        lambda z: -density.log_prob(x0 + density.scale * z),
-        np.zeros(len(x0)),
-        method="Nelder-Mead",
-        options=options,
-    )
-    mode = density.split(x0 + density.scale * found.x)["parameters"]
+
+    def loss(z: np.ndarray) -> float:
+        return -density.log_prob(x0 + density.scale * z)
+
+    origin = np.zeros(len(x0))
+    optimum = optimize.minimize(loss, origin, method="Nelder-Mead", options=options)
+    mode = density.split(x0 + density.scale * optimum.x)["parameters"]
     estimate = lb.least_squares(FEW).estimate
     sd = lb.marginals(lb.HybridModel.paper(0), FEW)["sd"]
     assert max(abs(mode[name] - estimate[name]) / sd[name] for name in mode) < 0.05
@@ -138,9 +162,9 @@ def agree(
 ) -> None:
     mean = np.average(draws, axis=0, weights=weight)
     sd = np.sqrt(np.average((draws - mean) ** 2, axis=0, weights=weight))
-    own = exact.loc[list(density.names)]
-    assert np.abs((mean - own["mean"]) / own["sd"]).max() < 0.12
-    assert np.abs(sd / own["sd"] - 1.0).max() < 0.12
+    expected = exact.loc[list(density.names)]
+    assert np.abs((mean - expected["mean"]) / expected["sd"]).max() < 0.12
+    assert np.abs(sd / expected["sd"] - 1.0).max() < 0.12
 
 
 @pytest.mark.slow
@@ -165,14 +189,17 @@ def test_dynesty_reproduces_posterior_and_evidence() -> None:
         "C_XYX", "C_CXY", "C_CYY", "C_CCY", "C_XYX_1", "C_CXY_1", "C_CYY_1"
     )
     model = model.fixing("C_CCY_1", "C_YYY_1", "E_YX2", "E_XY2", "E_C0YX", "E_Xt0", "E_Yt0")
-    density, (rng,) = lb.log_density(model, FEW), np.random.default_rng(1).spawn(1)
+    density = lb.log_density(model, FEW)
+    (rng,) = np.random.default_rng(1).spawn(1)
     nested = dynesty.NestedSampler(
         density.log_likelihood, density.prior_transform, len(density.names), nlive=250, rstate=rng
     )
     nested.run_nested(print_progress=False, dlogz=0.1)
-    found = nested.results
-    assert found.logz[-1] == pytest.approx(
-        lb.log_evidence(model, FEW).log_value, abs=3.0 * found.logzerr[-1]
-    )
-    assert found.logzerr[-1] < 0.5
-    agree(density, lb.marginals(model, FEW), found.samples, np.exp(found.logwt - found.logz[-1]))
+    results = nested.results
+    log_evidence = results.logz[-1]
+    error = results.logzerr[-1]
+    expected = lb.log_evidence(model, FEW).log_value
+    assert log_evidence == pytest.approx(expected, abs=3.0 * error)
+    assert error < 0.5
+    weight = np.exp(results.logwt - log_evidence)
+    agree(density, lb.marginals(model, FEW), results.samples, weight)
