@@ -1,12 +1,12 @@
-"""A campaign before any model is fitted: what is in it, what looks odd, and what a fit will
-assume."""
+"""A campaign before any model is fitted: its content, remarks, and what a fit will assume."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,22 +17,38 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CampaignPreview", "Remark", "RemarkKind", "TestPreview", "preview", "resolution_of"]
 
+# Order of the Fourier fit to the path of a test.
 _ORDER = 12
+# A circle of a smaller arc is an arc [deg].
 _FULL_DEG = 359.0
+# A gap of more than so many usual steps is remarked.
+_GAP_STEPS = 10.0
+# A force that differs from the force law by more than this share of the largest is remarked.
+_FORCE_LAW_SHARE = 0.02
+# Forces and radii outside these ranges may be in another unit.
 _FORCES_N = (5.0, 10_000.0)
 _RADII_MM = (10.0, 2000.0)
-# Numbers of readings that a path is fitted to; scatters off it that make a spike; rounds of
-# reweighting.
-_FITTED = range(2 * _ORDER + 11, 200_001)
-_SPIKE = 8.0
-_ROUNDS = 20
+# Readings whose peak to peak is below so many resolutions, or above so many µm, may be in
+# another unit.
+_SMALLEST_SPAN_RESOLUTIONS = 3.0
+_LARGEST_SPAN_UM = 1000.0
+# Numbers of readings that a path is fitted to.
+_FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
+# Scatters off the path that make a spike.
+_SPIKE_SCATTERS = 8.0
+# Scatters, or resolutions, between first and last reading that make an open trace.
+_OPEN_SCATTERS = 10.0
+# Rounds of reweighting.
+_MAX_ROUNDS = 20
+# Standard deviation of a normal distribution per median absolute deviation.
+_SD_PER_MAD = 1.4826
 # Steps that few readings repeat: not below this size, nor in fewer values.
-_FINEST_UM = 0.005
-_ENOUGH = 50
+_FINEST_STEP_UM = 0.005
+_MIN_VALUES = 50
 
 
 class RemarkKind(StrEnum):
-    """What a preview sees: of one test, of the campaign, and what a fit will assume of it."""
+    """Kinds of remarks: on one test, on the campaign, and on what a fit will assume of it."""
 
     TRAVEL = "travel"
     ARC = "arc"
@@ -61,16 +77,25 @@ class RemarkKind(StrEnum):
 
 @dataclass(frozen=True)
 class Remark:
-    """Something seen, and its numbers and names."""
+    """A remark, with its numbers and names."""
 
     kind: RemarkKind
     values: dict[str, Any]
 
 
-class _Remarks(list[Remark]):
-    def add(self, kind: RemarkKind, seen: object = True, **values: Any) -> None:
-        if seen:
-            self.append(Remark(kind, values))
+class _Remarks:
+    """Remarks as they are collected."""
+
+    def __init__(self) -> None:
+        self._remarks: list[Remark] = []
+
+    def add(self, kind: RemarkKind, condition: object = True, **values: Any) -> None:
+        """Add a remark where the condition is true."""
+        if condition:
+            self._remarks.append(Remark(kind, values))
+
+    def as_tuple(self) -> tuple[Remark, ...]:
+        return tuple(self._remarks)
 
 
 @dataclass(frozen=True)
@@ -119,253 +144,361 @@ class CampaignPreview(Result):
 
 
 def preview(campaign: Campaign) -> CampaignPreview:
-    """Look at a campaign or plan without fitting anything."""
+    """Return a preview of a campaign or plan without fitting anything.
+
+    Parameters
+    ----------
+    campaign
+        A campaign or plan.
+
+    Returns
+    -------
+    CampaignPreview
+        Its tests, remarks, and the assumptions of a fit.
+    """
     return CampaignPreview(
         name=campaign.name,
         sha256=campaign.sha256,
         topology=campaign.topology,
         plane=campaign.machine().plane,
         is_plan=campaign.is_plan,
-        tests=tuple(_preview(test, campaign) for test in campaign.tests),
+        tests=tuple(_preview_test(test, campaign) for test in campaign.tests),
         assumptions=_assumptions(campaign),
         remarks=_remarks(campaign),
     )
 
 
-_SHOWN = (
-    "name",
-    "force_N",
-    "pressure_bar",
-    "arc_deg",
-    "direction",
-    "plane",
-    "setup",
-    "work_ball_deg",
-    "tool_ball_deg",
-)
+class _Angles(NamedTuple):
+    """The angles of a test."""
+
+    step_deg: float  # median
+    largest_gap_deg: float
+    usual_step_deg: float
+    travel: str | None  # as the order shows it
 
 
-def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
+def _describe_angles(test: CircularTest) -> _Angles:
     angle = np.asarray(test.angle_deg)
-    stated = campaign.resolution_um
-    remarks = _Remarks()
-    kinds = RemarkKind
     around = np.sort(np.mod(angle, 360.0))
+    gaps = np.diff(np.append(around, around[0] + 360.0))
     steps = np.diff(angle)
-    between = np.diff(np.append(around, around[0] + 360.0))
-    step = float(np.median(np.abs(steps)))
-    gap = float(between.max())
-    usual = max(float(np.median(between)), step)
-    travel = "CCW" if np.all(steps > 0) else "CW" if np.all(steps < 0) else None
-    # Angles that rise in all tests, although some are stated to run the other way, are those of a
-    # sorted table.
-    both = {"CW", "CCW"} <= {own.direction for own in campaign.tests}
-    in_order = both and all(np.all(np.diff(own.angle_deg) > 0) for own in campaign.tests)
-    against = (
-        test.direction
-        and travel
-        and test.direction != travel
-        and not (campaign.is_plan or in_order)
-    )
-    remarks.add(kinds.TRAVEL, against, stated=test.direction, travel=travel)
-    remarks.add(kinds.ARC, test.arc_deg < _FULL_DEG, arc_deg=test.arc_deg)
-    remarks.add(kinds.GAP, test.arc_deg >= _FULL_DEG and gap > 10.0 * usual, gap_deg=gap)
-    force = float(test.force_N or 0.0)
-    pressure = float(test.pressure_bar or 0.0)
-    law = campaign.force_law.force_N(pressure)
-    off = abs(law - force) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max()))
-    remarks.add(kinds.FORCE_LAW, off, force_N=force, law_N=law, pressure_bar=pressure)
-    seen: dict[str, Any] = {
-        "resolution_um": None,
-        "spikes": 0,
-        "noise_um": None,
-        "start_end_um": None,
-        "peak_to_peak_um": None,
-    }
+    step_deg = float(np.median(np.abs(steps)))
+    travel = None
+    if np.all(steps > 0):
+        travel = "CCW"
+    elif np.all(steps < 0):
+        travel = "CW"
+    usual_step_deg = max(float(np.median(gaps)), step_deg)
+    return _Angles(step_deg, float(gaps.max()), usual_step_deg, travel)
+
+
+class _Readings(NamedTuple):
+    """The readings of a test; None where it cannot be told."""
+
+    resolution_um: float | None = None
+    spikes: int = 0
+    noise_um: float | None = None
+    start_end_um: float | None = None
+    peak_to_peak_um: float | None = None
+
+
+def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
+    remarks = _Remarks()
+    angles = _describe_angles(test)
+    _remark_on_angles(test, campaign, angles, remarks)
+    _remark_on_force(test, campaign, remarks)
+    readings = _Readings()
     if test.reading_um is not None:
-        reading = test.reading_um
-        span = float(np.ptp(test.reading_um))
-        digit = resolution_of(test.reading_um)
-        closes = travel is not None and abs(abs(angle[-1] - angle[0]) - 360.0) <= 2.0 * step
-        seen |= {"resolution_um": digit, "peak_to_peak_um": span}
-        seen |= {"start_end_um": float(reading[-1] - reading[0]) if closes else None}
-        if len(reading) in _FITTED:
-            seen["noise_um"], seen["spikes"] = _path(test, stated, closes, remarks)
-        remarks.add(
-            kinds.UNIT,
-            not 3.0 * stated <= span <= 1000.0,
-            what="peak to peak",
-            value=span,
-            unit="µm",
-        )
-        remarks.add(
-            kinds.STEP,
-            digit and not 0.5 * stated < digit < 1.5 * stated,
-            step_um=digit,
-            stated_um=stated,
-        )
+        readings = _preview_readings(test, campaign.resolution_um, angles, remarks)
     return TestPreview(
-        **{key: getattr(test, key) for key in _SHOWN},
-        readings=len(angle),
-        largest_gap_deg=gap,
-        travel=travel,
+        name=test.name,
+        force_N=float(test.force_N or 0.0),
+        pressure_bar=float(test.pressure_bar or 0.0),
+        readings=len(test.angle_deg),
+        arc_deg=test.arc_deg,
+        largest_gap_deg=angles.largest_gap_deg,
+        direction=test.direction,
+        travel=angles.travel,
+        plane=test.circle.plane,
+        setup=test.setup or 1,
         radius_mm=test.circle.radius_mm,
         centre_mm=test.circle.centre_mm,
-        **seen,
-        remarks=tuple(remarks),
+        work_ball_deg=test.work_ball_deg,
+        tool_ball_deg=test.tool_ball_deg,
+        resolution_um=readings.resolution_um,
+        spikes=readings.spikes,
+        noise_um=readings.noise_um,
+        start_end_um=readings.start_end_um,
+        peak_to_peak_um=readings.peak_to_peak_um,
+        remarks=remarks.as_tuple(),
     )
+
+
+def _remark_on_angles(
+    test: CircularTest, campaign: Campaign, angles: _Angles, remarks: _Remarks
+) -> None:
+    contradicts = test.direction and angles.travel and test.direction != angles.travel
+    if contradicts and not campaign.is_plan and not _angles_are_sorted(campaign):
+        remarks.add(RemarkKind.TRAVEL, stated=test.direction, travel=angles.travel)
+    if test.arc_deg < _FULL_DEG:
+        remarks.add(RemarkKind.ARC, arc_deg=test.arc_deg)
+    elif angles.largest_gap_deg > _GAP_STEPS * angles.usual_step_deg:
+        remarks.add(RemarkKind.GAP, gap_deg=angles.largest_gap_deg)
+
+
+def _angles_are_sorted(campaign: Campaign) -> bool:
+    """Return whether angles rise in all tests, although some are stated to run the other way.
+
+    They are then those of a sorted table.
+    """
+    directions = {test.direction for test in campaign.tests}
+    all_rise = all(np.all(np.diff(test.angle_deg) > 0) for test in campaign.tests)
+    return all_rise and {"CW", "CCW"} <= directions
+
+
+def _remark_on_force(test: CircularTest, campaign: Campaign, remarks: _Remarks) -> None:
+    force_N = float(test.force_N or 0.0)
+    pressure_bar = float(test.pressure_bar or 0.0)
+    law_N = campaign.force_law.force_N(pressure_bar)
+    largest_N = campaign.force_law.force_N(float(campaign.pressures_bar.max()))
+    remarks.add(
+        RemarkKind.FORCE_LAW,
+        abs(law_N - force_N) > _FORCE_LAW_SHARE * largest_N,
+        force_N=force_N,
+        law_N=law_N,
+        pressure_bar=pressure_bar,
+    )
+
+
+def _preview_readings(
+    test: CircularTest, stated_um: float, angles: _Angles, remarks: _Remarks
+) -> _Readings:
+    reading = test.reading_um
+    span = float(np.ptp(reading))
+    resolution_um = resolution_of(reading)
+    turn_deg = abs(test.angle_deg[-1] - test.angle_deg[0])
+    closes = angles.travel is not None and abs(turn_deg - 360.0) <= 2.0 * angles.step_deg
+    start_end_um = None
+    if closes:
+        start_end_um = float(reading[-1] - reading[0])
+    noise_um = None
+    spikes = 0
+    if len(reading) in _FITTED_READINGS:
+        noise_um, spikes = _path(test, stated_um, closes, remarks)
+    is_usual = _SMALLEST_SPAN_RESOLUTIONS * stated_um <= span <= _LARGEST_SPAN_UM
+    remarks.add(
+        RemarkKind.UNIT,
+        not is_usual,
+        what="peak to peak",
+        value=span,
+        unit="µm",
+    )
+    remarks.add(
+        RemarkKind.STEP,
+        resolution_um and not 0.5 * stated_um < resolution_um < 1.5 * stated_um,
+        step_um=resolution_um,
+        stated_um=stated_um,
+    )
+    return _Readings(resolution_um, spikes, noise_um, start_end_um, span)
 
 
 def _path(
     test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks
 ) -> tuple[float, int]:
-    """Scatter off a Fourier fit to order 12 [µm], and the number of spikes; what looks odd is
-    remarked. Where the circle closes, a drift linear in the angle is fitted too: last and first
-    reading are a step of the path apart."""
+    """Return the scatter off a Fourier fit to order 12 [µm], and the number of spikes.
+
+    Where the circle closes, a drift linear in the angle is fitted too: last and first reading are a
+    step of the path apart.
+    """
     turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
     reading = np.asarray(test.reading_um)
     path = np.hstack([turns.real, turns.imag[:, 1:]])
     turn = test.angle_deg / 360.0
-    columns = np.column_stack([path, turn]) if closes else path
-    kept = _without_spikes(columns, reading)
-    coefficients, off, scatter = _fit(columns, reading, kept)
-    jump = float(off[-1] - off[0] + (turn[-1] - turn[0]) * coefficients[-1]) if closes else 0.0
-    remarks.add(RemarkKind.OPEN, abs(jump) > 10.0 * max(scatter, resolution_um), start_end_um=jump)
-    spikes = ranked(np.flatnonzero(~kept).tolist(), lambda k: abs(off[k]))
-    for k in spikes[:1]:
-        at = float(test.angle_deg[k])
+    columns = path
+    if closes:
+        columns = np.column_stack([path, turn])
+    regular = _regular_readings(columns, reading)
+    fit = _fit(columns, reading, regular)
+    deviation = fit.deviation
+    if closes:
+        drift = (turn[-1] - turn[0]) * fit.coefficients[-1]
+        jump = float(deviation[-1] - deviation[0] + drift)
+        is_open = abs(jump) > _OPEN_SCATTERS * max(fit.scatter, resolution_um)
+        remarks.add(RemarkKind.OPEN, is_open, start_end_um=jump)
+
+    def size_of_spike(position: int) -> float:
+        return abs(float(deviation[position]))
+
+    spikes = ranked(np.flatnonzero(~regular).tolist(), size_of_spike)
+    if spikes:
+        largest = spikes[0]
         remarks.add(
-            RemarkKind.SPIKES, reading=k + 1, angle_deg=at, off_um=float(off[k]), count=len(spikes)
+            RemarkKind.SPIKES,
+            reading=largest + 1,
+            angle_deg=float(test.angle_deg[largest]),
+            off_um=float(deviation[largest]),
+            count=len(spikes),
         )
-    return _fit(path, reading, kept)[2], len(spikes)
+    return _fit(path, reading, regular).scatter, len(spikes)
 
 
-def _fit(columns: Array, reading: Array, kept: NDArray[np.bool_]) -> tuple[Array, Array, float]:
-    """Coefficients of least squares over the readings kept, all readings off it, and the scatter of
-    those kept."""
-    coefficients: Array = np.linalg.lstsq(columns[kept], reading[kept], rcond=1e-9)[0].astype(float)
-    off = reading - columns @ coefficients
-    return (
-        coefficients,
-        off,
-        float(np.sqrt(np.sum(off[kept] ** 2) / (np.count_nonzero(kept) - columns.shape[1]))),
-    )
+class _Fit(NamedTuple):
+    """Least squares over regular readings."""
+
+    coefficients: Array
+    deviation: Array  # of all readings
+    scatter: float  # of the regular readings
 
 
-def _without_spikes(columns: Array, reading: Array) -> NDArray[np.bool_]:
-    """Which readings stand less than eight scatters off the path of least absolute deviations, then
-    off that of the others."""
-    span, size, _ = np.linalg.svd(columns, full_matrices=False)
-    span = span[:, size > 1e-9 * size[0]]
-    n, p = span.shape
-    off = reading - span @ (span.T @ reading)
-    for _ in range(_ROUNDS):
-        weight = 1.0 / np.maximum(np.abs(off), 1e-6 * np.abs(off).max() + 1e-12)
-        off = reading - span @ np.linalg.solve(
-            (span.T * weight) @ span, span.T @ (weight * reading)
-        )
-    kept = np.ones(n, dtype=bool)
-    for _ in range(_ROUNDS):
+def _fit(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
+    solution = np.linalg.lstsq(columns[regular], reading[regular], rcond=1e-9)
+    coefficients: Array = solution[0].astype(float)
+    deviation = reading - columns @ coefficients
+    freedom = np.count_nonzero(regular) - columns.shape[1]
+    scatter = float(np.sqrt(np.sum(deviation[regular] ** 2) / freedom))
+    return _Fit(coefficients, deviation, scatter)
+
+
+def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
+    """Return which readings are no spikes.
+
+    They stand less than eight scatters off the path of least absolute deviations, then off the path
+    of least squares through the regular readings.
+    """
+    deviation, p = _least_absolute_deviations(columns, reading)
+    regular = np.ones(len(reading), dtype=bool)
+    for _ in range(_MAX_ROUNDS):
         # A path of least absolute deviations goes through p readings.
-        scatter = 1.4826 * float(np.median(np.sort(np.abs(off))[p:]))
-        before = kept
-        kept = np.abs(off) <= _SPIKE * max(scatter, 1e-9)
-        if np.array_equal(before, kept) or np.count_nonzero(kept) <= p:
+        scatter = _SD_PER_MAD * float(np.median(np.sort(np.abs(deviation))[p:]))
+        previous = regular
+        regular = np.abs(deviation) <= _SPIKE_SCATTERS * max(scatter, 1e-9)
+        if np.array_equal(previous, regular) or np.count_nonzero(regular) <= p:
             break
-        off = _fit(columns, reading, kept)[1]
-    return kept
+        deviation = _fit(columns, reading, regular).deviation
+    return regular
+
+
+def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, int]:
+    """Return the deviations of the readings from the path, and the rank of the columns.
+
+    By iteratively reweighted least squares.
+    """
+    basis, size, _ = np.linalg.svd(columns, full_matrices=False)
+    basis = basis[:, size > 1e-9 * size[0]]
+    deviation = reading - basis @ (basis.T @ reading)
+    for _ in range(_MAX_ROUNDS):
+        distance = np.abs(deviation)
+        weight = 1.0 / np.maximum(distance, 1e-6 * distance.max() + 1e-12)
+        normal_matrix = (basis.T * weight) @ basis
+        coefficients = np.linalg.solve(normal_matrix, basis.T @ (weight * reading))
+        deviation = reading - basis @ coefficients
+    return deviation, basis.shape[1]
 
 
 def resolution_of(reading_um: Array) -> float | None:
-    """Return the step by which readings differ [µm]: the smallest difference, if all are whole
-    multiples of it within 5 %. None where fewer than a tenth of the readings repeat another and the
-    step is below 0.005 µm: a number of digits then."""
+    """Return the step by which readings differ [µm].
+
+    It is the smallest difference, if all are whole multiples of it within 5 %. None where fewer
+    than a tenth of the readings repeat another and the step is below 0.005 µm: a number of digits
+    then.
+
+    Parameters
+    ----------
+    reading_um
+        Readings, shape (n,) [µm].
+
+    Returns
+    -------
+    float or None
+        The step.
+    """
     values = np.unique(np.round(reading_um, 6))
     if len(values) < 3:
         return None
     differences = np.diff(values)
     step = float(np.median(differences[differences < 1.5 * differences.min()]))
-    if len(values) > 0.9 * len(reading_um) and (step < _FINEST_UM or len(values) < _ENOUGH):
+    few_repeat = len(values) > 0.9 * len(reading_um)
+    if few_repeat and (step < _FINEST_STEP_UM or len(values) < _MIN_VALUES):
         return None
-    off = np.abs(differences / step - np.rint(differences / step))
-    return step if float(off.max()) < 0.05 else None
+    multiples = differences / step
+    remainder = np.abs(multiples - np.rint(multiples))
+    if float(remainder.max()) >= 0.05:
+        return None
+    return step
 
 
 def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
+    """Return what a fit will assume."""
+    kinds = RemarkKind
     tests = campaign.tests
     machine = campaign.machine()
     law = campaign.force_law
     forces = campaign.forces_N
-    kinds = RemarkKind
     setups = sorted({test.setup or 1 for test in tests})
-    both = [plane for plane in machine.planes if _both_ways(campaign, plane)]
+    both_ways = [plane for plane in machine.planes if _runs_both_ways(campaign, plane)]
+    clockings = {(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in tests}
+    covariates = {
+        "time": [test.time_s for test in tests],
+        "temperature": [test.temperature_C for test in tests],
+    }
     remarks = _Remarks()
-    radii = sorted({test.circle.radius_mm for test in tests})
-    remarks.add(kinds.MACHINE, topology=campaign.topology, plane=machine.plane, radii_mm=radii)
+    remarks.add(
+        kinds.MACHINE, topology=campaign.topology, plane=machine.plane, radii_mm=_radii(campaign)
+    )
     remarks.add(kinds.FRAMES, campaign.frames_mm, frames_mm=dict(campaign.frames_mm))
     remarks.add(kinds.SETUPS, len(setups) > 1, setups=setups)
-    remarks.add(kinds.BOTH_WAYS, both, planes=both)
-    for over, values in (
-        ("time", [t.time_s for t in tests]),
-        ("temperature", [t.temperature_C for t in tests]),
-    ):
-        remarks.add(kinds.COVARIATE, None not in values and len(set(values)) > 1, over=over)
+    remarks.add(kinds.BOTH_WAYS, both_ways, planes=both_ways)
+    for name, values in covariates.items():
+        remarks.add(kinds.COVARIATE, None not in values and len(set(values)) > 1, over=name)
     remarks.add(kinds.READINGS, resolution_um=campaign.resolution_um)
     remarks.add(kinds.MOUNT, **asdict(campaign.mount))
     remarks.add(kinds.FORCES, slope_N_per_bar=law.slope_N_per_bar, offset_N=law.offset_N)
     remarks.add(kinds.REFERENCE, force_N=float(forces.min() + forces.max()) / 2)
-    remarks.add(
-        kinds.BALLS,
-        clocked=len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in tests})
-        > 1,
-    )
-    return tuple(remarks)
+    remarks.add(kinds.BALLS, clocked=len(clockings) > 1)
+    return remarks.as_tuple()
 
 
-def _both_ways(campaign: Campaign, plane: str) -> bool:
+def _radii(campaign: Campaign) -> list[float]:
+    return sorted({test.circle.radius_mm for test in campaign.tests})
+
+
+def _runs_both_ways(campaign: Campaign, plane: str) -> bool:
     return {"CW", "CCW"} <= {test.direction for test in campaign.tests if test.plane == plane}
 
 
 def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
-    remarks = _Remarks()
-    tests = campaign.tests
-    planes = campaign.machine().planes
+    """Return what looks odd in the campaign as a whole."""
     kinds = RemarkKind
-    force = float(campaign.forces_N.max())
+    remarks = _Remarks()
     remarks.add(kinds.ONE_LEVEL, campaign.force_levels == 1)
     remarks.add(kinds.TWO_LEVELS, campaign.force_levels == 2)
-    remarks.add(
-        kinds.UNIT,
-        not _FORCES_N[0] <= force <= _FORCES_N[1],
-        what="the largest force",
-        value=force,
-        unit="N",
-    )
-    for radius in sorted({test.circle.radius_mm for test in tests}):
-        remarks.add(
-            kinds.UNIT,
-            not _RADII_MM[0] <= radius <= _RADII_MM[1],
-            what="a radius",
-            value=radius,
-            unit="mm",
-        )
-    for first, second in combinations(tests if not campaign.is_plan else (), 2):
-        remarks.add(
-            kinds.COPY,
-            np.array_equal(first.reading_um, second.reading_um),
-            first=first.name,
-            second=second.name,
-        )
+    largest_force = float(campaign.forces_N.max())
+    _remark_on_unit("the largest force", largest_force, "N", _FORCES_N, remarks)
+    for radius in _radii(campaign):
+        _remark_on_unit("a radius", radius, "mm", _RADII_MM, remarks)
+    if not campaign.is_plan:
+        for first, second in combinations(campaign.tests, 2):
+            is_copy = np.array_equal(first.reading_um, second.reading_um)
+            remarks.add(kinds.COPY, is_copy, first=first.name, second=second.name)
+    planes = campaign.machine().planes
     for plane in planes:
-        one, other = sorted(plane)
-        named = plane if len(planes) > 1 else ""
+        first_axis, second_axis = sorted(plane)
         remarks.add(
             kinds.ONE_WAY,
-            not _both_ways(campaign, plane),
-            compliance=f"C_{one}{other}{one}",
-            plane=named,
+            not _runs_both_ways(campaign, plane),
+            compliance=f"C_{first_axis}{second_axis}{first_axis}",
+            plane=plane if len(planes) > 1 else "",
         )
-    places = {(test.setup, test.plane, test.circle.centre_mm) for test in tests}
-    for setup in sorted({test.setup or 1 for test in tests}):
-        remarks.add(kinds.PLACES, sum(own == setup for own, *_ in places) > 1, setup=setup)
-    return tuple(remarks)
+    circles = {(test.setup, test.plane, test.circle.centre_mm) for test in campaign.tests}
+    circles_by_setup = Counter(setup or 1 for setup, _, _ in circles)
+    for setup, number in sorted(circles_by_setup.items()):
+        remarks.add(kinds.PLACES, number > 1, setup=setup)
+    return remarks.as_tuple()
+
+
+def _remark_on_unit(
+    quantity: str, value: float, unit: str, usual: tuple[float, float], remarks: _Remarks
+) -> None:
+    smallest, largest = usual
+    is_usual = smallest <= value <= largest
+    remarks.add(RemarkKind.UNIT, not is_usual, what=quantity, value=value, unit=unit)
