@@ -23,7 +23,7 @@ from ldbb_bayes.analysis.path_contributions import TOGETHER
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.report import figures
 from ldbb_bayes.report.figures import FIGURES, corner, save_figures
-from ldbb_bayes.report.figures.posteriors import WORDS
+from ldbb_bayes.report.figures.parameter_figures import WORDS
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.units import display_name, display_unit, plus_minus, round_uncertainty
 
@@ -159,7 +159,7 @@ def test_saved_in_both_formats_in_the_unit_of_the_tables(
 ) -> None:
     """Compliances near 5e-5 mm/N read 50 nm/N in figures."""
     two = {name: FIGURES[name] for name in ("forest", "compliance_against_force")}
-    monkeypatch.setattr("ldbb_bayes.report.figures.posteriors.FIGURES", two)
+    monkeypatch.setattr("ldbb_bayes.report.figures.figure_set.FIGURES", two)
     tree = lb.sample(lb.HybridModel.first(0), simulated(plan()), sampler="independent", rule=QUICK)
     written = save_figures(tree, tmp_path / "figures")
     assert len(written) == 4

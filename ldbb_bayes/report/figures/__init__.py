@@ -1,5 +1,4 @@
-"""Every figure is a function of a posterior (or of another result) that returns a matplotlib
-Figure.
+"""Figures: every one is a function of a posterior, or of another result, that returns a Figure.
 
 PALETTE, force_colours, new_figure and styled are for figures of one's own in the same style.
 """

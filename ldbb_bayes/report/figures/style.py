@@ -1,5 +1,6 @@
-"""One style for every figure, and the shapes that figures share: colour-blind safe, units on every
-axis, no pyplot.
+"""One style for every figure, and the shapes that figures share.
+
+Colours are safe for the colour-blind, every axis has its unit, and pyplot is not used.
 """
 
 from __future__ import annotations
@@ -33,12 +34,18 @@ FAINT = "#B8B8B8"
 LIGHT = "#D9D9D9"
 # One colour per source of uncertainty in every figure; a user's own terms take the spare ones in
 # turn.
-_TERMS = (
-    "BallForm BarLength Mount ForceError SetupShift Discrepancy Hysteresis Drift ReadingNoise"
-    " Parameters"
-)
-_COLOURS = (*(PALETTE[k] for k in (1, 3, 0, 4, 5, 2, 6)), "#F0E442", GREY, LIGHT)
-_TERM_COLOURS = dict(zip(_TERMS.split(), _COLOURS, strict=True))
+_TERM_COLOURS = {
+    "BallForm": PALETTE[1],
+    "BarLength": PALETTE[3],
+    "Mount": PALETTE[0],
+    "ForceError": PALETTE[4],
+    "SetupShift": PALETTE[5],
+    "Discrepancy": PALETTE[2],
+    "Hysteresis": PALETTE[6],
+    "Drift": "#F0E442",
+    "ReadingNoise": GREY,
+    "Parameters": LIGHT,
+}
 _SPARE = ("#882255", "#44AA99", "#999933", "#332288")
 _STYLE = mpl.rc_params_from_file(
     Path(__file__).with_name("figures.mplstyle"), use_default_template=False
@@ -46,61 +53,94 @@ _STYLE = mpl.rc_params_from_file(
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw under the common style, leaving the caller's settings alone."""
+    """Return a function that draws under the common style.
+
+    Parameters
+    ----------
+    draw
+        Returns a figure.
+
+    Returns
+    -------
+    callable
+        It leaves the caller's settings alone.
+    """
 
     @functools.wraps(draw)
-    def inner(*args: P.args, **kwargs: P.kwargs) -> Figure:
+    def draw_styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with mpl.rc_context(_STYLE):
             figure = draw(*args, **kwargs)
-            if (engine := figure.get_layout_engine()) is not None:  # once, not with every file
+            engine = figure.get_layout_engine()
+            if engine is not None:
+                # Laid out once, not with every file.
                 engine.execute(figure)
                 figure.set_layout_engine("none")
             return figure
 
-    return inner
+    return draw_styled
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure [inch] whose parts keep clear of one another."""
+    """Return an empty figure whose panels keep clear of one another.
+
+    Parameters
+    ----------
+    width, height
+        In inches.
+
+    Returns
+    -------
+    Figure
+    """
     # Letters may be a little wider at another resolution.
     return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
 
 
 def force_colours(forces_N: Sequence[float]) -> list[Any]:
-    """One colour per force, light to dark in order of force; the lightest still stands out from
-    paper, in grey too.
+    """Return one colour per force, light to dark in order of force.
+
+    The lightest still stands out from paper, in grey too.
+
+    Parameters
+    ----------
+    forces_N
+        Repeated forces have one colour.
+
+    Returns
+    -------
+    list
+        A colour for each, as matplotlib has them.
     """
     levels = distinct_forces(forces_N)
     places = np.searchsorted(levels, forces_N, side="right") - 1
-    return [
-        mpl.colormaps["viridis"](0.72 - 0.72 * place / max(len(levels) - 1, 1)) for place in places
-    ]
+    darkest = max(len(levels) - 1, 1)
+    return [mpl.colormaps["viridis"](0.72 - 0.72 * place / darkest) for place in places]
 
 
 def axis_label(name: str, unit: str) -> tuple[float, str]:
-    """Factor and label for an axis that shows a parameter in its unit for reading."""
+    """Return factor and label for an axis that shows a parameter in its unit for reading."""
     factor, label = display_unit(unit)
     return factor, f"{display_name(name)} ({label})"
 
 
 def panels(
-    count: int, columns: int, height: float, extra: float = 0.6, **shared: Any
+    count: int, columns: int, height: float, extra: float = 0.6, **options: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with ``count`` panels, at most ``columns`` in a row of ``height`` inches."""
+    """Return a figure with panels, at most so many in a row of ``height`` inches."""
     columns = min(count, columns)
     rows = -(-count // columns)
     figure = new_figure(WIDTH, extra + height * rows)
-    every = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
-    for k, axes in enumerate(every):
+    all_axes = list(figure.subplots(rows, columns, squeeze=False, **options).flat)
+    for k, axes in enumerate(all_axes):
         if k >= count:
             axes.remove()
         elif axes.name == "rectilinear":
             axes.locator_params(nbins=5)
-    return figure, every[:count]
+    return figure, all_axes[:count]
 
 
 def name_rows(axes: Axes, names: Sequence[str]) -> Array:
-    """Name rows by parameters, from top to bottom; returns their heights."""
+    """Name rows by parameters, from top to bottom, and return their heights."""
     rows = np.arange(len(names))[::-1]
     axes.set_yticks(rows, [display_name(name) for name in names])
     axes.set_ylim(-0.6, len(names) - 0.4)
@@ -116,15 +156,15 @@ def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
 
 def term_colours(terms: Iterable[str]) -> dict[str, str]:
     """Return a colour for every term, in the order in which figures stack them."""
-    asked = list(dict.fromkeys(terms))
-    strangers = [term for term in asked if term not in _TERM_COLOURS]
-    ours = {term: colour for term, colour in _TERM_COLOURS.items() if term in asked}
-    return ours | dict(zip(strangers, cycle(_SPARE), strict=False))
+    distinct_terms = list(dict.fromkeys(terms))
+    user_terms = [term for term in distinct_terms if term not in _TERM_COLOURS]
+    colours = {term: colour for term, colour in _TERM_COLOURS.items() if term in distinct_terms}
+    return colours | dict(zip(user_terms, cycle(_SPARE), strict=False))
 
 
-def band(axes: Axes, x: Any, limits: Any, colour: Any, alpha: float = 0.2, **more: Any) -> None:
+def band(axes: Axes, x: Any, limits: Any, colour: Any, alpha: float = 0.2, **options: Any) -> None:
     """Shade what lies between two curves."""
-    axes.fill_between(x, limits[0], limits[1], color=colour, alpha=alpha, linewidth=0, **more)
+    axes.fill_between(x, limits[0], limits[1], color=colour, alpha=alpha, linewidth=0, **options)
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int = 6) -> None:
@@ -141,15 +181,31 @@ def save_figure(
     *,
     formats: tuple[str, ...] = ("png", "svg"),
 ) -> list[Path]:
-    """Write one figure into a folder under a name, the same bytes for the same figure; returns the
-    files written.
+    """Write one figure into a folder, the same bytes for the same figure.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    folder
+        Is made where it is missing.
+    name
+        Of the files.
+    formats
+        Some of png, svg, pdf.
+
+    Returns
+    -------
+    list of Path
+        The files written.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    written = [folder / f"{name}.{kind}" for kind in formats]
-    for path, kind in zip(written, formats, strict=True):
+    files = []
+    for extension in formats:
+        path = folder / f"{name}.{extension}"
+        metadata = {"Date": None} if extension == "svg" else None
         with mpl.rc_context({"svg.hashsalt": "ldbb"}):
-            figure.savefig(
-                path, format=kind, dpi=160, metadata={"Date": None} if kind == "svg" else None
-            )
-    return written
+            figure.savefig(path, format=extension, dpi=160, metadata=metadata)
+        files.append(path)
+    return files

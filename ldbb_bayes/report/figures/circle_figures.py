@@ -1,0 +1,298 @@
+"""Figures of the circles of a posterior: polar traces, and what the fit leaves."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from ldbb_bayes.inference.coefficients import new_circle_coefficients, shared_coefficients
+from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.inference.prediction import band_um
+from ldbb_bayes.inference.residuals import residuals_mm
+from ldbb_bayes.machine.chain import PLANES
+from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.report.figures import style
+from ldbb_bayes.report.figures.parameter_figures import WORDS
+from ldbb_bayes.report.figures.style import band, panels, styled
+from ldbb_bayes.results import Array
+
+__all__ = ["residuals", "traces"]
+
+_DRAWS = 600
+_MOST_DOTS = 2400  # readings of all traces that are drawn
+_MOST_BANDS = 12  # tests that are drawn with their bands; more would hide one another
+_MOST_NAMED_FORCES = 9  # on the scale of forces
+_MOST_RESIDUALS = 10  # tests whose residuals are drawn
+_ANGLE = np.linspace(0.0, 2 * np.pi, 361)
+_DASHED = (0, (4, 3))
+_BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.85})
+
+
+@dataclass(frozen=True, eq=False)
+class _Traces:
+    """What the polar panels of all planes have in common."""
+
+    bound: BoundModel
+    beta: Array
+    phi: Array
+    words: Mapping[str, str]
+
+    @cached_property
+    def readings_um(self) -> list[Array]:
+        return [test.readings_mm() * 1e3 for test in self.bound.campaign.tests]
+
+    @cached_property
+    def predicted_um(self) -> Array:
+        coefficients = shared_coefficients(self.bound, self.phi, self.beta).mean(axis=0)
+        return coefficients @ basis(_ANGLE).T * 1e3
+
+    @cached_property
+    def low(self) -> float:
+        return float(min(readings.min() for readings in self.readings_um))
+
+    @cached_property
+    def high(self) -> float:
+        return float(max(readings.max() for readings in self.readings_um))
+
+    @property
+    def span(self) -> float:
+        return max(self.high - self.low, 1e-3)
+
+    @property
+    def zero_radius(self) -> float:
+        """Radius at which a reading of zero is drawn."""
+        return 0.9 * self.span - self.low
+
+    @property
+    def has_bands(self) -> bool:
+        return len(self.bound.campaign.tests) <= _MOST_BANDS
+
+    @property
+    def line_width(self) -> float:
+        return float(np.clip(_MOST_BANDS / len(self.bound.campaign.tests), 0.35, 1.0))
+
+    @property
+    def stride(self) -> int:
+        """Every so many readings are drawn."""
+        return -(-sum(map(len, self.readings_um)) // _MOST_DOTS)
+
+    @cached_property
+    def colours(self) -> list[Any]:
+        return style.force_colours(self.bound.setting.force_N.tolist())
+
+
+@styled
+def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
+    """Draw polar traces of all tests, plane by plane.
+
+    Readings, prediction (machine, bar and balls), of few tests the 95 % band for a new circle,
+    rings in µm, and forces along a scale in the order of the traces.
+
+    Parameters
+    ----------
+    posterior
+        From `sample` or `load`.
+    words
+        Labels. Default: English.
+
+    Returns
+    -------
+    Figure
+    """
+    bound = bound_of(posterior)
+    beta, phi = draws_of(posterior, bound, _DRAWS)
+    shown = _Traces(bound, beta, phi, words)
+    rng = np.random.default_rng(0)
+    new_circles = np.zeros(0)
+    if shown.has_bands:
+        new_circles = new_circle_coefficients(bound, phi, beta, rng)
+    planes = bound.setting.planes
+    heads = [_panel_head(shown, plane) for plane in planes]
+    lines = max(head.count("\n") + 1 for head in heads)
+    figure = Figure(figsize=(0.75 + 3.6 * len(planes), 3.5 + 0.12 * lines))
+    width = figure.get_figwidth()
+    height = figure.get_figheight()
+    for k, plane in enumerate(planes):
+        left = 0.4 + 3.6 * k
+        axes: Any = figure.add_axes(
+            (left / width, 0.25 / height, 2.9 / width, 2.9 / height), projection="polar"
+        )
+        for r, test in enumerate(bound.campaign.tests):
+            if test.plane != plane:
+                continue
+            if shown.has_bands:
+                limits = band_um(new_circles[:, r], phi[:, 0], _ANGLE[::3], rng)
+                band(axes, _ANGLE[::3], shown.zero_radius + limits, shown.colours[r], 0.25)
+            _draw_trace(axes, shown, r)
+        _draw_rings(axes, shown, plane)
+        axes.set_title(heads[k], fontsize=7, pad=8)
+    _draw_force_scale(figure, shown)
+    return figure
+
+
+def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
+    """Draw readings and prediction of one test."""
+    test = shown.bound.campaign.tests[r]
+    colour = shown.colours[r]
+    dots = slice(None, None, shown.stride)
+    radius = shown.zero_radius + shown.readings_um[r][dots]
+    axes.plot(test.angles_rad()[dots], radius, ".", color=colour, markersize=1.4 * shown.line_width)
+    is_counterclockwise = test.direction == "CCW"
+    both_ways = test.plane in shown.bound.setting.both_ways
+    axes.plot(
+        _ANGLE[::2],
+        shown.zero_radius + shown.predicted_um[r][::2],
+        color=colour,
+        linewidth=shown.line_width,
+        linestyle=":" if both_ways and is_counterclockwise else "-",
+    )
+
+
+def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
+    """Draw the circle of zero readings, rings in µm, and angles with the names of the axes."""
+    zero = shown.zero_radius
+    circle = np.full_like(_ANGLE[::2], zero)
+    axes.plot(_ANGLE[::2], circle, color="black", linewidth=0.8, linestyle=_DASHED)
+    angles = range(0, 360, 45)
+    names = {0: f"+{PLANES[plane].first}", 90: f"+{PLANES[plane].second}"}
+    axes.set_xticks(np.deg2rad(angles), [names.get(angle, f"{angle}°") for angle in angles])
+    axes.tick_params(pad=0)
+    axes.set_rlim(0.0, zero + shown.high + 0.06 * shown.span)
+
+    step = _round_step(shown.span / 4.0)
+    multiples = np.arange(np.ceil(shown.low / step), np.floor(shown.high / step) + 1)
+    rings_um = multiples * step + 0.0
+    axes.set_rgrids((zero + rings_um).tolist(), [""] * len(rings_um))
+    for ring in rings_um:
+        text = f"{ring:g}".replace("-", "−")
+        if ring == rings_um[-1]:
+            text += " µm"
+        axes.text(
+            np.deg2rad(247.5),
+            zero + ring,
+            text,
+            fontsize=7,
+            ha="center",
+            va="center",
+            zorder=5,
+            bbox=_BOX,
+        )
+
+
+def _panel_head(shown: _Traces, plane: str) -> str:
+    """Return what the marks of one plane mean, in lines that its circle is wide enough for."""
+    words = shown.words
+    setting = shown.bound.setting
+    readings = words["readings"]
+    if shown.stride > 1:
+        readings = words["some_readings"].format(every=shown.stride)
+    marks = [readings, words["prediction"]]
+    if plane in setting.both_ways:
+        marks.append(words["counterclockwise"])
+    if shown.has_bands:
+        marks.append(words["band"])
+    radii_mm = set()
+    for radius, plane_of_test in zip(setting.radius_mm, setting.plane, strict=True):
+        if plane_of_test == plane:
+            radii_mm.add(radius)
+    rings = words["rings"] if len(radii_mm) == 1 else words["rings_of_several_radii"]
+    scale = rings.format(scale=f"{max(radii_mm) * 1e3 / shown.zero_radius:.0f}")
+    lines = [
+        ", ".join(marks),
+        scale.replace(" : ", "\N{NO-BREAK SPACE}:\N{NO-BREAK SPACE}"),
+    ]
+    if len(setting.planes) > 1:
+        lines.insert(0, f"{words['plane']} {plane}")
+    return "\n".join(textwrap.fill(line, 72) for line in lines)
+
+
+def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
+    """Draw a colour for every force, from the innermost trace to the outermost."""
+    forces_N = shown.bound.setting.force_N
+    levels = np.unique(forces_N)
+    count = len(levels)
+    rows = np.arange(count)
+    if _mean_reading(shown, levels[-1]) < _mean_reading(shown, levels[0]):
+        rows = rows[::-1]
+    width = figure.get_figwidth()
+    axes = figure.add_axes((1.0 - 0.55 / width, 0.14, 0.14 / width, 0.56))
+    axes.barh(
+        rows,
+        np.ones(count),
+        1.0,
+        color=style.force_colours(levels.tolist()),
+        edgecolor="white",
+        linewidth=0.5 if count <= _MOST_BANDS else 0.0,
+    )
+    named = np.unique(np.linspace(0, count - 1, _MOST_NAMED_FORCES).round().astype(int))
+    axes.yaxis.tick_right()
+    axes.set(xlim=(0.0, 1.0), ylim=(-0.5, count - 0.5), xticks=[])
+    axes.set_yticks(rows[named], [f"{force:.4g}" for force in levels[named]])
+    axes.tick_params(length=0, pad=2, labelsize=7)
+    axes.set_title(shown.words["force"], fontsize=7)
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+
+
+def _mean_reading(shown: _Traces, force_N: float) -> float:
+    """Return the mean of the mean readings of the tests at a force [µm]."""
+    means = []
+    for readings, force in zip(shown.readings_um, shown.bound.setting.force_N, strict=True):
+        if force == force_N:
+            means.append(readings.mean())
+    return float(np.mean(means))
+
+
+def _round_step(size: float) -> float:
+    """Return the step of 1, 2, 5 or 10 times a power of ten that is nearest to a size."""
+    power = 10.0 ** np.floor(np.log10(size))
+    steps = power * np.array([1.0, 2.0, 5.0, 10.0])
+    return float(steps[np.argmin(np.abs(steps - size))])
+
+
+@styled
+def residuals(posterior: xr.DataTree) -> Figure:
+    """Draw reading minus prediction (machine, bar and balls) against angle, of ten tests at most.
+
+    Parameters
+    ----------
+    posterior
+        From `sample` or `load`.
+
+    Returns
+    -------
+    Figure
+    """
+    bound = bound_of(posterior)
+    beta, phi = draws_of(posterior, bound, _DRAWS)
+    coefficients = shared_coefficients(bound, phi, beta).mean(axis=0)
+    residuals_um: Sequence[Array] = [
+        residual * 1e3 for residual in residuals_mm(bound, coefficients)
+    ]
+    tests = bound.campaign.tests
+    colours = style.force_colours(bound.setting.force_N.tolist())
+    shown = np.unique(np.linspace(0, len(tests) - 1, _MOST_RESIDUALS).astype(int)).tolist()
+    figure, all_axes = panels(len(shown), 1, 0.6, 0.9, sharex=True, sharey=True)
+    limit = 1.05 * max(np.abs(residual).max() for residual in residuals_um)
+    step = _round_step(0.7 * limit)
+    for axes, r in zip(all_axes, shown, strict=True):
+        angle = np.mod(tests[r].angle_deg, 360.0)
+        order = np.argsort(angle)
+        axes.plot(angle[order], residuals_um[r][order], color=colours[r], linewidth=0.6)
+        axes.set_ylabel(f"{tests[r].name}\n(µm)", rotation=0, ha="right", va="center")
+        axes.set(ylim=(-limit, limit), yticks=(-step, 0.0, step))
+    all_axes[-1].set(xlim=(0.0, 360.0), xticks=range(0, 361, 45), xlabel="angle of the bar (°)")
+    title = "Reading minus prediction"
+    if len(shown) < len(tests):
+        title += f", {len(shown)} of {len(tests)} tests"
+    figure.suptitle(f"{title}; each circle's own shift and discrepancy are left in")
+    return figure

@@ -1,0 +1,306 @@
+"""Figures of a comparison of models: evidence, and curves beside local fits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.report.figures import style
+from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, band, panels, styled
+from ldbb_bayes.results import Array
+
+__all__ = ["compliance_with_local_fits", "evidence", "geometry_with_local_fits"]
+
+_LINES = ("-", "--", ":")  # of models, in turn
+_MIDDLE_NAT = 20.0  # the middle stretch of the scale reaches at least so far
+_BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # where the scale is broken
+
+
+# ---- evidence
+
+
+class _Assumption(NamedTuple):
+    """Evidence under one assumption."""
+
+    name: str
+    log_bayes_factor: float
+    error: float
+    #: Evidence for the assumption itself [nat]; None for a width of the slopes' prior.
+    gain: float | None
+    is_allowed: bool
+
+
+@styled
+def evidence(comparison: Comparison) -> Figure:
+    """Draw ln B under every width of the slopes' prior and every assumption.
+
+    Dots with 95 % of the numerical error; right: how well the readings support the assumption. The
+    scale is linear, broken where assumptions that the readings reject lie far out.
+
+    Parameters
+    ----------
+    comparison
+        From `compare`.
+
+    Returns
+    -------
+    Figure
+    """
+    assumptions = _assumptions(comparison)
+    value = np.array([assumption.log_bayes_factor for assumption in assumptions])
+    allowed = np.array([assumption.is_allowed for assumption in assumptions])
+    stretches = _stretches(value, allowed)
+    is_outer = [stretch.is_outer for stretch in stretches]
+    middle = is_outer.index(False) if False in is_outer else 0
+    figure = style.new_figure(style.WIDTH, 1.1 + 0.21 * len(assumptions))
+    widths = [1.0 if stretch.is_outer else 2.2 for stretch in stretches]
+    grid = figure.subplots(1, len(stretches), squeeze=False, sharey=True, width_ratios=widths)
+    all_axes = list(grid[0])
+    rows = np.arange(len(assumptions))[::-1]
+    for k, (axes, stretch) in enumerate(zip(all_axes, stretches, strict=True)):
+        _draw_stretch(axes, assumptions, stretch)
+        axes.spines["left"].set_visible(k == 0)
+        if k + 1 < len(stretches):
+            _mark_break(axes, 1.0)
+        if k > 0:
+            _mark_break(axes, 0.0)
+    all_axes[0].set_yticks(rows, [assumption.name for assumption in assumptions], fontsize=7)
+    all_axes[middle].set_xlabel(f"ln B({comparison.sensitivity_of}) (nat)")
+    style.right_labels(
+        all_axes[-1], rows, [_gain_words(assumption.gain) for assumption in assumptions]
+    )
+    figure.suptitle(
+        "Slope scale: sd(slope) (largest − smallest force) / sd(C)\n"
+        "Right: evidence for the assumption (nat); open dots: below −5, the readings reject it"
+    )
+    return figure
+
+
+def _assumptions(comparison: Comparison) -> list[_Assumption]:
+    assumptions = []
+    for scaled in comparison.prior_sensitivity:
+        name = f"slope scale {scaled.slope_scale:g}"
+        assumptions.append(_Assumption(name, scaled.log_bayes_factor, scaled.error, None, True))
+    for assumed in comparison.discrepancy_sensitivity:
+        assumptions.append(
+            _Assumption(
+                assumed.assumption,
+                assumed.log_bayes_factor,
+                assumed.log_bayes_factor_error,
+                comparison.gain(assumed),
+                comparison.allowed(assumed),
+            )
+        )
+    return assumptions
+
+
+class _Stretch(NamedTuple):
+    """A stretch of the broken scale; outer ones are left and right of the middle."""
+
+    low: float
+    high: float
+    is_outer: bool
+
+
+def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
+    """Return the stretches of the scale that hold values, from left to right."""
+    near = max(_MIDDLE_NAT, 1.2 * float(np.abs(value[allowed]).max(initial=0.0)))
+    left = value[value < -near]
+    middle = value[np.abs(value) <= near]
+    right = value[value > near]
+    stretches = []
+    if len(left):
+        stretches.append(_stretch(left.min(), left.max(), is_outer=True))
+    if len(middle):
+        low = middle.min(initial=0.0)
+        high = middle.max(initial=0.0)
+        stretches.append(_stretch(low, high, is_outer=False))
+    if len(right):
+        stretches.append(_stretch(right.min(), right.max(), is_outer=True))
+    return stretches
+
+
+def _stretch(low: float, high: float, *, is_outer: bool) -> _Stretch:
+    room = 0.08 * (high - low) or 0.2 * abs(high) or 1.0
+    return _Stretch(float(low - room), float(high + room), is_outer)
+
+
+def _draw_stretch(axes: Axes, assumptions: Sequence[_Assumption], stretch: _Stretch) -> None:
+    rows = np.arange(len(assumptions))[::-1]
+    value = np.array([assumption.log_bayes_factor for assumption in assumptions])
+    errors = np.array([float(assumption.error) for assumption in assumptions])
+    half_width = 1.96 * np.nan_to_num(errors, posinf=0.0)
+    allowed = np.array([assumption.is_allowed for assumption in assumptions])
+    inside = (value >= stretch.low) & (value <= stretch.high)
+    for chosen, face in ((allowed & inside, ACCENT), (~allowed & inside, "white")):
+        axes.errorbar(
+            value[chosen],
+            rows[chosen],
+            xerr=half_width[chosen],
+            fmt="o",
+            color=ACCENT,
+            markerfacecolor=face,
+            markersize=4,
+        )
+    axes.set_xlim(stretch.low, stretch.high)
+    axes.locator_params(axis="x", nbins=2 if stretch.is_outer else 6)
+    axes.xaxis.set_major_formatter(_with_minus_sign)
+    axes.grid(axis="y", visible=False)
+    axes.tick_params(axis="y", length=0)
+    if stretch.low < 0.0 < stretch.high:
+        axes.axvline(0.0, color="black", linewidth=0.8)
+
+
+def _with_minus_sign(value: float, position: float) -> str:
+    return f"{value:g}".replace("-", "−")
+
+
+def _mark_break(axes: Axes, end: float) -> None:
+    axes.plot(
+        end,
+        0.0,
+        marker=_BREAK_MARK,
+        color="black",
+        markersize=8,
+        transform=axes.transAxes,
+        clip_on=False,
+    )
+
+
+def _gain_words(gain: float | None) -> str:
+    if gain is None:
+        return ""
+    decimals = 1 if abs(gain) < 100.0 else 0
+    return f"{gain:+.{decimals}f}".replace("-", "−")
+
+
+# ---- curves beside local fits
+
+
+@styled
+def compliance_with_local_fits(comparison: Comparison) -> Figure:
+    """Draw C(F): average over slope subsets, mean of every model, and local fits.
+
+    As the paper's Fig. 15. A local fit, its geometry free, estimates the tangent d(F C)/dF; that of
+    the averaged C(F) is drawn for it.
+
+    Parameters
+    ----------
+    comparison
+        From `compare`.
+
+    Returns
+    -------
+    Figure
+    """
+    first = next(iter(comparison.models.values()))
+    curves = comparison.compliance_against_force or first.compliance_against_force
+
+    def draw_average(axes: Axes, name: str, factor: float) -> None:
+        curve = curves[name]
+        force_N = np.array(curve.force_N)
+        words = f"{100 * curve.ci_prob:g} %, averaged over slope subsets"
+        band(axes, force_N, (curve.low * factor, curve.high * factor), ACCENT, label=words)
+        tangent = np.gradient(force_N * curve.mean, force_N) * factor
+        label = "d(F·C)/dF: for local fits"
+        axes.plot(force_N, tangent, color="black", linewidth=0.9, linestyle=":", label=label)
+
+    return _draw_against_force(comparison, list(curves), "Compliance", draw_average)
+
+
+@styled
+def geometry_with_local_fits(comparison: Comparison) -> Figure:
+    """Draw geometric errors of every model and of local fits against force.
+
+    As the paper's Fig. 16.
+
+    Parameters
+    ----------
+    comparison
+        From `compare`.
+
+    Returns
+    -------
+    Figure
+    """
+    first = next(iter(comparison.models.values()))
+    names = [name for name in first.parameters if name.startswith("E_")]
+    title = "Geometric errors: the model has them constant"
+    return _draw_against_force(comparison, names, title, _draw_nothing)
+
+
+def _draw_nothing(axes: Axes, name: str, factor: float) -> None:
+    """Leave a panel empty beneath its curves."""
+
+
+def _draw_against_force(
+    comparison: Comparison,
+    names: Sequence[str],
+    title: str,
+    draw_beneath: Callable[[Axes, str, float], None],
+) -> Figure:
+    """Draw a panel for every parameter: the mean of every model, and local fits."""
+    first = next(iter(comparison.models.values()))
+    figure, all_axes = panels(len(names), 3, 1.7, 0.9)
+    for axes, name in zip(all_axes, names, strict=True):
+        factor, label = style.axis_label(name, first.parameters[name].unit)
+        draw_beneath(axes, name, factor)
+        for k, (model_name, model) in enumerate(comparison.models.items()):
+            force_N, mean = _mean_curve(model, name)
+            look: dict[str, Any] = {"color": PALETTE[k], "linestyle": _LINES[k % len(_LINES)]}
+            axes.plot(force_N, mean * factor, label=f"{model_name}, mean", **look)
+        _draw_local_fits(axes, comparison.local_fits, name, factor)
+        axes.axhline(0.0, color=GREY, linewidth=0.6)
+        axes.set(xlabel="force (N)", ylabel=label)
+    style.legend_below(figure, all_axes[0], 3)
+    figure.suptitle(f"{title}; local fits of neighbouring forces (arrows: beyond the panel)")
+    return figure
+
+
+def _mean_curve(model: Any, name: str) -> tuple[Array, Array]:
+    """Return forces, and the mean of a parameter at each."""
+    curves = model.compliance_against_force
+    if name in curves:
+        return np.asarray(curves[name].force_N), curves[name].mean
+    force_N = np.array(next(iter(curves.values())).force_N)
+    return force_N, np.full(len(force_N), model.parameters[name].mean)
+
+
+def _draw_local_fits(axes: Axes, local_fits: pd.DataFrame, name: str, factor: float) -> None:
+    """Draw local fits.
+
+    Least squares beyond what all else takes up stands at the edge, as an arrow.
+    """
+    if local_fits.empty:
+        return
+    rows = local_fits[local_fits["parameter"] == name]
+    force_N = rows["force_N"].to_numpy(float)
+    mean = rows["mean"].to_numpy(float) * factor
+    least_squares = rows["least_squares"].to_numpy(float) * factor
+    below = np.abs(mean - rows["ci_low"].to_numpy(float) * factor)
+    above = np.abs(rows["ci_high"].to_numpy(float) * factor - mean)
+    axes.errorbar(
+        force_N,
+        mean,
+        yerr=np.array([below, above]),
+        fmt="o",
+        color="black",
+        markersize=3,
+        linewidth=1.0,
+        label="local, posterior",
+    )
+    low, high = axes.get_ylim()
+    look: dict[str, Any] = {"color": PALETTE[1], "markersize": 4}
+    axes.plot(force_N, least_squares, "x", label="local, least squares", **look)
+    foot = axes.get_xaxis_transform()
+    too_low = force_N[least_squares < low]
+    too_high = force_N[least_squares > high]
+    axes.plot(too_low, np.full(len(too_low), 0.03), "v", transform=foot, **look)
+    axes.plot(too_high, np.full(len(too_high), 0.97), "^", transform=foot, **look)
+    axes.set_ylim(low, high)

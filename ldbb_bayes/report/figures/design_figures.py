@@ -1,0 +1,119 @@
+"""Figure of a design: expected uncertainty of every parameter under each plan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ldbb_bayes.analysis.design import Design
+from ldbb_bayes.report.figures import style
+from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, styled
+from ldbb_bayes.results import Array
+from ldbb_bayes.units import display_name, display_unit, round_uncertainty
+
+__all__ = ["expected_widths"]
+
+_COLUMNS = 3  # parameters beside one another
+_LONGEST_BAR = 0.72  # of a column
+
+
+class _PlanBars(NamedTuple):
+    """The bars of one plan: its name, expected sd by parameter [inside units], and colour."""
+
+    name: str
+    sd: Mapping[str, float]
+    colour: str
+
+
+@styled
+def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyType({})) -> Figure:
+    """Draw the expected uncertainty of every parameter under each plan.
+
+    u with the recommended tests, with those compared, and with ever more of the recommended ones;
+    bars have a scale for each parameter.
+
+    Parameters
+    ----------
+    design
+        From `design`.
+    today
+        u of today by parameter, inside units.
+
+    Returns
+    -------
+    Figure
+    """
+    plans = _plans(design, today)
+    step = len(plans) + 1.8
+    number = len(design.expected)
+    figure = style.new_figure(style.WIDTH, 0.4 + 0.15 * step * -(-number // _COLUMNS))
+    axes = figure.subplots()
+    left = np.arange(number) % _COLUMNS
+    top = -step * (np.arange(number) // _COLUMNS)
+    sizes = _sizes(design, plans)
+    lengths = np.where(np.isfinite(sizes), sizes, 0.0)
+    lengths *= _LONGEST_BAR / np.maximum(lengths.max(axis=0), np.finfo(float).tiny)
+    for k, plan in enumerate(plans):
+        height = top - 1.0 - k
+        axes.barh(
+            height,
+            lengths[k],
+            0.75,
+            left,
+            color=plan.colour,
+            edgecolor=GREY,
+            linewidth=0.6,
+            label=plan.name,
+        )
+        _write_sizes(axes, left + lengths[k] + 0.02, height, sizes[k])
+        for y in np.unique(height):
+            axes.text(-0.03, y, plan.name, fontsize=7, ha="right", va="center")
+    for k, (name, expected) in enumerate(design.expected.items()):
+        label = f"{display_name(name)} ({display_unit(expected.unit)[1]})"
+        if name not in design.parameters:
+            label += ", not aimed at"
+        axes.text(float(left[k]), float(top[k]), label, fontsize=7.5, va="center")
+    limits = (top[-1] - len(plans) - 0.6, 0.7)
+    axes.set(xlim=(0.0, _COLUMNS), ylim=limits, xticks=[], yticks=[])
+    axes.set_axis_off()
+    figure.suptitle("How narrow each interval gets: expected standard uncertainty u")
+    return figure
+
+
+def _plans(design: Design, today: Mapping[str, float]) -> list[_PlanBars]:
+    plans = []
+    if today:
+        sd_today = {name: today.get(name, np.nan) for name in design.expected}
+        plans.append(_PlanBars("today", sd_today, GREY))
+    number = int(design.table["count"].sum())
+    title = f"{number} more" if design.augment else f"{number} recommended"
+    plans.append(_PlanBars(title, _expected_sd(design.expected), ACCENT))
+    for judged in design.compared:
+        plans.append(_PlanBars(judged.name, _expected_sd(judged.expected), LIGHT))
+    floor = {name: expected.floor_sd for name, expected in design.expected.items()}
+    plans.append(_PlanBars("ever more of these", floor, "white"))
+    return plans
+
+
+def _expected_sd(expected: Mapping[str, Any]) -> dict[str, float]:
+    return {name: entry.sd for name, entry in expected.items()}
+
+
+def _sizes(design: Design, plans: list[_PlanBars]) -> Array:
+    """Return u by plan and parameter, in the units for reading."""
+    factors = [display_unit(expected.unit)[0] for expected in design.expected.values()]
+    rows = []
+    for plan in plans:
+        rows.append([plan.sd[name] for name in design.expected])
+    return np.array(rows) * factors
+
+
+def _write_sizes(axes: Axes, left: Array, height: Array, sizes: Array) -> None:
+    for x, y, size in zip(left, height, sizes, strict=True):
+        text = round_uncertainty(size)[0] if np.isfinite(size) else "–"
+        axes.text(x, y, text, fontsize=7, va="center")

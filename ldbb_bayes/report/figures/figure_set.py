@@ -1,0 +1,64 @@
+"""All figures of a posterior, drawn into a folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import xarray as xr
+from matplotlib.figure import Figure
+
+from ldbb_bayes.report.figures.circle_figures import residuals, traces
+from ldbb_bayes.report.figures.parameter_figures import compliance_against_force, corner, forest
+from ldbb_bayes.report.figures.path_figures import (
+    circularity,
+    contributions,
+    parameter_contributions,
+)
+from ldbb_bayes.report.figures.style import save_figure
+
+__all__ = ["FIGURES", "save_figures"]
+
+#: What draws each figure of a posterior, by its name.
+FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
+    {
+        "traces": traces,
+        "residuals": residuals,
+        "forest": forest,
+        "compliance_against_force": compliance_against_force,
+        "corner": corner,
+        "contributions": contributions,
+        "parameter_contributions": parameter_contributions,
+        "circularity": circularity,
+    }
+)
+
+
+def save_figures(
+    posterior: xr.DataTree,
+    folder: str | os.PathLike[str],
+    *,
+    formats: tuple[str, ...] = ("png", "svg"),
+) -> list[Path]:
+    """Draw every figure of a posterior into a folder.
+
+    Parameters
+    ----------
+    posterior
+        From `sample` or `load`.
+    folder
+        Is made where it is missing.
+    formats
+        Some of png, svg, pdf.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+    """
+    files: list[Path] = []
+    for name, draw in FIGURES.items():
+        files += save_figure(draw(posterior), folder, name, formats=formats)
+    return files

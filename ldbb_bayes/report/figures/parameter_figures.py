@@ -1,0 +1,237 @@
+"""Figures of the parameters of a posterior: intervals, compliance against force, pairs."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ldbb_bayes.errors import check_known
+from ldbb_bayes.inference.posterior import bound_of, curves_of, record_of
+from ldbb_bayes.inference.summary import numbers_of, priors_of
+from ldbb_bayes.model.prior import compliance_unit
+from ldbb_bayes.report.figures import style
+from ldbb_bayes.report.figures.style import ACCENT, FAINT, GREY, band, panels, styled
+from ldbb_bayes.results import Array
+from ldbb_bayes.units import display_unit, inside_name, plus_minus
+
+__all__ = ["WORDS", "compliance_against_force", "corner", "forest"]
+
+_CATALOGUE = files("ldbb_bayes.report") / "templates" / "words_en.toml"
+#: What the figures of the sheets say, for another language to say otherwise.
+WORDS: Mapping[str, str] = MappingProxyType(
+    tomllib.loads(_CATALOGUE.read_text(encoding="utf-8"))["figures"]
+)
+# Direct compliances, rotations for moments, scale gains, squareness.
+_CORNER_PARAMETERS = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
+_MOST_IN_CORNER = 8
+_MOST_WITHOUT_PATTERN = 6  # parameters of a corner, where the model has none of those
+_CURVE_DRAWS = 1500
+
+
+# ---- intervals
+
+
+@styled
+def forest(posterior: xr.DataTree) -> Figure:
+    """Draw 95 % and 50 % intervals of every parameter, a panel for each unit.
+
+    Faint: 95 % of the prior; right: value ± U.
+
+    Parameters
+    ----------
+    posterior
+        From `sample`, `load` or `average`.
+
+    Returns
+    -------
+    Figure
+    """
+    group = posterior["posterior"]
+    parameters = list(record_of(posterior)["model"]["groups"])
+    names_by_unit: dict[tuple[float, str], list[str]] = {}
+    for name in parameters:
+        names_by_unit.setdefault(display_unit(group[name].attrs["unit"]), []).append(name)
+    heights = [len(names) + 0.2 for names in names_by_unit.values()]
+    figure = style.new_figure(style.WIDTH, 0.35 + 0.19 * sum(heights) + 0.4 * len(heights))
+    all_axes = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for axes, ((factor, label), names) in zip(all_axes, names_by_unit.items(), strict=True):
+        _draw_intervals(axes, posterior, names, factor)
+        axes.set_xlabel(f"value ({label})")
+    title = "95 % and 50 % intervals; dot: mean; right: value ± U (k = 2) or 95 % interval"
+    prior_sd, _ = priors_of(posterior)
+    if any(prior_sd[name] is not None for name in parameters):
+        title += "\nFaint line: 95 % of the prior, as far as the panel goes"
+    figure.suptitle(title)
+    return figure
+
+
+def _draw_intervals(
+    axes: Axes, posterior: xr.DataTree, names: Sequence[str], factor: float
+) -> None:
+    """Draw the intervals of parameters of one unit, a row for each."""
+    group = posterior["posterior"]
+    rows = style.name_rows(axes, names)
+    texts = []
+    for row, name in zip(rows, names, strict=True):
+        draws = np.asarray(group[name]).ravel()
+        summary = numbers_of(draws, 0.95)
+        interval = (summary["ci_low"], summary["ci_high"])
+        quartiles = np.quantile(draws, [0.25, 0.75]) * factor
+        ends = [interval[0] * factor, interval[1] * factor]
+        axes.plot(ends, [row, row], color=ACCENT, linewidth=1.4)
+        axes.plot(quartiles, [row, row], color=ACCENT, linewidth=4.0, solid_capstyle="butt")
+        mean = summary["mean"] * factor
+        axes.plot(mean, row, "o", color="white", markeredgecolor=ACCENT, markersize=3.6)
+        unit = group[name].attrs["unit"]
+        texts.append(plus_minus(summary["mean"], summary["sd"], interval, unit))
+    axes.axvline(0.0, color=GREY, linewidth=0.8)
+    # As wide as the readings leave it: a prior may be much wider.
+    axes.set_xlim(axes.get_xlim())
+    prior_sd, _ = priors_of(posterior)
+    for row, name in zip(rows, names, strict=True):
+        if prior_sd[name] is not None:
+            prior_draws = np.asarray(posterior["prior"][name])
+            prior_interval = np.quantile(prior_draws, [0.025, 0.975]) * factor
+            axes.plot(prior_interval, [row, row], color=FAINT, linewidth=0.8, zorder=1)
+    style.right_labels(axes, rows, texts)
+
+
+# ---- compliance against force
+
+
+@styled
+def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
+    """Draw C(F) of every compliance with its 95 % band over the tested forces.
+
+    Parameters
+    ----------
+    posterior
+        From `sample`, `load` or `average`.
+    words
+        Labels. Default: English.
+
+    Returns
+    -------
+    Figure
+    """
+    bound = bound_of(posterior)
+    tested_N = bound.setting.force_N
+    force_N = _forces_to_draw(tested_N)
+    curves = curves_of(posterior, force_N, _CURVE_DRAWS)
+    is_roomy = len(bound.compliances) <= 6
+    columns = 3 if is_roomy else 5
+    height = 1.7 if is_roomy else 1.2
+    figure, all_axes = panels(len(bound.compliances), columns, height, 0.3, sharex=True)
+    for j, (axes, compliance) in enumerate(zip(all_axes, bound.compliances, strict=True)):
+        factor, label = style.axis_label(compliance.label, compliance_unit(compliance))
+        _draw_curve(axes, force_N, curves[:, :, j] * factor, words)
+        axes.plot(
+            tested_N,
+            np.zeros_like(tested_N),
+            "^",
+            label=words["tested"],
+            color="black",
+            markersize=4,
+            clip_on=False,
+            transform=axes.get_xaxis_transform(),
+        )
+        axes.axhline(0.0, color=GREY, linewidth=0.8)
+        if is_roomy:
+            axes.set_ylabel(label, fontsize=9)
+            axes.tick_params(labelsize=8)
+        else:
+            axes.set_title(label, fontsize=6.5)
+            axes.tick_params(labelsize=7)
+        if j + columns >= len(all_axes):
+            axes.set_xlabel(words["force"])
+            axes.tick_params(labelbottom=True)
+    style.legend_below(figure, all_axes[0])
+    return figure
+
+
+def _forces_to_draw(tested_N: Array) -> Array:
+    if np.ptp(tested_N) > 0:
+        return np.linspace(tested_N.min(), tested_N.max(), 31)
+    return tested_N[0] * np.array([0.95, 1.05])
+
+
+def _draw_curve(axes: Axes, force_N: Array, curves: Array, words: Mapping[str, str]) -> None:
+    limits = np.quantile(curves, [0.025, 0.975], axis=0)
+    band(axes, force_N, limits, ACCENT, 0.3, label=words["interval"])
+    axes.plot(force_N, curves.mean(axis=0), color=ACCENT, label=words["mean"])
+
+
+# ---- pairs
+
+
+@styled
+def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure:
+    """Draw the pairwise posterior of some parameters.
+
+    Parameters
+    ----------
+    posterior
+        From `sample`, `load` or `average`.
+    names
+        Parameters. Default: the direct compliances, C_CCY, and the geometric errors that share
+        their patterns, where the model has them.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        The posterior does not have a parameter.
+    """
+    from corner import corner as draw_corner  # brings pyplot, which starts a backend
+
+    group = posterior["posterior"]
+    if names is None:
+        names = _parameters_of_corner(list(record_of(posterior)["model"]["groups"]))
+    names = [inside_name(name) for name in names]
+    check_known("parameter", names, [str(name) for name in group.data_vars])
+    draws_by_label = {}
+    for name in names:
+        factor, label = style.axis_label(name, group[name].attrs["unit"])
+        draws = np.asarray(group[name]).ravel() * factor
+        if np.ptp(draws) > 0:
+            draws_by_label[label.replace(" (", "\n(")] = draws
+    size = 1.55 * len(draws_by_label) + 0.6
+    figure = Figure(figsize=(size, size))
+    options: dict[str, Any] = {"color": ACCENT, "plot_datapoints": False, "max_n_ticks": 3}
+    draw_corner(
+        np.column_stack(list(draws_by_label.values())),
+        fig=figure,
+        labels=list(draws_by_label),
+        levels=(0.393, 0.865),  # 1 and 2 sd of a bivariate Gaussian
+        smooth=1.0,
+        bins=30,
+        labelpad=0.14,
+        **options,
+    )
+    for axes in figure.axes:
+        axes.grid(visible=False)
+        axes.tick_params(labelsize=7)
+    figure.subplots_adjust(left=0.13, bottom=0.13, right=0.98, top=0.94, wspace=0.08, hspace=0.08)
+    figure.suptitle("Joint posterior: contours hold 39 % and 86 % (1 and 2 sd)")
+    return figure
+
+
+def _parameters_of_corner(parameters: Sequence[str]) -> list[str]:
+    chosen: list[str] = []
+    for pattern in _CORNER_PARAMETERS:
+        chosen += [name for name in parameters if re.fullmatch(pattern, name)]
+    if chosen:
+        return chosen[:_MOST_IN_CORNER]
+    return list(parameters[:_MOST_WITHOUT_PATTERN])

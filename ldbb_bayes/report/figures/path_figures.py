@@ -1,0 +1,219 @@
+"""Figures of the machine's path: circular-test quantities, and what the path is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ldbb_bayes.analysis import circularity as path_analysis
+from ldbb_bayes.analysis import path_contributions
+from ldbb_bayes.analysis.measured_paths import measured_circularity
+from ldbb_bayes.campaign.campaign import distinct_forces
+from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.report.figures import style
+from ldbb_bayes.report.figures.style import ACCENT, PALETTE, band, panels, styled
+from ldbb_bayes.results import Array
+from ldbb_bayes.units import display_name, round_like, round_uncertainty
+
+__all__ = ["circularity", "contributions", "parameter_contributions"]
+
+_DRAWS = 500
+_FORCES = 13  # at which quantities are drawn
+_MOST_FORCES = 6  # panels of contributions
+_EXPLANATION = "Line: mean, band: 95 %\nAbove: peak to peak {}, median and 95 % interval"
+
+
+class _Panel(NamedTuple):
+    quantities: tuple[str, ...]
+    label: str
+
+
+_PANELS = (
+    _Panel(("G",), "G (µm)"),
+    _Panel(("F_max", "F_min"), "F_max, F_min (µm)"),
+    _Panel(("squareness",), "squareness (µm/m)"),
+    _Panel(("scale_mismatch",), "scale mismatch (µm/m)"),
+)
+
+
+class _Look(NamedTuple):
+    colour: str
+    linestyle: str
+
+
+_SOURCES = {
+    path_contributions.TOGETHER: _Look("black", "-"),
+    path_contributions.COMPLIANCE: _Look(PALETTE[0], "--"),
+    path_contributions.GEOMETRY: _Look(PALETTE[1], ":"),
+}
+
+
+@styled
+def circularity(posterior: xr.DataTree) -> Figure:
+    """Draw circular-test quantities of the machine's path against force, with 95 % bands.
+
+    G, F_max and F_min, squareness and scale mismatch; crosses: of the readings themselves, balls
+    and bar included.
+
+    Parameters
+    ----------
+    posterior
+        From `sample` or `load`.
+
+    Returns
+    -------
+    Figure
+    """
+    bound = bound_of(posterior)
+    highest_N = float(bound.setting.force_N.max())
+    forces_N = np.linspace(0.0, highest_N, _FORCES).tolist()
+    table = path_analysis.circularity(posterior, forces_N, draws=_DRAWS)
+    measured, _ = measured_circularity(posterior)
+    planes = bound.setting.planes
+    figure, all_axes = panels(len(_PANELS) * len(planes), 2, 1.8, 0.3)
+    for k, axes in enumerate(all_axes):
+        panel = _PANELS[k % len(_PANELS)]
+        plane = planes[k // len(_PANELS)]
+        rows = table[table["plane"] == plane]
+        # Other radii have other paths: only readings of the circle that is drawn.
+        is_same_radius = measured["radius_mm"] == rows["radius_mm"].iloc[0]
+        readings = measured[(measured["plane"] == plane) & is_same_radius]
+        _draw_quantities(axes, panel.quantities, rows, readings)
+        limits = (-0.02 * highest_N, 1.02 * highest_N)
+        axes.set(xlabel="force (N)", ylabel=panel.label, xlim=limits)
+        if len(planes) > 1:
+            axes.set_title(f"Plane {plane}")
+    figure.suptitle(
+        "The machine's path: median and 95 % band; crosses: the readings, balls and bar included"
+    )
+    return figure
+
+
+def _draw_quantities(
+    axes: Axes, quantities: Sequence[str], table: pd.DataFrame, readings: pd.DataFrame
+) -> None:
+    for name, colour in zip(quantities, PALETTE, strict=False):
+        rows = table[table["quantity"] == name]
+        band(axes, rows["force_N"], (rows["ci_low"], rows["ci_high"]), colour)
+        axes.plot(rows["force_N"], rows["median"], color=colour)
+        measured = readings[name].astype(float)
+        axes.plot(readings["force_N"], measured, "x", color=colour, markersize=4)
+
+
+@styled
+def contributions(posterior: xr.DataTree) -> Figure:
+    """Draw what compliance, geometry and both together add to the path, at up to six forces.
+
+    With 95 % bands and the peak to peak of both; offsets of the tool ball left out (Fig. 8).
+
+    Parameters
+    ----------
+    posterior
+        From `sample` or `load`.
+
+    Returns
+    -------
+    Figure
+    """
+    bound = bound_of(posterior)
+    forces_N = distinct_forces(bound.setting.force_N)
+    chosen = np.unique(np.linspace(0, len(forces_N) - 1, _MOST_FORCES).round().astype(int))
+    planes = bound.setting.planes
+    figure, all_axes = panels(len(planes) * len(chosen), 3, 1.5, 0.6, sharex=True, sharey=True)
+    for k, axes in enumerate(all_axes):
+        plane = planes[k // len(chosen)]
+        force_N = float(forces_N[chosen[k % len(chosen)]])
+        paths = _paths(posterior, bound, plane, force_N, list(_SOURCES))
+        for source, look in _SOURCES.items():
+            if source in paths:
+                _draw_path(axes, paths[source], look.colour, linestyle=look.linestyle, label=source)
+        title = f"{force_N:g} N: {_peak_to_peak_words(paths[path_contributions.TOGETHER])}"
+        if len(planes) > 1:
+            title = f"{plane}, {title}"
+        axes.set_title(title, fontsize=8)
+    _label_outer_axes(all_axes, 3)
+    style.legend_below(figure, all_axes[0])
+    figure.suptitle(_EXPLANATION.format("of both together"))
+    return figure
+
+
+@styled
+def parameter_contributions(posterior: xr.DataTree) -> Figure:
+    """Draw what every parameter adds to the path at the highest force.
+
+    Every compliance (with slope) and geometric error, 95 % bands and peak to peak (Figs. 9 and 10).
+
+    Parameters
+    ----------
+    posterior
+        From `sample` or `load`.
+
+    Returns
+    -------
+    Figure
+    """
+    bound = bound_of(posterior)
+    force_N = float(bound.setting.force_N.max())
+    planes = bound.setting.planes
+    paths_by_plane = {}
+    for plane in planes:
+        paths_by_plane[plane] = _paths(posterior, bound, plane, force_N, bound.names)
+    number = sum(len(paths) for paths in paths_by_plane.values())
+    figure, all_axes = panels(number, 4, 1.25, 0.5, sharex=True)
+    panel = iter(all_axes)
+    for plane, paths in paths_by_plane.items():
+        for name, path in paths.items():
+            axes = next(panel)
+            _draw_path(axes, path, ACCENT if name.startswith("C_") else PALETTE[1])
+            label = display_name(name)
+            if len(planes) > 1:
+                label += f", {plane}"
+            axes.set_title(f"{label}\n{_peak_to_peak_words(path)}", fontsize=8)
+    _label_outer_axes(all_axes, 4)
+    figure.suptitle(f"At {force_N:g} N. {_EXPLANATION.format('of each alone')}")
+    return figure
+
+
+def _paths(
+    posterior: xr.DataTree, bound: BoundModel, plane: str, force_N: float, sources: Sequence[str]
+) -> Mapping[str, Array]:
+    """Return paths on the first circle of a plane, (draws, 360) [µm].
+
+    They are of the very draws of `ldbb_bayes.contributions`.
+    """
+    circle = path_analysis.first_circle(bound, plane)
+    beta, _ = draws_of(posterior, bound, path_contributions.DRAWS)
+    return path_contributions.contribution_paths(bound, circle, force_N, beta, tuple(sources))
+
+
+def _peak_to_peak_words(path: Array) -> str:
+    """Return peak to peak of paths, median and 95 % interval: 17.2 [11.5, 39.8] µm."""
+    low, median, high = np.quantile(np.ptp(path, axis=1), [0.025, 0.5, 0.975])
+    _, decimals = round_uncertainty((high - low) / 4.0)
+    interval = f"[{round_like(low, decimals)}, {round_like(high, decimals)}]"
+    return f"{round_like(median, decimals)} {interval} µm"
+
+
+def _draw_path(axes: Axes, path: Array, colour: Any, **look: Any) -> None:
+    closed = np.append(path, path[:, :1], axis=1)
+    limits = np.quantile(closed[::5, ::3], [0.025, 0.975], axis=0)
+    band(axes, np.arange(0, 361, 3), limits, colour)
+    axes.plot(np.arange(0, 361, 2), closed[:, ::2].mean(axis=0), color=colour, **look)
+
+
+def _label_outer_axes(all_axes: Sequence[Axes], columns: int) -> None:
+    last_row = (len(all_axes) - 1) // columns
+    for k, axes in enumerate(all_axes):
+        axes.set(xlim=(0.0, 360.0), xticks=(0, 180, 360))
+        if k % columns == 0:
+            axes.set_ylabel("reading (µm)")
+        axes.tick_params(labelbottom=k + columns >= len(all_axes))
+        if k // columns == last_row:
+            axes.set_xlabel("angle (°)")

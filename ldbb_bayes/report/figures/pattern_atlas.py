@@ -1,0 +1,108 @@
+"""Atlases: the patterns of a machine's compliances and geometric errors on a circle."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.machine.linear import geometric_jacobian, kept_compliances, wrench_jacobian
+from ldbb_bayes.machine.parameters import geometric_names, wrench_names
+from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, panels, styled
+from ldbb_bayes.results import Array
+from ldbb_bayes.units import display_name
+
+__all__ = ["compliance_atlas", "geometric_atlas"]
+
+_ANGLE = np.linspace(0.0, 2 * np.pi, 361)
+_SWING = 0.45  # of a pattern, beside the radius of the circle
+_DASHED = (0, (4, 3))
+
+
+@styled
+def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
+    """Draw the patterns of all joint compliances.
+
+    Proportional ones have one colour; the one that is kept of them is bold.
+
+    Parameters
+    ----------
+    machine
+        The machine.
+    circle
+        Default: one about the origin, in the machine's first plane.
+
+    Returns
+    -------
+    Figure
+    """
+    circle = circle or Circle(plane=machine.planes[0])
+    machine = Machine(machine.topology, circle.plane, machine.frames_mm)
+    names = [name.label for name in wrench_names(machine)]
+    kept = kept_compliances(machine, circle)
+    colours = {}
+    for k, members in enumerate(kept.sets):
+        for name in members:
+            colours[name] = PALETTE[k % len(PALETTE)]
+    patterns = dict(zip(names, wrench_jacobian(machine, circle, _ANGLE).T, strict=True))
+    title = (
+        f"{machine.topology}, plane {machine.plane}: patterns of the {len(names)} joint"
+        " compliances\nOne colour: proportional, only their sum can be identified. Bold: kept"
+    )
+    return _atlas(patterns, colours, {name.label for name in kept.names}, kept.null, title)
+
+
+@styled
+def geometric_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
+    """Draw the patterns of the geometric errors.
+
+    Parameters
+    ----------
+    machine
+        The machine.
+    circle
+        Default: one about the origin, in the machine's first plane.
+
+    Returns
+    -------
+    Figure
+    """
+    circle = circle or Circle(plane=machine.planes[0])
+    machine = Machine(machine.topology, circle.plane, machine.frames_mm)
+    names = [name.label for name in geometric_names(machine)]
+    patterns = dict(zip(names, geometric_jacobian(machine, circle, _ANGLE).T, strict=True))
+    title = f"{machine.topology}, plane {machine.plane}: patterns of the geometric errors"
+    return _atlas(patterns, dict.fromkeys(names, ACCENT), names, (), title)
+
+
+def _atlas(
+    patterns: Mapping[str, Array],
+    colours: Mapping[str, str],
+    bold: Collection[str],
+    without_effect: Collection[str],
+    title: str,
+) -> Figure:
+    figure, all_axes = panels(len(patterns), 4, 1.7, 0.7, subplot_kw={"projection": "polar"})
+    axes: Any
+    for axes, (name, pattern) in zip(all_axes, patterns.items(), strict=True):
+        peak = float(np.abs(pattern).max())
+        swing = np.zeros_like(pattern)
+        if name not in without_effect and peak > 0.0:
+            swing = pattern / peak
+        radius = 1.0 + _SWING * swing
+        width = 2.0 if name in bold else 1.1
+        axes.plot(_ANGLE, np.ones_like(_ANGLE), color=GREY, linewidth=0.8, linestyle=_DASHED)
+        axes.plot(_ANGLE, radius, color=colours.get(name, GREY), linewidth=width)
+        axes.set_rlim(0.0, 1.0 + 1.1 * _SWING)
+        axes.set_rticks([])
+        axes.spines["polar"].set_visible(False)
+        axes.set_xticks(np.deg2rad([0, 90, 180, 270]), ["", "", "", ""])
+        label = display_name(name)
+        if name in without_effect:
+            label += " (no effect)"
+        axes.set_title(label, fontweight="bold" if name in bold else "normal", pad=4)
+    figure.suptitle(title)
+    return figure

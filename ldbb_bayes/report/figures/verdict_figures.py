@@ -1,0 +1,139 @@
+"""Figures of verdicts and budgets: before and after the readings, sources of uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+from ldbb_bayes.analysis.budgets import Budget
+from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
+from ldbb_bayes.report.figures import style
+from ldbb_bayes.report.figures.style import GREY, PALETTE, band, panels, styled
+from ldbb_bayes.report.wording import source_words
+from ldbb_bayes.results import Array
+from ldbb_bayes.units import display_name, display_unit, round_uncertainty
+
+__all__ = ["budget_bars", "prior_and_posterior"]
+
+_SMALLEST_SHARE = 0.5  # per cent of a variance: sources of less in every parameter are not drawn
+_SHARE_PER_LETTER = 1.75  # per cent: so wide must a bar be for every letter that stands in it
+_LUMINANCE = (0.2126, 0.7152, 0.0722)  # weights of red, green and blue
+_VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "confounded": PALETTE[1]}
+
+
+@styled
+def prior_and_posterior(identifiability: Identifiability) -> Figure:
+    """Draw the density of every parameter before and after the readings.
+
+    Each has its unit; the colour is the verdict's.
+
+    Parameters
+    ----------
+    identifiability
+        From `identify`.
+
+    Returns
+    -------
+    Figure
+    """
+    entries = list(identifiability.parameters.values())
+    figure, all_axes = panels(len(entries), 4, 1.15, 0.5)
+    for axes, entry in zip(all_axes, entries, strict=True):
+        _draw_densities(axes, entry)
+        axes.locator_params(nbins=3)
+        axes.set_yticks([])
+        axes.spines["left"].set_visible(False)
+        axes.set_title(f"{display_name(entry.name)}:\n{entry.verdict}", fontsize=8)
+        axes.set_xlabel(f"u = {_uncertainty_words(entry.sd, entry.unit)}", fontsize=7)
+    figure.suptitle(
+        "Before the readings (grey) and after (line), each scaled to its peak; without the limit"
+        " C ≥ 0"
+    )
+    return figure
+
+
+def _draw_densities(axes: Axes, entry: ParameterIdentifiability) -> None:
+    factor, _ = display_unit(entry.unit)
+    mean = entry.mean * factor
+    sd = entry.sd * factor
+    prior_mean = mean
+    prior_sd = sd
+    if np.isfinite(entry.prior_sd):
+        prior_mean = entry.prior_mean * factor
+        prior_sd = entry.prior_sd * factor
+    wide = np.linspace(prior_mean - 3.2 * prior_sd, prior_mean + 3.2 * prior_sd, 121)
+    narrow = np.linspace(-4.0, 4.0, 81) * sd + mean
+    value = np.sort(np.concatenate([wide, narrow]))
+    if np.isfinite(entry.prior_sd):
+        band(axes, value, (0.0, _bell(value, prior_mean, prior_sd)), GREY, 0.35)
+    axes.plot(value, _bell(value, mean, sd), color=_VERDICT_COLOURS[entry.verdict])
+
+
+def _bell(value: Array, mean: float, sd: float) -> Array:
+    density = np.exp(-0.5 * ((value - mean) / sd) ** 2)
+    return density / density.max()
+
+
+def _uncertainty_words(u: float, unit: str) -> str:
+    factor, label = display_unit(unit)
+    return f"{round_uncertainty(u * factor)[0]} {label}"
+
+
+@styled
+def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
+    """Draw the share of every source in the variance of every parameter; right: u.
+
+    Parameters
+    ----------
+    budgets
+        From `budgets`.
+
+    Returns
+    -------
+    Figure
+    """
+    figure = style.new_figure(style.WIDTH, 1.3 + 0.2 * len(budgets))
+    axes = figure.subplots()
+    rows = style.name_rows(axes, list(budgets))
+    terms: list[str] = []
+    for budget in budgets.values():
+        terms += [contribution.term for contribution in budget.contributions]
+    start = np.zeros(len(rows))
+    for term, colour in style.term_colours(terms).items():
+        shares = np.array([100.0 * budget.share(term) for budget in budgets.values()])
+        if shares.max() >= _SMALLEST_SHARE:
+            _draw_source(axes, rows, start, shares, source_words(term), colour)
+            start = start + shares
+    axes.set(
+        xlim=(0.0, 100.0),
+        xlabel="share of the variance (%)",
+        title="What each uncertainty is made of; right: u",
+    )
+    labels = [_uncertainty_words(budget.u, budget.unit) for budget in budgets.values()]
+    style.right_labels(axes, rows, labels)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=7)
+    return figure
+
+
+def _draw_source(
+    axes: Axes, rows: Array, start: Array, shares: Array, words: str, colour: str
+) -> None:
+    """Draw the bars of one source, with its name in those that are wide enough, for grey print."""
+    axes.barh(
+        rows,
+        shares,
+        left=start,
+        color=colour,
+        edgecolor="white",
+        linewidth=0.4,
+        height=0.8,
+        label=words,
+    )
+    ink = "white" if np.dot(to_rgb(colour), _LUMINANCE) < 0.45 else "black"
+    for k in np.flatnonzero(shares > _SHARE_PER_LETTER * len(words)):
+        middle = start[k] + 0.5 * shares[k]
+        axes.text(middle, rows[k], words, color=ink, fontsize=6.5, ha="center", va="center")
