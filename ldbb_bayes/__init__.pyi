@@ -94,7 +94,7 @@ from .reading.layout import read_layout as read_layout
 from .reading.masks import mask_angles as mask_angles
 from .reading.masks import mask_reversals as mask_reversals
 from .report import figures as figures
-from .report.dcc import write_dcc as write_dcc
+from .report.dcc_export import write_dcc as write_dcc
 from .report.figures import save_figures as save_figures
 from .report.fit_tables import fit_in_words as fit_in_words
 from .report.page import write_report as write_report

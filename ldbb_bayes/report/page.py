@@ -20,7 +20,7 @@ from ldbb_bayes.inference.posterior import campaign_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.blocks import Banner, Block, Pair, ReportSheet
-from ldbb_bayes.report.dcc import write_dcc
+from ldbb_bayes.report.dcc_export import write_dcc
 from ldbb_bayes.report.findings import Beside, Compared, Findings, Recommended, find
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.number_tables import TABLE_FILES, tables

@@ -21,7 +21,7 @@ from scipy.stats import chi2
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.summary import result_json
-from ldbb_bayes.report.dcc import dsi_unit
+from ldbb_bayes.report.dcc_export import dsi_unit
 
 SI = "{https://ptb.de/si}"
 STRUCTURE = cases(__file__, "dcc_structure.toml")
