@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from ldbb_bayes.analysis import circularity as path_analysis
 from ldbb_bayes.analysis import path_contributions
+from ldbb_bayes.analysis.circle_columns import first_circle
 from ldbb_bayes.analysis.measured_paths import measured_circularity
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.inference.posterior import bound_of, draws_of
@@ -188,7 +189,7 @@ def _paths(
 
     They are of the very draws of `ldbb_bayes.contributions`.
     """
-    circle = path_analysis.first_circle(bound, plane)
+    circle = first_circle(bound, plane)
     beta, _ = draws_of(posterior, bound, path_contributions.DRAWS)
     return path_contributions.contribution_paths(bound, circle, force_N, beta, tuple(sources))
 
