@@ -69,10 +69,9 @@ class Circle(Shown):
 
     def direction(self, angle_rad: Array) -> Array:
         """Return the sensitive direction B̂ of the bar, shape (n, 3) [1]."""
-        first, second = self.plane
         direction = np.zeros((len(angle_rad), 3))
-        direction[:, LINEAR.index(first)] = np.cos(angle_rad)
-        direction[:, LINEAR.index(second)] = np.sin(angle_rad)
+        direction[:, LINEAR.index(self.plane[0])] = np.cos(angle_rad)
+        direction[:, LINEAR.index(self.plane[1])] = np.sin(angle_rad)
         return direction
 
     def position_mm(self, angle_rad: Array) -> Array:

@@ -1,47 +1,52 @@
-"""Priors of the parameters of interest and of the hyper-parameters, with units, and the truncation
-to physical compliances."""
+"""Priors of the parameters of interest, with units; settings of those of the hyper-parameters."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import erfc, erfcinv, expit, gammainccinv, gammaln, log_expit, ndtr, ndtri
 
-from ldbb_bayes.errors import nearest, require
+from ldbb_bayes.errors import InputError, nearest, require
 from ldbb_bayes.machine.parameters import (
     ComplianceKind,
     ComplianceName,
     GeometricKind,
     GeometricName,
 )
-from ldbb_bayes.model.terms import Hyper, Law, Scale
+from ldbb_bayes.model.hyper_prior import HyperPrior
+from ldbb_bayes.model.terms import Scale
 from ldbb_bayes.results import Array, Shown
 from ldbb_bayes.units import display_unit, inside_name, setting_to_inside, to_inside
 
-__all__ = ["EXAMPLES", "HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
+__all__ = ["EXAMPLES", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
 
 
-# By kind: the unit, and the field of `Prior` that holds one sd.
-_COMPLIANCES: dict[ComplianceKind, tuple[str, str]] = {
-    "direct": ("mm/N", "direct_mm_per_N"),
-    "cross": ("mm/N", "cross_mm_per_N"),
-    "rotation_for_force": ("rad/N", "rotation_for_force_rad_per_N"),
-    "rotation_for_moment": ("rad/(N mm)", "rotation_for_moment_rad_per_N_mm"),
-    "rotation_for_other_moment": ("rad/(N mm)", "rotation_for_moment_rad_per_N_mm"),
+class _Kind(NamedTuple):
+    """What parameters of one kind have in common."""
+
+    unit: str
+    sd_field: str  #: the field of `Prior` that holds one sd
+
+
+_COMPLIANCES: dict[ComplianceKind, _Kind] = {
+    "direct": _Kind("mm/N", "direct_mm_per_N"),
+    "cross": _Kind("mm/N", "cross_mm_per_N"),
+    "rotation_for_force": _Kind("rad/N", "rotation_for_force_rad_per_N"),
+    "rotation_for_moment": _Kind("rad/(N mm)", "rotation_for_moment_rad_per_N_mm"),
+    "rotation_for_other_moment": _Kind("rad/(N mm)", "rotation_for_moment_rad_per_N_mm"),
 }
-_GEOMETRIC: dict[GeometricKind, tuple[str, str]] = {
-    "gain": ("1", "gain"),
-    "straightness": ("1/mm", "straightness_per_mm"),
-    "squareness": ("rad", "squareness_rad"),
-    "offset": ("mm", "offset_mm"),
+_GEOMETRIC: dict[GeometricKind, _Kind] = {
+    "gain": _Kind("1", "gain"),
+    "straightness": _Kind("1/mm", "straightness_per_mm"),
+    "squareness": _Kind("rad", "squareness_rad"),
+    "offset": _Kind("mm", "offset_mm"),
 }
+# Names of parameters, to answer an unknown one with the nearest.
 EXAMPLES = [
     "C_XXX",
     "C_XYX",
@@ -57,64 +62,74 @@ EXAMPLES = [
     "E_Xt0",
     "E_Yt0",
 ]
-_ABSURD = 1000.0
-_KINDS: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
+# A larger prior mean in units of the usual sd is a mistake of units.
+_LARGEST_MEAN_PER_SD = 1000.0
+# The kind of a geometric error by the order in its name, where it is no squareness.
+_KIND_OF_ORDER: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
+# C_XXX and C_XXX_1; E_XX1, E_Xt0 and E_Xt0_2; E_C0YX.
+_PARAMETER_NAME = re.compile(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)")
 
 
 def compliance_unit(name: ComplianceName, degree: int = 0) -> str:
-    """Unit of a compliance or of its slope of the given degree."""
-    return _COMPLIANCES[name.kind][0] + ("", "/N", "/N^2")[degree]
+    """Return the unit of a compliance or of its slope of the given degree."""
+    return _COMPLIANCES[name.kind].unit + ("", "/N", "/N^2")[degree]
 
 
 def geometric_unit(kind: GeometricKind) -> str:
-    """Unit of a geometric error."""
-    return _GEOMETRIC[kind][0]
+    """Return the unit of a geometric error."""
+    return _GEOMETRIC[kind].unit
 
 
-def parameter_to_inside(parameter: str, value: float | str, what: str) -> float:
-    """A value of a parameter in inside units, from a number in them or text with its unit, "5
-    nm/N"."""
+def parameter_to_inside(parameter: str, value: float | str, words: str) -> float:
+    """Return a value of a parameter in inside units.
+
+    Parameters
+    ----------
+    parameter
+        Name of the parameter.
+    value
+        A number in inside units, or text with its unit, "5 nm/N".
+    words
+        What the value is, for messages.
+    """
     if not isinstance(value, str):
         require(
             isinstance(value, int | float | np.number),
-            f"{what} {parameter} must be a number or text with its unit, got {value!r}."
+            f"{words} {parameter} must be a number or text with its unit, got {value!r}."
             " Correct it.",
         )
         return float(value)
-    usual = _usual_of(parameter)
-    like = nearest(parameter, EXAMPLES)
-    cure = f"Did you mean {like!r}? Else correct the name."
-    require(
-        usual is not None,
-        f"{what} {parameter} must be of a parameter to have a unit, got {value!r}. {cure}",
-    )
-    return to_inside(value, usual[0], f"{what} {parameter}")  # type: ignore[index]
+    kind = _kind_of(parameter)
+    if kind is None:
+        raise InputError(
+            f"{words} {parameter} must be of a parameter to have a unit, got {value!r}."
+            f" Did you mean {nearest(parameter, EXAMPLES)!r}? Else correct the name."
+        )
+    return to_inside(value, kind.unit, f"{words} {parameter}")
 
 
-def _usual_of(parameter: str) -> tuple[str, str] | None:
-    """By a parameter's name its unit, and the field of `Prior` with the sd of its kind; None of
-    what is no such name."""
+def _kind_of(parameter: str) -> _Kind | None:
+    """Return unit and prior sd of a parameter by its name; None of what is no such name."""
     degree = degree_of(parameter)
-    match = re.fullmatch(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)", parameter)
+    match = _PARAMETER_NAME.fullmatch(parameter)
     if match is None or degree > 2:
         return None
     twist, wrench, joint, axis, order = match.groups()
     if twist:
-        own = ComplianceName(twist, wrench, joint)
-        return compliance_unit(own, degree), _COMPLIANCES[own.kind][1]
-    return _GEOMETRIC[_KINDS[order] if axis else "squareness"]
+        name = ComplianceName(twist, wrench, joint)
+        return _Kind(compliance_unit(name, degree), _COMPLIANCES[name.kind].sd_field)
+    return _GEOMETRIC[_KIND_OF_ORDER[order] if axis else "squareness"]
 
 
 def degree_of(parameter: str) -> int:
-    """Power of force a compliance goes with: 1 for C_XXX_1, 0 for what is no slope."""
-    stem, _, last = parameter.rpartition("_")
-    return int(last) if stem.startswith("C_") and last.isdigit() else 0
+    """Return the power of force a compliance goes with: 1 for C_XXX_1, 0 for what is no slope."""
+    stem, _, suffix = parameter.rpartition("_")
+    return int(suffix) if stem.startswith("C_") and suffix.isdigit() else 0
 
 
 @dataclass(frozen=True)
 class Prior(Shown):
-    """Gaussian priors of the parameters of interest, zero-mean unless ``means`` says otherwise;
-    half-normal priors of the hyper-parameters.
+    """Gaussian priors of the parameters of interest, half-normal ones of the hyper-parameters.
 
     The defaults are wide for any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm,
     a scale gain of 2e-4 is 200 µm/m. Give your own by `HybridModel.with_prior` or in TOML; every
@@ -154,6 +169,22 @@ class Prior(Shown):
     means: Mapping[str, float] = field(default_factory=dict)  #: prior means, in inside units
 
     def __post_init__(self) -> None:
+        self._convert_settings()
+        self._convert_table("overrides", "prior sd of")
+        self._convert_table("means", "prior mean of")
+        scales = {name: value for name, value in vars(self).items() if isinstance(value, float)}
+        for name, value in {**scales, **self.overrides}.items():
+            require(
+                bool(np.isfinite(value) and value > 0),
+                f"prior {name} must be a positive number, got {value}."
+                " To drop a term, leave it out instead.",
+            )
+        self._check_flat()
+        for name, mean in self.means.items():
+            _check_mean(name, mean)
+
+    def _convert_settings(self) -> None:
+        """Convert every setting to a number in its unit."""
         for name, value in vars(self).items():
             if isinstance(value, int | float | str) and not isinstance(value, bool):
                 number = setting_to_inside(name, value, f"prior {name}")
@@ -162,105 +193,81 @@ class Prior(Shown):
                     f"prior {name} must be a number, got {value!r}. Correct it.",
                 )
                 object.__setattr__(self, name, float(number))
-        for name, what in (("overrides", "prior sd of"), ("means", "prior mean of")):
-            given = {
-                inside_name(parameter): value for parameter, value in getattr(self, name).items()
-            }
-            own = {
-                parameter: parameter_to_inside(parameter, value, what)
-                for parameter, value in given.items()
-            }
-            object.__setattr__(self, name, MappingProxyType(own))
-        scales = {
-            name: value for name, value in vars(self).items() if isinstance(value, float)
-        } | dict(self.overrides)
-        for name, value in scales.items():
-            cure = f"got {value}. To drop a term, leave it out instead."
-            require(
-                np.isfinite(value) and value > 0, f"prior {name} must be a positive number, {cure}"
-            )
-        both = self.flat and self.truncated
-        cure = "Set truncated = false or flat = false."
+
+    def _convert_table(self, table: str, words: str) -> None:
+        """Convert every value of ``overrides`` or ``means`` to inside units."""
+        values = {inside_name(name): value for name, value in getattr(self, table).items()}
+        for name, value in values.items():
+            values[name] = parameter_to_inside(name, value, words)
+        object.__setattr__(self, table, MappingProxyType(values))
+
+    def _check_flat(self) -> None:
+        """Refuse a flat prior with truncation, overrides or means."""
+        if not self.flat:
+            return
         require(
-            not both,
-            f"a flat prior must allow negative compliances, got truncated = true too. {cure}",
+            not self.truncated,
+            "a flat prior must allow negative compliances, got truncated = true too."
+            " Set truncated = false or flat = false.",
         )
         for name in ("overrides", "means"):
-            some = self.flat and getattr(self, name)
             require(
-                not some,
+                not getattr(self, name),
                 f"a flat prior must have no {name}, got some. Set flat = false or remove them.",
             )
-        for name, mean in self.means.items():
-            what = f"prior mean of {name} must be"
-            require(
-                np.isfinite(mean),
-                f"{what} a finite number, got {mean}. Correct it or leave it out.",
-            )
-            why = (
-                "a slope's is zero, because constant compliance is the linear model with its slopes"
-                " at zero. Remove it."
-            )
-            require(not degree_of(name), f"{what} left out, got {mean:g}: {why}")
-            unit, usual = _usual_of(name) or ("", "")
-            most = _ABSURD * getattr(Prior, usual, np.inf)
-            shown = display_unit(unit)[1]
-            got = f"got {mean:g}. Numbers are in mm, N and rad; write the unit: '{mean:g} {shown}'."
-            require(abs(mean) <= most, f"{what} within ±{most:g}, {got}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """To other processes; a read-only mapping does not pickle."""
-        return (
-            partial(
-                Prior,
-                **{**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)},
-            ),
-            (),
-        )
+        """Return what pickle needs: a read-only mapping does not pickle."""
+        settings = {**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)}
+        return partial(Prior, **settings), ()
 
     @classmethod
     def default(cls) -> Prior:
-        """The documented default."""
+        """Return the documented default."""
         return cls()
 
     @classmethod
     def first(cls) -> Prior:
-        """That of the model's first edition."""
+        """Return the prior of the model's first edition."""
         return cls(tau_um=5.0, slopes_of_estimate=False)
 
     @classmethod
     def paper(cls) -> Prior:
-        """Flat and untruncated: least squares."""
+        """Return the flat, untruncated prior: least squares."""
         return cls(truncated=False, flat=True)
 
     def compliance_sd(self, names: Sequence[ComplianceName]) -> Array:
-        """Prior sd of every compliance, shape (compliances,)."""
-        return self._overridden([name.label for name in names], self._usual(names))
+        """Return the prior sd of every compliance, shape (compliances,)."""
+        return self._overridden([name.label for name in names], self._usual_sd(names))
 
     def slope_sd(
         self, names: Sequence[ComplianceName], degree: int, force_range_N: float, size: Array
     ) -> Array:
-        """Prior sd of every slope of one degree, shape (compliances,), of compliances of these
-        sizes."""
+        """Return the prior sd of every slope of one degree, shape (compliances,).
+
+        Slopes are in proportion to the sizes of their compliances.
+        """
         return self._overridden(
             [f"{name.label}_{degree}" for name in names],
             self.slope_scale * size / force_range_N**degree,
         )
 
     def compliance_size(self, names: Sequence[ComplianceName]) -> Array:
-        """How large compliances may be, shape (compliances,): their prior sd, but the usual one of
-        those with a prior mean."""
-        given = [name.label in self.means for name in names]
-        return np.where(given, self._usual(names), self.compliance_sd(names))
+        """Return how large compliances may be, shape (compliances,).
 
-    def _usual(self, names: Sequence[ComplianceName]) -> Array:
-        return np.array([getattr(self, _COMPLIANCES[name.kind][1]) for name in names])
+        Their prior sd, but the usual one of those with a prior mean.
+        """
+        has_mean = [name.label in self.means for name in names]
+        return np.where(has_mean, self._usual_sd(names), self.compliance_sd(names))
+
+    def _usual_sd(self, names: Sequence[ComplianceName]) -> Array:
+        return np.array([getattr(self, _COMPLIANCES[name.kind].sd_field) for name in names])
 
     def geometric_sd(self, names: Sequence[GeometricName]) -> Array:
-        """Prior sd of every geometric error, shape (geometric errors,)."""
+        """Return the prior sd of every geometric error, shape (geometric errors,)."""
         return self._overridden(
             [name.label for name in names],
-            [getattr(self, _GEOMETRIC[name.kind][1]) for name in names],
+            [getattr(self, _GEOMETRIC[name.kind].sd_field) for name in names],
         )
 
     def _overridden(self, names: Sequence[str], default: Any) -> Array:
@@ -270,182 +277,42 @@ class Prior(Shown):
         )
 
     def hyper(self, scales: Sequence[Scale], resolution_um: float) -> HyperPrior:
-        """Priors of hyper-parameters; σ is restricted to σ ≥ resolution/√12."""
-        own = [
-            getattr(self, scale.prior_um) if isinstance(scale.prior_um, str) else scale.prior_um
-            for scale in scales
-        ]
-        lower = np.array(
-            [resolution_um / np.sqrt(12.0) if scale.name == "sigma" else 0.0 for scale in scales]
-        )
-        laws = tuple(scale.law for scale in scales)
-        unit = np.array([1e-3 if law == "half-normal" else 1.0 for law in laws])
+        """Return the priors of hyper-parameters; σ is restricted to σ ≥ resolution/√12."""
+        prior_scales = []
+        lower = []
+        for scale in scales:
+            prior_scale = scale.prior_um
+            if isinstance(prior_scale, str):
+                prior_scale = getattr(self, prior_scale)
+            unit = 1e-3 if scale.law == "half-normal" else 1.0
+            least = resolution_um / np.sqrt(12.0) if scale.name == "sigma" else 0.0
+            prior_scales.append(prior_scale * unit)
+            lower.append(least * unit)
         return HyperPrior(
             tuple(scale.name for scale in scales),
-            np.array(own) * unit,
-            lower * unit,
-            laws,
+            np.array(prior_scales, dtype=float),
+            np.array(lower, dtype=float),
+            tuple(scale.law for scale in scales),
             self.decay_sd,
         )
 
 
-_LEAST_DECAY = 0.5
-_MOST_DECAY = 3.5
-# λ² ~ InvGamma(a, b).
-_SHAPE = 1.5
-_RATE = 1.5
-
-
-@dataclass(frozen=True, eq=False)
-class HyperPrior:
-    """Independent densities in the hyper-parameters ``names`` themselves, each by its law:
-    half-normal of this ``scale``, restricted to φ ≥ ``lower``, both (h,) [mm]; the decay's
-    Normal(``scale``, ``decay_sd``) within [0.5, 3.5]; of a circle's λ, λ² ~ InvGamma(3/2, 3/2). φ
-    is in mm, or a number."""
-
-    names: tuple[Hyper, ...]
-    scale: Array
-    lower: Array
-    laws: tuple[Law, ...]
-    decay_sd: float
-
-    @cached_property
-    def in_mm(self) -> NDArray[np.bool_]:
-        """Which are lengths, shape (h,)."""
-        return np.array([law == "half-normal" for law in self.laws])
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """mm, or none of a number."""
-        return tuple("mm" if length else "" for length in self.in_mm)
-
-    @property
-    def shown(self) -> Array:
-        """Factors to what is shown, µm or a number, shape (h,)."""
-        return np.where(self.in_mm, 1e3, 1.0)
-
-    def named(self, phi: Array) -> dict[str, float]:
-        """One φ (h,) by name, lengths in µm."""
-        return dict(zip(self.names, (phi * self.shown).tolist(), strict=True))
-
-    @cached_property
-    def _decay(self) -> NDArray[np.bool_]:
-        return np.array([law == "decay" for law in self.laws])
-
-    @cached_property
-    def _circle(self) -> NDArray[np.bool_]:
-        return np.array([law == "circle" for law in self.laws])
-
-    @property
-    def bounds(self) -> Array:
-        """The least and the greatest value of each, shape (h, 2)."""
-        low, high = (
-            np.where(self._decay, limit, other)
-            for limit, other in ((_LEAST_DECAY, self.lower), (_MOST_DECAY, np.inf))
-        )
-        return np.stack([low, high], axis=1)
-
-    def log_density(self, phi: Array) -> Array:
-        """ln p(φ), shape (..., h) → (...); −inf outside the restrictions."""
-        scale = self.scale[self.in_mm]
-        length = phi[..., self.in_mm]
-        with np.errstate(over="ignore"):
-            quadratic = -0.5 * (length / scale) ** 2
-        constant = 0.5 * np.log(2.0 / np.pi) - np.log(scale) - np.log(self._mass)
-        total = np.where(length >= self.lower[self.in_mm], quadratic + constant, -np.inf).sum(
-            axis=-1
-        )
-        if self._decay.any():
-            p, (low, high) = phi[..., self._decay], self._decay_levels
-            white = (p - self.scale[self._decay]) / self.decay_sd
-            constant = -np.log(self.decay_sd * np.sqrt(2.0 * np.pi) * (high - low))
-            total = total + np.where(
-                (p >= _LEAST_DECAY) & (p <= _MOST_DECAY), constant - 0.5 * white**2, -np.inf
-            ).sum(axis=-1)
-        if self._circle.any():
-            with np.errstate(divide="ignore", over="ignore"):
-                precision = phi[..., self._circle] ** -2.0
-                constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
-                total = total + (
-                    constant + (_SHAPE + 0.5) * np.log(precision) - _RATE * precision
-                ).sum(axis=-1)
-        return np.asarray(total)
-
-    def free(self, phi: Array) -> Array:
-        """Free coordinates: ln(φ − lower), logarithms, and no edge for σ at the resolution's floor;
-        of a decay its logit."""
-        with np.errstate(divide="ignore"):
-            found = np.log(phi - self.lower)
-            p = phi[..., self._decay]
-            found[..., self._decay] = np.log((p - _LEAST_DECAY) / (_MOST_DECAY - p))
-        return found
-
-    def phi(self, free: Array) -> Array:
-        """φ from free coordinates."""
-        with np.errstate(over="ignore"):
-            found = self.lower + np.exp(free)
-        found[..., self._decay] = _LEAST_DECAY + (_MOST_DECAY - _LEAST_DECAY) * expit(
-            free[..., self._decay]
-        )
-        return found
-
-    def log_density_of_free(self, free: Array) -> Array:
-        """Density in the free coordinates, the Jacobian included, shape (..., h) → (...)."""
-        jacobian = free[..., ~self._decay].sum(axis=-1)
-        logit = free[..., self._decay]
-        if logit.shape[-1]:
-            slope = np.log(_MOST_DECAY - _LEAST_DECAY) + log_expit(logit) + log_expit(-logit)
-            jacobian = jacobian + slope.sum(axis=-1)
-        return np.asarray(self.log_density(self.phi(free)) + jacobian)
-
-    @cached_property
-    def _mass(self) -> Array:
-        return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
-
-    @cached_property
-    def _decay_levels(self) -> Array:
-        """Probabilities below the least and the greatest decay of the unrestricted normal, (2,
-        1)."""
-        limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
-        return np.asarray(ndtr((limits - self.scale[self._decay]) / self.decay_sd))
-
-    def draw(self, size: int, rng: np.random.Generator) -> Array:
-        """Draws of φ, shape (size, h)."""
-        return self.quantile(rng.random((size, len(self.names))))
-
-    def quantile(self, level: Array) -> Array:
-        """Quantiles of φ, shape (..., h)."""
-        level = np.broadcast_to(level, (*level.shape[:-1], len(self.names)))
-        found, (low, high) = np.empty(level.shape), self._decay_levels
-        found[..., self.in_mm] = (
-            self.scale[self.in_mm]
-            * np.sqrt(2.0)
-            * erfcinv((1.0 - level[..., self.in_mm]) * self._mass)
-        )
-        white = ndtri(low + (high - low) * level[..., self._decay])
-        found[..., self._decay] = np.clip(
-            self.scale[self._decay] + self.decay_sd * white, _LEAST_DECAY, _MOST_DECAY
-        )
-        found[..., self._circle] = np.sqrt(_RATE / gammainccinv(_SHAPE, level[..., self._circle]))
-        return found
-
-    @property
-    def sd(self) -> Array:
-        """Their standard deviations, shape (h,)."""
-        centre = np.where(self._decay, self.scale, 0.0)
-        spread = np.where(self._decay, self.decay_sd, self.scale)
-        edges = (self.bounds - centre[:, None]) / spread[:, None]
-        mass = -np.diff(ndtr(-edges))
-        density = np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi)
-        moments = np.diff([density, np.where(density > 0.0, edges, 0.0) * density]) / mass
-        variance = 1.0 - moments[1, :, 0] - moments[0, :, 0] ** 2
-        mean = np.sqrt(_RATE) * np.exp(gammaln(_SHAPE - 0.5) - gammaln(_SHAPE))
-        return np.where(
-            self._circle, np.sqrt(_RATE / (_SHAPE - 1.0) - mean**2), spread * np.sqrt(variance)
-        )
-
-    def starts(self, level: Array) -> Array:
-        """Free coordinates (..., h) from which to look for modes, of levels from 0 to 1."""
-        reach = np.where(self.lower > 0.0, 12.0, 6.0)
-        inside = self.free(self.quantile(0.1 + 0.8 * level))
-        return np.where(self.in_mm, np.log(2.0 * self.scale) - level * reach, inside)
+def _check_mean(name: str, mean: float) -> None:
+    """Refuse a prior mean that is not finite, of a slope, or absurdly large."""
+    require(
+        bool(np.isfinite(mean)),
+        f"prior mean of {name} must be a finite number, got {mean}. Correct it or leave it out.",
+    )
+    require(
+        not degree_of(name),
+        f"prior mean of {name} must be left out, got {mean:g}: a slope's is zero, because constant"
+        " compliance is the linear model with its slopes at zero. Remove it.",
+    )
+    kind = _kind_of(name) or _Kind("", "")
+    largest = _LARGEST_MEAN_PER_SD * getattr(Prior, kind.sd_field, np.inf)
+    shown_unit = display_unit(kind.unit)[1]
+    require(
+        abs(mean) <= largest,
+        f"prior mean of {name} must be within ±{largest:g}, got {mean:g}."
+        f" Numbers are in mm, N and rad; write the unit: '{mean:g} {shown_unit}'.",
+    )

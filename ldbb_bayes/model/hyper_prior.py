@@ -1,0 +1,188 @@
+"""Priors of the hyper-parameters, in all coordinates in which they are sampled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erfc, erfcinv, expit, gammainccinv, gammaln, log_expit, ndtr, ndtri
+
+from ldbb_bayes.model.terms import Hyper, Law
+from ldbb_bayes.results import Array
+
+__all__ = ["HyperPrior"]
+
+
+# Bounds of the decay: flatter or steeper forms are no forms of balls.
+_LEAST_DECAY = 0.5
+
+
+_MOST_DECAY = 3.5
+
+
+# λ² ~ InvGamma(a, b).
+_SHAPE = 1.5
+
+
+_RATE = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class HyperPrior:
+    """Independent densities of the hyper-parameters φ, each by its law.
+
+    Half-normal of ``scale``, restricted to φ ≥ ``lower``; the decay's Normal(``scale``,
+    ``decay_sd``) within [0.5, 3.5]; of a circle's λ, λ² ~ InvGamma(3/2, 3/2). φ is in mm, or a
+    number.
+    """
+
+    names: tuple[Hyper, ...]
+    scale: Array  #: shape (h,) [mm]; the mean of a decay
+    lower: Array  #: shape (h,) [mm]
+    laws: tuple[Law, ...]
+    decay_sd: float
+
+    @cached_property
+    def in_mm(self) -> NDArray[np.bool_]:
+        """Which hyper-parameters are lengths, shape (h,)."""
+        return np.array([law == "half-normal" for law in self.laws])
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units: mm, or empty for a number."""
+        return tuple("mm" if length else "" for length in self.in_mm)
+
+    @property
+    def shown(self) -> Array:
+        """Factors to what is shown, µm or a number, shape (h,)."""
+        return np.where(self.in_mm, 1e3, 1.0)
+
+    def named(self, phi: Array) -> dict[str, float]:
+        """Return one φ (h,) by name, lengths in µm."""
+        return dict(zip(self.names, (phi * self.shown).tolist(), strict=True))
+
+    @cached_property
+    def _decay(self) -> NDArray[np.bool_]:
+        return np.array([law == "decay" for law in self.laws])
+
+    @cached_property
+    def _circle(self) -> NDArray[np.bool_]:
+        return np.array([law == "circle" for law in self.laws])
+
+    @property
+    def bounds(self) -> Array:
+        """The least and the greatest value of each, shape (h, 2)."""
+        low = np.where(self._decay, _LEAST_DECAY, self.lower)
+        high = np.where(self._decay, _MOST_DECAY, np.inf)
+        return np.stack([low, high], axis=1)
+
+    def log_density(self, phi: Array) -> Array:
+        """Return ln p(φ), shape (..., h) → (...); −inf outside the restrictions."""
+        total = self._log_density_of_lengths(phi[..., self.in_mm])
+        if self._decay.any():
+            total = total + self._log_density_of_decay(phi[..., self._decay])
+        if self._circle.any():
+            total = total + self._log_density_of_circles(phi[..., self._circle])
+        return np.asarray(total)
+
+    def _log_density_of_lengths(self, length: Array) -> Array:
+        scale = self.scale[self.in_mm]
+        with np.errstate(over="ignore"):
+            quadratic = -0.5 * (length / scale) ** 2
+        constant = 0.5 * np.log(2.0 / np.pi) - np.log(scale) - np.log(self._mass)
+        inside = length >= self.lower[self.in_mm]
+        total: Array = np.where(inside, quadratic + constant, -np.inf).sum(axis=-1)
+        return total
+
+    def _log_density_of_decay(self, decay: Array) -> Array:
+        low, high = self._decay_levels
+        white = (decay - self.scale[self._decay]) / self.decay_sd
+        constant = -np.log(self.decay_sd * np.sqrt(2.0 * np.pi) * (high - low))
+        inside = (decay >= _LEAST_DECAY) & (decay <= _MOST_DECAY)
+        total: Array = np.where(inside, constant - 0.5 * white**2, -np.inf).sum(axis=-1)
+        return total
+
+    def _log_density_of_circles(self, circle_scale: Array) -> Array:
+        with np.errstate(divide="ignore", over="ignore"):
+            precision = circle_scale**-2.0
+            constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
+            power = (_SHAPE + 0.5) * np.log(precision)
+            total: Array = (constant + power - _RATE * precision).sum(axis=-1)
+        return total
+
+    def free(self, phi: Array) -> Array:
+        """Return free coordinates, shape (..., h): ln(φ − lower), of a decay its logit.
+
+        Logarithms have no edge for σ at the resolution's floor.
+        """
+        with np.errstate(divide="ignore"):
+            free = np.log(phi - self.lower)
+            decay = phi[..., self._decay]
+            free[..., self._decay] = np.log((decay - _LEAST_DECAY) / (_MOST_DECAY - decay))
+        return free
+
+    def phi(self, free: Array) -> Array:
+        """Return φ from free coordinates."""
+        with np.errstate(over="ignore"):
+            phi = self.lower + np.exp(free)
+        share = expit(free[..., self._decay])
+        phi[..., self._decay] = _LEAST_DECAY + (_MOST_DECAY - _LEAST_DECAY) * share
+        return phi
+
+    def log_density_of_free(self, free: Array) -> Array:
+        """Return the log density in free coordinates with their Jacobian, (..., h) → (...)."""
+        jacobian = free[..., ~self._decay].sum(axis=-1)
+        logit = free[..., self._decay]
+        if logit.shape[-1]:
+            slope = np.log(_MOST_DECAY - _LEAST_DECAY) + log_expit(logit) + log_expit(-logit)
+            jacobian = jacobian + slope.sum(axis=-1)
+        return np.asarray(self.log_density(self.phi(free)) + jacobian)
+
+    @cached_property
+    def _mass(self) -> Array:
+        return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
+
+    @cached_property
+    def _decay_levels(self) -> Array:
+        """Probabilities of the unrestricted normal below both bounds of the decay, (2, 1)."""
+        limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
+        return np.asarray(ndtr((limits - self.scale[self._decay]) / self.decay_sd))
+
+    def draw(self, size: int, rng: np.random.Generator) -> Array:
+        """Return draws of φ, shape (size, h)."""
+        return self.quantile(rng.random((size, len(self.names))))
+
+    def quantile(self, level: Array) -> Array:
+        """Return quantiles of φ, shape (..., h)."""
+        level = np.broadcast_to(level, (*level.shape[:-1], len(self.names)))
+        phi = np.empty(level.shape)
+        length = erfcinv((1.0 - level[..., self.in_mm]) * self._mass)
+        phi[..., self.in_mm] = self.scale[self.in_mm] * np.sqrt(2.0) * length
+        low, high = self._decay_levels
+        white = ndtri(low + (high - low) * level[..., self._decay])
+        decay = self.scale[self._decay] + self.decay_sd * white
+        phi[..., self._decay] = np.clip(decay, _LEAST_DECAY, _MOST_DECAY)
+        phi[..., self._circle] = np.sqrt(_RATE / gammainccinv(_SHAPE, level[..., self._circle]))
+        return phi
+
+    @property
+    def sd(self) -> Array:
+        """Their standard deviations, shape (h,)."""
+        centre = np.where(self._decay, self.scale, 0.0)
+        spread = np.where(self._decay, self.decay_sd, self.scale)
+        edges = (self.bounds - centre[:, None]) / spread[:, None]
+        mass = -np.diff(ndtr(-edges))
+        density = np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi)
+        moments = np.diff([density, np.where(density > 0.0, edges, 0.0) * density]) / mass
+        variance = 1.0 - moments[1, :, 0] - moments[0, :, 0] ** 2
+        mean = np.sqrt(_RATE) * np.exp(gammaln(_SHAPE - 0.5) - gammaln(_SHAPE))
+        circle_sd = np.sqrt(_RATE / (_SHAPE - 1.0) - mean**2)
+        return np.where(self._circle, circle_sd, spread * np.sqrt(variance))
+
+    def starts(self, level: Array) -> Array:
+        """Return free coordinates (..., h) from which to look for modes, of levels in [0, 1]."""
+        reach = np.where(self.lower > 0.0, 12.0, 6.0)
+        inside = self.free(self.quantile(0.1 + 0.8 * level))
+        return np.where(self.in_mm, np.log(2.0 * self.scale) - level * reach, inside)
