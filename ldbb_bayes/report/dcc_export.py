@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-import ldbb_bayes as lb
+from ldbb_bayes.analysis.verdicts import verdicts
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.inference.summary import result_json
@@ -146,14 +146,14 @@ def _parameter_entries(
     posterior: xr.DataTree, entries: Mapping[str, Mapping[str, Any]], draws: Array, interval: str
 ) -> list[dict[str, Any]]:
     """Return what the file says of every parameter; ``within``: share of draws in mean ± U."""
-    verdicts = lb.verdicts(posterior)
+    verdict_by_name = verdicts(posterior)
     parameters = []
     for (name, entry), parameter_draws in zip(entries.items(), draws, strict=True):
         low, high = entry[interval]
         deviation = np.abs(parameter_draws - entry["mean"])
         verdict = ""
-        if name in verdicts:
-            verdict = wording.verdict_words(verdicts[name])
+        if name in verdict_by_name:
+            verdict = wording.verdict_words(verdict_by_name[name])
         parameters.append(
             {
                 "mean": entry["mean"],

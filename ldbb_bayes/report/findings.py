@@ -10,12 +10,16 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import pandas as pd
 import xarray as xr
 
-import ldbb_bayes as lb
-from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.analysis.design import Design
+from ldbb_bayes.analysis.budgets import budgets
+from ldbb_bayes.analysis.circularity import circularity
+from ldbb_bayes.analysis.comparison import Comparison, compare
+from ldbb_bayes.analysis.conformity import conformity
+from ldbb_bayes.analysis.design import Design, design
+from ldbb_bayes.analysis.verdicts import verdicts
 from ldbb_bayes.campaign.preview import CampaignPreview, preview
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
+from ldbb_bayes.inference.summary import summarize
 from ldbb_bayes.report import fit_tables
 from ldbb_bayes.report.wording import DEGREES
 
@@ -93,7 +97,7 @@ class Findings:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """The JSON of the fit as a table, with diagnostics of the draws."""
-        return lb.summarize(self.posterior, ci_prob=self.ci_prob)
+        return summarize(self.posterior, ci_prob=self.ci_prob)
 
     @cached_property
     def seen(self) -> CampaignPreview:
@@ -103,21 +107,21 @@ class Findings:
     @cached_property
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
         """What the readings tell of every parameter."""
-        return lb.verdicts(self.posterior)
+        return verdicts(self.posterior)
 
     @cached_property
     def budgets(self) -> Mapping[str, Budget]:
         """Uncertainty budget of every parameter."""
-        return lb.budgets(self.posterior)
+        return budgets(self.posterior)
 
     @cached_property
     def path(self) -> pd.DataFrame:
         """Circular-test quantities of the machine."""
-        return lb.circularity(self.posterior, ci_prob=self.ci_prob)
+        return circularity(self.posterior, ci_prob=self.ci_prob)
 
     def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
         """Decide conformity with the tolerances, at a force [N]."""
-        return lb.conformity(self.numbers, self.tolerances or None, force_N=force_N)
+        return conformity(self.numbers, self.tolerances or None, force_N=force_N)
 
     @property
     def flat(self) -> bool:
@@ -198,7 +202,7 @@ def _design_next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended
     model = model_of(posterior)
     model = model.with_degree(max(model.degree, 1))
     try:
-        return lb.design(model, pilot=campaign_of(posterior), tests=tests)
+        return design(model, pilot=campaign_of(posterior), tests=tests)
     except InputError as error:
         if tests is not None:
             raise
@@ -214,6 +218,6 @@ def _compare_degrees(posterior: xr.DataTree) -> Compared:
     largest = model.with_degree(max(model.degree, 1))
     models = {DEGREES[k]: largest.with_degree(k) for k in range(largest.degree + 1)}
     try:
-        return lb.compare(models, campaign_of(posterior), evidence_only=True)
+        return compare(models, campaign_of(posterior), evidence_only=True)
     except InputError as error:
         return str(error)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import ldbb_bayes as lb
 from ldbb_bayes import units
 from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
+from ldbb_bayes.analysis.conformity import conformity
 from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
@@ -96,7 +96,7 @@ def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
     result["nuisances"] = nuisances(posterior).to_dict(orient="index")
     result["fit"] |= fit_in_words(posterior)
     if campaign_of(posterior).tolerances:
-        decisions = lb.conformity(posterior)
+        decisions = conformity(posterior)
         result["conformity"] = {name: decision.as_dict() for name, decision in decisions.items()}
     return result
 

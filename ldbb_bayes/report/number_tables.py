@@ -11,10 +11,10 @@ from dataclasses import asdict
 import numpy as np
 import pandas as pd
 
-import ldbb_bayes as lb
 from ldbb_bayes.analysis.measured_paths import measured_circularity
 from ldbb_bayes.analysis.path_contributions import contributions
 from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.inference.summary import summarize
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import Beside, Findings
 from ldbb_bayes.units import display_unit, is_skewed
@@ -110,7 +110,7 @@ def _averaged(findings: Findings) -> pd.DataFrame:
     Slopes are exactly zero in some of the models: no mean and U describe them.
     """
     averaged = findings.numbers
-    summary = lb.summarize(averaged, ci_prob=findings.ci_prob)
+    summary = summarize(averaged, ci_prob=findings.ci_prob)
     summary = summary.drop(columns=["ess_bulk", "ess_tail", "rhat"])
     parameters = bound_of(averaged).parameters
     summary = summary.loc[[parameter.name for parameter in parameters if parameter.degree == 0]]
