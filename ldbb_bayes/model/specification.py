@@ -52,7 +52,7 @@ class _SpecFile(BaseModel):
 
 
 def model_to_toml(model: HybridModel) -> str:
-    """The whole model, every prior spelled out."""
+    """Return the whole model as TOML, every prior spelled out."""
     prior: dict[str, Any] = {
         field.name: getattr(model.prior, field.name)
         for field in fields(Prior)
@@ -72,71 +72,90 @@ def model_to_toml(model: HybridModel) -> str:
 
 
 def model_from_toml(text: str) -> HybridModel:
-    """A model from TOML. What the text leaves out is the preset's; ``[terms]``, where given, lists
-    the nuisances that are on."""
+    """Return a model from TOML.
+
+    What the text leaves out is the preset's; ``[terms]``, where given, lists the nuisances that are
+    on.
+    """
     return _model_of(parse_toml(text, "model"), "model", None)
 
 
 def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> HybridModel:
-    """A model from a TOML file, see `model_from_toml`; of this ``degree`` where the file names
-    none."""
+    """Return a model from a TOML file, see `model_from_toml`.
+
+    It has this ``degree`` where the file names none.
+    """
     return _model_of(read_toml(Path(path)), str(path), degree)
 
 
 def model_sha256(model: HybridModel) -> str:
-    """SHA-256 of the model's TOML."""
+    """Return the SHA-256 of the model's TOML."""
     return hashlib.sha256(model_to_toml(model).encode()).hexdigest()
 
 
 def _model_of(content: dict[str, Any], place: str, degree: int | None) -> HybridModel:
     spec = validated(_SpecFile, content, place)
     with placed(place):
-        chosen = next(
-            k for k in (spec.degree, degree, 0 if spec.preset == "paper" else 1) if k is not None
-        )
         model = replace(
-            HybridModel.from_preset(spec.preset, chosen),
+            HybridModel.from_preset(spec.preset, _degree_of(spec, degree)),
             reference_force_N=spec.reference_force_N,
             fixed=tuple(spec.fixed),
         )
-        kinds = {
-            field.name: dict if field.name in _TABLES else type(field.default)
-            for field in fields(Prior)
-        }
-        prior = replace(model.prior, **_checked("prior", kinds, spec.prior))
+        prior_types: dict[str, type] = {}
+        for setting in fields(Prior):
+            is_table = setting.name in _TABLES
+            prior_types[setting.name] = dict if is_table else type(setting.default)
+        prior = replace(model.prior, **_converted_settings("prior", prior_types, spec.prior))
         if spec.terms is None:
             return replace(model, prior=prior)
-        own = (
-            " A term of your own: commands do not have it; define or import its class in Python,"
-            " and read the file there."
-        )
-        check_known("term", spec.terms, Term.kinds, own)
-        terms = []
-        usual = {type(term): term for term in model.nuisances}
-        for name, kind in Term.kinds.items():
-            if name in spec.terms:
-                kinds = {
-                    field.name: str if isinstance(field.default, str) else float
-                    for field in fields(cast("Any", kind))
-                }
-                term: Any = usual.get(kind) or kind()
-                terms.append(replace(term, **_checked(name, kinds, spec.terms[name])))
-        return replace(model, prior=prior, nuisances=tuple(terms))
+        return replace(model, prior=prior, nuisances=_terms_of(spec.terms, model))
 
 
-def _checked(what: str, kinds: Mapping[str, type], given: dict[str, Any]) -> dict[str, Any]:
-    check_known(f"{what} key", given, kinds)
-    given = {
-        key: setting_to_inside(key, own, f"{what} {key}") if kinds[key] is float else own
-        for key, own in given.items()
-    }
-    for key, value in given.items():
-        kind = kinds[key]
+def _degree_of(spec: _SpecFile, degree: int | None) -> int:
+    """Return the degree of the file, else the one asked for, else the preset's."""
+    if spec.degree is not None:
+        return spec.degree
+    if degree is not None:
+        return degree
+    return 0 if spec.preset == "paper" else 1
+
+
+def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) -> tuple[Term, ...]:
+    """Return the terms of the tables; settings they leave out are the model's."""
+    check_known(
+        "term",
+        tables,
+        Term.kinds,
+        " A term of your own: commands do not have it; define or import its class in Python,"
+        " and read the file there.",
+    )
+    usual = {type(term): term for term in model.nuisances}
+    terms = []
+    for name, kind in Term.kinds.items():
+        if name in tables:
+            types: dict[str, type] = {}
+            for setting in fields(cast("Any", kind)):
+                types[setting.name] = str if isinstance(setting.default, str) else float
+            term: Any = usual.get(kind) or kind()
+            terms.append(replace(term, **_converted_settings(name, types, tables[name])))
+    return tuple(terms)
+
+
+def _converted_settings(
+    table: str, types: Mapping[str, type], values: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the settings of a table in inside units; InputError for unknown names or types."""
+    check_known(f"{table} key", values, types)
+    settings = {}
+    for key, value in values.items():
+        is_number = types[key] is float
+        settings[key] = setting_to_inside(key, value, f"{table} {key}") if is_number else value
+    for key, value in settings.items():
         require(
-            isinstance(value, kind),
-            f"{what} {key} must be a {kind.__name__}, got {value!r}. Correct it.",
+            isinstance(value, types[key]),
+            f"{table} {key} must be a {types[key].__name__}, got {value!r}. Correct it.",
         )
-    return given
+    return settings
 
 
 class _TruthsFile(BaseModel):
@@ -158,18 +177,18 @@ class _TruthsFile(BaseModel):
 
 @dataclass(frozen=True)
 class Truths:
-    """What to simulate: a plan, None when the file names no forces (it must then come from
-    elsewhere); true parameters in inside units, None to draw them from the prior; true
-    hyper-parameters [µm], the rest drawn; geometry exactly or linear."""
+    """What to simulate."""
 
+    #: None when the file names no forces: the plan must then come from elsewhere
     plan: Campaign | None
+    #: true parameters in inside units; None to draw them from the prior
     parameters: dict[str, float] | None
-    hyper_um: dict[str, float]
-    exact: bool
+    hyper_um: dict[str, float]  #: true hyper-parameters [µm]; those not named are drawn
+    exact: bool  #: whether geometric errors go through the exact forward model
 
 
 def is_truths(path: Path) -> bool:
-    """Whether a TOML file holds truths rather than a campaign."""
+    """Return whether a TOML file holds truths rather than a campaign."""
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False
     with suppress(InputError):
@@ -181,8 +200,9 @@ def read_truths(path: Path) -> Truths:
     """Read a TOML of truths; what is wrong is refused by the file's name and the place."""
     file = validated(_TruthsFile, read_toml(path), str(path))
     with placed(path):
+        plan = None if file.forces_N is None else _plan(file, path.stem)
         return Truths(
-            None if file.forces_N is None else _plan(file, path.stem),
+            plan,
             file.parameters,
             file.hyper_um,
             file.exact,
@@ -201,8 +221,10 @@ def _plan(file: _TruthsFile, name: str) -> Campaign:
         tuple(CircularTest(force, angle) for force in file.forces_N or ()),
         mount=MountCompensation(compensated=file.compensated),
         name=name,
-        **{
-            key: getattr(file, key)
-            for key in ("topology", "plane", "radius_mm", "resolution_um", "machine_id", "date")
-        },
+        topology=file.topology,
+        plane=file.plane,
+        radius_mm=file.radius_mm,
+        resolution_um=file.resolution_um,
+        machine_id=file.machine_id,
+        date=file.date,
     )
