@@ -32,20 +32,20 @@ def changed(folder: Path, *changes: tuple[str, str]) -> Path:
 
 def test_a_german_certificate(tmp_path: Path) -> None:
     """A bar 0.8 µm too long reads 0.8 µm too small; U = 0.9 µm (k = 3) is 0.6 µm (k = 2)."""
-    found = lb.read_dcc(SCHEIN)
-    assert (found.identifier, len(found.quantities)) == ("K-2026-0815", 8)
-    assert found.fields("bar") == {
+    certificate = lb.read_dcc(SCHEIN)
+    assert (certificate.identifier, len(certificate.quantities)) == ("K-2026-0815", 8)
+    assert certificate.fields("bar") == {
         "length_error_um": -0.8,
         "U_um": 0.6,
         "certificate": f"{NAME}Längenabweichung vom Nennmaß: Messwert",
     }
     named = f"{NAME}Prüfkraft: Kraft, Prüfkraft: Linearitätsabweichung"
-    assert found.fields("force") == {
+    assert certificate.fields("force") == {
         "U_percent": 0.5,
         "linearity_percent": 0.6,
         "certificate": named,
     }
-    assert found.fields("ball") == {
+    assert certificate.fields("ball") == {
         "sphericity_um": 0.15,
         "certificate": f"{NAME}Rundheitsabweichung / Roundness: Ebene 2",
     }
@@ -55,6 +55,12 @@ def test_a_german_certificate(tmp_path: Path) -> None:
     assert lb.read_dcc(length).fields("bar")["length_error_um"] == pytest.approx(-0.8, rel=1e-9)
 
 
+def instrument_shown(*arguments: str) -> str:
+    """What `check` prints of the instrument."""
+    text = CliRunner().invoke(app, ["check", *arguments]).stdout
+    return text[text.index("What a fit assumes of the instrument") :]
+
+
 def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
     """In campaign.toml as by options; `check` names the certificates, and so does the campaign
     written again."""
@@ -62,7 +68,10 @@ def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
         f'[{name}]\ndcc = "{SCHEIN.name}"\n'
         for name in ("bar", "force", "balls.work", "balls.tool")
     )
-    (folder := tmp_path / "a").mkdir(), (plain := tmp_path / "b").mkdir()
+    folder = tmp_path / "a"
+    folder.mkdir()
+    plain = tmp_path / "b"
+    plain.mkdir()
     shutil.copy(SCHEIN, write(folder, TOML.replace("[[test]]", f"{tables}[[test]]", 1)))
     stated = lb.read_campaign(folder).instrument
     ball = lb.Ball(
@@ -78,25 +87,20 @@ def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
         lb.read_campaign(lb.write_campaign(lb.read_campaign(folder), tmp_path / "c")).instrument
         == expected
     )
-    options = [
-        part
-        for kind in ("bar", "force", "work-ball", "tool-ball")
-        for part in (f"--{kind}-dcc", str(SCHEIN))
-    ]
-    shown = [
-        CliRunner().invoke(app, ["check", *args]).stdout
-        for args in ([str(folder)], [str(write(plain)), *options])
-    ]
-    tables = [text[text.index("What a fit assumes of the instrument") :] for text in shown]
-    assert tables[0] == tables[1]
-    assert f"Certificate of the bar: {NAME}Längenabweichung vom Nennmaß: Messwert" in " ".join(
-        tables[0].split()
-    )
+    options = []
+    for kind in ("bar", "force", "work-ball", "tool-ball"):
+        options += [f"--{kind}-dcc", str(SCHEIN)]
+    instrument = instrument_shown(str(folder))
+    assert instrument_shown(str(write(plain)), *options) == instrument
+    label = f"Certificate of the bar: {NAME}Längenabweichung vom Nennmaß: Messwert"
+    assert label in " ".join(instrument.split())
     assert (
         lb.read_campaign(folder, certificates={"bar_U_um": 2.0}).instrument.bar_certificate is None
     )
-    made = CliRunner().invoke(app, ["simulate", str(plain), "--out", str(tmp_path / "d"), *options])
-    assert (made.exit_code, lb.read_campaign(tmp_path / "d").instrument) == (0, expected)
+    simulated = CliRunner().invoke(
+        app, ["simulate", str(plain), "--out", str(tmp_path / "d"), *options]
+    )
+    assert (simulated.exit_code, lb.read_campaign(tmp_path / "d").instrument) == (0, expected)
     refused = CliRunner().invoke(app, ["check", str(plain), *options, "--bar-U-um", "2"])
     assert refused.exit_code == 2
     with pytest.raises(
@@ -138,4 +142,8 @@ def test_what_a_certificate_does_not_say(
     old: str, new: str, kind: str, message: str, tmp_path: Path
 ) -> None:
     path = changed(tmp_path, (old, new))
-    refuses(f"schein.xml: .*{message}", lambda: lb.read_dcc(path).fields(kind))
+
+    def fields_of_instrument() -> object:
+        return lb.read_dcc(path).fields(kind)
+
+    refuses(f"schein.xml: .*{message}", fields_of_instrument)

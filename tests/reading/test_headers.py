@@ -16,7 +16,7 @@ CASES: dict[str, list[list[str]]] = cases(__file__, "headers.toml")
 
 
 def said(line: str) -> dict[str, float]:
-    return {key: own[0].value for key, own in statements_in([(1, line)]).items()}
+    return {key: statements[0].value for key, statements in statements_in([(1, line)]).items()}
 
 
 @pytest.mark.parametrize(("header", "name", "unit"), CASES["units"])
@@ -48,8 +48,11 @@ def test_a_mark_that_may_be_of_thousands_is_no_number(line: str) -> None:
 @pytest.mark.parametrize(("name", "bar", "newton"), CASES["loads"])
 def test_a_load_in_a_name(name: str, bar: str, newton: str) -> None:
     expected = {"pressure_bar": bar, "force_N": newton}
-    found = load_in_name([name])
-    assert {key: value for key, value, _ in ([found] if found else [])} == {
+    load = load_in_name([name])
+    loads = {}
+    if load is not None:
+        loads[load.key] = load.value
+    assert loads == {
         key: pytest.approx(float(value)) for key, value in expected.items() if value != "-"
     }
     assert load_in_name(["3.5bar 238N"], "force_N") == ("force_N", 238.0, "3.5bar 238N")
@@ -58,14 +61,14 @@ def test_a_load_in_a_name(name: str, bar: str, newton: str) -> None:
 
 @pytest.mark.parametrize(("name", "radius", "plane", "number"), CASES["places"])
 def test_radius_and_plane_in_a_name(name: str, radius: str, plane: str, number: str) -> None:
-    found = radius_in_name(["36 N", name])
-    assert ("-" if found is None else f"{found:g}") == radius
+    radius_mm = radius_in_name(["36 N", name])
+    assert ("-" if radius_mm is None else f"{radius_mm:g}") == radius
     assert (plane_in_name([name]) or "-", load_is_ambiguous([name])) == (plane, number == "cut")
 
 
-@pytest.mark.parametrize(("line", "names", "found"), CASES["directions"])
-def test_direction(line: str, names: str, found: str) -> None:
+@pytest.mark.parametrize(("line", "names", "directions"), CASES["directions"])
+def test_direction(line: str, names: str, directions: str) -> None:
     assert (
         sorted(directions_stated([(1, line)], names.split(", ")))
-        == found.replace("none", "").split()
+        == directions.replace("none", "").split()
     )

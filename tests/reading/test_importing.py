@@ -42,22 +42,20 @@ def table(
     above: str = "",
     encoding: str = "utf-8",
 ) -> Path:
-    path.write_bytes(
-        "\n".join([*([above] if above else []), *([header] if header else []), *rows, ""]).encode(
-            encoding
-        )
-    )
+    content = [line for line in (above, header) if line]
+    content += [*rows, ""]
+    path.write_bytes("\n".join(content).encode(encoding))
     return path
 
 
 def book(path: Path, sheets: dict[str, list[list[Any]]]) -> Path:
-    made = Workbook()
-    del made["Sheet"]
+    workbook = Workbook()
+    del workbook["Sheet"]
     for name, rows in sheets.items():
-        sheet = made.create_sheet(name)
+        sheet = workbook.create_sheet(name)
         for row in rows:
             sheet.append(row)
-    made.save(path)
+    workbook.save(path)
     return path
 
 
@@ -74,8 +72,8 @@ def imported(
     return lb.import_campaign(path, layout=lb.Layout.model_validate(layout or {}), **campaign)
 
 
-def told(found: lb.Imported) -> set[tuple[str, str]]:
-    return {(own.what, own.value) for own in found.assumptions}
+def told(result: lb.Imported) -> set[tuple[str, str]]:
+    return {(assumption.what, assumption.value) for assumption in result.assumptions}
 
 
 def loads_of(path: Path | list[Path], **layout: Any) -> list[tuple[str, float | None, str | None]]:
@@ -165,9 +163,9 @@ def test_log_over_time() -> None:
     assert angle[int(np.searchsorted(time, turn / 8.0 + turn / 4.0))] == pytest.approx(
         0.0, abs=0.13
     )
-    kept = on_the_circle(angle, start_deg=90.0, sense=-1)
-    assert angle[kept].max() <= 90.0 + 0.07
-    assert np.ptp(angle[kept]) == pytest.approx(360.0, abs=0.26)
+    on_circle = on_the_circle(angle, start_deg=90.0, sense=-1)
+    assert angle[on_circle].max() <= 90.0 + 0.07
+    assert np.ptp(angle[on_circle]) == pytest.approx(360.0, abs=0.26)
 
 
 def test_laps_are_averaged_at_the_same_angles(tmp_path: Path) -> None:
@@ -207,9 +205,9 @@ def test_the_layout_that_was_found_out_leaves_nothing_to_guess(tmp_path: Path) -
     again = lb.import_campaign(path, layout=lb.read_layout(tmp_path / "layout.toml"))
     assert (again.campaign.sha256, again.layout) == (first.campaign.sha256, first.layout)
     assert {"separator", "decimal mark", "columns", "unit of the angle"} <= {
-        own.what for own in first.assumptions
+        assumption.what for assumption in first.assumptions
     }
-    assert {own.what for own in again.assumptions if own.place} == {
+    assert {assumption.what for assumption in again.assumptions if assumption.place} == {
         "force_N",
         "radius_mm",
     }, "what the file says of its test"
@@ -227,7 +225,7 @@ def test_what_is_given_is_not_assumed(tmp_path: Path) -> None:
         "angle_unit": "deg",
         "zero": "deviation",
     }
-    found = imported(
+    result = imported(
         path,
         layout | {"test": [entry]},
         topology="wCAFYXZSt",
@@ -235,10 +233,10 @@ def test_what_is_given_is_not_assumed(tmp_path: Path) -> None:
         radius_mm=150.0,
         resolution_um=0.1,
     )
-    (test,) = found.campaign.tests
+    (test,) = result.campaign.tests
     assert (test.pressure_bar, test.direction, test.work_ball_deg) == (3.0, "CW", 45.0)
     np.testing.assert_allclose(test.reading_um, [1e-3 * (k % 7 + 0.25) for k in range(72)])
-    assert {own.what for own in found.assumptions} == {
+    assert {assumption.what for assumption in result.assumptions} == {
         "mount",
         "force",
         "direction",
@@ -248,11 +246,11 @@ def test_what_is_given_is_not_assumed(tmp_path: Path) -> None:
 DEEP = ("a = " + "[\n" * 5000, "valid TOML"), ("a." * 400 + "b = 1", "line 1")
 
 
-@pytest.mark.parametrize(("text", "said"), [*CASES["layouts_refused"], *DEEP])
-def test_layouts_that_are_refused(tmp_path: Path, text: str, said: str) -> None:
+@pytest.mark.parametrize(("text", "message"), [*CASES["layouts_refused"], *DEEP])
+def test_layouts_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "layout.toml"
     path.write_bytes(text.encode("latin-1"))
-    refuses(f"{path}.*{re.escape(said)}", lb.read_layout, path)
+    refuses(f"{path}.*{re.escape(message)}", lb.read_layout, path)
 
 
 def test_a_layout_of_last_week_does_not_speak_over_this_weeks_files_unheard(tmp_path: Path) -> None:
@@ -266,13 +264,15 @@ def test_a_layout_of_last_week_does_not_speak_over_this_weeks_files_unheard(tmp_
     first = imported(tmp_path / "1" / "T.csv").layout.model_dump(by_alias=True, exclude_none=True)
     assert loads_of(tmp_path / "2" / "T.csv", **first) == [("T", 86.0, "CW")]
     stated = {"test": [{"file": "T.csv", "force_N": 36.0, "direction": "CCW"}]}
-    found = imported(tmp_path / "2" / "T.csv", stated, radius_mm=150.0)
-    assert {(own.what, own.value, own.because) for own in found.assumptions} >= {
+    result = imported(tmp_path / "2" / "T.csv", stated, radius_mm=150.0)
+    assert {
+        (assumption.what, assumption.value, assumption.because) for assumption in result.assumptions
+    } >= {
         ("force_N", "36 N, as given", "line 1 says 86 N"),
         ("direction", "CCW, as given", "the file says the other"),
         ("radius_mm", "150 mm, as given", "line 3 says 100 mm"),
     }
-    assert [test.force_N for test in found.campaign.tests] == [36.0]
+    assert [test.force_N for test in result.campaign.tests] == [36.0]
 
 
 def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
@@ -287,8 +287,8 @@ def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
         "direction": "CCW",
     }
     paths = [table(tmp_path / "a.csv"), table(tmp_path / "b.csv")]
-    found = lb.import_campaign(paths, layout=layout.with_given({"pressures_bar": [2.0, 3.0]}))
-    assert [round(float(test.force_N or 0.0), 2) for test in found.campaign.tests] == [
+    result = lb.import_campaign(paths, layout=layout.with_given({"pressures_bar": [2.0, 3.0]}))
+    assert [round(float(test.force_N or 0.0), 2) for test in result.campaign.tests] == [
         237.88,
         363.92,
     ]
@@ -336,12 +336,16 @@ SAID = {
 
 @pytest.mark.parametrize("above", SAID)
 def test_lines_above_say_what_was_measured(above: str, tmp_path: Path) -> None:
-    own = imported(
+    campaign = imported(
         table(tmp_path / NAME, "angle_deg;reading_um", lines("{a};{r}.25"), above)
     ).campaign
-    assert (own.plane, own.mount.compensated, own.resolution_um, own.machine_id, own.date) == SAID[
-        above
-    ]
+    assert (
+        campaign.plane,
+        campaign.mount.compensated,
+        campaign.resolution_um,
+        campaign.machine_id,
+        campaign.date,
+    ) == SAID[above]
 
 
 CONTRADICTIONS = (
@@ -352,54 +356,54 @@ CONTRADICTIONS = (
 
 
 @pytest.mark.parametrize(
-    ("above", "given"),
+    ("above", "options"),
     [
-        *((own, {}) for own in CONTRADICTIONS),
+        *((lines_above, {}) for lines_above in CONTRADICTIONS),
         ("Readings raw", {"mount": lb.MountCompensation(3.0)}),
     ],
 )
 def test_lines_above_that_contradict_are_refused(
-    above: str, given: dict[str, Any], tmp_path: Path
+    above: str, options: dict[str, Any], tmp_path: Path
 ) -> None:
     """Each other; and a deflection of the mount given without saying that the readings are raw."""
-    refuses("must be said once", imported, table(tmp_path / NAME, above=above), **given)
+    refuses("must be said once", imported, table(tmp_path / NAME, above=above), **options)
 
 
 def test_what_is_given_wins_over_lines_above_and_is_told(tmp_path: Path) -> None:
     mount = lb.MountCompensation(3.0, compensated=False)
-    found = imported(
+    result = imported(
         table(tmp_path / NAME, above="Plane: YZ\nReadings compensated\nResolution 0.01 µm"),
         plane="XY",
         mount=mount,
     )
-    assert (found.campaign.plane, found.campaign.mount, found.campaign.resolution_um) == (
+    assert (result.campaign.plane, result.campaign.mount, result.campaign.resolution_um) == (
         "XY",
         mount,
         0.01,
     )
-    assert told(found) >= {
+    assert told(result) >= {
         ("plane", "XY, as given"),
         ("mount", "raw, as given"),
         ("resolution_um", "0.01 µm"),
     }
-    same = imported(
+    result = imported(
         table(tmp_path / NAME, above="Plane: XY\nReadings raw"), plane="XY", mount=mount
     )
-    assert not {"plane", "mount"} & {own.what for own in same.assumptions}
+    assert not {"plane", "mount"} & {assumption.what for assumption in result.assumptions}
 
 
 def test_names_say_plane_and_radius(tmp_path: Path) -> None:
     paths = [table(tmp_path / f"ZX_R100_{force}N.csv") for force in (36, 742)]
-    found = imported(paths)
-    assert (found.campaign.plane, [test.radius_mm for test in found.campaign.tests]) == (
+    result = imported(paths)
+    assert (result.campaign.plane, [test.radius_mm for test in result.campaign.tests]) == (
         "ZX",
         [100.0, 100.0],
     )
-    assert told(found) >= {("plane", "ZX"), ("radius_mm", "100 mm")}
-    assert found.unsaid == lb.import_campaign(paths, layout=found.layout).unsaid
-    given = imported(paths, plane="XY", radius_mm=150.0)
-    assert told(given) >= {("plane", "XY, as given"), ("radius_mm", "150 mm, as given")}
-    assert (given.campaign.plane, given.campaign.tests[0].circle.radius_mm) == ("XY", 150.0)
+    assert told(result) >= {("plane", "ZX"), ("radius_mm", "100 mm")}
+    assert result.unsaid == lb.import_campaign(paths, layout=result.layout).unsaid
+    result = imported(paths, plane="XY", radius_mm=150.0)
+    assert told(result) >= {("plane", "XY, as given"), ("radius_mm", "150 mm, as given")}
+    assert (result.campaign.plane, result.campaign.tests[0].circle.radius_mm) == ("XY", 150.0)
     for above in ("Plane: YZ", "Radius: 150 mm"):
         refuses(
             "must be said once.*its name",
@@ -472,20 +476,23 @@ def test_units_below_the_names_of_which_one_is_none(units: str, tmp_path: Path) 
 
 def test_our_own_tables_import_as_they_read(tmp_path: Path, root: Path) -> None:
     """Columns that hold one value a test among them; names like f036 say the force."""
-    header = "test,force_N,angle_deg,reading_um,direction,work_ball_deg,radius_mm,setup,plane,temperature_C,time_s"
+    header = (
+        "test,force_N,angle_deg,reading_um,direction,work_ball_deg,radius_mm,setup,plane,"
+        "temperature_C,time_s"
+    )
     rows = lines("a,36,{a},{r},CW,45,120,2,XY,20.5,0") + lines(
         "b,742,{a},{r},CCW,90,150,1,XY,21,600"
     )
     path = table(tmp_path / "all.csv", header, rows)
-    found = imported(path, name="all")
-    assert found.campaign.sha256 == lb.read_campaign(path).sha256
-    assert "columns not used" not in {own.what for own in found.assumptions}
+    result = imported(path, name="all")
+    assert result.campaign.sha256 == lb.read_campaign(path).sha256
+    assert "columns not used" not in {assumption.what for assumption in result.assumptions}
     shipped = lb.read_campaign(root / "data" / "recovered_experiment")
     again = imported(sorted((root / "data" / "recovered_experiment").glob("f*.csv"))).campaign
     assert again.forces_N.tolist() == shipped.forces_N.tolist()
-    for own, test in zip(again.tests, shipped.tests, strict=True):
+    for read_again, test in zip(again.tests, shipped.tests, strict=True):
         np.testing.assert_array_equal(
-            [own.angle_deg, own.reading_um], [test.angle_deg, test.reading_um]
+            [read_again.angle_deg, read_again.reading_um], [test.angle_deg, test.reading_um]
         )
 
 
@@ -498,9 +505,9 @@ def test_marks_that_may_be_of_thousands_bare_columns_and_commas_between_blanks(
         lines("{a};12,{k}10", 10) + lines("{a};12,{k}0")[10:],
     )
     assert any(
-        "thousands" in own.because
-        for own in imported(path).assumptions
-        if own.what == "decimal mark"
+        "thousands" in assumption.because
+        for assumption in imported(path).assumptions
+        if assumption.what == "decimal mark"
     )
     assert imported(path, {"decimal": "."}).campaign.tests[0].reading_um[0] == pytest.approx(12.010)
     path = table(tmp_path / NAME, "", lines("{k},{a},{r}.25"))
@@ -519,13 +526,13 @@ def test_marks_that_may_be_of_thousands_bare_columns_and_commas_between_blanks(
 def test_names_of_files_and_labels(tmp_path: Path) -> None:
     """What cannot stand in a file's name is replaced; a label that two files share comes behind the
     file's name."""
-    found = imported(table(tmp_path / "36,5 N (1).csv"))
-    assert [(test.name, test.force_N) for test in found.campaign.tests] == [("36_5 N _1_", 36.5)]
+    result = imported(table(tmp_path / "36,5 N (1).csv"))
+    assert [(test.name, test.force_N) for test in result.campaign.tests] == [("36_5 N _1_", 36.5)]
     paths = [
         table(tmp_path / f"{name}.csv", "angle;36 N;238 N", lines("{a};{r};{q}"))
         for name in ("CW", "CCW")
     ]
-    assert [own[0] for own in loads_of(paths)] == ["36 N", "238 N", "CCW 36 N", "CCW 238 N"]
+    assert [loads[0] for loads in loads_of(paths)] == ["36 N", "238 N", "CCW 36 N", "CCW 238 N"]
     refuses(
         "tests must bear different names, got 'a 36N' twice", imported, [table(tmp_path / NAME)] * 2
     )
@@ -534,18 +541,15 @@ def test_names_of_files_and_labels(tmp_path: Path) -> None:
 def test_a_label_before_its_file(tmp_path: Path) -> None:
     """Both entries speak; the label's word counts; one force for a file of several tests is
     refused."""
-    path = table(
-        tmp_path / "all.csv",
-        "test,angle_deg,reading_um",
-        [f"{label},{line}" for label in "ab" for line in CIRCLE],
-    )
+    rows = [f"a,{line}" for line in CIRCLE] + [f"b,{line}" for line in CIRCLE]
+    path = table(tmp_path / "all.csv", "test,angle_deg,reading_um", rows)
     loads = [{"file": "a", "force_N": 36.0}, {"file": "b", "force_N": 742.0, "direction": "CW"}]
-    found = imported(path, {"test": [{"file": "all.csv", "direction": "CCW"}, *loads]})
-    assert [(test.force_N, test.direction) for test in found.campaign.tests] == [
+    result = imported(path, {"test": [{"file": "all.csv", "direction": "CCW"}, *loads]})
+    assert [(test.force_N, test.direction) for test in result.campaign.tests] == [
         (36.0, "CCW"),
         (742.0, "CW"),
     ]
-    assert "[[test]] not used" not in {own.what for own in found.assumptions}
+    assert "[[test]] not used" not in {assumption.what for assumption in result.assumptions}
     refuses(
         "must be of one test, got several in it",
         imported,
@@ -559,14 +563,14 @@ def test_a_column_for_each_force(
     header: str, expected: list[tuple[str, float, str]], tmp_path: Path
 ) -> None:
     path = table(tmp_path / "wide.csv", header, lines("{a};0.00{r};0.0{q}"))
-    found = imported(path)
+    result = imported(path)
     assert loads_of(path) == [
         (name, force, direction or None) for name, force, direction in expected
     ]
     np.testing.assert_allclose(
-        found.campaign.tests[1].reading_um, [10 * (k % 5) for k in range(72)], atol=1e-12
+        result.campaign.tests[1].reading_um, [10 * (k % 5) for k in range(72)], atol=1e-12
     )
-    assert lb.import_campaign(path, layout=found.layout).campaign.sha256 == found.campaign.sha256
+    assert lb.import_campaign(path, layout=result.layout).campaign.sha256 == result.campaign.sha256
 
 
 # ---- workbooks
@@ -591,7 +595,7 @@ RADII = [
 def test_labels_and_values_of_an_overview_are_read_above_and_below_its_list(
     radius: tuple[Any], listed: list[Any], colon: str, tmp_path: Path
 ) -> None:
-    said = {
+    values = {
         "Maschine": "VMC 12",
         "Messgerät": "LDBB",
         "kalibriert am": "1.2.2026",
@@ -599,7 +603,7 @@ def test_labels_and_values_of_an_overview_are_read_above_and_below_its_list(
         "Ort": "Halle 3",
         "Kraftmessgerät": "Kistler 9317",
     }
-    pairs = [(label + colon, value) for label, value in said.items()]
+    pairs = [(label + colon, value) for label, value in values.items()]
     overview = [
         *pairs[:2],
         radius,
@@ -607,18 +611,18 @@ def test_labels_and_values_of_an_overview_are_read_above_and_below_its_list(
         *pairs[2:],
         *([] if listed else [("Richtung" + colon, "UZS")]),
     ]
-    own = imported(
+    campaign = imported(
         book(tmp_path / "b.xlsx", {"Info": overview, "36 N": SHEET, "742 N": SHEET})
     ).campaign
     assert [
-        own.machine_id,
-        own.ball_bar,
-        own.ball_bar_calibrated,
-        own.feed_mm_per_min,
-        own.place,
-        own.force_device,
+        campaign.machine_id,
+        campaign.ball_bar,
+        campaign.ball_bar_calibrated,
+        campaign.feed_mm_per_min,
+        campaign.place,
+        campaign.force_device,
     ] == ["VMC 12", "LDBB", "2026-02-01", 2000.0, "Halle 3", "Kistler 9317"]
-    assert [(test.radius_mm, test.direction) for test in own.tests] == [
+    assert [(test.radius_mm, test.direction) for test in campaign.tests] == [
         (100.0, "CCW" if listed else "CW")
     ] * 2
 
@@ -631,16 +635,22 @@ def test_what_is_not_understood_or_contradicts_the_force_law_is_told(tmp_path: P
         ("Prüfkraft:", "238 N"),
     ]
     path = book(tmp_path / "b.xlsx", {"Info": overview, "A": SHEET, "B": SHEET})
-    found = imported(path, {"forces_N": [112.0, 2.0], "pressures_bar": [1.0, 2.0]}).assumptions
-    because = {own.what: own.because for own in found if not own.place}
+    assumptions = imported(
+        path, {"forces_N": [112.0, 2.0], "pressures_bar": [1.0, 2.0]}
+    ).assumptions
+    because = {
+        assumption.what: assumption.because for assumption in assumptions if not assumption.place
+    }
     for line, key in enumerate(("radius_mm", "feed_mm_per_min", "direction"), start=1):
         assert re.fullmatch(
             f"line {line} of .* says {key.split('_')[0]}, not understood", because[key]
         )
-    (unused,) = (own.because for own in found if own.value == "taken for no test")
+    (unused,) = (
+        assumption.because for assumption in assumptions if assumption.value == "taken for no test"
+    )
     assert re.fullmatch("line 4 of .* says 238 N outside the list of tests", unused)
     assert ("2 N at 2 bar", "of the pressures the force law makes 237.9 N") in {
-        (own.value, own.because) for own in found
+        (assumption.value, assumption.because) for assumption in assumptions
     }
 
 
@@ -648,10 +658,10 @@ def test_one_force_for_each_sheet(tmp_path: Path) -> None:
     path = book(tmp_path / "two.xlsx", {"Versuch 1": SHEET, "Versuch 2": SHEET})
     expected = [("Versuch 1", 36.0, None), ("Versuch 2", 742.0, None)]
     assert loads_of(path, forces_N=[36.0, 742.0]) == expected
-    each = {
+    loads = {
         "test": [{"file": f"Versuch {k}", "force_N": force} for k, force in ((1, 36.0), (2, 742.0))]
     }
-    assert loads_of(path, **each) == expected
+    assert loads_of(path, **loads) == expected
     refuses(
         r"--forces-N must hold one number for each test, got 1 for 2 tests",
         loads_of,
