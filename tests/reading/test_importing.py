@@ -11,14 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import cases, refuses
-from hypothesis import given
-from hypothesis import strategies as st
 from openpyxl import Workbook
 
 import ldbb_bayes as lb
-from ldbb_bayes.reading.laps import angles_from_time, average_laps, on_the_circle
 from ldbb_bayes.reading.layout import layout_to_toml
-from ldbb_bayes.reading.numerals import decimal_mark, numbers_of, seconds_of
 from ldbb_bayes.reading.spreadsheet import read_sheets
 
 CASES = cases(__file__, "importing.toml")
@@ -85,51 +81,6 @@ def loads_of(path: Path | list[Path], **layout: Any) -> list[tuple[str, float | 
 # ---- numbers, times, encodings
 
 
-@pytest.mark.parametrize(("cells", "decimal", "values"), CASES["numbers"])
-def test_numbers(cells: list[str], decimal: str, values: list[float]) -> None:
-    assert (decimal_mark("here", enumerate(cells, start=1)) or "") == decimal
-    np.testing.assert_allclose(
-        numbers_of("here", "x", range(1, 9), cells, decimal or None), values, rtol=1e-15
-    )
-
-
-def test_what_is_no_number() -> None:
-    for cell in (
-        "1,23,4.5",
-        "12,34.5",
-        "1_000",
-        "0x10",
-        "",
-        "--1",
-        "1e",
-        "nan",
-        "∞",
-        "1.2.3",
-        "12 30",
-        "12'30",
-        "0 36",
-    ):
-        refuses(
-            "here, line 3: x must be a finite number", numbers_of, "here", "x", [3], [cell], "."
-        )
-
-
-@given(st.floats(-1e6, 1e6), st.sampled_from(".,"), st.integers(0, 6))
-def test_a_number_written_any_way_comes_back(value: float, decimal: str, digits: int) -> None:
-    marks = str.maketrans({",": "," if decimal == "." else ".", ".": decimal})
-    written = f"{value:,.{digits}f}".translate(marks)
-    assert numbers_of("here", "x", [1], [written], decimal)[0] == pytest.approx(
-        round(value, digits), rel=1e-12, abs=1e-12
-    )
-
-
-@pytest.mark.parametrize(("cells", "since"), CASES["times_of_day"])
-def test_times_of_day(cells: list[str], since: list[float]) -> None:
-    """They go on over midnight, or over the hour; by clocks of twelve hours, and with zones."""
-    np.testing.assert_allclose(seconds_of("here", range(len(cells)), cells), since)
-    refuses("here, line 7: time must be as in", seconds_of, "here", [6, 7], [cells[0], "12.5"])
-
-
 @pytest.mark.parametrize("separator", list(",;\t|"))
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf", b"\xfe\xff"])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16-le", "utf-16-be", "cp1252"])
@@ -151,31 +102,8 @@ def test_encodings_and_separators_are_found(
 # ---- angles from time, laps
 
 
-def test_log_over_time() -> None:
-    """At 2000 mm/min on 150 mm a turn takes 28.274 s; the run-in of 45° takes an eighth of that."""
-    turn = 2.0 * np.pi * 150.0 / (2000.0 / 60.0)
-    assert turn == pytest.approx(28.2743, abs=1e-4)
-    time = np.arange(0.0, 1.25 * turn, 0.01)
-    angle = angles_from_time(
-        time, feed_mm_per_min=2000.0, radius_mm=150.0, start_deg=90.0, overshoot_deg=45.0, sense=-1
-    )
-    assert angle[0] == pytest.approx(135.0)
-    assert angle[int(np.searchsorted(time, turn / 8.0 + turn / 4.0))] == pytest.approx(
-        0.0, abs=0.13
-    )
-    on_circle = on_the_circle(angle, start_deg=90.0, sense=-1)
-    assert angle[on_circle].max() <= 90.0 + 0.07
-    assert np.ptp(angle[on_circle]) == pytest.approx(360.0, abs=0.26)
-
-
-def test_laps_are_averaged_at_the_same_angles(tmp_path: Path) -> None:
-    """The second lap lies between the angles of the first; then twice at the same, the closing
-    angle and an end mark too."""
-    first = np.arange(0.0, 360.0, 5.0)
-    second = np.arange(362.0, 722.0, 5.0)
-    averaged, mean = average_laps(np.concatenate([first, second]), np.repeat([1.0, 2.0], 72))
-    np.testing.assert_array_equal(averaged, first)
-    np.testing.assert_allclose(mean[1:], 1.5)
+def test_laps_of_the_same_angles_are_averaged(tmp_path: Path) -> None:
+    """Twice the same angles, with a closing angle and an end mark."""
     path = table(tmp_path / NAME, rows=lines(count=73) * 2)
     path.write_bytes(path.read_bytes() + b"\x1a")
     assert len(imported(path, {"laps": "average"}).campaign.tests[0].angle_deg) == 72

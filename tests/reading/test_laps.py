@@ -1,0 +1,34 @@
+"""Angles of a log over time, and means of laps, by hand-worked examples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ldbb_bayes.reading.laps import angles_from_time, average_laps, on_the_circle
+
+
+def test_log_over_time() -> None:
+    """At 2000 mm/min on 150 mm a turn takes 28.274 s; the run-in of 45° takes an eighth of that."""
+    turn = 2.0 * np.pi * 150.0 / (2000.0 / 60.0)
+    assert turn == pytest.approx(28.2743, abs=1e-4)
+    time = np.arange(0.0, 1.25 * turn, 0.01)
+    angle = angles_from_time(
+        time, feed_mm_per_min=2000.0, radius_mm=150.0, start_deg=90.0, overshoot_deg=45.0, sense=-1
+    )
+    assert angle[0] == pytest.approx(135.0)
+    assert angle[int(np.searchsorted(time, turn / 8.0 + turn / 4.0))] == pytest.approx(
+        0.0, abs=0.13
+    )
+    on_circle = on_the_circle(angle, start_deg=90.0, sense=-1)
+    assert angle[on_circle].max() <= 90.0 + 0.07
+    assert np.ptp(angle[on_circle]) == pytest.approx(360.0, abs=0.26)
+
+
+def test_laps_are_averaged_at_the_angles_of_the_first() -> None:
+    """The second lap lies between the angles of the first."""
+    first = np.arange(0.0, 360.0, 5.0)
+    second = np.arange(362.0, 722.0, 5.0)
+    angle, mean = average_laps(np.concatenate([first, second]), np.repeat([1.0, 2.0], 72))
+    np.testing.assert_array_equal(angle, first)
+    np.testing.assert_allclose(mean[1:], 1.5)

@@ -1,0 +1,58 @@
+"""Numbers and times of day as people write them, by hand-worked examples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from campaigns import cases, refuses
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ldbb_bayes.reading.numerals import decimal_mark, numbers_of, seconds_of
+
+CASES = cases(__file__, "numerals.toml")
+
+
+@pytest.mark.parametrize(("cells", "decimal", "values"), CASES["numbers"])
+def test_numbers(cells: list[str], decimal: str, values: list[float]) -> None:
+    assert (decimal_mark("here", enumerate(cells, start=1)) or "") == decimal
+    np.testing.assert_allclose(
+        numbers_of("here", "x", range(1, 9), cells, decimal or None), values, rtol=1e-15
+    )
+
+
+def test_what_is_no_number() -> None:
+    for cell in (
+        "1,23,4.5",
+        "12,34.5",
+        "1_000",
+        "0x10",
+        "",
+        "--1",
+        "1e",
+        "nan",
+        "∞",
+        "1.2.3",
+        "12 30",
+        "12'30",
+        "0 36",
+    ):
+        refuses(
+            "here, line 3: x must be a finite number", numbers_of, "here", "x", [3], [cell], "."
+        )
+
+
+@given(st.floats(-1e6, 1e6), st.sampled_from(".,"), st.integers(0, 6))
+def test_a_number_written_any_way_comes_back(value: float, decimal: str, digits: int) -> None:
+    marks = str.maketrans({",": "," if decimal == "." else ".", ".": decimal})
+    written = f"{value:,.{digits}f}".translate(marks)
+    assert numbers_of("here", "x", [1], [written], decimal)[0] == pytest.approx(
+        round(value, digits), rel=1e-12, abs=1e-12
+    )
+
+
+@pytest.mark.parametrize(("cells", "since"), CASES["times_of_day"])
+def test_times_of_day(cells: list[str], since: list[float]) -> None:
+    """They go on over midnight, or over the hour; by clocks of twelve hours, and with zones."""
+    np.testing.assert_allclose(seconds_of("here", range(len(cells)), cells), since)
+    refuses("here, line 7: time must be as in", seconds_of, "here", [6, 7], [cells[0], "12.5"])
