@@ -466,9 +466,11 @@ class BoundModel(Shown):
             model.degree, visible, geometric_errors_of(campaign)
         )
         reduced = _reduced_readings(campaign)
-        whole = self._setting_of_campaign(reduced)
-        self.hyper_prior = model.prior.hyper(model.scales_in(whole), campaign.resolution_um)
-        parameters = self._of_interest.with_prior(model.prior, whole)
+        campaign_setting = self._setting_of_campaign(reduced)
+        self.hyper_prior = model.prior.hyper(
+            model.scales_in(campaign_setting), campaign.resolution_um
+        )
+        parameters = self._of_interest.with_prior(model.prior, campaign_setting)
         check_known("fixed parameter", model.fixed, [parameter.name for parameter in parameters])
         self._free = np.array([parameter.name not in model.fixed for parameter in parameters])
         self.parameters = tuple(
@@ -477,14 +479,12 @@ class BoundModel(Shown):
         self.names = tuple(parameter.name for parameter in self.parameters)
         self.prior_sd = np.array([parameter.prior_sd for parameter in self.parameters])
         self.prior_mean = np.array([parameter.prior_mean for parameter in self.parameters])
-        self.physical = Truncation(self._physical_rows(whole.reference_force_N))
+        self.physical = Truncation(self._physical_rows(campaign_setting.reference_force_N))
         self.truncation = self.physical
         if not model.prior.truncated:
             self.truncation = Truncation(np.zeros((0, len(self.names))))
-        used = campaign if keep is None else campaign.select(keep)
-        used_names = {test.name for test in used.tests}
-        rows = [r for r, test in enumerate(campaign.tests) if test.name in used_names]
-        self.setting: Setting = whole.select(rows)
+        rows = _rows_of_tests(campaign, keep)
+        self.setting: Setting = campaign_setting.select(rows)
         self.reduced = tuple(reduced[r] for r in rows)
         self.test_names = tuple(campaign.tests[r].name for r in rows)
         self.interest = self._interest_columns()
@@ -500,7 +500,9 @@ class BoundModel(Shown):
             estimate = self._estimate_of_pilot(self.pilot)
         self.geometric_estimate = estimate.geometric_errors
         setting = linearise(setting, self.compliances, estimate)
-        count = max(len(each.tests) for each in (self.campaign, self.pilot or self.campaign))
+        count = len(self.campaign.tests)
+        if self.pilot is not None:
+            count = max(count, len(self.pilot.tests))
         scaled = any(isinstance(term, CircleScale) for term in self.model.nuisances)
         if scaled and count >= _FEWEST_SCALED_CIRCLES:
             names = np.array([f"lambda_{test.name}" for test in self.campaign.tests])
@@ -787,6 +789,13 @@ class BoundModel(Shown):
             if test.name in self.test_names:
                 errors.append(np.abs(self.linearisation_error_mm(test, beta)).max())
         return float(max(errors))
+
+
+def _rows_of_tests(campaign: Campaign, names: Sequence[str] | None) -> list[int]:
+    """Return the places of the named tests in a campaign, of all tests by default."""
+    selected = campaign if names is None else campaign.select(names)
+    selected_names = {test.name for test in selected.tests}
+    return [r for r, test in enumerate(campaign.tests) if test.name in selected_names]
 
 
 def _check_levels(model: HybridModel, campaign: Campaign) -> None:

@@ -285,9 +285,9 @@ class Prior(Shown):
             if isinstance(prior_scale, str):
                 prior_scale = getattr(self, prior_scale)
             unit = 1e-3 if scale.law == "half-normal" else 1.0
-            least = resolution_um / np.sqrt(12.0) if scale.name == "sigma" else 0.0
+            lower_bound = resolution_um / np.sqrt(12.0) if scale.name == "sigma" else 0.0
             prior_scales.append(prior_scale * unit)
-            lower.append(least * unit)
+            lower.append(lower_bound * unit)
         return HyperPrior(
             tuple(scale.name for scale in scales),
             np.array(prior_scales, dtype=float),
