@@ -55,7 +55,7 @@ def _number_of_angles(test: CircularTest) -> int:
     return len(test.angle_deg)
 
 
-class _Kind(NamedTuple):
+class _TestKind(NamedTuple):
     """What decides which parameters of the model a test can show."""
 
     plane: str | None
@@ -80,9 +80,9 @@ def foreseen_by(
         any(test.circle.centre_mm) for test in (*pilot.scope, *candidates, *judged)
     )
 
-    def kind(test: CircularTest, direction: Direction | None = None) -> _Kind:
+    def kind(test: CircularTest, direction: Direction | None = None) -> _TestKind:
         radius_mm = test.radius_mm if has_offset else None
-        return _Kind(test.plane, test.setup, test.circle.centre_mm, radius_mm, direction)
+        return _TestKind(test.plane, test.setup, test.circle.centre_mm, radius_mm, direction)
 
     # A direction counts as foreseen only where it is: the pilot's own tests need not be part of
     # what is analysed.
