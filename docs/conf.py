@@ -146,7 +146,8 @@ def shape(kind: str) -> str:
             for name, own_type in kind.__annotations__.items()
             if (alias := ALIAS.search(str(own_type)))
         }
-        text += f"{head}{' '.join(own.get('description', '').split())}\n\n| key | holds | what |\n|---|---|---|\n"
+        description = " ".join(own.get("description", "").split())
+        text += f"{head}{description}\n\n| key | holds | what |\n|---|---|---|\n"
         for key, value in own["properties"].items():
             what = said(kind, names.get(key, key)).replace("|", "\\|")
             text += f"| `{key}` | {holds(value, parts)} | {what} |\n"
