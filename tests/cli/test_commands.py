@@ -32,7 +32,9 @@ def names(folder: Path) -> set[str]:
 
 
 def drawn(text: str) -> set[str]:
-    return {f"{name}.{kind}" for name in text.split() for kind in ("png", "svg")}
+    names_of_figures = text.split()
+    pngs = {f"{name}.png" for name in names_of_figures}
+    return pngs | {f"{name}.svg" for name in names_of_figures}
 
 
 @pytest.fixture(autouse=True)
@@ -41,7 +43,11 @@ def blank(monkeypatch: pytest.MonkeyPatch) -> None:
     and written."""
 
     def empty(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-        return lambda *given: [inspect.signature(draw).bind(*given), style.new_figure(1.0, 1.0)][1]
+        def draw_nothing(*arguments: object) -> Figure:
+            inspect.signature(draw).bind(*arguments)
+            return style.new_figure(1.0, 1.0)
+
+        return draw_nothing
 
     for name in set(lb.figures.__all__) - set(dir(style)):
         draw = getattr(lb.figures, name)
@@ -52,14 +58,14 @@ def blank(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_options_act_on_a_model_file_too(tmp_path: Path) -> None:
     """--degree, --without and --drift beside --model, one by one."""
     file = tmp_path / "m.toml"
-    own = lb.HybridModel.first(1)
-    file.write_text(model_to_toml(own), encoding="utf-8")
-    assert model_from(model=file) == own
-    assert model_from(model=file, degree=0) == own.with_degree(0)
-    assert model_from(model=file, without=("mount", "truncation")) == own.without(
+    model = lb.HybridModel.first(1)
+    file.write_text(model_to_toml(model), encoding="utf-8")
+    assert model_from(model=file) == model
+    assert model_from(model=file, degree=0) == model.with_degree(0)
+    assert model_from(model=file, without=("mount", "truncation")) == model.without(
         "mount", "truncation"
     )
-    assert model_from(model=file, drift="time") == own.with_term(lb.Drift("time"))
+    assert model_from(model=file, drift="time") == model.with_term(lb.Drift("time"))
 
 
 def refuse(name: str) -> None:
@@ -69,11 +75,13 @@ def refuse(name: str) -> None:
 def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "r"
     limits = ("--tolerance", "C_XXX=60 nm/N", "--tolerance", "E_C(0Y)X=20µrad")
-    code, shown, err = invoke("fit", folder, *FIT, *limits, "--out", out, "--json", "--seed", 5)
+    code, stdout, err = invoke("fit", folder, *FIT, *limits, "--out", out, "--json", "--seed", 5)
     assert (code, err) == (0, "")
-    result = json.loads(shown)
-    found = lb.conformity(lb.load(out), {"C_XXX": "60 nm/N", "E_C0YX": "± 20 µrad"})
-    assert result["conformity"] == {name: own.as_dict() for name, own in found.items()}
+    result = json.loads(stdout)
+    conformity = lb.conformity(lb.load(out), {"C_XXX": "60 nm/N", "E_C0YX": "± 20 µrad"})
+    assert result["conformity"] == {
+        name: statement.as_dict() for name, statement in conformity.items()
+    }
     assert (result["model"]["degree"], result["provenance"]["seed"]) == (0, 5)
     assert json.loads((out / "summary.json").read_text()) == result
     assert names(out) == {"model.toml", "posterior.nc", "summary.json"}
@@ -101,11 +109,11 @@ def test_fit_that_misses_its_target(
     folder: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    code, shown, _ = invoke(
+    code, stdout, _ = invoke(
         "fit", folder, "--ess", "1e6", "--max-steps", 200, "--preset", "paper", "--degree", 0
     )
     assert code == 1
-    assert "NOT CONVERGED" in shown
+    assert "NOT CONVERGED" in stdout
     assert names(tmp_path) == set()
 
 
@@ -113,20 +121,20 @@ def test_fit_of_nearly_equal_forces_with_flat_priors(tmp_path: Path, invoke: Inv
     """Two thousandths apart: answered, with an uncertainty that says the number is worth
     nothing."""
     campaign = simulated(plan((40, 40), forces_N=(100.0, 100.2)))
-    code, shown, _ = invoke(
+    code, stdout, _ = invoke(
         "fit", lb.write_campaign(campaign, tmp_path / "c"), "--preset", "paper", *FIT, "--json"
     )
     assert code == 0
     assert (
-        json.loads(shown)["parameters"]["C_XXX"]["sd"] > 1e-3
+        json.loads(stdout)["parameters"]["C_XXX"]["sd"] > 1e-3
     )  # mm/N, a hundred times the compliance of a soft machine
 
 
 def test_fit_of_dead_circles_gives_valid_json(tmp_path: Path, invoke: Invoke) -> None:
     campaign = simulated(plan())
     dead = lb.Campaign((campaign.tests[0].with_reading_um(np.zeros(40)), *campaign.tests[1:]))
-    shown = invoke("fit", lb.write_campaign(dead, tmp_path / "c"), *FIT, "--json")[1]
-    assert json.loads(shown, parse_constant=refuse)["fit"]["fitness_percent"]["f036"] is None
+    stdout = invoke("fit", lb.write_campaign(dead, tmp_path / "c"), *FIT, "--json")[1]
+    assert json.loads(stdout, parse_constant=refuse)["fit"]["fitness_percent"]["f036"] is None
 
 
 def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
@@ -147,9 +155,9 @@ def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke
     out = tmp_path / "out"
     population.write_text(json.dumps(record | {"sha256": digest_of(record)}))
     fit = ("fit", folder, "--sampler", "independent", "--json")
-    code, shown, err = invoke(*fit, "--prior-from", population, "--out", out)
+    code, stdout, err = invoke(*fit, "--prior-from", population, "--out", out)
     assert code == 0
-    result = json.loads(shown)
+    result = json.loads(stdout)
     assert (result["prior_from"]["sha256"], result["prior_from"]["machines"]) == (
         digest_of(record),
         4,
@@ -173,10 +181,10 @@ def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke
 def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
     """Its options are fields of the campaign; what looks odd in several tests is said once. The
     rest is held by its golden."""
-    rows = "\n".join(
-        f"{test};2;{angle};{angle // 20 % 5}" for test in "ab" for angle in range(0, 360, 10)
-    )
-    (tmp_path / "all.csv").write_text("test;pressure_bar;angle_deg;reading_um\n" + rows)
+    lines = ["test;pressure_bar;angle_deg;reading_um"]
+    for test in "ab":
+        lines += [f"{test};2;{angle};{angle // 20 % 5}" for angle in range(0, 360, 10)]
+    (tmp_path / "all.csv").write_text("\n".join(lines))
     options = (
         "--raw",
         "--mount-um-per-bar",
@@ -189,17 +197,21 @@ def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
         "YZ",
         "--json",
     )
-    seen = json.loads(invoke("check", tmp_path / "all.csv", *options)[1])
-    assert (seen["tests"][0]["force_N"], seen["plane"]) == (200.0, "YZ")
-    assert any("1.5 µm/bar, not compensated" in text for text in seen["assumptions"])
-    shown = invoke("check", tmp_path / "all.csv", *options[:-1], "--mount-U-percent", 2)[1]
-    assert shown.count("Look at a, b: readings go in steps of 1 µm") == 1
+    record = json.loads(invoke("check", tmp_path / "all.csv", *options)[1])
+    assert (record["tests"][0]["force_N"], record["plane"]) == (200.0, "YZ")
+    assert any("1.5 µm/bar, not compensated" in text for text in record["assumptions"])
+    stdout = invoke("check", tmp_path / "all.csv", *options[:-1], "--mount-U-percent", 2)[1]
+    assert stdout.count("Look at a, b: readings go in steps of 1 µm") == 1
     assert re.search(
         r"mount deflection +1.500 +0.015 +µm/bar +certificate\s+(in campaign.toml: )?\[mount\]"
         r" U_percent",
-        shown,
+        stdout,
     )
-    assert [own["sd"] for own in seen["uncertainties"] if own["name"] == "bar_length"] == [9.4e-3]
+    assert [
+        uncertainty["sd"]
+        for uncertainty in record["uncertainties"]
+        if uncertainty["name"] == "bar_length"
+    ] == [9.4e-3]
 
 
 def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
@@ -229,7 +241,8 @@ def test_certificates_are_options_too(
     campaign.toml says."""
     table = tidy(lb.read_campaign(folder), tmp_path / "t.csv")
     stated = ("--balls", "G20", "--tool-ball", "0.1um", "--bar-U-um", 2)
-    known = lb.Instrument(lb.Ball(grade="G20"), lb.Ball(sphericity_um=0.1), bar_U_um=2.0)
+    work_ball = lb.Ball(grade="G20")
+    instrument = lb.Instrument(work_ball, lb.Ball(sphericity_um=0.1), bar_U_um=2.0)
     for command in (
         ("simulate", planned),
         ("design", folder, "--tests", 3, "--forces", "36,742"),
@@ -237,13 +250,13 @@ def test_certificates_are_options_too(
     ):
         out = tmp_path / command[0]
         assert invoke(*command, *stated, "--out", out)[0] == 0
-        assert lb.read_campaign(out).instrument == known
+        assert lb.read_campaign(out).instrument == instrument
     assert (
         invoke("fit", folder, *FIT, "--preset", "first", *stated, "--out", tmp_path / "fit")[0] == 0
     )
-    assert campaign_of(lb.load(tmp_path / "fit")).instrument == known
+    assert campaign_of(lb.load(tmp_path / "fit")).instrument == instrument
     assert invoke("simulate", out, "--out", tmp_path / "again", "--bar-U-um", 3)[0] == 0
-    assert lb.read_campaign(tmp_path / "again").instrument == replace(known, bar_U_um=3.0)
+    assert lb.read_campaign(tmp_path / "again").instrument == replace(instrument, bar_U_um=3.0)
 
 
 def test_identify(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
@@ -269,7 +282,8 @@ def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke)
     other = tmp_path / "own.toml"
     without = ("truncation", "force-error", "mount", "discrepancy", "hysteresis")
     slopes = (f"{name}_1" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"))
-    other.write_text(model_to_toml(lb.HybridModel.first(1).without(*without).fixing(*slopes)))
+    one_slope = lb.HybridModel.first(1).without(*without).fixing(*slopes)
+    other.write_text(model_to_toml(one_slope))
     options = (
         "--without",
         ",".join(without),
@@ -281,8 +295,8 @@ def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke)
         "--seed",
         2,
     )
-    code, shown, _ = invoke("compare", three, *options, "--out", out)
-    record = json.loads(shown)
+    code, stdout, _ = invoke("compare", three, *options, "--out", out)
+    record = json.loads(stdout)
     assert (code, set(record["models"])) == (0, {"constant", "linear", "one slope"})
     assert set(record["log_bayes_factor"]) == {"linear/constant", "one slope/constant"}
     assert (record["seed"], record["sensitivity_of"]) == (2, "linear/constant")
@@ -300,9 +314,9 @@ def test_what_looks_odd_is_said_whoever_reads_it(
         replace(test, force_N=test.force_N / 1000.0, direction="CW") for test in campaign.tests
     ]
     lb.write_campaign(replace(campaign, tests=tuple(tests)), tmp_path / "odd")
-    shown = " ".join(invoke("identify", tmp_path / "odd")[1].split())
-    assert "Note: the largest force is 0.742 N: check the unit" in shown
-    assert "stated CW, but the angles run CCW" in shown
+    stdout = " ".join(invoke("identify", tmp_path / "odd")[1].split())
+    assert "Note: the largest force is 0.742 N: check the unit" in stdout
+    assert "stated CW, but the angles run CCW" in stdout
 
 
 @pytest.mark.usefixtures("few_states")
@@ -326,11 +340,10 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
     assert names(out) == {"campaign.toml", "model.toml", "design.json"} | tables | figures
     next_tests = lb.read_campaign(out)
     assert next_tests.is_plan
-    listed = [
-        (t["force_N"], t["work_ball_deg"], t["tool_ball_deg"])
-        for t in record["tests"]
-        for _ in range(t["count"])
-    ]
+    listed = []
+    for test in record["tests"]:
+        circle = (test["force_N"], test["work_ball_deg"], test["tool_ball_deg"])
+        listed += [circle] * test["count"]
     assert sorted(listed) == sorted(
         (t.force_N, t.work_ball_deg, t.tool_ball_deg) for t in next_tests.tests
     )
@@ -346,12 +359,12 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
     assert invoke("simulate", out, "--out", tmp_path / "run")[0] == 0
     assert not lb.read_campaign(tmp_path / "run").is_plan
     assert "must not exist" in invoke(*arguments, "--out", out)[2]
-    shown = " ".join(
+    stdout = " ".join(
         invoke("design", folder, "--forces", "36,742", "--radii", "150,100", "--tests", 4)[
             1
         ].split()
     )
-    assert re.search(r"Run in this order: (f\w+ \(1[05]0 mm(, balls [\d/]+°)?\),? ?){4}", shown)
+    assert re.search(r"Run in this order: (f\w+ \(1[05]0 mm(, balls [\d/]+°)?\),? ?){4}", stdout)
 
 
 @pytest.mark.usefixtures("few_states")
@@ -400,6 +413,15 @@ def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     assert "must not exist" in invoke(*common, "--out", out)[2]
 
 
+def always(answer: object) -> Callable[..., object]:
+    """Return a function that gives the same answer to everything."""
+
+    def give(*_: object, **__: object) -> object:
+        return answer
+
+    return give
+
+
 @pytest.mark.usefixtures("few_states")
 def test_answers_that_miss(
     three: Path, compared: Comparison, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
@@ -417,28 +439,26 @@ def test_answers_that_miss(
     wrong = Validation(
         ("C_XXX", LOG_LIKELIHOOD), np.zeros((10, 2), dtype=int), 19, "joint", 0.95, ()
     )
-    said = (
+    sentences = (
         "For 2 of the log evidences weights could not be trusted",
         "Not proven best",
         "NOT CALIBRATED",
     )
     for name, answer, words in zip(
-        ("compare", "design", "validate"), (rough, broken, wrong), said, strict=True
+        ("compare", "design", "validate"), (rough, broken, wrong), sentences, strict=True
     ):
-        monkeypatch.setattr(lb, name, lambda *_, own=answer, **__: own)
-        code, shown, _ = invoke(name, three)
-        assert (code, words in " ".join(shown.split())) == (1, True), name
+        monkeypatch.setattr(lb, name, always(answer))
+        code, stdout, _ = invoke(name, three)
+        assert (code, words in " ".join(stdout.split())) == (1, True), name
     assert json.loads(invoke("compare", three, "--json")[1])["largest_error"] == 1.0
 
 
 def test_machine(tmp_path: Path, invoke: Invoke) -> None:
     """What it answers is held by its golden."""
     out = tmp_path / "m"
-    atlases = [
-        f"{kind}_atlas_{plane}" for kind in ("compliance", "geometric") for plane in ("XY", "YZ")
-    ]
+    atlases = "compliance_atlas_XY compliance_atlas_YZ geometric_atlas_XY geometric_atlas_YZ"
     assert invoke("machine", "wXFYZt", "--plane", "XY,YZ", "--out", out)[0] == 0
-    assert names(out) == {"machine.json"} | drawn(" ".join(atlases))
+    assert names(out) == {"machine.json"} | drawn(atlases)
     assert invoke("machine", "wXFYZt", "--out", out)[0] == 2
     assert invoke("machine", "wXFYZt", "--out", out, "--force")[0] == 0
     assert not (out / "compliance_atlas_YZ.svg").exists()

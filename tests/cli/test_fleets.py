@@ -81,12 +81,12 @@ def anew(rows: Path, tmp_path: Path, invoke: Invoke) -> Any:
 
 
 def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
-    out, done = finished
+    out, ended = finished
     shop = out.parent
-    assert done.exit_code == 0, done.stderr
-    assert done.stderr == ""
-    assert f"  {shop}/c9: campaign must be a folder with campaign.toml" in done.stdout
-    for part in (
+    assert ended.exit_code == 0, ended.stderr
+    assert ended.stderr == ""
+    assert f"  {shop}/c9: campaign must be a folder with campaign.toml" in ended.stdout
+    for words in (
         "fitted",
         "failed",
         "in all",
@@ -95,8 +95,8 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
         "8 campaigns in",
         "a second",
     ):
-        assert part in " ".join(done.stdout.split())
-    assert f"Written: {out}/campaigns.parquet" in done.stdout.replace("\n", "")
+        assert words in " ".join(ended.stdout.split())
+    assert f"Written: {out}/campaigns.parquet" in ended.stdout.replace("\n", "")
     assert lb.read_batch(out)["status"].tolist() == ["done"] * 7 + ["failed"]
     assert sorted(path.name for path in out.iterdir()) == [
         "batch.sqlite",
@@ -106,23 +106,23 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
 
 
 def test_json_on_processes(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
-    given = (
+    folders = (
         rows.parent / "all" / "c0",
         rows.parent / "all" / "c1",
         f"{rows.parent}/all/c1/../c0",
         rows.parent / "c9",
     )
     code, stdout, stderr = invoke(
-        "batch", *given, "--out", tmp_path / "b", "--workers", 2, "--json", *MODEL
+        "batch", *folders, "--out", tmp_path / "b", "--workers", 2, "--json", *MODEL
     )
-    found = json.loads(stdout)
+    record = json.loads(stdout)
     assert (code, stderr) == (0, "")
-    assert [found[key] for key in ("schema", "campaigns", "done", "failures")] == [1, 3, 2, 1]
-    assert [own["campaign"] for own in found["failed"]] == [f"{rows.parent}/c9"]
-    assert found["dataset"] == f"{tmp_path}/b/campaigns.parquet"
+    assert [record[key] for key in ("schema", "campaigns", "done", "failures")] == [1, 3, 2, 1]
+    assert [failure["campaign"] for failure in record["failed"]] == [f"{rows.parent}/c9"]
+    assert record["dataset"] == f"{tmp_path}/b/campaigns.parquet"
     first = lb.read_batch(rows).iloc[:2]
-    here = lb.read_batch(tmp_path / "b").iloc[:2]
-    assert here["C_XXX.mean"].tolist() == first["C_XXX.mean"].tolist()
+    rows_here = lb.read_batch(tmp_path / "b").iloc[:2]
+    assert rows_here["C_XXX.mean"].tolist() == first["C_XXX.mean"].tolist()
 
 
 def test_a_missed_target_is_exit_code_1(
@@ -141,11 +141,11 @@ def test_interrupted_and_resumed(
     rows: Path, tmp_path: Path, anew: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Ctrl-C before the second row: 130, one message; --resume goes on there."""
-    seen: list[int] = []
+    jobs: list[int] = []
 
     def interrupted(settings: Settings, job: Job) -> dict[str, Any]:
-        seen.append(job.number)
-        if seen == [0, 1]:
+        jobs.append(job.number)
+        if jobs == [0, 1]:
             raise KeyboardInterrupt
         return made_row(settings, job)
 
@@ -158,7 +158,7 @@ def test_interrupted_and_resumed(
         " with it." in stderr
     )
     assert anew(listed, "--resume")[0] == 0
-    assert seen == [0, 1, *range(1, 8)]
+    assert jobs == [0, 1, *range(1, 8)]
 
 
 def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
@@ -202,11 +202,11 @@ def test_a_trend_and_its_files(
     tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a machine that has loosened; its options are those of the answer."""
-    drawn = drawn_rows(6, np.random.default_rng(4), step_at=4)
-    monkeypatch.setattr("ldbb_bayes.cli.fleets.read_batch", lambda *_: drawn)
+    rows = drawn_rows(6, np.random.default_rng(4), step_at=4)
+    monkeypatch.setattr("ldbb_bayes.cli.fleets.read_batch", lambda *_: rows)
     out = tmp_path / "out"
-    given = ("--out", out, "--parameters", "C_XXX, C_YYY", "--threshold", "0.9", "--ci", 0.9)
-    record = json.loads(invoke("trend", tmp_path, *given, "--json")[1])
+    options = ("--out", out, "--parameters", "C_XXX, C_YYY", "--threshold", "0.9", "--ci", 0.9)
+    record = json.loads(invoke("trend", tmp_path, *options, "--json")[1])
     assert [record[name] for name in ("schema", "machine", "changed")] == [1, "M1", True]
     assert list(record["parameters"]) == ["C_XXX", "C_YYY"]
     assert [record["assumptions"][name] for name in ("threshold", "ci")] == [0.9, 0.9]
@@ -218,6 +218,6 @@ def test_a_trend_and_its_files(
     ]
     assert json.loads((out / "trend.json").read_text()) == record
     assert len(pd.read_csv(out / "trend.csv")) == 12
-    assert "must not exist" in invoke("trend", tmp_path, *given)[2]
-    code, shown, _ = invoke("trend", tmp_path, *given, "--force", "--own-instruments")
-    assert (code, f"Written: {out}" in shown, "a change is found" in shown) == (0, True, True)
+    assert "must not exist" in invoke("trend", tmp_path, *options)[2]
+    code, stdout, _ = invoke("trend", tmp_path, *options, "--force", "--own-instruments")
+    assert (code, f"Written: {out}" in stdout, "a change is found" in stdout) == (0, True, True)

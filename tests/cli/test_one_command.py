@@ -55,10 +55,12 @@ def circles(*forces_N: float) -> list[lb.CircularTest]:
         + 0.4 * np.random.default_rng(1).standard_normal(len(angle))
     )
     bend = 54e-3 * np.cos(theta) ** 2 + 39e-3 * np.sin(theta) ** 2 - 2.33e-2
-    return [
-        lb.CircularTest(f, angle, np.round(shape + f * bend, 1), name=f"{f:g} N", direction="CCW")
-        for f in forces_N
-    ]
+    tests = []
+    for force_N in forces_N:
+        reading_um = np.round(shape + force_N * bend, 1)
+        name = f"{force_N:g} N"
+        tests.append(lb.CircularTest(force_N, angle, reading_um, name=name, direction="CCW"))
+    return tests
 
 
 def german(value: float, digits: int) -> str:
@@ -69,8 +71,8 @@ def book(folder: Path) -> list[str]:
     """Six sheets, the first of them an overview that says what the others are; decimal commas, as
     text."""
 
-    def fill(own: Workbook) -> None:
-        sheet = own.active
+    def fill(workbook: Workbook) -> None:
+        sheet = workbook.active
         sheet.title = "Übersicht"
         for row in (*HEAD, (), ("Blatt", "Prüfkraft [N]", "Richtung", "größte Abweichung [µm]")):
             sheet.append(row)
@@ -83,7 +85,7 @@ def book(folder: Path) -> list[str]:
                     float(np.abs(test.reading_um).max()),
                 ]
             )
-            page = own.create_sheet(f"Versuch {k}")
+            page = workbook.create_sheet(f"Versuch {k}")
             page.append(["Winkel [°]", "Messwert [mm]"])
             for a, r in zip(test.angle_deg, test.reading_um, strict=True):
                 page.append([german(a, 1), german(r * 1e-3, 4)])
@@ -95,7 +97,7 @@ def book(folder: Path) -> list[str]:
 def windows(folder: Path) -> list[str]:
     """CSVs in Windows-1252 with a preamble, named by a pattern as cmd.exe hands it on; a note lies
     beside them."""
-    above = [f"{name}: {said}" for name, said in HEAD]
+    above = [f"{name}: {value}" for name, value in HEAD]
     how = awkward.Writing(
         ";",
         ",",
@@ -153,19 +155,19 @@ def instrument(folder: Path) -> list[str]:
 
 def halves(folder: Path) -> list[str]:
     """Half circles, a file each, angles of both from their own beginning to their own end."""
+    preamble = [f"{name}: {value}" for name, value in HEAD]
     for test in circles(*FORCES_N):
-        for part, kept in (("first", np.arange(91)), ("second", np.arange(90, 181) % 180)):
-            rows = [
-                f"{a:.1f};{r:.1f}"
-                for a, r in zip(test.angle_deg[kept], test.reading_um[kept], strict=True)
-            ]
-            lines = [*(f"{name}: {said}" for name, said in HEAD), "angle (deg);reading (um)", *rows]
-            (folder / f"{test.name} {part} half.csv").write_text("\n".join(lines), encoding="utf-8")
+        for half, points in (("first", np.arange(91)), ("second", np.arange(90, 181) % 180)):
+            lines = [*preamble, "angle (deg);reading (um)"]
+            readings_um = test.reading_um[points]
+            for angle_deg, reading_um in zip(test.angle_deg[points], readings_um, strict=True):
+                lines.append(f"{angle_deg:.1f};{reading_um:.1f}")
+            (folder / f"{test.name} {half} half.csv").write_text("\n".join(lines), encoding="utf-8")
     return [str(folder / "*half.csv")]
 
 
 CASES: dict[str, Callable[[Path], list[str]]] = {
-    own.__name__: own for own in (book, windows, instrument, halves)
+    case.__name__: case for case in (book, windows, instrument, halves)
 }
 
 
@@ -173,30 +175,37 @@ CASES: dict[str, Callable[[Path], list[str]]] = {
 def test_what_files_say_is_understood(name: str, tmp_path: Path, invoke: Invoke) -> None:
     """Forces, readings, resolution, and everything that the certificate names; only machine and
     mount are assumed."""
-    given = CASES[name](tmp_path)
-    record = json.loads(invoke("import", *given, "--out", tmp_path / "c", "--json")[1])
+    patterns = CASES[name](tmp_path)
+    record = json.loads(invoke("import", *patterns, "--out", tmp_path / "c", "--json")[1])
     campaign = lb.read_campaign(tmp_path / "c")
-    wanted = circles(*(FORCES_N[1:] if name == "book" else FORCES_N))
+    forces_N = FORCES_N
+    if name == "book":
+        forces_N = FORCES_N[1:]
+    wanted = circles(*forces_N)
+    direction = None
+    if name in ("book", "instrument"):
+        direction = "CCW"
     assert {key: getattr(campaign, key) for key in NAMED} == NAMED
-    assert (campaign.resolution_um, {test.temperature_C for test in campaign.tests}) == (
-        0.1,
-        {21.4},
-    )
+    assert campaign.resolution_um == 0.1
+    assert {test.temperature_C for test in campaign.tests} == {21.4}
     assert sorted(campaign.forces_N) == [test.force_N for test in wanted]
-    for own in campaign.tests:
-        (test,) = [test for test in wanted if test.force_N == own.force_N]
-        around, kept = np.unique(np.mod(np.round(own.angle_deg, 2), 360.0), return_index=True)
-        np.testing.assert_allclose(around, test.angle_deg, atol=0.02)
-        np.testing.assert_allclose(np.asarray(own.reading_um)[kept], test.reading_um, atol=1e-9)
-        assert (own.direction, own.arc_deg) == (
-            "CCW" if name in ("book", "instrument") else None,
-            360.0,
-        )
-    left_out = [own for own in record["assumptions"] if own["what"] == "left out"]
+    for understood in campaign.tests:
+        (test,) = [test for test in wanted if test.force_N == understood.force_N]
+        angle_deg = np.mod(np.round(understood.angle_deg, 2), 360.0)
+        around_deg, first = np.unique(angle_deg, return_index=True)
+        reading_um = np.asarray(understood.reading_um)[first]
+        np.testing.assert_allclose(around_deg, test.angle_deg, atol=0.02)
+        np.testing.assert_allclose(reading_um, test.reading_um, atol=1e-9)
+        assert understood.direction == direction
+        assert understood.arc_deg == 360.0
+    left_out = [
+        assumption for assumption in record["assumptions"] if assumption["what"] == "left out"
+    ]
     assert len(left_out) == {"book": 1, "windows": 1}.get(name, 0)
-    assert set(record["unsaid"]) == {"topology", "mount"} | (
-        {"radius_mm"} if name != "instrument" else set()
-    )
+    unsaid = {"topology", "mount", "radius_mm"}
+    if name == "instrument":
+        unsaid.remove("radius_mm")
+    assert set(record["unsaid"]) == unsaid
 
 
 WRITTEN = {
@@ -218,15 +227,15 @@ WRITTEN = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_one_command_from_files_to_two_sheets(name: str, tmp_path: Path, invoke: Invoke) -> None:
-    given = CASES[name](tmp_path)
+    patterns = CASES[name](tmp_path)
     asked = ("--language", "de", "--annex", "--force-N", 350)
-    code, shown, said = invoke(
-        "report", *given, "--out", tmp_path / "out", *asked, "--tolerance", "C_XXX=70 nm/N"
+    code, stdout, stderr = invoke(
+        "report", *patterns, "--out", tmp_path / "out", *asked, "--tolerance", "C_XXX=70 nm/N"
     )
-    assert (code, said) == (0, "")
-    assert {own.name for own in (tmp_path / "out").iterdir()} == WRITTEN
-    assert "Averaged over constant and linear" in shown
-    assert "JCGM 106), at 350 N" in shown
+    assert (code, stderr) == (0, "")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == WRITTEN
+    assert "Averaged over constant and linear" in stdout
+    assert "JCGM 106), at 350 N" in stdout
     averaged = lb.conformity(lb.load(tmp_path / "out" / "averaged.nc"), force_N=350.0)[
         "C_XXX"
     ].as_dict()
@@ -237,8 +246,8 @@ def test_one_command_from_files_to_two_sheets(name: str, tmp_path: Path, invoke:
     first, _ = sheets(tmp_path / "out" / "report.pdf")
     for word in ("DMG Mori DMU 50", "1139-4711", "Jörg Müller", "QC20-W Nr. K12345"):
         assert word in first
-    code, _, said = invoke("report", tmp_path / "out", "--force", *asked, "--quiet")
-    assert (code, said) == (0, "")
+    code, _, stderr = invoke("report", tmp_path / "out", "--force", *asked, "--quiet")
+    assert (code, stderr) == (0, "")
     assert sheets(tmp_path / "out" / "report.pdf")[0] == first, (
         "the page of the result is the page of the files"
     )
@@ -254,19 +263,26 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """What compares, averages and designs has tests of its own, as figures have."""
     undrawn(monkeypatch)
     for name in ("compare", "average", "design"):
-        monkeypatch.setattr(
-            lb, name, lambda *_, **__: (_ for _ in ()).throw(lb.InputError(NOT_COMPARED))
-        )
+        monkeypatch.setattr(lb, name, failing(lb.InputError(NOT_COMPARED)))
+
+
+def failing(error: BaseException) -> Callable[..., None]:
+    """Return a function that raises an error whatever it is called with."""
+
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
 
 
 def answering(monkeypatch: pytest.MonkeyPatch, *answers: str) -> list[str]:
     """A user at a terminal; what is asked."""
     asked: list[str] = []
-    left = iter(answers)
+    remaining_answers = iter(answers)
 
     def prompt(question: str, **_: object) -> str:
         asked.append(question)
-        return next(left)
+        return next(remaining_answers)
 
     monkeypatch.setattr(reporting, "can_ask", lambda: True)
     monkeypatch.setattr("typer.prompt", prompt)
@@ -280,18 +296,17 @@ def test_at_most_three_questions(
     """Of what neither files nor options say; a wrong answer is asked again; the folder stands
     beside the first file."""
     asked = answering(monkeypatch, "9", "4", "perhaps", "n", "G20")
-    code, shown, said = invoke("report", *files)
-    assert code == 0, said
+    code, stdout, stderr = invoke("report", *files)
+    assert code == 0, stderr
     assert len(asked) == 5
-    assert [words for words in ("must be 1 to 7", "bed type (wXFYZSt)") if words not in said] == []
+    assert "must be 1 to 7" in stderr
+    assert "bed type (wXFYZSt)" in stderr
     out = tmp_path / f"{files[0].stem}_report"
     campaign = lb.read_campaign(out / "campaign")
-    assert (campaign.topology, campaign.mount.compensated, campaign.instrument.work.grade) == (
-        "wXFYZSt",
-        False,
-        "G20",
-    )
-    assert not {"topology:", "mount:"} & {line[2:].split(" ")[0] for line in shown.splitlines()}
+    assert campaign.topology == "wXFYZSt"
+    assert campaign.mount.compensated is False
+    assert campaign.instrument.work.grade == "G20"
+    assert not {"topology:", "mount:"} & {line[2:].split(" ")[0] for line in stdout.splitlines()}
     assert lb.load(out)["provenance"] is not None
     assert invoke("report", *files)[0] == 2, "an earlier report is not replaced"
     asked = answering(monkeypatch)
@@ -318,15 +333,15 @@ def test_at_most_three_questions(
 def test_without_a_terminal_what_is_assumed_is_said(
     files: list[Path], tmp_path: Path, invoke: Invoke
 ) -> None:
-    code, shown, _ = invoke("report", *files, "--out", tmp_path / "out")
+    code, stdout, _ = invoke("report", *files, "--out", tmp_path / "out")
     assert code == 0
     for words in (
         "topology: wCAFYXZSt",
         "mount: readings compensated",
         "balls: as the model assumes",
     ):
-        assert words in shown
-    assert {own.name for own in (tmp_path / "out").iterdir()} == WRITTEN - {
+        assert words in stdout
+    assert {path.name for path in (tmp_path / "out").iterdir()} == WRITTEN - {
         "averaged.nc",
         "comparison.json",
         "design.json",
@@ -342,9 +357,7 @@ def test_an_interruption_or_a_full_disk_leaves_nothing(
         (KeyboardInterrupt(), KeyboardInterrupt),
         (OSError(28, "No space left on device"), SystemExit),
     ):
-        monkeypatch.setattr(
-            lb, "write_report", lambda *_, own=error, **__: (_ for _ in ()).throw(own)
-        )
+        monkeypatch.setattr(lb, "write_report", failing(error))
         with pytest.raises(raised):
             app(["report", *map(str, files)])
         assert sorted(tmp_path.iterdir()) == sorted(files)
@@ -353,10 +366,10 @@ def test_an_interruption_or_a_full_disk_leaves_nothing(
 def test_machines_on_the_list_can_be_measured(root: Path) -> None:
     """And stand in the docs."""
     page = (root / "docs" / "how-to" / "machines.md").read_text(encoding="utf-8")
-    for own in questions.MACHINES:
-        assert f"| {own.name} | `{own.topology}` | {own.looks} |" in page
-        assert lb.Machine(own.topology, ("XY", "YZ", "ZX")).plane
-    assert len({own.topology for own in questions.MACHINES}) == len(questions.MACHINES)
+    for machine in questions.MACHINES:
+        assert f"| {machine.name} | `{machine.topology}` | {machine.looks} |" in page
+        assert lb.Machine(machine.topology, ("XY", "YZ", "ZX")).plane
+    assert len({machine.topology for machine in questions.MACHINES}) == len(questions.MACHINES)
 
 
 # ---- patterns
@@ -380,12 +393,12 @@ def test_patterns_are_expanded_in_natural_order(
         str(tmp_path / "my runs" / "*.csv"),
         "my*/*.csv",
     ):
-        assert [own.name for own in matching([pattern])] == tables, pattern
-    assert [own.name for own in matching(["my runs\\?? N.csv"])] == ["10 N.csv", "36 N.csv"]
-    assert [own.name for own in matching(["my runs/2 N [b]*", "my runs/*.csv"])] == tables
+        assert [path.name for path in matching([pattern])] == tables, pattern
+    assert [path.name for path in matching(["my runs\\?? N.csv"])] == ["10 N.csv", "36 N.csv"]
+    assert [path.name for path in matching(["my runs/2 N [b]*", "my runs/*.csv"])] == tables
     assert matching([r"my runs\36 N.csv"]) == [Path("my runs/36 N.csv")]
-    for pattern, said in (
+    for pattern, listing in (
         ("my runs/*.xlsx", "my runs holds '2 N [b].csv', '2 N.csv'"),
         ("yours\\*.csv", "there is no folder yours"),
     ):
-        refuses(f"must match a file, got none: {re.escape(said)}", matching, [pattern])
+        refuses(f"must match a file, got none: {re.escape(listing)}", matching, [pattern])

@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -48,14 +49,27 @@ def test_interruption_while_modules_are_loaded(module: str, folder: Path) -> Non
         assert process.stderr is not None
         next(line for line in process.stderr if line.split("|")[-1].strip() == module)
         process.send_signal(signal.SIGINT)
-        said = [line for line in process.stderr if not line.startswith("import time:")]
-    assert (said, process.returncode) == (["ldbb-bayes: interrupted; nothing was written.\n"], 130)
+        messages = [line for line in process.stderr if not line.startswith("import time:")]
+    assert (messages, process.returncode) == (
+        ["ldbb-bayes: interrupted; nothing was written.\n"],
+        130,
+    )
+
+
+def read_to_the_end(terminal: int) -> bytes:
+    output = b""
+    with suppress(OSError):  # how a terminal says that its other end is closed
+        block = os.read(terminal, 4096)
+        while block:
+            output += block
+            block = os.read(terminal, 4096)
+    return output
 
 
 def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
     """A real Ctrl-C, sent once the progress bar says that sampling has begun: one line, exit code
     130."""
-    ours, theirs = pty.openpty()
+    terminal, process_end = pty.openpty()
     fit = [
         "fit",
         str(folder),
@@ -69,48 +83,44 @@ def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
     ]
 
     with subprocess.Popen(
-        [*COMMAND, *fit], stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=HEED
+        [*COMMAND, *fit], stdout=subprocess.PIPE, stderr=process_end, text=True, preexec_fn=HEED
     ) as process:
-        os.close(theirs)
-        shown = b""
-        while b"steps" not in shown:
-            shown += os.read(ours, 4096)
+        os.close(process_end)
+        output = b""
+        while b"steps" not in output:
+            output += os.read(terminal, 4096)
         process.send_signal(signal.SIGINT)
-        try:
-            while block := os.read(ours, 4096):
-                shown += block
-        except OSError:  # how a terminal says that its other end is closed
-            pass
+        output += read_to_the_end(terminal)
         assert process.stdout is not None
         assert process.stdout.read() == ""
-    os.close(ours)
+    os.close(terminal)
     assert process.returncode == 130
-    assert shown.decode().rstrip().endswith("ldbb-bayes: interrupted; nothing was written.")
+    assert output.decode().rstrip().endswith("ldbb-bayes: interrupted; nothing was written.")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_terminal_that_cannot_show_every_sign(folder: Path) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
-    done = subprocess.run(
+    ended = subprocess.run(
         [*COMMAND, "check", str(folder)], capture_output=True, env=environment, check=False
     )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == b""
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stderr == b""
 
 
 def test_a_reader_that_leaves_early_is_no_error(folder: Path) -> None:
     command = f"{sys.executable} -m ldbb_bayes check {folder} --json | true"
-    done = subprocess.run(
+    ended = subprocess.run(
         ["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False
     )
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (ended.returncode, ended.stderr) == (0, "")
 
 
 @pytest.mark.slow
 def test_demo(tmp_path: Path) -> None:
-    done = run("demo", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    words = " ".join(done.stdout.split())
+    ended = run("demo", cwd=tmp_path)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    words = " ".join(ended.stdout.split())
     for expected in (
         "Constant compliance",
         "Linear compliance",
@@ -129,9 +139,8 @@ def test_demo(tmp_path: Path) -> None:
     )
     out = tmp_path / "ldbb_demo"
     assert [path.name for path in tmp_path.iterdir()] == ["ldbb_demo"]
-    assert {own.name for own in (out / "figures").iterdir()} == {
-        f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")
-    }
+    names = {path.name for path in (out / "figures").iterdir()}
+    assert names == {f"{name}.png" for name in FIGURES} | {f"{name}.svg" for name in FIGURES}
     assert "<svg" in (out / "linear" / "report.html").read_text(encoding="utf-8")
     linear = json.loads((out / "linear" / "summary.json").read_text())
     assert linear["sampler"]["converged"]

@@ -30,11 +30,11 @@ def test_a_misspelt_column(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     spoiled.write_text(
         spoiled.read_text().replace("angle_deg,reading_um", "angle_deg,readng_um", 1)
     )
-    before = sorted(tmp_path.rglob("*"))
-    said = refused(invoke, "fit", tmp_path / "c", "--out", tmp_path / "out")
-    assert "f300.csv" in said
-    assert "line 1: columns must be among" in said
-    assert sorted(tmp_path.rglob("*")) == before
+    paths = sorted(tmp_path.rglob("*"))
+    message = refused(invoke, "fit", tmp_path / "c", "--out", tmp_path / "out")
+    assert "f300.csv" in message
+    assert "line 1: columns must be among" in message
+    assert sorted(tmp_path.rglob("*")) == paths
 
 
 def test_a_workbook_is_to_be_imported(tmp_path: Path, invoke: Invoke) -> None:
@@ -58,11 +58,10 @@ def test_one_force(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
 COMMANDS: dict[str, list[list[str]]] = cases(__file__, "refusals.toml")
 
 
-CASES = {
-    f"{command} {arguments}": message
-    for command, cases in COMMANDS.items()
-    for arguments, message in cases
-}
+CASES: dict[str, str] = {}
+for command, refusals in COMMANDS.items():
+    for words, message in refusals:
+        CASES[f"{command} {words}"] = message
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -75,8 +74,9 @@ def test_options(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    given = [{"CAMPAIGN": str(folder), "PLAN": str(planned)}.get(own, own) for own in case.split()]
-    assert CASES[case] in refused(invoke, *given)
+    folders = {"CAMPAIGN": str(folder), "PLAN": str(planned)}
+    arguments = [folders.get(word, word) for word in case.split()]
+    assert CASES[case] in refused(invoke, *arguments)
     assert list(tmp_path.iterdir()) == []
 
 

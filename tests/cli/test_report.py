@@ -29,9 +29,11 @@ def quick(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> No
     """Designs and figures have tests of their own."""
     if request.function is not test_figures:
         undrawn(monkeypatch)
-    monkeypatch.setattr(
-        lb, "design", lambda *_, **__: (_ for _ in ()).throw(lb.InputError(NOT_COMPARED))
-    )
+    monkeypatch.setattr(lb, "design", refuse_to_design)
+
+
+def refuse_to_design(*_: object, **__: object) -> None:
+    raise lb.InputError(NOT_COMPARED)
 
 
 @pytest.fixture(scope="module")
@@ -53,17 +55,17 @@ def comparison(tmp_path_factory: pytest.TempPathFactory, compared: Comparison) -
 def test_everything_written(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "out"
     limits = ("--tolerance", "C_XXX=60 nm/N", "--tolerance", "stiffness_Y=18N/um")
-    code, shown, _ = invoke(
+    code, stdout, _ = invoke(
         "report", result, "--out", out, "--comparison", comparison, *limits, "--quiet", "--json"
     )
-    record = json.loads(shown)
+    record = json.loads(stdout)
     assert code == 0
     decided = lb.conformity(lb.load(result), {"C_XXX": "60 nm/N", "stiffness_Y": "18 N/µm"})
-    conform = {name: own.as_dict() for name, own in decided.items()}
+    conform = {name: sources.as_dict() for name, sources in decided.items()}
     assert record["conformity"] == conform
     filed = pd.read_csv(out / "tables" / "conformity.csv", index_col="quantity")
     assert filed["probability"].to_dict() == {
-        name: pytest.approx(own["probability"]) for name, own in conform.items()
+        name: pytest.approx(sources["probability"]) for name, sources in conform.items()
     }
     assert record == json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert sorted(path.name for path in out.iterdir()) == sorted(REPORT_FILES)
@@ -83,9 +85,11 @@ def test_everything_written(result: Path, comparison: Path, tmp_path: Path, invo
             entry["ci95"], rel=1e-9
         )
         assert covariance.loc[name, name] == pytest.approx(entry["sd"] ** 2, rel=1e-9)
-        own = budget[budget["parameter"] == name]
-        assert own["share"].sum() == pytest.approx(1.0, abs=1e-9)
-        assert (own["share"] * entry["sd"] ** 2).sum() == pytest.approx(entry["sd"] ** 2, rel=1e-2)
+        sources = budget[budget["parameter"] == name]
+        assert sources["share"].sum() == pytest.approx(1.0, abs=1e-9)
+        assert (sources["share"] * entry["sd"] ** 2).sum() == pytest.approx(
+            entry["sd"] ** 2, rel=1e-2
+        )
     np.testing.assert_allclose(
         np.diag(pd.read_csv(out / "tables" / "correlation.csv", index_col="parameter")), 1.0
     )
@@ -120,14 +124,11 @@ def test_figures(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke)
         )[0]
         == 0
     )
-    drawn = {path.name for path in figures.iterdir()}
-    assert {
-        f"{name}.{kind}"
-        for name in ("traces", "budget", "evidence")
-        for kind in ("svg", "png", "pdf")
-    } <= drawn
-    assert all((figures / name).stat().st_size > 1000 for name in drawn)
-    assert drawn <= set(report_figure_files())
+    names = {path.name for path in figures.iterdir()}
+    for figure in ("traces", "budget", "evidence"):
+        assert {f"{figure}.svg", f"{figure}.png", f"{figure}.pdf"} <= names
+    assert all((figures / name).stat().st_size > 1000 for name in names)
+    assert names <= set(report_figure_files())
 
 
 @pytest.mark.slow
@@ -208,14 +209,14 @@ def test_refused(
         "SPOILED": spoiled(result, tmp_path / "spoiled", cut=True),
         "ALTERED": spoiled(result, tmp_path / "altered", cut=False),
     }
-    for words, said in cases(__file__, "report.toml")["refused"]:
+    for words, message in cases(__file__, "report.toml")["refused"]:
         code, _, error = invoke(
             "report", *(folders.get(word, word) for word in words), "--out", out, "--quiet"
         )
-        assert code == 2, said
-        assert said in " ".join(error.split()), error
+        assert code == 2, message
+        assert message in " ".join(error.split()), error
         assert "Traceback" not in error
-        assert not out.exists(), said
+        assert not out.exists(), message
     assert (foreign / "mine.txt").read_text() == "mine"
 
 
@@ -237,8 +238,8 @@ def test_a_failure_leaves_the_old_page(
     )
     monkeypatch.undo()
     assert (code, "No space left on device" in error) == (2, True)
-    found = {path.name: path.read_text() for path in out.rglob("*") if path.is_file()}
-    assert found == {"report.html": "old", "budget.csv": "old"}
+    contents = {path.name: path.read_text() for path in out.rglob("*") if path.is_file()}
+    assert contents == {"report.html": "old", "budget.csv": "old"}
 
 
 @pytest.mark.parametrize("change", ["no digest", "unit"])

@@ -4,6 +4,7 @@ whole heads, no line too long."""
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -63,12 +64,30 @@ COMMANDS: tuple[tuple[object, ...], ...] = (
 )
 
 
+def always(answer: object) -> Callable[..., object]:
+    """Return a function that gives the same answer to everything."""
+
+    def give(*_: object, **__: object) -> object:
+        return answer
+
+    return give
+
+
+def collector(parts: list[Any]) -> Callable[..., None]:
+    """Return a function that adds its arguments to a list."""
+
+    def collect(*arguments: object) -> None:
+        parts.extend(arguments)
+
+    return collect
+
+
 @pytest.fixture(scope="module")
 def printed(
     folder: Path, planned: Path, tmp_path_factory: pytest.TempPathFactory, compared: Comparison
 ) -> dict[str, list[Any]]:
     """Of every command what it has shown; of what takes longer the results themselves."""
-    parts: dict[str, list[Any]] = {}
+    parts_of_commands: dict[str, list[Any]] = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("widths"))
         Path("c").symlink_to(folder)
@@ -79,24 +98,24 @@ def printed(
             if arguments == ("demo",):  # in seconds
                 posterior = lb.load("f")
                 comparison = lb.read_comparison(Path("cmp"))
-                given = {
+                replacements = {
                     "embedded_campaign": Path("c"),
                     "sample": posterior,
                     "compare": comparison,
                     "save_figures": None,
                 }
-                for name, own in given.items():
-                    patch.setattr(lb, name, lambda *_, own=own, **__: own)
-            patch.setattr(
-                "ldbb_bayes.cli.fleets.read_batch",
-                lambda *_, k=arguments[0]: rows if k == "trend" else machines,
-            )
-            shown = parts.setdefault(str(arguments[0]), [])
-            patch.setattr(output, "show", lambda *own, shown=shown: shown.extend(own))
+                for name, replacement in replacements.items():
+                    patch.setattr(lb, name, always(replacement))
+            batch = machines
+            if arguments[0] == "trend":
+                batch = rows
+            patch.setattr("ldbb_bayes.cli.fleets.read_batch", always(batch))
+            printed_parts = parts_of_commands.setdefault(str(arguments[0]), [])
+            patch.setattr(output, "show", collector(printed_parts))
             ended = CliRunner().invoke(app, [*map(str, arguments)])
             assert ended.exit_code in (0, 1), ended.stderr
-            shown += ended.stdout.splitlines()
-    return parts | {"compare of two": [*parts_of(compared)]}
+            printed_parts += ended.stdout.splitlines()
+    return parts_of_commands | {"compare of two": [*parts_of(compared)]}
 
 
 UNIT = r"(%|°|[nµm]m/|[nµm]?m\b|N\b|[nµm]?rad\b|per kN|bar\b)"
@@ -105,8 +124,9 @@ BROKEN = (
     r"\s[=±→]\n",
     r"\n\s*[=±→]\s",
     r"\([^()\n]{0,12}\n[^()\n]{0,12}\)",
-    r"\w…(?!\w)",
 )
+# A word of a table that is cut off.
+CUT = r"\w…(?!\w)"
 
 
 @pytest.mark.parametrize("width", [80, 100, 120])
@@ -114,32 +134,38 @@ def test_nothing_is_cut(printed: dict[str, list[Any]], width: int) -> None:
     """Every cell and every word of a head stands there whole; the rest is said of lines by what
     must not end or begin one."""
     assert len(printed) >= 15
-    for command, parts in printed.items():
-        assert parts, command
-        for part in parts:
-            text = lines_of([part], width)
+    for command, blocks in printed.items():
+        assert blocks, command
+        for block in blocks:
+            text = lines_of([block], width)
             where = f"{command} at {width}:\n{text}"
             assert all(len(line) <= width for line in text.splitlines()), where
             flat = " ".join(text.split())
-            for pattern in BROKEN[: 4 if not isinstance(part, Table) else 5]:
+            for pattern in BROKEN:
                 assert not re.search(pattern, text), (pattern, where)
-            if isinstance(part, Table):
-                filled = [
-                    head
-                    for head, *own in zip(part.heads, *part.shown(), strict=True)
-                    if set(own) - {"", "–"}
-                ]
-                assert {word for head in filled for word in re.findall(r"\w+", head)} <= set(
-                    re.findall(r"\w+", flat)
-                ), where
-                for row in part.shown():
+            if isinstance(block, Table):
+                assert not re.search(CUT, text), (CUT, where)
+                assert set(words_of_filled_heads(block)) <= set(re.findall(r"\w+", flat)), where
+                for row in block.shown():
                     assert all(" ".join(cell.split()) in flat for cell in row if cell != "–"), where
+
+
+def words_of_filled_heads(table: Table) -> list[str]:
+    """Words of the heads of columns that hold anything."""
+    words = []
+    for head, *cells in zip(table.heads, *table.shown(), strict=True):
+        if set(cells) - {"", "–"}:
+            words += re.findall(r"\w+", head)
+    return words
 
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_names_of_options_are_whole(width: int) -> None:
     for command in app.registered_commands:
-        name = command.name or str(command.callback.__name__).rstrip("_")  # type: ignore[union-attr]
-        shown = CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": str(width)}).stdout
-        assert "--help" in shown
-        assert not re.search(r"[a-z]…", shown), shown
+        name = command.name
+        if not name:
+            assert command.callback is not None
+            name = command.callback.__name__.rstrip("_")
+        help_text = CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": str(width)}).stdout
+        assert "--help" in help_text
+        assert not re.search(r"[a-z]…", help_text), help_text
