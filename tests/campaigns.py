@@ -51,9 +51,9 @@ def plan(
     """A plan; clockings grow by ``work_deg`` and ``tool_deg`` from test to test."""
     tests = []
     for i, (force, n) in enumerate(zip(forces_N, readings, strict=True)):
-        angle = (
-            np.arange(n) * 360.0 / n if arc_deg == 360.0 else np.linspace(-10.0, arc_deg - 10.0, n)
-        )
+        angle = np.linspace(-10.0, arc_deg - 10.0, n)
+        if arc_deg == 360.0:
+            angle = np.arange(n) * 360.0 / n
         tests.append(
             CircularTest(force, angle, work_ball_deg=work_deg * i, tool_ball_deg=tool_deg * i)
         )
@@ -63,13 +63,12 @@ def plan(
 def clocked(turns: tuple[tuple[float, float], ...]) -> Campaign:
     """Every force at every (work, tool) clocking, 40 angles each."""
     angle = np.arange(40) * 9.0
-    return Campaign(
-        tuple(
-            CircularTest(f, angle, work_ball_deg=w, tool_ball_deg=t)
-            for w, t in turns
-            for f in (100.0, 300.0, 500.0)
-        )
-    )
+    tests = []
+    for work_deg, tool_deg in turns:
+        for force in (100.0, 300.0, 500.0):
+            test = CircularTest(force, angle, work_ball_deg=work_deg, tool_ball_deg=tool_deg)
+            tests.append(test)
+    return Campaign(tuple(tests))
 
 
 def simulated(planned: Campaign, *, seed: int = 1) -> Campaign:
@@ -78,10 +77,12 @@ def simulated(planned: Campaign, *, seed: int = 1) -> Campaign:
     return model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
 
 
-def refuses(said: str, call: Callable[..., object], /, *given: object, **options: object) -> None:
+def refuses(
+    message: str, call: Callable[..., object], /, *arguments: object, **options: object
+) -> None:
     """A call does not take what it is given, and says so in words that match."""
-    with pytest.raises(InputError, match=said):
-        call(*given, **options)
+    with pytest.raises(InputError, match=message):
+        call(*arguments, **options)
 
 
 def cases(test: str, name: str) -> dict[str, Any]:
@@ -116,14 +117,15 @@ def printed(name: str) -> pd.DataFrame:
 
 def misses(row: pd.Series, estimate: Mapping[str, float]) -> list[float]:
     """Distance from every printed number in half-units of its last digit."""
-    found = []
-    for name in (name for name in row.index if not name.startswith("force_")):
+    distances = []
+    for name in row.index:
+        if name.startswith("force_"):
+            continue
         mantissa, _, exponent = row[name].upper().partition("E")
         half_unit = 0.5 * 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
-        found.append(
-            abs(estimate[name.replace("(", "").replace(")", "")] - float(row[name])) / half_unit
-        )
-    return found
+        estimated = estimate[name.replace("(", "").replace(")", "")]
+        distances.append(abs(estimated - float(row[name])) / half_unit)
+    return distances
 
 
 def tidy(campaign: Campaign, path: Path) -> Path:
@@ -145,7 +147,9 @@ def tidy(campaign: Campaign, path: Path) -> Path:
 
 def oracle_of(campaign: Campaign, degree: int, **options: object) -> Oracle:
     """The dense oracle of the same campaign."""
-    return Oracle(oracle_tests(campaign), degree, compensated=campaign.mount.compensated, **options)  # type: ignore[arg-type]
+    tests = oracle_tests(campaign)
+    compensated = campaign.mount.compensated
+    return Oracle(tests, degree, compensated=compensated, **options)  # type: ignore[arg-type]
 
 
 def oracle_tests(campaign: Campaign) -> list[OracleTest]:

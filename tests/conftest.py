@@ -86,9 +86,9 @@ def browser() -> Iterator[Any]:
     )
     path = next(
         (
-            own
-            for own in map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
-            if own
+            program
+            for program in map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
+            if program
         ),
         None,
     )
@@ -112,9 +112,9 @@ def invoke(capsys: pytest.CaptureFixture[str]) -> Invoke:
     """A command's exit code, what it printed, and what it said on stderr."""
 
     def run(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as left:
+        with pytest.raises(SystemExit) as ended:
             app([str(argument) for argument in arguments])
-        shown = capsys.readouterr()
-        return int(left.value.code or 0), shown.out, shown.err
+        printed = capsys.readouterr()
+        return int(ended.value.code or 0), printed.out, printed.err
 
     return run

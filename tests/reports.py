@@ -31,16 +31,10 @@ def awkward(kind: str) -> xr.DataTree:
     if kind == "two tests":
         return fitted(constant, simulated(plan((40, 40), forces_N=(100.0, 600.0))))
     if kind == "forty tests":
-        return fitted(
-            linear, simulated(plan([60] * 40, forces_N=np.linspace(36.0, 742.0, 40).tolist()))
-        )
+        forces_N = np.linspace(36.0, 742.0, 40).tolist()
+        return fitted(linear, simulated(plan([60] * 40, forces_N=forces_N)))
     if kind == "three planes":
-        circles = [
-            lb.CircularTest(f, np.arange(0.0, 360.0, 5.0), plane=at)
-            for at in ("XY", "YZ", "ZX")
-            for f in (100.0, 700.0)
-        ]
-        return fitted(linear, simulated(lb.Campaign(tuple(circles), name="three planes")))
+        return fitted(linear, simulated(plan_of_three_planes()))
     if kind == "degree 2":
         return fitted(lb.HybridModel.first(2), simulated(plan()))
     if kind == "unconverged":
@@ -49,13 +43,23 @@ def awkward(kind: str) -> xr.DataTree:
     if kind == "contradiction":
         campaign = simulated(plan())
         # Compliances of the wrong sign: ln P(T | y) near −25, a probability of 1e-11.
-        turned = tuple(
-            test.with_reading_um(-0.14 * np.asarray(test.reading_um)) for test in campaign.tests
-        )
-        return fitted(constant, replace(campaign, tests=turned))
+        turned = []
+        for test in campaign.tests:
+            turned.append(test.with_reading_um(-0.14 * np.asarray(test.reading_um)))
+        return fitted(constant, replace(campaign, tests=tuple(turned)))
     if kind == "paper":
         return fitted(lb.HybridModel.paper(0), simulated(plan()))
     raise ValueError(kind)
+
+
+def plan_of_three_planes() -> lb.Campaign:
+    """Two forces in each plane."""
+    angle_deg = np.arange(0.0, 360.0, 5.0)
+    circles = []
+    for plane in ("XY", "YZ", "ZX"):
+        for force_N in (100.0, 700.0):
+            circles.append(lb.CircularTest(force_N, angle_deg, plane=plane))
+    return lb.Campaign(tuple(circles), name="three planes")
 
 
 AWKWARD = (
@@ -88,5 +92,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     def draw_nothing(*_: object, **__: object) -> Figure:
         return new_figure(1.0, 1.0)
 
-    empty = {key: picture._replace(draw=draw_nothing) for key, picture in pictures.PICTURES.items()}
+    empty = {}
+    for key, picture in pictures.PICTURES.items():
+        empty[key] = picture._replace(draw=draw_nothing)
     monkeypatch.setattr(pictures, "PICTURES", empty)

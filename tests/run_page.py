@@ -21,63 +21,68 @@ BLOCK = re.compile(
 NUMBER = re.compile(r"(?<![\w.])[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
 
 
-def same(shown: str, printed: str) -> bool:
+def same(expected: str, printed: str) -> bool:
     """Whether two lines have the same words, and the same numbers to a tenth or three units of the
     last digit shown."""
-    words, own = (
-        " ".join(NUMBER.sub(" # ", line).split()) for line in (shown.removesuffix("…"), printed)
-    )
-    if not (own.startswith(words) if shown.endswith("…") else own == words):
+    words = words_of(expected.removesuffix("…"))
+    printed_words = words_of(printed)
+    if expected.endswith("…"):
+        printed_words = printed_words[: len(words)]
+    if printed_words != words:
         return False
-    for text, other in zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=False):
-        value, found = (float(number.replace("−", "-")) for number in (text, other))
-        if abs(value - found) > 0.1 * abs(value) + 3.0 * 10.0 ** -len(
-            text.partition(".")[2].partition("e")[0]
-        ):
-            return False
-    return True
+    pairs = zip(NUMBER.findall(expected), NUMBER.findall(printed), strict=False)
+    return all(near(text, printed_text) for text, printed_text in pairs)
 
 
-def missing(shown: str, printed: str) -> str | None:
+def words_of(line: str) -> str:
+    return " ".join(NUMBER.sub(" # ", line).split())
+
+
+def near(text: str, printed: str) -> bool:
+    """Whether two numbers agree to a tenth, or three units of the last digit of the first."""
+    value = float(text.replace("−", "-"))
+    printed_value = float(printed.replace("−", "-"))
+    decimals = len(text.partition(".")[2].partition("e")[0])
+    return abs(value - printed_value) <= 0.1 * abs(value) + 3.0 * 10.0**-decimals
+
+
+def missing(expected: str, printed: str) -> str | None:
     """Return the first line shown that is not among those printed after the one before it."""
-    left = iter(printed.splitlines())
-    return next(
-        (
-            line
-            for line in shown.splitlines()
-            if line.strip(" …") and not any(same(line, own) for own in left)
-        ),
-        None,
+    remaining_lines = iter(printed.splitlines())
+    for line in expected.splitlines():
+        if not line.strip(" …"):
+            continue
+        if not any(same(line, printed_line) for printed_line in remaining_lines):
+            return line
+    return None
+
+
+def run_command(page: Path, command: str) -> str:
+    """Return what a command of the package prints; the run ends where it fails."""
+    words = shlex.split(command, comments=True)[1:]
+    arguments = [sys.executable, "-W", "error", "-m", "ldbb_bayes", *words]
+    ended = subprocess.run(
+        arguments, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
     )
+    if ended.returncode != 0:
+        sys.exit(f"{page.name}: {command}\n{ended.stderr}")
+    return ended.stdout
 
 
 def main(page: Path) -> None:
     space = {"__name__": "__main__"}
-    for skipped, kind, code, shown in BLOCK.findall(page.read_text(encoding="utf-8")):
+    for skipped, kind, code, expected in BLOCK.findall(page.read_text(encoding="utf-8")):
+        if skipped:
+            continue
         printed = io.StringIO()
-        if kind == "python" and not skipped:
+        if kind == "python":
             with redirect_stdout(printed):
                 exec(compile(code, str(page), "exec"), space)
-        for command in (
-            re.findall(r"^ldbb-bayes .*$", code, re.M) if kind == "sh" and not skipped else []
-        ):
-            arguments = [
-                sys.executable,
-                "-W",
-                "error",
-                "-m",
-                "ldbb_bayes",
-                *shlex.split(command, comments=True)[1:],
-            ]
-            done = subprocess.run(
-                arguments, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
-            )
-            printed.write(
-                done.stdout
-                if done.returncode == 0
-                else sys.exit(f"{page.name}: {command}\n{done.stderr}")
-            )
-        if not skipped and (line := missing(shown, printed.getvalue())):
+        else:
+            for command in re.findall(r"^ldbb-bayes .*$", code, re.M):
+                printed.write(run_command(page, command))
+        line = missing(expected, printed.getvalue())
+        if line:
             sys.exit(
                 f"{page.name}: {line.strip()!r} is not printed by\n{code}which"
                 f" prints\n{printed.getvalue()}"

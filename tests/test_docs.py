@@ -35,20 +35,20 @@ def test_blocks_run(page: Path, tmp_path: Path) -> None:
     (tmp_path / "data").symlink_to(ROOT / "data")
     (tmp_path / WORKBOOK.name).write_bytes(WORKBOOK.read_bytes())
     command = [sys.executable, "-W", "error", run_page.__file__, page]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
 
 
 def test_what_is_not_printed_is_seen() -> None:
     printed = "parameter  value\nC_XXX       57.5  nm/N\nC_YYY       42.0  nm/N\n"
     assert run_page.missing("C_XXX  57  nm/N\n…\nC_YYY …", printed) is None
-    for shown in (
+    for expected in (
         "C_XXX  67.5  nm/N",
         "C_YYY  42.0  nm/N\nC_XXX  57.5  nm/N",
         "C_XXX  57.5  µm",
         "C_XXX  57.5",
     ):
-        assert run_page.missing(shown, printed), shown
+        assert run_page.missing(expected, printed), expected
 
 
 @pytest.mark.parametrize("page", LESSONS, ids=str)
@@ -62,10 +62,13 @@ def test_no_sentence_is_long(page: Path) -> None:
         flags=re.M | re.S,
     )
     sentences = re.split(r"\n\s*\n|^\s*(?:[-*]|\d+\.|#+)\s|\||[.!?](?=[\s)])", text, flags=re.M)
-    assert [" ".join(own.split()) for own in sentences if len(own.split()) > 35] == []
+    words_of_sentences = [sentence.split() for sentence in sentences]
+    assert [" ".join(words) for words in words_of_sentences if len(words) > 35] == []
 
 
 def test_the_workbook_is_the_published_experiment(recovered: lb.Campaign) -> None:
-    for test, own in zip(lb.import_campaign(WORKBOOK).campaign.tests, recovered.tests, strict=True):
-        assert (test.force_N, test.angle_deg.tolist()) == (own.force_N, own.angle_deg.tolist())
-        assert np.abs(test.reading_um - own.reading_um).max() < 5.001e-3
+    imported = lb.import_campaign(WORKBOOK).campaign
+    for test, published in zip(imported.tests, recovered.tests, strict=True):
+        assert test.force_N == published.force_N
+        assert test.angle_deg.tolist() == published.angle_deg.tolist()
+        assert np.abs(test.reading_um - published.reading_um).max() < 5.001e-3

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -37,25 +37,31 @@ def version_of(folder: Path) -> int:
     return version
 
 
+def refuse_once(
+    call: Callable[..., object], calls: Iterator[int], moment: int
+) -> Callable[..., object]:
+    """Return a call that fails as on a full disk when the count of calls is at a moment."""
+
+    def refuse(*arguments: object, **options: object) -> object:
+        if next(calls) == moment:
+            raise OSError(28, os.strerror(28))
+        return call(*arguments, **options)
+
+    return refuse
+
+
 @pytest.mark.parametrize("call", ["mkdir", "rename", "chmod"])
 def test_stopped_at_any_moment_the_old_result_or_the_new_one_stands(
     call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every call refuses once, one after the other, as on a full disk; nothing lies about."""
     lb.write_campaign(campaign(0), tmp_path / "result")
-    own = getattr(os, call)
+    call_of_os = getattr(os, call)
     stands = 0
     for moment in range(1, 30):
         calls = iter(range(1, 1000))
 
-        def refuse(
-            *given: object, calls: Iterator[int] = calls, moment: int = moment, **more: object
-        ) -> object:
-            if next(calls) == moment:
-                raise OSError(28, os.strerror(28))
-            return own(*given, **more)
-
-        monkeypatch.setattr(os, call, refuse)
+        monkeypatch.setattr(os, call, refuse_once(call_of_os, calls, moment))
         with suppress(lb.InputError):
             lb.write_campaign(campaign(moment), tmp_path / "result", force=True)
         monkeypatch.undo()
@@ -91,11 +97,11 @@ def test_a_full_disk_keeps_the_old_result_and_the_old_file(tmp_path: Path) -> No
 def test_of_two_runs_into_one_new_folder_the_second_is_refused(tmp_path: Path) -> None:
     """Without --force nobody's result is replaced, even if it came while this one was at work."""
     target = tmp_path / "result"
-    mine = staged_folder(target, force=False)
-    (mine.__enter__() / "mine").write_text("2")
+    first_run = staged_folder(target, force=False)
+    (first_run.__enter__() / "mine").write_text("2")
     with staged_folder(target, force=False) as other:
         (other / "theirs").write_text("1")
-    refuses("another run wrote meanwhile", mine.__exit__, None, None, None)
+    refuses("another run wrote meanwhile", first_run.__exit__, None, None, None)
     assert [path.name for path in target.iterdir()] == ["theirs"]
 
 

@@ -9,8 +9,8 @@ import pytest
 pytest.importorskip("pyarrow")
 pytest.importorskip("openpyxl")
 NAMES = [
-    pytest.param(name, marks=pytest.mark.slow if own.slow else ())
-    for name, own in make.GOLDENS.items()
+    pytest.param(name, marks=pytest.mark.slow if golden.slow else ())
+    for name, golden in make.GOLDENS.items()
 ]
 
 
@@ -22,8 +22,9 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> make.Work:
 @pytest.mark.golden
 @pytest.mark.parametrize("name", NAMES)
 def test_golden(name: str, work: make.Work) -> None:
-    found = make.check(name, make.make(name, work))
-    assert not found, "\n".join(f"{own.path}: {own.old!r} -> {own.new!r}" for own in found[:20])
+    changes = make.check(name, make.make(name, work))
+    listing = [f"{change.path}: {change.old!r} -> {change.new!r}" for change in changes[:20]]
+    assert not changes, "\n".join(listing)
 
 
 def test_every_file_has_a_golden() -> None:

@@ -22,25 +22,29 @@ from ldbb_bayes.reading.layout import Layout, TestLayout
 def pages(root: Path) -> list[Path]:
     """In the order in which they are read."""
     folders = ["tutorials", "how-to", "", "explanation", "reference", "reference/api"]
-    documented = [
-        page for folder in folders for page in sorted((root / "docs" / folder).glob("*.md"))
-    ]
-    return [root / "README.md", root / "CONTRIBUTING.md", *documented]
+    paths = [root / "README.md", root / "CONTRIBUTING.md"]
+    for folder in folders:
+        paths += sorted((root / "docs" / folder).glob("*.md"))
+    return paths
 
 
 def text(root: Path) -> str:
     return "\n".join(path.read_text(encoding="utf-8") for path in pages(root))
 
 
+def toml_blocks(root: Path, words: str) -> list[str]:
+    """Return the blocks of TOML that hold some words."""
+    blocks = re.findall(r"```toml\n(.*?)```", text(root), re.S)
+    return [block for block in blocks if words in block]
+
+
 def test_truths_run(root: Path, tmp_path: Path) -> None:
-    (block,) = [
-        own for own in re.findall(r"```toml\n(.*?)```", text(root), re.S) if "[hyper_um]" in own
-    ]
+    (block,) = toml_blocks(root, "[hyper_um]")
     (tmp_path / "truths.toml").write_text(block)
-    done = CliRunner().invoke(
+    ended = CliRunner().invoke(
         app, ["simulate", str(tmp_path / "truths.toml"), "--out", str(tmp_path / "c")]
     )
-    assert done.exit_code == 0, done.output
+    assert ended.exit_code == 0, ended.output
     assert ldbb_bayes.read_campaign(tmp_path / "c").readings == 3 * 360
 
 
@@ -48,11 +52,8 @@ def test_the_tidy_example_is_understood(root: Path, tmp_path: Path) -> None:
     """The lines printed, continued to whole circles."""
     (block,) = re.findall(r"```\n(test;.*?)```", text(root), re.S)
     lines = block.strip().splitlines()
-    lines += [
-        f"{test};{force};{a},25;1,5"
-        for test, force in (("first", 36), ("second", 742))
-        for a in range(1, 360, 9)
-    ]
+    for angle in range(1, 360, 9):
+        lines += [f"first;36;{angle},25;1,5", f"second;742;{angle},25;1,5"]
     (tmp_path / "readings.csv").write_text("\n".join(lines))
     campaign = ldbb_bayes.read_campaign(tmp_path / "readings.csv")
     assert campaign.forces_N.tolist() == [36.0, 742.0]
@@ -60,18 +61,16 @@ def test_the_tidy_example_is_understood(root: Path, tmp_path: Path) -> None:
 
 
 def test_the_layout_reads_a_file(root: Path, tmp_path: Path) -> None:
-    (block,) = [
-        own for own in re.findall(r"```toml\n(.*?)```", text(root), re.S) if "[columns]" in own
-    ]
+    (block,) = toml_blocks(root, "[columns]")
     (tmp_path / "layout.toml").write_text(block, encoding="utf-8")
     rows = [f"{5 * k};{0.001 * (k % 7):.3f}" for k in range(144)]
     (tmp_path / "Versuch 1.csv").write_text(
         "\n".join(["Winkel [°];Messwert", *rows]), encoding="utf-8"
     )
-    found = ldbb_bayes.import_campaign(
+    imported = ldbb_bayes.import_campaign(
         tmp_path / "Versuch 1.csv", layout=ldbb_bayes.read_layout(tmp_path / "layout.toml")
     )
-    assert (found.campaign.tests[0].force_N, found.campaign.readings) == (36.0, 72)
+    assert (imported.campaign.tests[0].force_N, imported.campaign.readings) == (36.0, 72)
     for name in ({*Layout.model_fields} | {*TestLayout.__dataclass_fields__}) - {
         "schema_",
         "columns",
@@ -81,13 +80,13 @@ def test_the_layout_reads_a_file(root: Path, tmp_path: Path) -> None:
 
 
 def test_options_exist(root: Path) -> None:
-    named = set(
-        re.findall(r"(?<![\w-])--[a-z][\w-]+", re.sub(r"\bpip .*|--nthreads", "", text(root)))
-    )
-    commands = get_command(app).commands.values()  # type: ignore[attr-defined]
-    assert named <= {
-        option for command in commands for own in command.params for option in own.opts
-    } | {"--help", "--version"}
+    documented = re.sub(r"\bpip .*|--nthreads", "", text(root))
+    named = set(re.findall(r"(?<![\w-])--[a-z][\w-]+", documented))
+    existing = {"--help", "--version"}
+    for command in get_command(app).commands.values():  # type: ignore[attr-defined]
+        for parameter in command.params:
+            existing.update(parameter.opts)
+    assert named <= existing
 
 
 def test_the_readme_is_short(root: Path) -> None:
@@ -111,26 +110,25 @@ def test_make_says_which_package_is_missing(
     )
     script.chmod(0o755)
     command = ["make", "demo", f"PYTHON={script}", f"VENV={tmp_path / 'venv'}"]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
-    assert done.returncode != 0
-    assert advice in done.stdout
+    ended = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+    assert ended.returncode != 0
+    assert advice in ended.stdout
     assert not (tmp_path / "venv").exists()
 
 
 def test_the_house_as_drawn(root: Path) -> None:
-    drawn = (root / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
+    page = (root / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     package = Path(ldbb_bayes.__file__).parent
-    heads = re.findall(r"^    ([\w/]+)/ .*\n((?:        .*\n)+)", drawn, re.M)
-    rooms = {
-        room: set(re.findall(r"\w+", re.sub(r"\([^)]*\)", "", modules))) for room, modules in heads
-    }
-    found: dict[str, set[str]] = {}
+    heads = re.findall(r"^    ([\w/]+)/ .*\n((?:        .*\n)+)", page, re.M)
+    rooms = {}
+    for room, modules in heads:
+        rooms[room] = set(re.findall(r"\w+", re.sub(r"\([^)]*\)", "", modules)))
+    modules_by_room: dict[str, set[str]] = {}
     for path in package.rglob("*.py"):
         if not path.name.startswith("__"):
-            found.setdefault(
-                "/".join(("ldbb_bayes", *path.relative_to(package).parts[:-1])), set()
-            ).add(path.stem)
-    assert rooms == found
+            room = path.parent.relative_to(package.parent).as_posix()
+            modules_by_room.setdefault(room, set()).add(path.stem)
+    assert rooms == modules_by_room
 
 
 def test_digest_of_the_shipped_campaign(root: Path, recovered: ldbb_bayes.Campaign) -> None:
@@ -156,10 +154,8 @@ def test_the_example_notebook_runs(root: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.chdir(root / "studies" / "00_first_hour")
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert all(cell["outputs"] for cell in cells)
-    assert (
-        sum("image/png" in output.get("data", {}) for cell in cells for output in cell["outputs"])
-        == 2
-    )
+    outputs = [output for cell in cells for output in cell["outputs"]]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
     space: dict[str, object] = {}
     for cell in cells:
         lines = [line for line in "".join(cell["source"]).splitlines() if not line.startswith("%")]

@@ -45,15 +45,18 @@ def page(browser: Any, address: str) -> Iterator[Any]:
     opened = context.new_page()
     wrong = list[str]()
     opened.set_default_timeout(60_000)
-    opened.on(
-        "console",
-        lambda said: wrong.append(said.text) if said.type in ("error", "warning") else None,
-    )
+
+    def note_message(message: Any) -> None:
+        if message.type in ("error", "warning"):
+            wrong.append(message.text)
+
+    def note_request(sent: Any) -> None:
+        if not sent.url.startswith((address, "data:")):
+            wrong.append(sent.url)
+
+    opened.on("console", note_message)
     opened.on("pageerror", lambda error: wrong.append(str(error)))
-    opened.on(
-        "request",
-        lambda sent: None if sent.url.startswith((address, "data:")) else wrong.append(sent.url),
-    )
+    opened.on("request", note_request)
     opened.goto(address)
     yield opened
     assert wrong == []
@@ -80,8 +83,8 @@ def check_accessible(page: Any, browser: Any) -> None:
         other.wait_for_selector("#sliders")
         other.wait_for_selector("#worth-part table")
         other.add_script_tag(path=str(AXE))
-        found = other.evaluate("() => axe.run(document, {iframes: false})")["violations"]
-        assert [(own["id"], own["impact"], own["nodes"][0]["html"]) for own in found] == []
+        violations = other.evaluate("() => axe.run(document, {iframes: false})")["violations"]
+        assert violations == []
         assert not other.evaluate(OVERFLOWING)
         context.close()
 
@@ -131,18 +134,13 @@ def test_example_from_drop_to_pdf(page: Any, browser: Any, tmp_path: Path) -> No
 def check_sliders(page: Any) -> None:
     """Every slider redraws the plan; its sheet is for the operator."""
     for slider in page.locator("#sliders input[type=range]").all():
-        before = page.inner_html("#forecast")
+        forecast = page.inner_html("#forecast")
         name = slider.get_attribute("name")
         slider.focus()
-        page.keyboard.press(
-            "End"
-            if name in ("circles", "turn")
-            else "ArrowRight"
-            if name != "high"
-            else "ArrowLeft"
-        )
+        keys = {"circles": "End", "turn": "End", "high": "ArrowLeft"}
+        page.keyboard.press(keys.get(name, "ArrowRight"))
         if name not in ("turn", "turn_minutes", "radius_minutes", "hourly"):
-            until(lambda drawn=before: page.inner_html("#forecast") != drawn)
+            until(lambda forecast=forecast: page.inner_html("#forecast") != forecast)
     page.click("#best")
     page.wait_for_selector("#forecast p:has-text('The forces were chosen')")
     circles = int(page.input_value("#plan-circles"))

@@ -23,7 +23,7 @@ from collections.abc import Callable, Mapping
 from contextlib import chdir
 from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -53,12 +53,19 @@ LEFT_OUT = {
     "sha256",
     "model_sha256",
 }
-RULES = tuple(
-    Rule(**own) for own in tomllib.loads((HERE / "rules.toml").read_text(encoding="utf-8"))["rule"]
-)
+_TABLES = tomllib.loads((HERE / "rules.toml").read_text(encoding="utf-8"))
+RULES = tuple(Rule(**table) for table in _TABLES["rule"])
 # Answers are kept of the model's first edition, but where its name says otherwise.
 _WITH_MODEL = {"batch", "compare", "design", "fit", "identify", "simulate", "validate"}
 _FEW_NUISANCES = ("--without", "discrepancy,hysteresis,setup-shift")
+
+
+class Ended(NamedTuple):
+    """How a command ended, and what it printed."""
+
+    code: int
+    stdout: str
+    stderr: str
 
 
 class Work:
@@ -67,53 +74,58 @@ class Work:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.campaign, self.fitted = cache(self._campaign), cache(self._fitted)
+        self.campaign = cache(self._campaign)
+        self.fitted = cache(self._fitted)
 
     def _campaign(self, name: str) -> Path:
         """Folder of one of the five campaigns, of the plan, of the smallest of the shop, or of the
         recovered experiment."""
-        if name in ("recovered", "small"):
-            return RECOVERED if name == "recovered" else self.shop[0]
+        if name == "recovered":
+            return RECOVERED
+        if name == "small":
+            return self.shop[0]
         path = self.folder / name
         return Path(shutil.copytree(HERE / "campaigns" / name, path))
 
     def read(self, name: str) -> lb.Campaign:
         return lb.read_campaign(self.campaign(name))
 
-    def command(self, *arguments: object) -> tuple[int, str, str]:
+    def command(self, *arguments: object) -> Ended:
         """Exit code and what is printed; in the folder, its paths relative: how long they are must
         not break lines elsewhere."""
         with chdir(self.folder):
-            words = [str(own).removeprefix(f"{self.folder}/") for own in arguments]
+            words = [str(pattern).removeprefix(f"{self.folder}/") for pattern in arguments]
             if words[0] in _WITH_MODEL and "--preset" not in words:
                 words += ["--preset", "first"]
             ended = CliRunner().invoke(
                 app, words, env={"COLUMNS": "120", "TERM": "dumb", "NO_COLOR": "1"}
             )
-        return ended.exit_code, ended.stdout, ended.stderr
+        return Ended(ended.exit_code, ended.stdout, ended.stderr)
 
     def run(self, *arguments: object) -> dict[str, Any]:
         """Exit code, and the text or the JSON that a command prints, without the place and the time
         of this run."""
-        code, out, error = self.command(*arguments)
-        if "--json" in arguments and out:
-            return {"code": code} | self.cleaned(json.loads(out))
-        printed = {"stdout": self.text(out), "stderr": self.text(error)}
-        return {"code": code} | {key: lines for key, lines in printed.items() if lines}
+        ended = self.command(*arguments)
+        if "--json" in arguments and ended.stdout:
+            return {"code": ended.code} | self.cleaned(json.loads(ended.stdout))
+        printed = {"stdout": self.text(ended.stdout), "stderr": self.text(ended.stderr)}
+        return {"code": ended.code} | {key: lines for key, lines in printed.items() if lines}
 
     def written(self, out: Path, *arguments: object) -> Path:
         """The folder that a command writes."""
-        code, _, error = self.command(*arguments, "--out", out, "--quiet")
+        ended = self.command(*arguments, "--out", out, "--quiet")
         if not out.is_dir():
-            raise RuntimeError(f"{arguments[0]} left with code {code}: {error}")
+            raise RuntimeError(f"{arguments[0]} ended with code {ended.code}: {ended.stderr}")
         return out
 
     def _fitted(self, name: str) -> Path:
         """A result of independent draws."""
         # With 400 draws R-hat of two_radii is 1.0100, on either side of 1.01 after the last bit of
         # a sum.
-        ess = 500 if name == "two_radii" else 400
-        options = (
+        ess = 400
+        if name == "two_radii":
+            ess = 500
+        options: tuple[object, ...] = (
             "--degree",
             DEGREES.get(name, 1),
             "--sampler",
@@ -123,8 +135,9 @@ class Work:
             "--seed",
             1,
         )
-        few = _FEW_NUISANCES if name == "small" else ()
-        return self.written(self.folder / f"fit_{name}", "fit", self.campaign(name), *options, *few)
+        if name == "small":
+            options += _FEW_NUISANCES
+        return self.written(self.folder / f"fit_{name}", "fit", self.campaign(name), *options)
 
     @cached_property
     def shop(self) -> list[Path]:
@@ -164,13 +177,13 @@ class Work:
         for place, name in ((self.folder, "<work>"), (ROOT, "<project>")):
             text = text.replace(f"{place}/", f"{name}/").replace(str(place), name)
         text = re.sub(r"\b[\d.]+ s\b(?=[.:]?$|: )", "# s", text, flags=re.M)
-        for own in (
+        for pattern in (
             r"(?<=ted )\d{4}-[\d-]+",
             r"(?<=with ldbb_bayes )\S+",
             r"(?<=versions \| )[^|]+\b",
             r"\bPython \d[^|]+\b",
         ):
-            text = re.sub(own, "#", text)
+            text = re.sub(pattern, "#", text)
         text = re.sub(r"\d{4}-\d\d-\d\dT(?!00:00:00)[\d:.]+(\+[\d:]+|Z)?", "<time>", text)
         return [" ".join(line.split()) for line in text.splitlines() if line.strip()]
 
@@ -181,31 +194,34 @@ class Work:
     def plain(self, value: Any) -> Any:
         """What depends on the answer, as JSON has it."""
         if isinstance(value, pd.DataFrame):
-            names = [
-                "/".join(map(str, name)) if isinstance(name, tuple) else str(name)
-                for name in value.index
-            ]
-            value = [
-                {"row": name} | row
-                for name, row in zip(names, value.to_dict("records"), strict=True)
-            ]
+            value = _records(value)
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            value = {own.name: getattr(value, own.name) for own in dataclasses.fields(value)}
+            names = [field.name for field in dataclasses.fields(value)]
+            value = {name: getattr(value, name) for name in names}
         if isinstance(value, np.ndarray | np.generic):
             value = value.tolist()
         if isinstance(value, Mapping):
-            return {str(key): self.plain(own) for key, own in value.items() if key not in LEFT_OUT}
+            items = {key: item for key, item in value.items() if key not in LEFT_OUT}
+            return {str(key): self.plain(item) for key, item in items.items()}
         if isinstance(value, list | tuple):
-            return [self.plain(own) for own in value]
+            return [self.plain(item) for item in value]
         if isinstance(value, str):
             return "\n".join(self.text(value))
-        return (
-            value
-            if value is None or isinstance(value, bool | int | float)
-            else None
-            if value is pd.NaT
-            else str(value)
-        )
+        if value is None or value is pd.NaT:
+            return None
+        if isinstance(value, bool | int | float):
+            return value
+        return str(value)
+
+
+def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of a table, each with its name."""
+    records = []
+    for name, row in zip(table.index, table.to_dict("records"), strict=True):
+        if isinstance(name, tuple):
+            name = "/".join(map(str, name))
+        records.append({"row": str(name)} | row)
+    return records
 
 
 @dataclasses.dataclass(frozen=True)
@@ -245,11 +261,11 @@ def golden(
 @golden(relative=1e-10)
 def _check(work: Work) -> Any:
     names = (*CAMPAIGNS, "plan", "recovered")
-    found = {name: work.run("check", work.campaign(name), "--json") for name in names}
-    for own in found.values():
-        own["tests"] = own["tests"][::2]
+    records = {name: work.run("check", work.campaign(name), "--json") for name in names}
+    for record in records.values():
+        record["tests"] = record["tests"][::2]
     return {
-        "json": found,
+        "json": records,
         "digests": {name: work.read(name).sha256 for name in names},
         "text": {name: work.run("check", work.campaign(name)) for name in ("both_ways", "plan")},
     }
@@ -261,18 +277,18 @@ def _import_awkward(work: Work) -> Any:
     granted."""
     import awkward
 
-    found: dict[str, Any] = {}
+    records: dict[str, Any] = {}
     for name, case in awkward.CASES.items():
         folder = work.folder / "awkward" / name
         folder.mkdir(parents=True)
         for file, content in case.files.items():
             (folder / file).write_bytes(content)
         files = [folder / file for file in case.files]
-        found[name] = work.run(
+        records[name] = work.run(
             "import", *files, "--out", folder / "campaign", *case.options, "--json"
         )
-        found[name]["digest"] = lb.read_campaign(folder / "campaign").sha256
-    return found
+        records[name]["digest"] = lb.read_campaign(folder / "campaign").sha256
+    return records
 
 
 @golden(relative=1e-10)
@@ -280,21 +296,22 @@ def _import_malformed(work: Work) -> Any:
     """Of every refused file: the message."""
     import malformed
 
-    found = {}
+    records = {}
     for name, case in malformed.CASES.items():
         folder = work.folder / "malformed" / re.sub(r"\W", "_", name)
         folder.mkdir(parents=True)
         (folder / case.file).write_bytes(case.content)
-        code, out, error = work.command(
+        ended = work.command(
             "import", folder / case.file, "--out", folder / "campaign", *case.options
         )
-        message = " ".join((out + error).split()).replace(f"{folder.relative_to(work.folder)}/", "")
-        found[name] = {
-            "code": code,
+        message = " ".join((ended.stdout + ended.stderr).split())
+        message = message.replace(f"{folder.relative_to(work.folder)}/", "")
+        records[name] = {
+            "code": ended.code,
             "message": message,
             "written": sorted({p.name for p in folder.iterdir()} - {case.file}),
         }
-    return found
+    return records
 
 
 @golden(relative=1e-10)
@@ -306,8 +323,8 @@ def _machine(work: Work) -> Any:
         "other chain": ("wXYFZt", "--plane", "XY,ZX"),
         "table": ("wYXFZt", "--plane", "YZ"),
     }
-    found = {name: work.run("machine", *arguments, "--json") for name, arguments in asked.items()}
-    return found | {"text": work.run("machine", *asked["frames"])}
+    records = {name: work.run("machine", *arguments, "--json") for name, arguments in asked.items()}
+    return records | {"text": work.run("machine", *asked["frames"])}
 
 
 @golden(relative=1e-10)
@@ -323,32 +340,32 @@ def _simulate(work: Work) -> Any:
         "planes": ("three_planes", "--degree", 1),
         "both ways": ("both_ways", "--degree", 2, "--without", "discrepancy"),
     }
-    found = {}
+    records = {}
     for name, (campaign, *options) in asked.items():
         out = work.folder / f"simulated_{name.replace(' ', '_')}"
-        found[name] = work.run(
+        records[name] = work.run(
             "simulate", work.campaign(campaign), *options, "--out", out, "--json"
         )
         tests = {
-            own.name: {"angle_deg": own.angle_deg, "reading_um": own.reading_um}
-            for own in lb.read_campaign(out).tests
+            test.name: {"angle_deg": test.angle_deg, "reading_um": test.reading_um}
+            for test in lb.read_campaign(out).tests
         }
-        found[name] |= {"tests": work.cleaned(tests)}
-    return found
+        records[name] |= {"tests": work.cleaned(tests)}
+    return records
 
 
 @golden(*CAMPAIGNS, fast=("two_radii",))
 def _fit(work: Work, name: str) -> Any:
     """Independent draws: summary.json and model.toml, and what `summarize` prints."""
     out = work.fitted(name)
-    found = work.cleaned(json.loads((out / "summary.json").read_text(encoding="utf-8")))
+    record = work.cleaned(json.loads((out / "summary.json").read_text(encoding="utf-8")))
     if name not in ("two_radii", "both_ways"):
-        found["fit"].pop("sensitivity", None)
-        found.pop("nuisances", None)
-    found["model"] = (out / "model.toml").read_text(encoding="utf-8").splitlines()
-    return found | (
-        {"text": work.run("summarize", out, "--ci", 0.9)} if name == "both_ways" else {}
-    )
+        record["fit"].pop("sensitivity", None)
+        record.pop("nuisances", None)
+    record["model"] = (out / "model.toml").read_text(encoding="utf-8").splitlines()
+    if name == "both_ways":
+        record["text"] = work.run("summarize", out, "--ci", 0.9)
+    return record
 
 
 @golden(*CAMPAIGNS)
@@ -356,20 +373,23 @@ def _marginals(work: Work, name: str) -> Any:
     """Where many compliances are truncated the processor chooses their order, and so the points of
     the sequence."""
     model = lb.HybridModel.first(int(name == "clocked"))
-    model = model.without("truncation") if name in ("clocked", "three_planes") else model
+    if name in ("clocked", "three_planes"):
+        model = model.without("truncation")
     return work.cleaned(lb.marginals(model, work.read(name), tolerance=0.02))
 
 
 @golden(*CAMPAIGNS, "plan", fast=("arcs", "both_ways", "plan"))
 def _identify(work: Work, name: str) -> Any:
     arguments = ("identify", work.campaign(name), "--degree", DEGREES.get(name, 1))
-    found = work.run(*arguments, "--json")
-    for own in found["parameters"].values():
+    record = work.run(*arguments, "--json")
+    for entry in record["parameters"].values():
         if name != "arcs":
-            own.pop("shares")
+            entry.pop("shares")
         if name not in ("arcs", "both_ways"):
-            own.pop("confounding")
-    return found | ({"text": work.run(*arguments)} if name in ("arcs", "plan") else {})
+            entry.pop("confounding")
+    if name in ("arcs", "plan"):
+        record["text"] = work.run(*arguments)
+    return record
 
 
 @golden(slow=True)
@@ -377,7 +397,7 @@ def _compare_small(work: Work) -> Any:
     """Three circles and few nuisances: what is printed; the numbers are those of the next one."""
     out = work.folder / "compare_small"
     printed = work.run("compare", work.campaign("small"), *_FEW_NUISANCES, "--out", out, "--quiet")
-    return printed | {"files": sorted(own.name for own in out.iterdir())}
+    return printed | {"files": sorted(path.name for path in out.iterdir())}
 
 
 @golden(slow=True)
@@ -414,12 +434,14 @@ def _design(work: Work) -> Any:
             "C_XYX",
         ),
     }
-    found = {}
+    records = {}
     for name, (campaign, *options) in asked.items():
         answer = work.run("design", work.campaign(campaign), *options, "--json")
-        left_out = () if name == "tests" else ("baseline", "compared", "expected")
-        found[name] = {key: own for key, own in answer.items() if key not in left_out}
-    return found | {"text": work.run("design", work.campaign("arcs"), *asked["tests"][1:])}
+        if name != "tests":
+            for key in ("baseline", "compared", "expected"):
+                answer.pop(key, None)
+        records[name] = answer
+    return records | {"text": work.run("design", work.campaign("arcs"), *asked["tests"][1:])}
 
 
 @golden()
@@ -445,14 +467,14 @@ def _validate(work: Work) -> Any:
 def _meaning(work: Work) -> Any:
     """What the page of the recovered experiment does not hold: two directions, and how two results
     differ."""
-    one, two, ways = (lb.load(work.fitted(name)) for name in ("arcs", "clocked", "both_ways"))
-    found = {
-        "circularity": lb.circularity(ways, [0.0, 500.0]),
-        "measured_circularity": lb.measured_circularity(ways),
+    one, two, both_ways = (lb.load(work.fitted(name)) for name in ("arcs", "clocked", "both_ways"))
+    results = {
+        "circularity": lb.circularity(both_ways, [0.0, 500.0]),
+        "measured_circularity": lb.measured_circularity(both_ways),
         "differences": lb.differences(one, two),
-        "of one instrument": lb.differences(ways, one, same_instrument=True).iloc[::2],
+        "of one instrument": lb.differences(both_ways, one, same_instrument=True).iloc[::2],
     }
-    return work.cleaned(found)
+    return work.cleaned(results)
 
 
 @golden("small", "recovered")
@@ -461,18 +483,18 @@ def _report(work: Work, name: str) -> Any:
     it."""
     result = work.fitted(name)
     out = work.folder / f"report_{name}"
-    compared = ("--comparison", work.compared) if name == "recovered" else ()
+    compared: tuple[object, ...] = ()
+    if name == "recovered":
+        compared = ("--comparison", work.compared)
     printed = work.run("report", result, "--out", out, "--quiet", *compared)
     tables = {}
     for path in sorted((out / "tables").iterdir()):
         table = pd.read_csv(path)
-        means = {
-            name: float(np.abs(own).mean()) for name, own in table.select_dtypes("number").items()
-        }
+        sizes = table.select_dtypes("number").abs()
         tables[path.name] = {
             "rows": len(table),
             "columns": list(table.columns),
-            "mean sizes": means,
+            "mean sizes": {column: float(sizes[column].mean()) for column in sizes},
         }
     return printed | {
         "page": work.text(_words((out / "report.html").read_text(encoding="utf-8"))),
@@ -507,8 +529,8 @@ def _batch(work: Work) -> Any:
         if name.endswith((".mean", ".sd")) or name in ("name", "status", "reason", "converged")
     ]
     first = work.cleaned(rows[columns].iloc[:1])
-    rest = work.cleaned(rows[short])
-    return {"said": printed, "columns": condensed(columns), "first": first, "rows": rest}
+    by_campaign = work.cleaned(rows[short])
+    return {"said": printed, "columns": condensed(columns), "first": first, "rows": by_campaign}
 
 
 @golden()
@@ -554,20 +576,19 @@ def main() -> int:
     parser.add_argument(
         "--check", action="store_true", help="compare with the files instead of writing them"
     )
-    given = parser.parse_args()
+    options = parser.parse_args()
     failed = False
     with tempfile.TemporaryDirectory() as folder:
         work = Work(Path(folder).resolve())
-        for name in given.names or GOLDENS:
+        for name in options.names or GOLDENS:
             answer = make(name, work)
-            found = check(name, answer) if given.check else []
-            if not given.check:
+            print(name)  # noqa: T201  what a script reports
+            if not options.check:
                 (HERE / f"{name}.json").write_text(compact(answer) + "\n", encoding="utf-8")
-            lines = [
-                f"    {own.path}: {own.old!r} -> {own.new!r} ({own.relative:.2g})" for own in found
-            ]
-            print("\n".join([name, *lines]))
-            failed |= bool(found)
+                continue
+            for path, old, new, relative in check(name, answer):
+                print(f"    {path}: {old!r} -> {new!r} ({relative:.2g})")  # noqa: T201
+                failed = True
     return int(failed)
 
 

@@ -14,9 +14,8 @@ from reports import AWKWARD, awkward
 import ldbb_bayes as lb
 from ldbb_bayes.report.page import Document
 
-SCRIPTS = {
-    path.stem: path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("*.js")
-}
+FOLDER = Path(__file__).parent
+SCRIPTS = {path.stem: path.read_text(encoding="utf-8") for path in FOLDER.glob("*.js")}
 
 A4_PX = 794 - 2 * 53
 VIEWS = (
@@ -41,16 +40,16 @@ def look(browser: Any, page: Path) -> None:
     for width, scheme, medium in VIEWS:
         context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
         opened = context.new_page()
-        said: list[str] = []
+        messages: list[str] = []
         asked: list[str] = []
-        opened.on("console", lambda message, said=said: said.append(message.text))
-        opened.on("pageerror", lambda error, said=said: said.append(str(error)))
-        opened.on("dialog", lambda dialog, said=said: said.append(dialog.message))
+        opened.on("console", lambda message, messages=messages: messages.append(message.text))
+        opened.on("pageerror", lambda error, messages=messages: messages.append(str(error)))
+        opened.on("dialog", lambda dialog, messages=messages: messages.append(dialog.message))
         opened.on("request", lambda request, asked=asked: asked.append(request.url))
         opened.goto(page.as_uri())
         opened.emulate_media(media=medium, color_scheme=scheme)
         where = f"{width} px, {scheme}, {medium}"
-        assert said == [], where
+        assert messages == [], where
         assert asked == [page.as_uri()], where
         assert opened.evaluate(OVERFLOWING) == [], where
         assert opened.evaluate(UNNAMED) == 0, where
@@ -66,13 +65,14 @@ def look(browser: Any, page: Path) -> None:
             assert opened.evaluate(SPILT) == [], where
             opened.emulate_media(media="print", color_scheme="light")
             with closing(pdfium.PdfDocument(opened.pdf(prefer_css_page_size=True))) as paper:
-                assert [
-                    round(side) for k in range(len(paper)) for side in paper.get_page_size(k)
-                ] == [595, 842] * 2, where
+                sizes = [paper.get_page_size(number) for number in range(len(paper))]
+            rounded = [(round(width_pt), round(height_pt)) for width_pt, height_pt in sizes]
+            assert rounded == [(595, 842)] * 2, where
         assert opened.evaluate(FAINT) == [], where
         if scheme == "dark":
             colour = opened.evaluate("getComputedStyle(document.body).backgroundColor")
-            assert max(int(part) for part in colour.strip("rgba()").split(",")[:3]) < 60, colour
+            channels = colour.strip("rgba()").split(",")[:3]
+            assert max(map(int, channels)) < 60, colour
         context.close()
 
 

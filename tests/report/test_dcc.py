@@ -32,23 +32,24 @@ def checked(path: Path) -> ElementTree.Element:
     for element in root.iter():
         kind, name = element.tag.removeprefix("{https://ptb.de/").split("}")
         children = "".join(child.tag.partition("}")[2] + " " for child in element)
-        assert re.fullmatch(STRUCTURE["children"].get(name, ".*"), children) or not children, (
-            name,
-            children,
-        )
+        if children:
+            order = STRUCTURE["children"].get(name, ".*")
+            assert re.fullmatch(order, children), (name, children)
         for names, form in STRUCTURE["texts"].items():
-            assert not re.fullmatch(names, f"{kind}:{name}") or re.fullmatch(
-                form, element.text or ""
-            ), (name, element.text)
-    if xsd := os.environ.get("LDBB_DCC_XSD"):
-        from lxml import etree
+            if re.fullmatch(names, f"{kind}:{name}"):
+                assert re.fullmatch(form, element.text or ""), (name, element.text)
+    xsd = os.environ.get("LDBB_DCC_XSD")
+    if xsd:
+        from lxml import etree  # needed here alone
 
-        etree.XMLSchema(etree.parse(xsd)).assertValid(etree.parse(str(path)))
+        schema = etree.XMLSchema(etree.parse(xsd))
+        schema.assertValid(etree.parse(str(path)))
     return root
 
 
 def words(root: ElementTree.Element, tag: str) -> list[str]:
-    return [word for found in root.iter(f"{SI}{tag}") for word in (found.text or "").split()]
+    texts = [element.text or "" for element in root.iter(f"{SI}{tag}")]
+    return " ".join(texts).split()
 
 
 def test_numbers_are_those_of_the_summary(recovered: lb.Campaign, tmp_path: Path) -> None:
@@ -60,45 +61,45 @@ def test_numbers_are_those_of_the_summary(recovered: lb.Campaign, tmp_path: Path
         "date": "2026-11-20T14:30",
     }
     warm = tuple(replace(test, temperature_C=20.5) for test in recovered.tests)
-    posterior = fitted(lb.HybridModel.first(1), replace(recovered, tests=warm, **stated))
+    campaign = replace(recovered, tests=warm, **stated)
+    posterior = fitted(lb.HybridModel.first(1), campaign)
     root = checked(lb.write_dcc(posterior, tmp_path / "dcc.xml", ci_prob=0.9))
-    found = {
-        own.name.split(" / ")[0].split()[-1]: own
-        for own in lb.read_dcc(tmp_path / "dcc.xml").quantities
-        if own.name
+    quantities = {
+        quantity.name.split(" / ")[0].split()[-1]: quantity
+        for quantity in lb.read_dcc(tmp_path / "dcc.xml").quantities
+        if quantity.name
     }
     expected = result_json(posterior, ci_prob=0.9)["parameters"]
-    assert len(found) == len(expected) > 15
-    for (name, entry), own in zip(expected.items(), found.values(), strict=True):
-        assert (own.value, own.U, own.k, own.unit) == (
+    assert len(quantities) == len(expected) > 15
+    for (name, entry), quantity in zip(expected.items(), quantities.values(), strict=True):
+        assert (quantity.value, quantity.U, quantity.k, quantity.unit) == (
             entry["mean"],
             2.0 * entry["sd"],
             2.0,
             dsi_unit(entry["unit"]),
         ), name
-        assert own.coverage == pytest.approx(0.954, abs=0.02)
+        assert quantity.coverage == pytest.approx(0.954, abs=0.02)
     ends = [list(map(float, words(root, f"interval{end}XMLList"))) for end in ("Min", "Max")]
     assert list(zip(*ends, strict=True)) == [tuple(entry["ci90"]) for entry in expected.values()]
-    draws = np.stack([np.ravel(posterior["posterior"].dataset[name]) for name in expected])
-    matrix = [
-        float(one.text or "")
-        for cell in root.iter(f"{SI}covarianceXMLList")
-        for one in cell.iter(f"{SI}valueXMLList")
-    ]
+    dataset = posterior["posterior"].dataset
+    draws = np.stack([np.ravel(dataset[name]) for name in expected])
+    matrix = []
+    for cell in root.iter(f"{SI}covarianceXMLList"):
+        matrix += [float(value.text or "") for value in cell.iter(f"{SI}valueXMLList")]
     np.testing.assert_array_equal(np.reshape(matrix, [len(expected)] * 2), np.cov(draws))
     (factor,) = map(float, words(root, "coverageFactorXMLList"))
-    assert factor**2 == pytest.approx(
-        chi2.ppf(0.9, len(expected)), rel=0.05
-    )  # as of a normal distribution, nearly
+    of_normal_distribution = chi2.ppf(0.9, len(expected))
+    assert factor**2 == pytest.approx(of_normal_distribution, rel=0.05)
     text = (tmp_path / "dcc.xml").read_text("utf-8")
-    for said in (
+    for statement in (
         *stated.values(),
         "20.5 20.5",
         "no calibration certificate",
         "kein Kalibrierschein",
         "\\degreecelsius",
     ):
-        assert said[:10].replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;") in text
+        escaped = statement[:10].replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+        assert escaped in text
 
 
 def test_units_are_those_of_the_si() -> None:

@@ -41,13 +41,13 @@ def make(kind: str) -> xr.DataTree:
     if kind == "paper":
         return lb.sample(lb.HybridModel.paper(0), simulated(plan()), rule=QUICK)
     if kind == "forty tests, both ways":
-        ways = [
+        tests = [
             replace(test, direction=("CW", "CCW")[k % 2])
             for k, test in enumerate(plan([60] * 40, forces_N=FORTY).tests)
         ]
         return lb.sample(
             lb.HybridModel.first(0),
-            simulated(replace(plan(), tests=tuple(ways))),
+            simulated(replace(plan(), tests=tuple(tests))),
             sampler="independent",
             rule=QUICK,
         )
@@ -77,9 +77,9 @@ def posterior(request: pytest.FixtureRequest) -> xr.DataTree:
 def test_texts_and_units(name: str, posterior: xr.DataTree) -> None:
     """Every text inside the page, no two over one another, a unit on every axis, true minus signs;
     settings are left alone."""
-    before = dict(mpl.rcParams)
+    settings = dict(mpl.rcParams)
     figure = FIGURES[name](posterior)
-    assert dict(mpl.rcParams) == before
+    assert dict(mpl.rcParams) == settings
     check_texts(figure)
     check_units(figure)
 
@@ -96,23 +96,23 @@ def test_rings_are_labelled_with_their_distance_and_forces_in_their_order(
         if line.is_dashed() and line.get_color() == "black"
     }
     labels = [text for text in traces.texts if text.get_text()]
-    shown = [float(text.get_text().removesuffix(" µm").replace("−", "-")) for text in labels]
-    assert [text.get_position()[1] - nominal for text in labels] == pytest.approx(shown)
+    stated_um = [float(text.get_text().removesuffix(" µm").replace("−", "-")) for text in labels]
+    assert [text.get_position()[1] - nominal for text in labels] == pytest.approx(stated_um)
     assert labels[-1].get_text().endswith(" µm")
     tests = campaign_of(posterior).tests
     forces = sorted({test.force_N for test in tests})
     named = [float(label.get_text()) for label in scale.get_yticklabels()]
     assert len(scale.patches) == len(forces)
     assert len(named) <= 9
-    mean = {
-        force: np.mean([np.mean(test.reading_um) for test in tests if test.force_N == force])
-        for force in forces
-    }
+    mean = {}
+    for force in forces:
+        means_of_tests = [np.mean(test.reading_um) for test in tests if test.force_N == force]
+        mean[force] = np.mean(means_of_tests)
     upwards = sorted(zip(scale.get_yticks(), named, strict=True))
-    assert [upwards[0][1], upwards[-1][1]] == sorted(
-        [forces[0], forces[-1]], key=lambda force: mean[force]
-    )
-    grey = [0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b, _ in figures.force_colours(forces)]
+    extremes = sorted([forces[0], forces[-1]], key=mean.__getitem__)
+    assert [upwards[0][1], upwards[-1][1]] == extremes
+    colours = np.array(figures.force_colours(forces))
+    grey = colours[:, :3] @ [0.2126, 0.7152, 0.0722]
     assert (np.diff(grey) < 0.0).all()
     assert max(grey) < 0.65
 
@@ -133,24 +133,24 @@ def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
                 row["mean"], row["sd"], (row["ci_low"], row["ci_high"]), row["unit"]
             )
     swings = lb.contributions(posterior).set_index("source")
-    texts = [
-        axes.get_title().split("\n") for axes in FIGURES["parameter_contributions"](posterior).axes
-    ]
-    above = {name.replace("(0Y)", "0Y"): text for name, text in texts} | {
-        TOGETHER: FIGURES["contributions"](posterior).axes[-1].get_title().split(": ")[1]
-    }
+    contributions = FIGURES["contributions"](posterior).axes[-1]
+    above = {TOGETHER: contributions.get_title().split(": ")[1]}
+    for axes in FIGURES["parameter_contributions"](posterior).axes:
+        name, text = axes.get_title().split("\n")
+        above[name.replace("(0Y)", "0Y")] = text
     for source, text in above.items():
         expected = swings.loc[source, ["peak_to_peak", "ci_low", "ci_high"]].to_numpy(float)
-        found = [float(number) for number in re.findall(r"[\d.]+", text)]
-        assert found == pytest.approx(expected, abs=0.15 * (expected[2] - expected[1])), source
+        stated = [float(number) for number in re.findall(r"[\d.]+", text)]
+        assert stated == pytest.approx(expected, abs=0.15 * (expected[2] - expected[1])), source
     assert len(above) >= len(swings) - 2
 
 
 def test_another_language(posterior: xr.DataTree) -> None:
     """All words of the sheets' figures can be said otherwise."""
-    said = {key: f"<{key}>" for key in WORDS}
+    words_by_key = {key: f"<{key}>" for key in WORDS}
     for draw in (figures.traces, figures.compliance_against_force):
-        words = " ".join(text.get_text() for text in visible_texts(draw(posterior, words=said)))
+        texts = visible_texts(draw(posterior, words=words_by_key))
+        words = " ".join(text.get_text() for text in texts)
         assert not re.search(r"[a-z]{4,}", re.sub(r"<[^>]*>|rad", "", words)), words
 
 
@@ -160,13 +160,16 @@ def test_saved_in_both_formats_in_the_unit_of_the_tables(
     """Compliances near 5e-5 mm/N read 50 nm/N in figures."""
     two = {name: FIGURES[name] for name in ("forest", "compliance_against_force")}
     monkeypatch.setattr("ldbb_bayes.report.figures.figure_set.FIGURES", two)
-    tree = lb.sample(lb.HybridModel.first(0), simulated(plan()), sampler="independent", rule=QUICK)
+    model = lb.HybridModel.first(0)
+    tree = lb.sample(model, simulated(plan()), sampler="independent", rule=QUICK)
     written = save_figures(tree, tmp_path / "figures")
     assert len(written) == 4
     assert all(path.stat().st_size > 3000 for path in written)
     for name in two:
         text = (tmp_path / "figures" / f"{name}.svg").read_text()
-        assert (text.startswith("<?xml"), "nm/N" in text, "µm/N" in text) == (True, True, False)
+        assert text.startswith("<?xml")
+        assert "nm/N" in text
+        assert "µm/N" not in text
 
 
 def test_choice_of_parameters(posterior: xr.DataTree) -> None:
@@ -190,24 +193,20 @@ def test_atlases_are_tables_2_and_3() -> None:
 def drawn(figure: Figure) -> set[str]:
     """All texts of a figure."""
     figure.canvas.draw()
-    labels = {
-        label.get_text()
-        for axes in figure.axes
-        for label in (*axes.get_yticklabels(), *axes.get_xticklabels())
-    }
-    own = {
-        text
-        for axes in figure.axes
-        for text in (axes.get_title(), axes.get_xlabel(), axes.get_ylabel())
-    }
-    return labels | own | {text.get_text() for axes in figure.axes for text in axes.texts}
+    texts = set()
+    for axes in figure.axes:
+        texts |= {axes.get_title(), axes.get_xlabel(), axes.get_ylabel()}
+        texts |= {label.get_text() for label in axes.get_yticklabels()}
+        texts |= {label.get_text() for label in axes.get_xticklabels()}
+        texts |= {text.get_text() for text in axes.texts}
+    return texts
 
 
 @pytest.mark.parametrize("model", [lb.HybridModel.first(2), lb.HybridModel.paper(0)])
 def test_identifiability_shows_every_parameter(model: lb.HybridModel) -> None:
-    found = lb.identify(model, simulated(plan()))
-    texts = drawn(figures.prior_and_posterior(found))
-    for name in found.parameters:
+    identifiability = lb.identify(model, simulated(plan()))
+    texts = drawn(figures.prior_and_posterior(identifiability))
+    for name in identifiability.parameters:
         assert any(text.startswith(name.replace("E_C0YX", "E_C(0Y)X") + ":") for text in texts)
 
 
@@ -220,10 +219,14 @@ def test_comparisons(compared: Comparison) -> None:
         "slope scale 0.03",
         "ln B(linear/constant) (nat)",
     } <= drawn(figure)
-    dots = [line for axes in figure.axes for line in axes.lines if line.get_marker() == "o"]
-    places = sorted(float(x) for line in dots for x in line.get_xdata())
-    every = (*compared.prior_sensitivity, *compared.discrepancy_sensitivity)
-    assert places == pytest.approx(sorted(own.log_bayes_factor for own in every))
+    places = []
+    for axes in figure.axes:
+        for line in axes.lines:
+            if line.get_marker() == "o":
+                places += [float(x) for x in line.get_xdata()]
+    variants = (*compared.prior_sensitivity, *compared.discrepancy_sensitivity)
+    expected = sorted(variant.log_bayes_factor for variant in variants)
+    assert sorted(places) == pytest.approx(expected)
     limits = [axes.get_xlim() for axes in figure.axes]
     assert all(axes.get_xscale() == "linear" for axes in figure.axes)
     assert all(high < low for (_, high), (low, _) in itertools.pairwise(limits))
@@ -258,10 +261,8 @@ def test_comparisons(compared: Comparison) -> None:
 
 def test_tables_of_a_comparison(compared: Comparison) -> None:
     models, assumptions, slopes, tests, *_ = parts_of(compared)
-    value, error = (
-        own["linear/constant"]
-        for own in (compared.log_bayes_factor, compared.log_bayes_factor_error)
-    )
+    value = compared.log_bayes_factor["linear/constant"]
+    error = compared.log_bayes_factor_error["linear/constant"]
     assert models.rows[1][1:3] == (f"{value:+.3f}", f"{error:.1g}")
     assert len(assumptions.rows) == 12 + len(compared.discrepancy_sensitivity)
     assert (len(slopes.rows), len(tests.rows)) == (6, 6)
@@ -277,7 +278,7 @@ def test_designs(kind: str) -> None:
         design = lb.design(
             lb.HybridModel.first(1), pilot, tests=6, forces_N=LEVELS, against={"own": pilot}
         )
-    today = {name: 2.0 * own.sd for name, own in design.expected.items()}
+    today = {name: 2.0 * expected.sd for name, expected in design.expected.items()}
     for figure, first in (
         (figures.expected_widths(design), 0),
         (figures.expected_widths(design, today), 1),
@@ -285,10 +286,11 @@ def test_designs(kind: str) -> None:
         check_texts(figure)
         (axes,) = figure.axes
         texts = {text.get_text() for text in axes.texts}
-        for k, (name, own) in enumerate(design.expected.items()):
-            factor, unit = display_unit(own.unit)
+        for k, (name, expected) in enumerate(design.expected.items()):
+            factor, unit = display_unit(expected.unit)
             lengths = np.array([bars[k].get_width() for bars in axes.containers])
-            sizes = [*([today[name]] if first else []), own.sd, design.baseline[name].sd]
-            assert lengths[: len(sizes)] / lengths[first] == pytest.approx(np.array(sizes) / own.sd)
-            assert {round_uncertainty(own.sd * factor)[0]} < texts
+            sizes = np.array([today[name], expected.sd, design.baseline[name].sd])[1 - first :]
+            relative_lengths = lengths[: len(sizes)] / lengths[first]
+            assert relative_lengths == pytest.approx(sizes / expected.sd)
+            assert {round_uncertainty(expected.sd * factor)[0]} < texts
             assert any(text.startswith(f"{display_name(name)} ({unit})") for text in texts)

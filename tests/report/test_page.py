@@ -6,7 +6,7 @@ import html
 import html.parser
 import json
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -61,28 +61,30 @@ def check(page: str) -> Reader:
         for name in ("src", "href", "xlink:href", "action"):
             assert (attributes.get(name) or "#").startswith("#"), (tag, attributes)
     assert not re.search(r"@import|url\((?!#)", page)
-    ids = [attributes["id"] for _, attributes in reader.tags if "id" in attributes]
-    assert len(ids) == len(set(ids))
-    references = {
-        (attributes.get(n) or "#")[1:]
-        for _, attributes in reader.tags
-        for n in ("href", "xlink:href")
-    } - {""}
-    references |= set(re.findall(r"url\(#([^)]+)\)", page))
-    references |= {
-        attributes["aria-labelledby"] or ""
-        for _, attributes in reader.tags
-        if "aria-labelledby" in attributes
-    }
-    assert references <= set(ids), references - set(ids)
+    ids = check_references(reader, page)
     drawings = [attributes for tag, attributes in reader.tags if tag == "svg"]
     assert drawings
-    assert all(own["role"] == "img" and own["aria-labelledby"] in ids for own in drawings)
-    assert [
-        tag for tag, _ in reader.tags if tag in ("h1", "main", "title") and tag != "title"
-    ].count("h1") == 1
+    for drawing in drawings:
+        assert drawing["role"] == "img"
+        assert drawing["aria-labelledby"] in ids
+    assert [tag for tag, _ in reader.tags].count("h1") == 1
     assert ("html", {"lang": "en"}) in reader.tags
     return reader
+
+
+def check_references(reader: Reader, page: str) -> set[str | None]:
+    """Return the ids of a page, unique, after checking that every reference has one."""
+    ids = [attributes["id"] for _, attributes in reader.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    references = set(re.findall(r"url\(#([^)]+)\)", page))
+    for _, attributes in reader.tags:
+        references.add((attributes.get("href") or "#")[1:])
+        references.add((attributes.get("xlink:href") or "#")[1:])
+        if "aria-labelledby" in attributes:
+            references.add(attributes["aria-labelledby"])
+    references.remove("")
+    assert references <= set(ids), references - set(ids)
+    return set(ids)
 
 
 def test_the_page_of_the_published_experiment(published: tuple[Document, str]) -> None:
@@ -91,24 +93,30 @@ def test_the_page_of_the_published_experiment(published: tuple[Document, str]) -
     assert len(page.encode()) < 3e6
     assert [section.key for section in document.sections] == list(SECTIONS)
     assert not document.alerts
-    assert sum(tag == "figure" for tag, _ in reader.tags) == len(list(document.pictures)) == 11
+    assert len(list(document.pictures)) == 11
+    assert [tag for tag, _ in reader.tags].count("figure") == 11
     assert "18." in page
     assert "N/µm" in page
 
 
-def cells_of(page: str) -> list[tuple[list[str], list[list[str]]]]:
+Row = list[str]
+
+
+def text_of(markup: str) -> str:
+    return html.unescape(re.sub(r"<[^>]*>", "", markup))
+
+
+def cells_of_row(row: str) -> Row:
+    return [text_of(cell) for cell in re.findall(r"<t[hd].*?</t[hd]>", row, flags=re.S)]
+
+
+def cells_of(page: str) -> list[tuple[Row, list[Row]]]:
     """Heads and rows of every table."""
-    found = []
+    tables = []
     for table in re.findall(r"<table>(.*?)</table>", page, flags=re.S):
-        rows = [
-            [
-                html.unescape(re.sub(r"<[^>]*>", "", cell))
-                for cell in re.findall(r"<t[hd].*?</t[hd]>", row, flags=re.S)
-            ]
-            for row in re.findall(r"<tr>(.*?)</tr>", table, flags=re.S)
-        ]
-        found.append((rows[0], rows[1:]))
-    return found
+        heads, *rows = map(cells_of_row, re.findall(r"<tr>(.*?)</tr>", table, flags=re.S))
+        tables.append((heads, rows))
+    return tables
 
 
 # What a column states of the quantity that its row names; a forecast is not the u of the results
@@ -159,66 +167,81 @@ def test_a_quantity_is_one_number_wherever_it_stands(published: tuple[Document, 
     """Of every table with a row for a quantity every column is known; what states the same of it
     agrees to its last digit."""
     _, page = published
-    found: dict[tuple[str, str], set[str]] = {}
+    cells_by_quantity = tabulated_cells(page)
+    assert len(cells_by_quantity) > 60
+    for figure, pattern, kind in NUMBERS_OF_FIGURES:
+        for quantity, number in drawn_numbers(page, figure, pattern, kind, cells_by_quantity):
+            cells_by_quantity[quantity].add(number)
+    for (name, kind), cells in cells_by_quantity.items():
+        if kind == "value":
+            check_values(name, cells)
+        else:
+            assert len(cells) == 1, (name, kind, cells)
+    for name, u in re.findall(r"<summary>(\S+): u = (\S+) ", page):
+        assert cells_by_quantity[name, "u"] == {u}, name
+    text = re.sub(r"<svg.*?</svg>", "", page, flags=re.S)
+    assert len(set(re.findall(r"RMSE (?:is )?([\d.]+) µm", text))) == 1
+
+
+# A name, and what is stated of it.
+Quantity = tuple[str, str]
+
+# Figures that write numbers beside their dots and bars: how, and what the numbers state.
+NUMBERS_OF_FIGURES = (
+    ("forest", r"(−?[\d.]+) (?:±|\[).*", "value"),
+    ("forest", r"−?[\d.]+ (?:± ([\d.]+)|\[.*\]) .*", "U"),
+    ("budget", r"([\d.]+) [^\d].*", "u"),
+    ("expected_widths", r"([\d.]+)", "u"),
+)
+
+
+def tabulated_cells(page: str) -> dict[Quantity, set[str]]:
+    """Return the cells of all tables, by the quantity that they state."""
+    cells_by_quantity: dict[Quantity, set[str]] = {}
     for heads, rows in cells_of(page):
         if heads[0] not in NAMED:
             continue
         assert set(heads[1:]) <= {*STATED, *OTHERS}, heads
-        name = heads.index("symbol") if "symbol" in heads else 0
+        column = 0
+        if "symbol" in heads:
+            column = heads.index("symbol")
         for row in rows:
             for head, cell in zip(heads, row, strict=True):
                 if head in STATED and cell:
-                    found.setdefault((row[name], STATED[head]), set()).add(cell)
-    assert len(found) > 60
-    for quantity, number in [*drawn(page, found)]:
-        found[quantity].add(number)
-    for (name, what), cells in found.items():
-        if what == "value":  # to the place of u beside u, to that of U beside U
-            numbers = [float(cell.replace("−", "-")) for cell in cells]
-            place = max(10.0 ** -len(cell.partition(".")[2]) for cell in cells)
-            place *= 10.0 if place == 1.0 and any(cell.endswith("0") for cell in cells) else 1.0
-            assert max(numbers) - min(numbers) <= place, (name, cells)
-        else:
-            assert len(cells) == 1, (name, what, cells)
-    for name, u in re.findall(r"<summary>(\S+): u = (\S+) ", page):
-        assert found[name, "u"] == {u}, name
-    rmse = set(
-        re.findall(r"RMSE (?:is )?([\d.]+) µm", re.sub(r"<svg.*?</svg>", "", page, flags=re.S))
-    )
-    assert len(rmse) == 1
+                    quantity = (row[column], STATED[head])
+                    cells_by_quantity.setdefault(quantity, set()).add(cell)
+    return cells_by_quantity
 
 
-def drawn(page: str, known: Collection[tuple[str, str]]) -> Iterator[tuple[tuple[str, str], str]]:
-    """What figures write beside their dots and bars: quantity and what is stated of it, as known
-    from tables, and the number."""
-    of_forest = (
-        ("forest", r"(−?[\d.]+) (?:±|\[).*", "value"),
-        ("forest", r"−?[\d.]+ (?:± ([\d.]+)|\[.*\]) .*", "U"),
-    )
-    for key, number, what in (
-        *of_forest,
-        ("budget", r"([\d.]+) [^\d].*", "u"),
-        ("expected_widths", r"([\d.]+)", "u"),
-    ):
-        drawing = page[page.index(f'aria-labelledby="title-{key}"') :].partition("</svg>")[0]
-        texts = [
-            html.unescape(re.sub("<[^>]+>", "", own))
-            for own in re.findall("<text.*?</text>", drawing, re.S)
-        ]
-        names = [
-            (name, what) for text in texts if ((name := text.partition(" ")[0]), what) in known
-        ]
-        numbers = [own[1] for text in texts if (own := re.fullmatch(number, text))]
-        assert len(names) == 19
-        yield from (
-            (name, own) for name, own in zip(names, numbers, strict=key != "expected_widths") if own
-        )
+def check_values(name: str, cells: set[str]) -> None:
+    """Values agree to the place of u beside u, to that of U beside U."""
+    numbers = [float(cell.replace("−", "-")) for cell in cells]
+    place = max(10.0 ** -len(cell.partition(".")[2]) for cell in cells)
+    if place == 1.0 and any(cell.endswith("0") for cell in cells):
+        place = 10.0
+    assert max(numbers) - min(numbers) <= place, (name, cells)
+
+
+def drawn_numbers(
+    page: str, figure: str, pattern: str, kind: str, tabulated: Collection[Quantity]
+) -> list[tuple[Quantity, str]]:
+    """Return what a figure writes: quantities known from tables, and their numbers."""
+    drawing = page[page.index(f'aria-labelledby="title-{figure}"') :].partition("</svg>")[0]
+    texts = [text_of(markup) for markup in re.findall("<text.*?</text>", drawing, re.S)]
+    quantities = [(text.partition(" ")[0], kind) for text in texts]
+    quantities = [quantity for quantity in quantities if quantity in tabulated]
+    assert len(quantities) == 19
+    matches = [re.fullmatch(pattern, text) for text in texts]
+    numbers = [match[1] for match in matches if match]
+    pairs = zip(quantities, numbers, strict=figure != "expected_widths")
+    return [(quantity, number) for quantity, number in pairs if number]
 
 
 def test_a_unit_is_named_in_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """A unit replaced there is replaced on the whole page, its figures and both languages."""
     for inside, (factor, label) in list(units._UNITS.items()):
-        monkeypatch.setitem(units._UNITS, inside, (1e-3 * factor, label.replace("nm/N", "ells/N")))
+        replaced = (1e-3 * factor, label.replace("nm/N", "ells/N"))
+        monkeypatch.setitem(units._UNITS, inside, replaced)
     posterior = awkward("two tests")
     for language in ("en", "de"):
         document = compose(
@@ -231,19 +254,18 @@ def test_a_unit_is_named_in_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_catalogues_say_the_same() -> None:
     def leaves(table: dict[str, Any], stem: str = "") -> dict[str, set[str]]:
-        found: dict[str, set[str]] = {}
-        for key, own in table.items():
-            where = f"{stem}.{key}"
-            found |= (
-                leaves(own, where)
-                if isinstance(own, dict)
-                else {where: set(re.findall(r"{(\w+)}", own))}
-            )
-        return found
+        fields_by_path: dict[str, set[str]] = {}
+        for key, entry in table.items():
+            path = f"{stem}.{key}"
+            if isinstance(entry, dict):
+                fields_by_path |= leaves(entry, path)
+            else:
+                fields_by_path[path] = set(re.findall(r"{(\w+)}", entry))
+        return fields_by_path
 
     assert set(languages()) >= {"en", "de"}
-    every = [leaves(dict(words_of(language).table)) for language in languages()]
-    assert all(own == every[0] for own in every)
+    catalogues = [leaves(dict(words_of(language).table)) for language in languages()]
+    assert all(catalogue == catalogues[0] for catalogue in catalogues)
     refuses("language", words_of, "xx")
 
 
@@ -269,70 +291,57 @@ def test_paper(tmp_path: Path) -> None:
             language="de",
         )
         with closing(pdfium.PdfDocument(tmp_path / kind / "report.pdf")) as paper:
-            assert [
-                tuple(round(side) for side in own)
-                for own in map(paper.get_page_size, range(len(paper)))
-            ] == [(595, 842)] * 2
-            first, second = (paper[k].get_textpage().get_text_range() for k in (0, 1))
-        assert all(
-            word in first
-            for word in (
-                "Steifigkeit der Achse X",
-                "N/µm",
-                "12.5",
-                "Ort, Datum, Unterschrift",
-                "2026-11-20",
-            )
-        )
-        assert all(
-            re.search(r"C_XXX\s+\d+(,\d+)?\s+\d+(,\d+)? \[\d+(,\d+)?; ", text) for text in [second]
-        )
-        assert not re.search(
-            r"\d\.\d", (first + second).replace("12.5", "").replace(lb.__version__, "")
-        )
+            assert len(paper) == 2
+            for number in (0, 1):
+                assert paper.get_page_size(number) == pytest.approx((595, 842), abs=0.5)
+            first, second = (paper[number].get_textpage().get_text_range() for number in (0, 1))
+        for words in (
+            "Steifigkeit der Achse X",
+            "N/µm",
+            "12.5",
+            "Ort, Datum, Unterschrift",
+            "2026-11-20",
+        ):
+            assert words in first
+        assert re.search(r"C_XXX\s+\d+(,\d+)?\s+\d+(,\d+)? \[\d+(,\d+)?; ", second)
+        other_text = (first + second).replace("12.5", "").replace(lb.__version__, "")
+        assert not re.search(r"\d\.\d", other_text)
 
 
 def test_numbers_of_an_average() -> None:
     campaign = simulated(plan())
     model = lb.HybridModel.first(1).without("discrepancy", "setup-shift")
     averaged = lb.average({"constant": model.with_degree(0), "linear": model}, campaign, draws=400)
-    found = find(
+    findings = find(
         fitted(model, campaign),
         comparison=NOT_COMPARED,
         recommended=NOT_COMPARED,
         averaged=averaged,
     )
-    row = tables(found)["averaged"].loc["C_XXX"]
+    row = tables(findings)["averaged"].loc["C_XXX"]
     draws = averaged["posterior"]["C_XXX"].values
     assert [row["mean"], row["U_k2"]] == pytest.approx([draws.mean(), 2.0 * draws.std(ddof=1)])
     assert (row["reading_unit"], row["reading_factor"]) == ("nm/N", 1e6)
     for force in (None, 500.0, 1000.0):
-        first, second = sheets(found, force_N=force)
-        row = next(
-            row
-            for block in second.blocks
-            if isinstance(block, Table)
-            for row in block.rows
-            if row[1] == "C_XXX"
-        )
-        draws = (
-            averaged["posterior"]["C_XXX"].values
-            if force is None
-            else curves_of(averaged, np.array([force]))[:, 0, 0]
-        )
+        first, second = sheets(findings, force_N=force)
+        rows = []
+        for block in second.blocks:
+            if isinstance(block, Table):
+                rows += [row for row in block.rows if row[1] == "C_XXX"]
+        row = rows[0]
+        draws = averaged["posterior"]["C_XXX"].values
+        if force is not None:
+            draws = curves_of(averaged, np.array([force]))[:, 0, 0]
         assert row[2:4] == value_and_uncertainty(
             1e6 * float(draws.mean()), 1e6 * float(draws.std(ddof=1))
         )
-        said = next(
-            block
-            for block in first.blocks
-            if isinstance(block, str) and block.startswith("Does compliance")
-        )
+        sentences = [block for block in first.blocks if isinstance(block, str)]
+        sentence = next(text for text in sentences if text.startswith("Does compliance"))
         (banner,) = (block for block in first.blocks if isinstance(block, Banner))
         assert ("Stated at 1000 N, outside the tested forces" in banner.sentence) == (
             force == 1000.0
         )
-        assert re.search(r"constant compliance .* %, linear compliance .* %", said)
+        assert re.search(r"constant compliance .* %, linear compliance .* %", sentence)
 
 
 def test_what_certificates_state_is_on_sheet_1() -> None:
@@ -341,22 +350,22 @@ def test_what_certificates_state_is_on_sheet_1() -> None:
         "tool": lb.Ball(grade="G20", certificate="GZ 7: two balls"),
     }
     stated = lb.Instrument(**balls, bar_U_um=1.2, bar_length_error_um=-0.5, force_U_percent=0.5)
-    found = find(
+    findings = find(
         fitted(lb.HybridModel.default(1), replace(simulated(plan()), instrument=stated)),
         comparison=NOT_COMPARED,
     )
-    said = dict(
-        next(block.entries for block in sheets(found)[0].blocks if isinstance(block, Fields))
+    first, _ = sheets(findings)
+    fields = next(block for block in first.blocks if isinstance(block, Fields))
+    entries = dict(fields.entries)
+    assert entries["Stated by certificate"] == (
+        "bar length −0.5 µm, U = 1.2 µm, form of the work ball 0.6 µm,"
+        " form of the tool ball G20 (GZ 7), force U = 0.50 %"
     )
-    form = "form of the work ball 0.6 µm, form of the tool ball G20 (GZ 7)"
-    assert (
-        said["Stated by certificate"] == f"bar length −0.5 µm, U = 1.2 µm, {form}, force U = 0.50 %"
-    )
-    assert said["Assumed, U (k = 2)"] == "mount ± 20 %, angle of the trace ± 0.20°"
+    assert entries["Assumed, U (k = 2)"] == "mount ± 20 %, angle of the trace ± 0.20°"
 
 
 def test_every_place_is_escaped() -> None:
-    parts = (
+    content = (
         SCRIPT,
         (SCRIPT,),
         Table.of(SCRIPT, [SCRIPT, "b"], [[SCRIPT, SCRIPT]]),
@@ -367,21 +376,20 @@ def test_every_place_is_escaped() -> None:
         SCRIPT,
         Fields(((SCRIPT, SCRIPT),)),
         Banner("usable", SCRIPT),
-        Pair(parts[3], SCRIPT, (SCRIPT,)),
+        Pair(content[3], SCRIPT, (SCRIPT,)),
     )  # type: ignore[arg-type]
     sheet = ReportSheet("sheet", SCRIPT, SCRIPT, blocks)
-    page = Document(
-        SCRIPT, (SCRIPT,), (SCRIPT,), (Section("summary", SCRIPT, parts[:3] + parts[4:]),), (sheet,)
-    )
+    section = Section("summary", SCRIPT, content[:3] + content[4:])
+    page = Document(SCRIPT, (SCRIPT,), (SCRIPT,), (section,), (sheet,))
     reader = check(html_page(page))
-    shown = page._repr_html_()
+    shortened = page._repr_html_()
     assert re.fullmatch(r"Document\(title='.{,300}\)", repr(page))
-    assert [mark in shown for mark in ("<table>", "<script")] == [True, False]
+    assert [mark in shortened for mark in ("<table>", "<script")] == [True, False]
     assert sum(SCRIPT in text for text in reader.texts) == 24
 
 
 @pytest.mark.parametrize(
-    ("kind", "said"),
+    ("kind", "opening"),
     [
         ("unconverged", "Not converged"),
         ("contradiction", "The readings contradict non-negative compliance"),
@@ -389,16 +397,16 @@ def test_every_place_is_escaped() -> None:
     ],
 )
 def test_what_forbids_the_numbers_stands_at_the_top(
-    kind: str, said: str, monkeypatch: pytest.MonkeyPatch
+    kind: str, opening: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     undrawn(monkeypatch)
     document = compose(find(awkward(kind), comparison=NOT_COMPARED, recommended=NOT_COMPARED))
-    assert any(alert.startswith(said) for alert in document.alerts)
+    assert any(alert.startswith(opening) for alert in document.alerts)
     page = html_page(document)
     assert (
         page.index(html.escape(document.state))
         < page.index("Read this first")
-        < page.index(said)
+        < page.index(opening)
         < page.index("<nav")
     )
     assert document.state.startswith("DO NOT USE")

@@ -51,15 +51,18 @@ def hashed(value: Any) -> Any:
         return f"#{hashlib.sha256(value.encode()).hexdigest()[:12]}" if value else value
     if value is None or isinstance(value, dict | int | float):
         return value
-    return (
-        type(value)(map(hashed, value))
-        if isinstance(value, tuple | list)
-        else iter([hashed(own) for own in value])
-    )
+    hashed_items = [hashed(item) for item in value]
+    if isinstance(value, tuple | list):
+        return type(value)(hashed_items)
+    return iter(hashed_items)
 
 
 def reworded(function: Callable[..., Any]) -> Callable[..., Any]:
-    return wraps(function)(lambda *given, **options: hashed(function(*given, **options)))
+    @wraps(function)
+    def answer(*arguments: Any, **options: Any) -> Any:
+        return hashed(function(*arguments, **options))
+
+    return answer
 
 
 def reword(monkeypatch: pytest.MonkeyPatch) -> int:
@@ -72,9 +75,9 @@ def reword(monkeypatch: pytest.MonkeyPatch) -> int:
     }
     for name, module in list(sys.modules.items()):
         if name.startswith("ldbb_bayes"):
-            for key, own in list(vars(module).items()):
-                if callable(own) and type(own).__name__ == "function" and own in originals:
-                    monkeypatch.setattr(module, key, reworded(own))
+            for key, value in list(vars(module).items()):
+                if callable(value) and type(value).__name__ == "function" and value in originals:
+                    monkeypatch.setattr(module, key, reworded(value))
                     changed += 1
     return changed
 
@@ -90,9 +93,8 @@ def same(plain: Any, other: Any, where: str = "") -> int:
         return sum(same(plain[key], other[key], f"{where}.{key}") for key in plain)
     if isinstance(plain, list | tuple):
         assert len(plain) == len(other), (where, plain, other)
-        return sum(
-            same(a, b, f"{where}[{k}]") for k, (a, b) in enumerate(zip(plain, other, strict=True))
-        )
+        pairs = enumerate(zip(plain, other, strict=True))
+        return sum(same(one, two, f"{where}[{index}]") for index, (one, two) in pairs)
     assert plain == other, (where, plain, other)
     return 0
 
@@ -101,8 +103,10 @@ def same(plain: Any, other: Any, where: str = "") -> int:
 def campaigns() -> dict[str, lb.Campaign]:
     """Readings that the model expects, and readings that no compliance explains."""
     good = simulated(plan((40,) * 3, forces_N=FORCES_N))
-    tests = tuple(test.with_reading_um(-0.14 * np.asarray(test.reading_um)) for test in good.tests)
-    return {"good": good, "turned": lb.Campaign(tests, name="turned")}
+    tests = []
+    for test in good.tests:
+        tests.append(test.with_reading_um(-0.14 * np.asarray(test.reading_um)))
+    return {"good": good, "turned": lb.Campaign(tuple(tests), name="turned")}
 
 
 @pytest.fixture(scope="module")
@@ -117,8 +121,8 @@ def folders(
     campaigns: dict[str, lb.Campaign], tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, Path]:
     return {
-        name: lb.write_campaign(own, tmp_path_factory.mktemp("campaigns") / name)
-        for name, own in campaigns.items()
+        name: lb.write_campaign(campaign, tmp_path_factory.mktemp("campaigns") / name)
+        for name, campaign in campaigns.items()
     }
 
 
@@ -126,16 +130,14 @@ def plain_json(record: Any) -> Any:
     return json.loads(json_text({"record": record}))
 
 
-def part_of(part: Any) -> Any:
-    if isinstance(part, Table):
-        return [part.caption, list(part.heads), [list(row) for row in part.shown()]]
-    if isinstance(part, Picture):
-        return [part.key, part.caption]
-    return (
-        [part.summary, [part_of(own) for own in part.content]]
-        if isinstance(part, Details)
-        else part
-    )
+def part_of(block: Any) -> Any:
+    if isinstance(block, Table):
+        return [block.caption, list(block.heads), [list(row) for row in block.shown()]]
+    if isinstance(block, Picture):
+        return [block.key, block.caption]
+    if isinstance(block, Details):
+        return [block.summary, [part_of(item) for item in block.content]]
+    return block
 
 
 def page_of(posterior: xr.DataTree) -> Any:
@@ -143,24 +145,22 @@ def page_of(posterior: xr.DataTree) -> Any:
     document = compose(
         find(posterior, comparison="left out in this test", recommended="left out in this test")
     )
-    return [
-        list(document.alerts),
-        [
-            [own.key, own.title, [part_of(part) for part in own.content]]
-            for own in document.sections
-        ],
-    ]
+    sections = []
+    for section in document.sections:
+        content = [part_of(block) for block in section.content]
+        sections.append([section.key, section.title, content])
+    return [list(document.alerts), sections]
 
 
 def analyses_of(campaign: lb.Campaign) -> Any:
     models = {"constant": MODEL.with_degree(0), "linear": MODEL}
-    every = [
+    results = [
         lb.preview(campaign),
         lb.identify(MODEL, campaign),
         lb.compare(models, campaign, evidence_only=True),
     ]
-    every.append(lb.design(MODEL, pilot=campaign, tests=2, forces_N=FORCES_N))
-    return plain_json(list(map(wording.with_words, every)))
+    results.append(lb.design(MODEL, pilot=campaign, tests=2, forces_N=FORCES_N))
+    return plain_json([wording.with_words(result) for result in results])
 
 
 def rows_of(folders: dict[str, Path]) -> Any:
@@ -172,9 +172,8 @@ def rows_of(folders: dict[str, Path]) -> Any:
     ]
     relied, caveats = choose(pd.DataFrame(rows))
     assert list(relied["campaign"]) == [str(folders["good"])]
-    return plain_json(
-        [rows, list(relied["campaign"]), [[str(own.kind), own.names] for own in caveats]]
-    )
+    kinds_and_names = [[str(caveat.kind), caveat.names] for caveat in caveats]
+    return plain_json([rows, list(relied["campaign"]), kinds_and_names])
 
 
 def population_of() -> Any:
@@ -183,12 +182,12 @@ def population_of() -> Any:
     rows = drawn_rows(8, np.random.default_rng(6)).assign(
         machine_id=[f"M{m}" for m in range(7)] + ["M6"]
     )
-    odd = rows.assign(
+    doubtful = rows.assign(
         kinds=[[], ["truncation"], ["noise"], *[[]] * 5], converged=[True] * 7 + [False]
     )
-    found = lb.population(odd)
-    assert "M1" not in found.machine
-    return plain_json({**wording.with_words(found), "sha256": None})
+    pooled = lb.population(doubtful)
+    assert "M1" not in pooled.machine
+    return plain_json({**wording.with_words(pooled), "sha256": None})
 
 
 def fits_of(folder: Path) -> Any:
@@ -210,10 +209,11 @@ def fits_of(folder: Path) -> Any:
 
 
 @pytest.mark.parametrize(
-    "what", [pytest.param("analyses", marks=pytest.mark.slow), "page", "rows", "population", "fits"]
+    "analysis",
+    [pytest.param("analyses", marks=pytest.mark.slow), "page", "rows", "population", "fits"],
 )
 def test_words_decide_nothing(
-    what: str,
+    analysis: str,
     campaigns: dict[str, lb.Campaign],
     folders: dict[str, Path],
     monkeypatch: pytest.MonkeyPatch,
@@ -229,9 +229,9 @@ def test_words_decide_nothing(
         "population": population_of,
         "fits": lambda: fits_of(folders["good"]),
     }
-    plain = work[what]()
+    plain = work[analysis]()
     assert reword(monkeypatch) > 30
-    assert same(plain, work[what]()) >= 5
+    assert same(plain, work[analysis]()) >= 5
 
 
 @pytest.mark.parametrize(
@@ -266,12 +266,9 @@ def test_words_are_those_of_the_field(root: Path) -> None:
         *(root / "docs").rglob("*.md"),
         root / "README.md",
     ]
-    found = {
-        f"{page.name}: {own[0]}"
-        for page in pages
-        for own in re.finditer(PRIVATE, page.read_text(encoding="utf-8"))
-    }
-    assert not found
+    for page in pages:
+        match = re.search(PRIVATE, page.read_text(encoding="utf-8"))
+        assert match is None, f"{page.name}: {match}"
 
 
 def test_a_decision_by_words_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:

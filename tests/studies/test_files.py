@@ -21,8 +21,9 @@ from ldbb_bayes.errors import LONGEST_MESSAGE
 
 def imported(folder: Path, case: awkward.Case, out: str, *options: str) -> lb.Campaign:
     files = map(str, written(folder, case.files))
-    found = CliRunner().invoke(app, ["import", *files, "--out", str(folder / out), *options])
-    assert found.exit_code == 0, found.output
+    arguments = ["import", *files, "--out", str(folder / out), *options]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
     return lb.read_campaign(folder / out)
 
 
@@ -34,13 +35,13 @@ def test_awkward(name: str, tmp_path: Path) -> None:
     wanted = awkward.campaign()
     campaign = imported(tmp_path, case, "campaign", *case.options)
     assert len(campaign.tests) == len(wanted.tests)
-    for test, own in zip(campaign.tests, wanted.tests, strict=True):
+    for test, expected in zip(campaign.tests, wanted.tests, strict=True):
         order = np.argsort(np.mod(np.round(test.angle_deg, 3), 360.0))
-        np.testing.assert_allclose(
-            np.mod(test.angle_deg[order] - own.angle_deg + 180.0, 360.0) - 180.0, 0.0, atol=1e-3
-        )
-        np.testing.assert_allclose(test.reading_um[order], own.reading_um, atol=6e-3)
-        assert test.force_N == pytest.approx(own.force_N, abs=1e-4)
+        difference_deg = test.angle_deg[order] - expected.angle_deg
+        around_zero_deg = np.mod(difference_deg + 180.0, 360.0) - 180.0
+        np.testing.assert_allclose(around_zero_deg, 0.0, atol=1e-3)
+        np.testing.assert_allclose(test.reading_um[order], expected.reading_um, atol=6e-3)
+        assert test.force_N == pytest.approx(expected.force_N, abs=1e-4)
     again = imported(
         tmp_path, case, "again", "--layout", str(tmp_path / "campaign" / "import.toml")
     )
@@ -72,51 +73,50 @@ def test_the_cure_that_is_named_works(name: str, tmp_path: Path) -> None:
     path = tmp_path / case.file
     path.write_bytes(case.content)
 
-    def done(*options: str) -> Result:
+    def import_it(*options: str) -> Result:
         return CliRunner().invoke(
             app, ["import", str(path), "--out", str(tmp_path / "c"), *options]
         )
 
-    said = done(*case.options).output
+    message = import_it(*case.options).output
     if name in CURES:
-        options = [own.replace("36_N", "36 N") for own in CURES[name].split()]
-        assert (
-            not options or options[0] in said or options[0] in case.options or name == "33_metres"
-        ), said
-        last = done(*(own for own in case.options if not options), *options) if options else done()
+        options = [option.replace("36_N", "36 N") for option in CURES[name].split()]
+        if options and name != "33_metres":
+            assert options[0] in message or options[0] in case.options, message
+        last = import_it(*options)
     else:
-        (line,) = re.findall(r"line (\d+):", said)
+        (line,) = re.findall(r"line (\d+):", message)
         rows = case.content.split(b"\n")
         path.write_bytes(b"\n".join([*rows[: int(line) - 1], *rows[int(line) :]]))
-        last = done(*case.options)
-    assert last.exit_code == 0, f"{said} -> {last.output}"
+        last = import_it(*case.options)
+    assert last.exit_code == 0, f"{message} -> {last.output}"
 
 
-def without_memory(found: fuzz.Findings) -> list[str]:
+def without_memory(findings: fuzz.Findings) -> list[str]:
     """What was wrong; the process holds the other tests' memory too."""
-    return [line for line in found.wrong if not line.endswith(" MB")]
+    return [line for line in findings.wrong if not line.endswith(" MB")]
 
 
 @pytest.mark.parametrize(
     "name", ["import, text", "import, workbook", "layout", "tidy table", "model", "truths"]
 )
 def test_a_few_hundred_mutations(name: str) -> None:
-    found = fuzz.fuzz(name, 300, 11, {})
-    assert without_memory(found) == []
-    assert found.read + found.refused == 300
+    findings = fuzz.fuzz(name, 300, 11, {})
+    assert without_memory(findings) == []
+    assert findings.read + findings.refused == 300
 
 
 @pytest.mark.slow
 def test_many_mutations() -> None:
     """In other inputs than those of the study: no traceback, no input above 2 s, no reader above
     500 MB."""
-    every = list(fuzz.fuzz_all(20_000, 2, list(fuzz.readers({}))))
-    assert sum(found.inputs for found in every) >= 20_000
-    for found in every:
-        assert found.wrong == (), found.reader
-        assert found.refused > 0
-        assert found.slowest_s < 2.0
-        assert found.largest_mb < 500.0
+    all_findings = list(fuzz.fuzz_all(20_000, 2, list(fuzz.readers({}))))
+    assert sum(findings.inputs for findings in all_findings) >= 20_000
+    for findings in all_findings:
+        assert findings.wrong == (), findings.reader
+        assert findings.refused > 0
+        assert findings.slowest_s < 2.0
+        assert findings.largest_mb < 500.0
 
 
 def test_a_reader_that_fails_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,10 +127,16 @@ def test_a_reader_that_fails_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> N
             raise KeyError("angle")
         raise lb.InputError("x" * 5 * LONGEST_MESSAGE)
 
-    calls = iter([lambda path: None, *[fails] * 40])
-    reader = fuzz.Reader("x.csv", [b"12345678" * 4], lambda path: next(calls)(path), 1.0)
-    monkeypatch.setattr(fuzz, "readers", lambda own: {"own": reader})
+    paths: list[Path] = []
+
+    def reads_once(path: Path) -> None:
+        paths.append(path)
+        if len(paths) > 1:
+            fails(path)
+
+    reader = fuzz.Reader("x.csv", [b"12345678" * 4], reads_once, 1.0)
+    monkeypatch.setattr(fuzz, "readers", lambda options: {"own": reader})
     monkeypatch.setattr(fuzz, "keep", lambda *_: None)
-    found = without_memory(fuzz.fuzz("own", 40, 1, {}))
-    assert 0 < len(found) < 40
-    assert all("KeyError" in line for line in found)
+    messages = without_memory(fuzz.fuzz("own", 40, 1, {}))
+    assert 0 < len(messages) < 40
+    assert all("KeyError" in line for line in messages)

@@ -37,9 +37,10 @@ def near(one: float, other: float, relative: float = 1e-3) -> bool:
     return one == pytest.approx(other, rel=relative)
 
 
-@pytest.mark.parametrize(
-    ("name", "claim"), [(name, claim) for name, claims in CLAIMS.items() for claim in claims]
-)
+STUDIES_AND_CLAIMS = [(name, claim) for name, claims in CLAIMS.items() for claim in claims]
+
+
+@pytest.mark.parametrize(("name", "claim"), STUDIES_AND_CLAIMS)
 def test_what_a_study_states(name: str, claim: str) -> None:
     assert eval(claim, {"near": near, **stated(name)})
 
@@ -53,31 +54,33 @@ def module_of(folder: str, name: str) -> ModuleType:
 def paper_estimate(campaign: Campaign) -> dict[str, float]:
     bound = lb.HybridModel.paper(0).bind(campaign)
     mean = bound.given(np.array([[1e-3]]))[1].mean
-    np.testing.assert_allclose(mean[0] / bound.scale, bound.centre / bound.scale, atol=1e-9)
+    centre = bound.centre / bound.scale
+    np.testing.assert_allclose(mean[0] / bound.scale, centre, atol=1e-9)
     return dict(zip(bound.names, mean[0], strict=True))
 
 
 def test_tables_5_to_8(recovered: Campaign) -> None:
     """All 78 printed numbers within 1.05 half-units of their last digit."""
-    found: list[float] = []
+    half_units: list[float] = []
     everything = paper_estimate(recovered)
     for name in ("table_5_global_compliances", "table_6_global_geometric_errors"):
-        found += misses(printed(name).iloc[0], everything)
+        half_units += misses(printed(name).iloc[0], everything)
     for name in ("table_7_local_compliances", "table_8_local_geometric_errors"):
         for _, row in printed(name).iterrows():
             pair = [f"f{int(row[column]):03d}" for column in ("force_low_N", "force_high_N")]
-            found += misses(row, paper_estimate(recovered.select(pair)))
-    assert len(found) == 78
-    assert max(found) <= 1.05
+            half_units += misses(row, paper_estimate(recovered.select(pair)))
+    assert len(half_units) == 78
+    assert max(half_units) <= 1.05
 
 
 def test_the_script_makes_the_campaign_that_is_shipped(recovered: Campaign) -> None:
     """From the printed tables alone, whose printing error stands as printed."""
-    made = module_of("02_recovered_experiment", "make_campaign").make_campaign()
-    assert [t.name for t in made.tests] == [t.name for t in recovered.tests]
-    np.testing.assert_array_equal(made.forces_N, recovered.forces_N)
-    np.testing.assert_array_equal(made.pressures_bar, recovered.pressures_bar)
-    for ours, shipped in zip(made.tests, recovered.tests, strict=True):
+    campaign = module_of("02_recovered_experiment", "make_campaign").make_campaign()
+    names = [test.name for test in recovered.tests]
+    assert [test.name for test in campaign.tests] == names
+    np.testing.assert_array_equal(campaign.forces_N, recovered.forces_N)
+    np.testing.assert_array_equal(campaign.pressures_bar, recovered.pressures_bar)
+    for ours, shipped in zip(campaign.tests, recovered.tests, strict=True):
         assert (len(shipped.angle_deg), shipped.direction) == (720, "CW")
         np.testing.assert_array_equal(ours.angle_deg, shipped.angle_deg)
         np.testing.assert_allclose(ours.reading_um, shipped.reading_um, atol=1e-8)
@@ -94,9 +97,9 @@ def test_one_circle_ignored() -> None:
     grid = {"delta": np.array([7e-4]), "kappa": np.array([1e-4]), "tau": np.array([5e-3])}
     data = harmonics.printed_numbers()
     for circle in (0, 3):
-        own = slice(8 * circle, 8 * circle + 8)
+        columns = slice(8 * circle, 8 * circle + 8)
         vague = harmonics.Model(data, grid=grid)
-        vague.fixed[:] += data.jacobian[:, own] @ data.jacobian[:, own].T
+        vague.fixed[:] += data.jacobian[:, columns] @ data.jacobian[:, columns].T
         ignored = harmonics.Model(data.without(circle), grid=grid).log_bayes_factor()
         assert ignored == pytest.approx(vague.log_bayes_factor(), abs=0.01)
         assert ignored != pytest.approx(
@@ -122,13 +125,13 @@ def test_machines_as_they_are_in_the_limits() -> None:
     sys.modules.pop("machines", None)
     machines = module_of("12_real_machines", "machines")
     angle = np.deg2rad(np.arange(0.0, 360.0, 2.5))
-    drawn = machines.draw_machine(machines.FAMILIES["mild"], np.random.default_rng(3))
-    for springs, errors in ((0.0, drawn.geometry), (1e-3, {}), (1.0, {})):
-        compliance = {name: springs * value for name, value in drawn.compliance.items()}
-        made = replace(
-            drawn, compliance=compliance, slope=dict.fromkeys(compliance, 0.0), geometry=errors
+    machine = machines.draw_machine(machines.FAMILIES["mild"], np.random.default_rng(3))
+    for springs, errors in ((0.0, machine.geometry), (1e-3, {}), (1.0, {})):
+        compliance = {name: springs * value for name, value in machine.compliance.items()}
+        variant = replace(
+            machine, compliance=compliance, slope=dict.fromkeys(compliance, 0.0), geometry=errors
         )
-        trace = machines.trace_mm(made, 742.0, angle)
+        trace = machines.trace_mm(variant, 742.0, angle)
         exact = exact_reading_mm(
             Machine(),
             Circle(),
@@ -137,40 +140,41 @@ def test_machines_as_they_are_in_the_limits() -> None:
             compliances=compliance,
             geometric_errors=errors,
         )
-        assert np.abs(trace - exact).max() <= 1e-12 + 1e-4 * springs * np.abs(exact).max()
+        difference = np.abs(trace - exact).max()
+        assert difference <= 1e-12 + 1e-4 * springs * np.abs(exact).max()
     lobed = machines.ball(np.random.default_rng(1), 2.0, 5.0, True)
     (order,) = np.flatnonzero(lobed) + 2
     assert 2 <= order <= 5
     assert np.abs(lobed).sum() == pytest.approx(2.5e-3, rel=1e-4)
-    bent = replace(drawn, geometry={}, contact=(0.3, 0.4), own_load=(0.1, -0.2))
-    along = np.diag(machines.deflection_mm(bent, 742.0, 742.0, np.array([0.0, np.pi / 2]))) / 742.0
-    assert along == pytest.approx(
-        [bent.secant(name, 742.0) for name in ("C_XXX", "C_YYY")], rel=1e-3
-    )
+    bent = replace(machine, geometry={}, contact=(0.3, 0.4), own_load=(0.1, -0.2))
+    axes_rad = np.array([0.0, np.pi / 2])
+    deflection_mm = machines.deflection_mm(bent, 742.0, 742.0, axes_rad)
+    secants = [bent.secant(name, 742.0) for name in ("C_XXX", "C_YYY")]
+    assert np.diag(deflection_mm) / 742.0 == pytest.approx(secants, rel=1e-3)
     drive = dict.fromkeys(("mismatch", "friction", "spikes"), np.zeros(2)) | {
         "lost": np.array([2e-3, 0.0])
     }
-    there, back = (
+    forward, back = (
         np.fft.rfft(machines._drives(angle, sign, drive, np.random.default_rng(1)))[:13]
         for sign in (1.0, -1.0)
     )
-    assert np.flatnonzero(np.abs(there) > 1e-3).tolist() == [2, 4, 6, 8, 10, 12]
-    np.testing.assert_allclose(there, -back, atol=1e-12)
+    assert np.flatnonzero(np.abs(forward) > 1e-3).tolist() == [2, 4, 6, 8, 10, 12]
+    np.testing.assert_allclose(forward, -back, atol=1e-12)
 
 
 def test_pages_of_the_handbook_quote_the_studies() -> None:
-    seen = stated("08_other_campaigns")["simulated"]
+    simulated = stated("08_other_campaigns")["simulated"]
     page = (ROOT / "docs" / "how-to" / "directions_radii_balls.md").read_text(encoding="utf-8")
     radii = ("one radius", "two radii")
-    ways = ("five clockwise", "ten clockwise", "both directions")
-    shown = (
+    directions = ("five clockwise", "ten clockwise", "both directions")
+    rows = (
         ("E_C0YX", 1e6, "µrad", radii),
         ("E_YX2", 1e9, "µm/m²", radii),
-        ("C_XYX", 1e6, "nm/N", ways),
+        ("C_XYX", 1e6, "nm/N", directions),
     )
-    for name, factor, unit, kinds in shown:
+    for name, factor, unit, kinds in rows:
         for kind in kinds:
-            entry = seen[kind]["shown"][name]
+            entry = simulated[kind]["shown"][name]
             assert f"{entry['u'] * factor:.3g} {unit}, {entry['coverage']:.3f}" in page, (
                 name,
                 kind,

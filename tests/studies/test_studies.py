@@ -43,9 +43,8 @@ BY_HAND = re.compile(
 
 def numbers_by_hand(template: str) -> list[str]:
     """Digits of a template that do not come from results.json, and are no name."""
-    return [
-        line.strip() for line in BY_HAND.sub(" ", template).splitlines() if re.search(r"\d", line)
-    ]
+    lines = BY_HAND.sub(" ", template).splitlines()
+    return [line.strip() for line in lines if re.search(r"\d", line)]
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=IDS)
@@ -59,7 +58,7 @@ def test_the_page_is_written_from_the_numbers(folder: Path) -> None:
     assert re.findall(r"\d+", line) == ["17"]
     text = (folder / "README.md").read_text(encoding="utf-8")
     assert text.startswith(f"# {folder.name[:2]} ")
-    assert [part for part in PARTS if part not in text] == []
+    assert [section for section in PARTS if section not in text] == []
     assert f"python studies/{folder.name}/run.py" in text
     for name in re.findall(r"\]\(([^)]+\.png)\)", text):
         assert (folder / name).is_file(), name
@@ -89,7 +88,7 @@ def test_studies_use_the_public_interface_only(folder: Path) -> None:
 
 
 def test_differences_are_seen() -> None:
-    made = study.Study(
+    example = study.Study(
         Path(), lambda effort: {}, tolerance=0.01, absolute={"share/*": 0.02}, once=("seconds/*",)
     )
     stated = {
@@ -101,7 +100,7 @@ def test_differences_are_seen() -> None:
     }
 
     def wrong(**new: object) -> list[str]:
-        return study.differences(json.loads(json.dumps(stated | new)), stated, made)
+        return study.differences(json.loads(json.dumps(stated | new)), stated, example)
 
     assert wrong(a=1.009, share={"x": 0.019}, seconds={"s": 9.0}) == []
     assert wrong(a=1.02) == ["a: 1.02, stated 1"]
@@ -111,30 +110,31 @@ def test_differences_are_seen() -> None:
     assert wrong(list=[1.0, 2.1]) == ["list/1: 2.1, stated 2"]
     assert wrong(list=[1.0]) == ["list: [1.0], stated [1.0, 2.0]"]
     assert wrong(more=1.0) == ["more: measured, not stated"]
-    assert study.differences({"a": 1.0}, {"a": 1.0, "b": 2.0}, made) == ["b: stated, not measured"]
+    both = {"a": 1.0, "b": 2.0}
+    assert study.differences({"a": 1.0}, both, example) == ["b: stated, not measured"]
 
 
 def test_simulated_campaigns_that_differ_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    kept = pd.DataFrame({"kind": ["a", "a"], "seed": [0, 1], "x": [1.0, 2.0]})
-    study._compare(kept.assign(x=[1.0, 2.01]), kept, "here", 0.01)
+    stored = pd.DataFrame({"kind": ["a", "a"], "seed": [0, 1], "x": [1.0, 2.0]})
+    study._compare(stored.assign(x=[1.0, 2.01]), stored, "here", 0.01)
     for other in (
-        kept.assign(x=[1.0, 2.03]),
-        kept.assign(x=[1.0, float("nan")]),
-        kept.assign(y=1.0),
+        stored.assign(x=[1.0, 2.03]),
+        stored.assign(x=[1.0, float("nan")]),
+        stored.assign(y=1.0),
     ):
         with pytest.raises(SystemExit, match="here"):
-            study._compare(other, kept, "here", 0.01)
-    study._compare(kept.assign(x=[1.0, 2.5]), kept, "here", 0.01, astray=0.5)
+            study._compare(other, stored, "here", 0.01)
+    study._compare(stored.assign(x=[1.0, 2.5]), stored, "here", 0.01, astray=0.5)
     assert "1 of 2 rows of random draws" in capsys.readouterr().out
     with pytest.raises(SystemExit, match="2 of 2 rows differ"):
-        study._compare(kept.assign(x=[1.5, 2.5]), kept, "here", 0.01, astray=0.5)
+        study._compare(stored.assign(x=[1.5, 2.5]), stored, "here", 0.01, astray=0.5)
 
 
 def test_the_papers_tables_and_figures_are_found_by_number() -> None:
     text = (STUDIES / "README.md").read_text(encoding="utf-8")
     tables, figures = text.split("## The paper's tables")[1].split("## The paper's figures")
-    for part, count in ((tables, 9), (figures, 16)):
-        assert [int(n) for n in re.findall(r"^\| (\d+) \|", part, re.MULTILINE)] == list(
+    for section, count in ((tables, 9), (figures, 16)):
+        assert [int(n) for n in re.findall(r"^\| (\d+) \|", section, re.MULTILINE)] == list(
             range(1, count + 1)
         )
     for target in re.findall(r"\]\(([^)#]+)", text):
@@ -175,17 +175,18 @@ def ended(folder: Path, *options: str) -> str:
     """What a study says when it fails, run here; empty where all is reproduced."""
     path = list(sys.path)
     arguments = sys.argv
-    own = sys.modules.pop("study", None)
+    study_module = sys.modules.pop("study", None)
     sys.argv = ["run.py", *options]
     try:
         runpy.run_path(str(folder / "run.py"), run_name="__main__")
     except SystemExit as left:
         return str(left.code)
     finally:
-        sys.path[:], sys.argv = path, arguments
+        sys.path[:] = path
+        sys.argv = arguments
         sys.modules.pop("study", None)
-        if own is not None:
-            sys.modules["study"] = own
+        if study_module is not None:
+            sys.modules["study"] = study_module
     return ""
 
 
@@ -206,11 +207,11 @@ def test_one_command_runs_them(smallest: Path) -> None:
     stated.write_text(
         json.dumps({"rmse_um": 1.02 * json.loads(stated.read_text())["rmse_um"]}), encoding="utf-8"
     )
-    done = command(smallest.parent, "0", "--quick")
+    ended = command(smallest.parent, "0", "--quick")
     assert (
-        done.returncode,
-        "rmse_um" in done.stderr,
-        "Not reproduced: 00_smallest" in done.stderr,
+        ended.returncode,
+        "rmse_um" in ended.stderr,
+        "Not reproduced: 00_smallest" in ended.stderr,
     ) == (1, True, True)
 
 
@@ -241,8 +242,8 @@ def test_what_is_run_by_hand_still_runs(name: str, tmp_path: Path) -> None:
     if name == "91_fleet":
         pytest.importorskip("pyarrow")
         pytest.importorskip("distributed")
-    done = command(STUDIES / name / "run.py", "--quick", "--out", str(tmp_path))
-    assert done.returncode == 0, done.stderr
+    ended = command(STUDIES / name / "run.py", "--quick", "--out", str(tmp_path))
+    assert ended.returncode == 0, ended.stderr
     results = json.loads((tmp_path / "results.json").read_text())
     if name == "90_speed":
         assert all(
@@ -258,10 +259,10 @@ def test_a_kept_campaign_that_was_changed_is_seen(tmp_path: Path) -> None:
     """Beyond the rows that are made again, too; and a tolerance by a name that nothing has."""
     (tmp_path / "README.md.j2").write_text("", encoding="utf-8")
     (tmp_path / "rows.csv").write_text("kind,seed,x\na,0,1\na,1,2\n", encoding="utf-8")
-    made = study.Study(tmp_path, lambda effort: {"count": 2.0}, once=("seconds",))
-    study._state(made, "write")
-    assert study._compare_with_stated(made, "usual") == [
+    example = study.Study(tmp_path, lambda effort: {"count": 2.0}, once=("seconds",))
+    study._state(example, "write")
+    assert study._compare_with_stated(example, "usual") == [
         "seconds: the study names it, but nothing it measures is called so"
     ]
     (tmp_path / "rows.csv").write_text("kind,seed,x\na,0,1\na,1,3\n", encoding="utf-8")
-    assert any("kept/rows.csv" in text for text in study._compare_with_stated(made, "usual"))
+    assert any("kept/rows.csv" in text for text in study._compare_with_stated(example, "usual"))
