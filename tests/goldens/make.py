@@ -582,12 +582,12 @@ def main() -> int:
         work = Work(Path(folder).resolve())
         for name in options.names or GOLDENS:
             answer = make(name, work)
-            print(name)  # noqa: T201  what a script reports
+            print(name)
             if not options.check:
                 (HERE / f"{name}.json").write_text(compact(answer) + "\n", encoding="utf-8")
                 continue
             for path, old, new, relative in check(name, answer):
-                print(f"    {path}: {old!r} -> {new!r} ({relative:.2g})")  # noqa: T201
+                print(f"    {path}: {old!r} -> {new!r} ({relative:.2g})")
                 failed = True
     return int(failed)
 

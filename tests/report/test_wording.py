@@ -1,5 +1,7 @@
-"""Nothing is decided by reading a sentence: every function of report/wording.py reworded, all
-decisions and numbers stay."""
+"""Findings in words: each function makes its sentence, and nothing is decided by reading one.
+
+Every function of report/wording.py reworded, all decisions and numbers stay.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +13,7 @@ import tomllib
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,15 +26,19 @@ from reports import undrawn
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.aliases import StandingKind
+from ldbb_bayes.analysis.aliases import Degeneracy, StandingKind
 from ldbb_bayes.analysis.comparison import Sign
 from ldbb_bayes.analysis.cures import Cure
-from ldbb_bayes.campaign.preview import RemarkKind
+from ldbb_bayes.analysis.machine_description import VisibleParameter
+from ldbb_bayes.campaign.preview import Remark, RemarkKind
 from ldbb_bayes.cli import app
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
 from ldbb_bayes.fleet.selection import CaveatKind, choose
-from ldbb_bayes.inference.fit import ConcernKind
+from ldbb_bayes.inference.checks import Check, CheckKind
+from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.model.specification import model_to_toml
+from ldbb_bayes.model.terms import Uncertainty
+from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import compose
@@ -285,3 +292,367 @@ def test_a_decision_by_words_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> N
     reword(monkeypatch)
     with pytest.raises(AssertionError):
         same(plain, count(one_way))
+
+
+# ---- what the functions make of findings
+
+
+@pytest.mark.parametrize(
+    ("items", "text"),
+    [([], ""), (["a"], "a"), (["a", "b"], "a and b"), (["a", "b", "c"], "a, b and c")],
+)
+def test_items_are_joined(items: list[str], text: str) -> None:
+    assert wording.joined(items) == text
+
+
+def test_items_are_joined_by_another_word() -> None:
+    assert wording.joined(["a", "b", "c"], "or") == "a, b or c"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("bar_length", "bar length"), ("form_cos2", "2-lobe form (cos 2θ)")],
+)
+def test_a_nuisance_in_words(name: str, words: str) -> None:
+    assert wording.nuisance_words(name) == words
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"), [("bar_length", (1e-3, "µm")), ("mount", (1e-3, "µm/bar"))]
+)
+def test_the_unit_in_which_a_nuisance_is_read(name: str, unit: tuple[float, str]) -> None:
+    assert wording.unit_words(name) == unit
+
+
+@pytest.mark.parametrize(
+    ("term", "words"),
+    [("BallForm", "ball form"), ("ReadingNoise", "reading noise"), ("E_C0YX", "E_C(0Y)X")],
+)
+def test_a_term_in_words(term: str, words: str) -> None:
+    assert wording.term_words(term) == words
+    assert wording.source_words(term) == words
+
+
+def test_the_prior_of_the_parameters_is_a_source() -> None:
+    assert wording.source_words("Parameters") == "prior of the parameters"
+
+
+@pytest.mark.parametrize(
+    ("probability", "words"),
+    [(0.0, "< 0.001"), (4e-4, "< 0.001"), (0.25, "0.250"), (0.9996, "> 0.999"), (1.0, "> 0.999")],
+)
+def test_no_probability_reads_0_or_1(probability: float, words: str) -> None:
+    assert wording.probability_words(probability) == words
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "words"),
+    [
+        (None, 60.0, "≤ 60"),
+        (18.0, None, "≥ 18"),
+        (-20.0, 20.0, "± 20"),
+        (-20.0, 40.0, "−20 to 40"),
+    ],
+)
+def test_limits_in_words(lower: float | None, upper: float | None, words: str) -> None:
+    assert wording.limit_words(lower, upper) == words
+
+
+def test_limits_in_the_unit_for_reading() -> None:
+    assert wording.limit_words(None, 6e-5, 1e6) == "≤ 60"
+
+
+def test_hyper_parameters_but_for_the_scales_of_single_circles() -> None:
+    hyper_um = {"sigma": 0.31, "lambda_f036": 1.0, "decay": 0.5}
+    assert wording.joined_sizes(hyper_um, " = ") == "sigma = 0.31 µm, decay = 0.5"
+
+
+@pytest.mark.parametrize(
+    ("members", "words"),
+    [
+        ({}, ""),
+        ({"C_XXX": 1.0, "C_XXY": -1.0, "C_XXZ": 2.5}, "C_XXX − C_XXY + 2.5 C_XXZ"),
+        ({"C_XXX": -1.0}, "−C_XXX"),
+    ],
+)
+def test_the_sum_that_a_parameter_stands_for(members: dict[str, float], words: str) -> None:
+    parameter = VisibleParameter("C_XXX", "mm/N", "", {}, not_negative=True, members=members)
+    assert wording.sum_in_words(parameter) == words
+
+
+def test_the_interval_of_a_parameter_and_its_probability() -> None:
+    entry = {"mean": 1.0, "ci90": [0.5, 1.5]}
+    assert wording.interval_of(entry) == (0.5, 1.5)
+    assert wording.percent_of({"parameters": {"C_XXX": entry}}) == "90 %"
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ("", "decimal mark: , (as in the others): --decimal"),
+        ("a.csv", "decimal mark: , (as in the others; a.csv): --decimal"),
+    ],
+)
+def test_an_assumption_names_its_reason_and_its_option(place: str, words: str) -> None:
+    assumption = Assumption(place, "decimal mark", ",", "as in the others", "--decimal")
+    assert wording.assumption_words(assumption) == words
+
+
+@pytest.mark.parametrize(
+    ("certificate", "place"),
+    [
+        ("bar_U_um", "[bar] U_um"),
+        ("work", "[balls.work]"),
+        ("", "none: [terms.BarLength] of a model"),
+    ],
+)
+def test_what_is_assumed_and_where_a_certificate_says_it(certificate: str, place: str) -> None:
+    uncertainty = Uncertainty("bar_length", 0.0, 1e-3, "mm", certificate, stated=False)
+    assert wording.assumed_words(uncertainty) == ("bar length", place)
+
+
+def gap_in(*names: str) -> Any:
+    """A preview in which these tests have a gap."""
+    remarks = (Remark(RemarkKind.GAP, {"gap_deg": 12.34}),)
+    return SimpleNamespace(tests=[SimpleNamespace(name=name, remarks=remarks) for name in names])
+
+
+def test_a_remark_on_several_tests_is_one_sentence() -> None:
+    assert wording.look_sentences(gap_in("f036", "f742")) == ["Look at f036, f742: gap of 12.3°."]
+
+
+def test_not_more_than_five_tests_are_named() -> None:
+    (sentence,) = wording.look_sentences(gap_in(*"abcdefg"))
+    assert sentence == "Look at a, b, c, d, e and 2 more: gap of 12.3°."
+
+
+def test_nothing_odd_no_sentence() -> None:
+    assert wording.look_sentences(gap_in()) == []
+
+
+BAR_LENGTH = Degeneracy(
+    term="BarLength",
+    combination={"bar_length": 1e-3, "E_XX1": 6.67e-6, "E_YY1": 6.67e-6},
+    parameters=("E_XX1", "E_YY1"),
+    units={"E_XX1": "1", "E_YY1": "1"},
+    modelled=True,
+    stated=False,
+    prior_sds=1.0,
+    change_um=0.0,
+)
+
+
+def test_a_degeneracy_has_its_rate_and_its_cure() -> None:
+    cures = [[Cure.RADIUS, Cure.CALIBRATION]]
+    assert wording.degeneracy_items([BAR_LENGTH], cures) == (
+        "1.00 µm of bar length looks exactly like −6.67 µm/m of E_XX1 and −6.67 µm/m of E_YY1."
+        " Cure: A second radius or a calibration of the bar's length.",
+    )
+
+
+def test_a_degeneracy_without_a_test_that_ends_it_asks_for_a_prior() -> None:
+    (item,) = wording.degeneracy_items([BAR_LENGTH], [[]])
+    assert item.endswith("Cure: A narrower prior on one of them.")
+
+
+@pytest.mark.parametrize(("log_prob", "verb"), [(-20.0, "contradict"), (-8.0, "speak against")])
+def test_how_strongly_readings_oppose_a_prior(log_prob: float, verb: str) -> None:
+    concern = Concern(ConcernKind.TRUNCATION, log_prob, -4.0)
+    (sentence,) = wording.concern_sentences((concern,), {})
+    assert sentence.startswith(f"The readings {verb} non-negative compliance: ln P(T | y) = −")
+
+
+@pytest.mark.parametrize(
+    ("levels", "beginning"), [(1.0, "One force level: only"), (2.0, "Only 2 force levels: at")]
+)
+def test_too_few_forces(levels: float, beginning: str) -> None:
+    (sentence,) = wording.concern_sentences((Concern(ConcernKind.FORCES, levels, 3.0),), {})
+    assert sentence.startswith(beginning)
+
+
+@pytest.mark.parametrize(("kind", "option"), [("independent", "--ess"), ("joint", "--max-steps")])
+def test_the_cure_of_a_fit_that_has_not_converged(kind: str, option: str) -> None:
+    concern = Concern(ConcernKind.NOT_CONVERGED, 200.0, 400.0)
+    sampler = {"kind": kind, "target_rhat": 1.01}
+    (sentence,) = wording.concern_sentences((concern,), sampler)
+    assert "ESS ≥ 400 and R-hat ≤ 1.01 was not reached in 200 steps" in sentence
+    assert option in sentence
+
+
+def checked(**moved_by_test: float) -> Any:
+    """A fit that does not expect order 4 of tests which move a parameter by so much [u]."""
+    failing = [Check(CheckKind.ORDER, test, 1e-3, order=4) for test in moved_by_test]
+    misfits = [check for check in failing if moved_by_test[check.test] > 0.5]
+    passing = [Check(CheckKind.NOISE, "f036", 0.25)]
+    return SimpleNamespace(
+        misfits=misfits,
+        unexpected=failing,
+        checks=failing or passing,
+        shift={test: shift for test, shift in moved_by_test.items() if shift > 0.5},
+        widening=0.0,
+        kinds=(),
+        concerns=(),
+    )
+
+
+def test_a_model_that_expects_the_readings() -> None:
+    assert wording.expectation(checked()) == (
+        "the model expects readings like these (1 checks, smallest p = 0.25, white noise of f036)"
+    )
+
+
+def test_a_model_that_does_not_expect_the_readings() -> None:
+    assert wording.expectation(checked(f520=0.7)) == (
+        "the model does not expect readings like these (order 4 of f520):"
+        " without f520 a parameter moves by 0.7 u"
+    )
+
+
+def test_what_is_not_expected_but_hardly_matters() -> None:
+    assert wording.expectation(checked(f520=0.1)) == (
+        "what the model does not expect (order 4 of f520) hardly moves an interval"
+    )
+
+
+RESULT = {"model": {"preset": "first"}, "sampler": {}}
+
+
+def test_nothing_forbids_the_numbers_of_a_good_fit() -> None:
+    assert wording.alert_sentences(checked(), RESULT) == ()
+
+
+def test_a_misfit_limits_the_numbers() -> None:
+    (sentence,) = wording.alert_sentences(checked(f520=0.7), RESULT)
+    assert sentence.startswith("Misfit: the model does not expect readings like these")
+
+
+def test_least_squares_limits_the_numbers() -> None:
+    result = {**RESULT, "model": {"preset": "paper"}}
+    assert wording.alert_sentences(checked(), result) == (wording.PAGE["paper"],)
+
+
+FITTED_MODEL = {
+    "degree": 1,
+    "reference_force_N": 389.0,
+    "preset": "first",
+    "priors": "proper",
+    "truncated": True,
+    "terms": ["BallForm", "Mount"],
+}
+
+
+def test_what_was_fitted() -> None:
+    assert wording.model_words(FITTED_MODEL) == (
+        "Compliance linear in force, reference force 389 N; preset first, priors proper,"
+        " no compliance is negative; terms: ball form, mount."
+    )
+
+
+def test_terms_without_effect_are_named() -> None:
+    words = wording.model_words({**FITTED_MODEL, "truncated": False, "idle_terms": ["Hysteresis"]})
+    assert "compliances may be negative" in words
+    assert words.endswith("Without effect here: hysteresis.")
+
+
+def test_how_well_it_was_fitted() -> None:
+    quality = {"rmse_um": 0.456, "linearisation_error_um": 0.0012, "log_prob_truncation": -3.25}
+    words = wording.quality_words(quality)
+    assert words.startswith("RMSE 0.46 µm (Eq. 34, of all that circles share); linear geometry")
+    assert "at most 0.0012 µm. ln P(T | y) = −3.25: the log probability" in words
+
+
+def test_joints_and_rank_of_a_machine() -> None:
+    described = lb.describe(lb.Machine("wXFYZt", ("XY", "YZ")))
+    words = " ".join(wording.machine_sentences(described))
+    assert words.startswith("wXFYZt, planes XY, YZ. ")
+    assert f" {described.rank} compliances can be separated; condition number" in words
+
+
+@pytest.mark.parametrize(("degree", "name"), [(0, "constant"), (1, "linear"), (2, "quadratic")])
+def test_the_model_of_the_annex(degree: int, name: str) -> None:
+    sentence = f"Numbers from here on are those of {name} compliance alone"
+    assert wording.annex_words(degree, averaged=False) == f"{sentence}."
+    assert wording.annex_words(degree, averaged=True) == (
+        f"{sentence}; those of sheets 1 and 2 are averaged over models."
+    )
+
+
+@pytest.mark.parametrize(
+    ("same_instrument", "sentence"), [(True, "same_instrument"), (False, "other_instrument")]
+)
+def test_what_differences_rest_on(same_instrument: bool, sentence: str) -> None:
+    words = wording.instrument_words(389.0, same_instrument)
+    assert words.startswith("Differences are at 389 N; ")
+    assert words.endswith(wording.PAGE[sentence])
+
+
+def test_differences_without_doubts() -> None:
+    assert wording.difference_doubts("a", "b", True, ("bar_length", 0.02)) == ()
+    assert wording.difference_doubts("a", "b", True, None) == ()
+
+
+def test_differences_with_doubts() -> None:
+    converged, instrument = wording.difference_doubts("a", "b", False, ("bar_length", 0.004))
+    assert converged == "Not converged: b. Do not use its numbers."
+    assert "a and b disagree about the bar length (p = 0.004)" in instrument
+
+
+CHANGES = pd.DataFrame(
+    {
+        "difference": [1e-5, 1e-6],
+        "sd": [1e-6, 1e-6],
+        "ci_low": [0.8e-5, -1e-6],
+        "ci_high": [1.2e-5, 3e-6],
+        "unit": ["mm/N", "mm/N"],
+        "probability_of_increase": [0.999, 0.8],
+    },
+    index=["C_XXX", "C_YYY"],
+)
+
+
+def test_parameters_that_have_changed_are_named_with_U() -> None:
+    assert wording.change_sentence("a", "b", CHANGES, 0.95) == (
+        "b differs from a (± U, k = 2) in: C_XXX 10.0 ± 2.0 nm/N."
+        " 95 % intervals, each parameter by itself."
+    )
+
+
+def test_no_parameter_has_changed() -> None:
+    sentence = wording.change_sentence("a", "b", CHANGES.loc[["C_YYY"]], 0.95)
+    assert "in: no parameter. 95 %" in sentence
+
+
+def test_what_a_certificate_would_bring() -> None:
+    """Parameters that it narrows by a tenth or more."""
+    identifiability = SimpleNamespace(
+        certificates={
+            "none of these": {"C_XXX": 1.0, "E_XX1": 1.0},
+            "bar": {"C_XXX": 0.95, "E_XX1": 0.5},
+            "mount": {"C_XXX": 0.95, "E_XX1": 1.0},
+        },
+        hyper_um={"sigma": 0.3},
+        measured=False,
+        effective_parameters=1.5,
+        parameters=("C_XXX", "E_XX1"),
+    )
+    sentences = wording.identifiability_sentences(identifiability)
+    assert "at sigma = 0.3 µm (prior median; no readings)." in sentences[0]
+    assert sentences[1].startswith("Effective number of parameters 1.5 of 2 (")
+    assert sentences[-2:] == (
+        "A certificate (bar) would bring u of E_XX1 to 50 % of what it is.",
+        "A certificate (mount) would narrow no parameter by a tenth.",
+    )
+
+
+def test_doubts_about_one_bar_for_all_machines() -> None:
+    without = wording.population_doubts(SimpleNamespace(caveats=(), instrument=False))
+    with_bar = wording.population_doubts(SimpleNamespace(caveats=(), instrument=True))
+    assert len(without) == 1
+    assert with_bar[0] == without[0]
+    assert "one bar has the same length and ball form in all campaigns" in with_bar[1]
+
+
+def test_headings_of_identifiability_differ() -> None:
+    assert wording.ALIKE.endswith(":")
+    assert wording.NONE_ALIKE.endswith(".")
+    assert len(wording.IN_FORCE) == len(wording.DEGREES)
