@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import io
 import keyword
+import re
 import tokenize
 from collections import Counter
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from functools import cached_property
 from pathlib import Path
 
 COLUMNS = 100
+UNFORMATTED = re.compile(r"fmt: (skip|off)")
 STATEMENTS = 40
 COMPLEXITY = 12
 
@@ -160,7 +162,7 @@ def measure(sources: list[SourceFile]) -> dict[str, float]:
         counts["code"] += len(names)
         counts["names"] += names.total()
         counts["long"] += sum(len(lines[number - 1]) > COLUMNS for number in names)
-        counts["unformatted"] += source.text.count("fmt: skip") + source.text.count("fmt: off")
+        counts["unformatted"] += len(UNFORMATTED.findall(source.text))
         counts["vague"] += sum(is_vague(name) for name in source.bound_names())
         for node in source.nodes:
             counts["nested"] += is_nested_comprehension(node)
@@ -176,7 +178,7 @@ def measure(sources: list[SourceFile]) -> dict[str, float]:
     tuple_functions = sum(returns_bare_tuple(function) for function in functions)
     return {
         "lines over 100 columns": counts["long"],
-        "fmt: skip": counts["unformatted"],
+        "unformatted places": counts["unformatted"],
         "names per line": counts["names"] / counts["code"],
         "nested comprehensions per 1000": counts["nested"] / thousand,
         "a, b = x, y per 1000": counts["tuples"] / thousand,
