@@ -13,7 +13,6 @@ from campaigns import HYPER_UM, oracle_of, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.cross_validation import log_likelihood_of_tests
 from ldbb_bayes.inference.evidences import Evidences, leave_one_out
@@ -44,28 +43,39 @@ def test_new_circles_are_the_oracles(rng: np.random.Generator) -> None:
         lb.CircularTest(60.0, ANGLE, ANGLE, radius_mm=100.0),
     ]
     new.append(lb.CircularTest(300.0, ANGLE, ANGLE, work_ball_deg=50.0, tool_ball_deg=20.0))
-    planned = lb.Campaign(tuple(new))
-    every = lb.Campaign((*CAMPAIGN.tests, *new), mount=CAMPAIGN.mount)
-    dense = oracle_of(every, 1, terms=("form", "length", "mount", "setup", "discrepancy"))
+    measured_and_new = lb.Campaign((*CAMPAIGN.tests, *new), mount=CAMPAIGN.mount)
+    terms = ("form", "length", "mount", "setup", "discrepancy")
+    dense = oracle_of(measured_and_new, 1, terms=terms)
     phi = np.array([HYPER_UM[name] * 1e-3 for name in dense.hypers])
-    old = np.arange(len(dense.y)) < CAMPAIGN.readings
+    measured = np.arange(len(dense.y)) < CAMPAIGN.readings
     covariance = dense.covariance(phi) + (dense.J * dense.sd**2) @ dense.J.T
-    gain = np.linalg.solve(covariance[np.ix_(old, old)], covariance[np.ix_(old, ~old)]).T
-    mean = gain @ dense.y[old]
-    sd = np.sqrt(np.diag(covariance[np.ix_(~old, ~old)] - gain @ covariance[np.ix_(old, ~old)]))
+    covariance_measured = covariance[np.ix_(measured, measured)]
+    covariance_new = covariance[np.ix_(~measured, ~measured)]
+    crossed = covariance[np.ix_(measured, ~measured)]
+    gain = np.linalg.solve(covariance_measured, crossed).T
+    mean = gain @ dense.y[measured]
+    sd = np.sqrt(np.diag(covariance_new - gain @ crossed))
+
     bound = model.bind(CAMPAIGN)
-    draws = np.tile(phi, (20_000, 1))
-    found = np.concatenate(
-        list(new_circles(ModelDraws(bound, draws, bound.given(draws)[1].draw(rng)), planned, rng)),
-        axis=1,
-    )
-    np.testing.assert_allclose(found.mean(axis=0), mean, atol=5.0 * sd.max() / np.sqrt(len(draws)))
-    np.testing.assert_allclose(found.std(axis=0), sd, rtol=0.03)
+    phi_draws = np.tile(phi, (20_000, 1))
+    beta_draws = bound.given(phi_draws)[1].draw(rng)
+    draws = ModelDraws(bound, phi_draws, beta_draws)
+    readings = np.concatenate(list(new_circles(draws, lb.Campaign(tuple(new)), rng)), axis=1)
+    standard_error = sd.max() / np.sqrt(len(phi_draws))
+    np.testing.assert_allclose(readings.mean(axis=0), mean, atol=5.0 * standard_error)
+    np.testing.assert_allclose(readings.std(axis=0), sd, rtol=0.03)
 
 
-def test_prediction_as_a_table(posterior: xr.DataTree) -> None:
-    later = plan((24, 24), forces_N=(100.0, 742.0))
-    table = lb.predict(posterior, later, ci_prob=0.8, seed=2)
+LATER = plan((24, 24), forces_N=(100.0, 742.0))
+
+
+@pytest.fixture(scope="module")
+def averaged() -> xr.DataTree:
+    return lb.average({"constant": MODEL.with_degree(0), "linear": MODEL}, CAMPAIGN, draws=800)
+
+
+def test_prediction_as_a_table(posterior: xr.DataTree, averaged: xr.DataTree) -> None:
+    table = lb.predict(posterior, LATER, ci_prob=0.8, seed=2)
     assert list(table.columns) == [
         "test",
         "force_N",
@@ -76,26 +86,31 @@ def test_prediction_as_a_table(posterior: xr.DataTree) -> None:
         "ci_high_um",
     ]
     assert list(table["test"].unique()) == ["f100", "f742"]
-    assert table.equals(lb.predict(posterior, later, ci_prob=0.8, seed=2))
-    again = lb.predict(posterior, CAMPAIGN)
+    assert table.equals(lb.predict(posterior, LATER, ci_prob=0.8, seed=2))
+    mean_um = lb.predict(averaged, LATER)["mean_um"]
+    np.testing.assert_allclose(mean_um, table["mean_um"], atol=1.0)
+
+
+def test_intervals_hold_the_readings_of_the_fit(posterior: xr.DataTree) -> None:
+    table = lb.predict(posterior, CAMPAIGN)
     reading = np.concatenate([test.reading_um for test in CAMPAIGN.tests])
-    assert ((again["ci_low_um"] < reading) & (reading < again["ci_high_um"])).mean() > 0.9
-    averaged = lb.average({"constant": MODEL.with_degree(0), "linear": MODEL}, CAMPAIGN, draws=800)
-    np.testing.assert_allclose(lb.predict(averaged, later)["mean_um"], table["mean_um"], atol=1.0)
-    with pytest.raises(
-        InputError,
-        match=(
-            r"got planes or set-ups with E_Xt0_2, E_Yt0_2 too\. Fit with replace\(campaign,"
-            r" foreseen"
-        ),
-    ):
-        lb.predict(posterior, replace(later, tests=(replace(later.tests[0], setup=2),)))
-    refuses(
-        "the plan must be of the posterior's machine wCAFYXZSt",
-        lb.predict,
-        posterior,
-        replace(later, topology="wFYXZSt"),
+    assert ((table["ci_low_um"] < reading) & (reading < table["ci_high_um"])).mean() > 0.9
+
+
+def test_prediction_of_another_setup_is_refused(posterior: xr.DataTree) -> None:
+    second_setup = replace(LATER.tests[0], setup=2)
+    message = (
+        r"got planes or set-ups with E_Xt0_2, E_Yt0_2 too\. Fit with replace\(campaign, foreseen"
     )
+    refuses(message, lb.predict, posterior, replace(LATER, tests=(second_setup,)))
+
+
+def test_prediction_for_another_machine_is_refused(posterior: xr.DataTree) -> None:
+    message = "the plan must be of the posterior's machine wCAFYXZSt"
+    refuses(message, lb.predict, posterior, replace(LATER, topology="wFYXZSt"))
+
+
+def test_an_average_has_no_predictive_groups(averaged: xr.DataTree) -> None:
     refuses("posterior must be of one model, got an average", lb.with_predictive, averaged)
 
 
@@ -106,15 +121,15 @@ def test_arviz_judges_the_posterior(checked: xr.DataTree, posterior: xr.DataTree
     """Warnings are errors here. Its leave-one-out is that of the nodes, circle by circle."""
     loo = arviz_stats.loo(checked, pointwise=True)
     (nodes,) = Evidences(CAMPAIGN).of(MODEL)
-    left = leave_one_out({"": nodes})[""]
-    exact = [nodes.evidence.log_value - left[name].evidence.log_value for name in left]
+    log_evidence = nodes.evidence.log_value
+    exact = []
+    for nodes_without_test in leave_one_out({"": nodes})[""].values():
+        exact.append(log_evidence - nodes_without_test.evidence.log_value)
     np.testing.assert_allclose(loo.elpd_i, exact, atol=0.15)
-    constant = lb.sample(
-        MODEL.with_degree(0), CAMPAIGN, sampler="independent", seed=3, rule=StoppingRule(ess=1500.0)
-    )
-    assert set(
-        arviz_stats.compare({"linear": checked, "constant": lb.with_predictive(constant)}).index
-    ) == {"linear", "constant"}
+    rule = StoppingRule(ess=1500.0)
+    constant = lb.sample(MODEL.with_degree(0), CAMPAIGN, sampler="independent", seed=3, rule=rule)
+    fits = {"linear": checked, "constant": lb.with_predictive(constant)}
+    assert set(arviz_stats.compare(fits).index) == {"linear", "constant"}
     assert "C_XXX" in arviz_stats.psense_summary(checked).index
     readings = checked["posterior_predictive"]["reading_mm"]
     observed = checked["observed_data"]["reading_mm"]
@@ -127,8 +142,8 @@ def test_arviz_judges_the_posterior(checked: xr.DataTree, posterior: xr.DataTree
     )
     low, high = readings.quantile([0.025, 0.975], dim=("chain", "draw")).to_numpy()
     assert ((low < observed) & (observed < high)).mean() > 0.9
-    shown = arviz_stats.summary(lb.to_units(posterior), ci_prob=0.95, ci_kind="eti")
-    assert not (shown["sd"].astype(str).astype(float) == 0.0).any()
+    summary = arviz_stats.summary(lb.to_units(posterior), ci_prob=0.95, ci_kind="eti")
+    assert not (summary["sd"].astype(str).astype(float) == 0.0).any()
     plots = pytest.importorskip("arviz_plots", exc_type=Exception)
     plots.plot_ppc_dist(checked, backend="matplotlib")
 
@@ -147,23 +162,20 @@ def test_circle_given_the_others_is_the_oracles() -> None:
         terms=("form", "length", "setup", "discrepancy", "circle"),
     )
     phi = bound.hyper_prior.quantile(np.full(len(bound.hyper_prior.names), 0.4))
-    (found,) = log_likelihood_of_tests(bound, phi[None])
+    (log_likelihood,) = log_likelihood_of_tests(bound, phi[None])
     r = 2
+    all_rows = np.arange(len(dense.y))
+    other_rows = np.flatnonzero(dense.circle != r)
+
+    def log_density(scale: float, rows: np.ndarray) -> float:
+        hyper = np.where(np.array(dense.hypers) == "lambda_3", scale, phi)
+        covariance = dense.covariance(hyper) + (dense.J * dense.sd**2) @ dense.J.T
+        law = stats.multivariate_normal(None, covariance[np.ix_(rows, rows)])
+        return float(law.logpdf(dense.y[rows]))
+
     log_scale = np.linspace(-1.5, 3.5, 150)
-    other = dense.circle != r
-
-    def log_density(value: float, rows: np.ndarray) -> float:
-        covariance = dense.covariance(np.where(np.array(dense.hypers) == "lambda_3", value, phi))
-        covariance = covariance + (dense.J * dense.sd**2) @ dense.J.T
-        return float(
-            stats.multivariate_normal(None, covariance[np.ix_(rows, rows)]).logpdf(dense.y[rows])
-        )
-
-    law = stats.invgamma.logpdf(np.exp(2.0 * log_scale), 1.5, scale=1.5) + 2.0 * log_scale
-    values = np.array([log_density(value, np.arange(len(other))) for value in np.exp(log_scale)])
-    expected = (
-        np.logaddexp.reduce(law + values)
-        - np.logaddexp.reduce(law)
-        - log_density(1.0, np.flatnonzero(other))
-    )
-    assert found[r] == pytest.approx(expected, abs=0.01)
+    log_prior = stats.invgamma.logpdf(np.exp(2.0 * log_scale), 1.5, scale=1.5) + 2.0 * log_scale
+    values = np.array([log_density(scale, all_rows) for scale in np.exp(log_scale)])
+    log_all = np.logaddexp.reduce(log_prior + values) - np.logaddexp.reduce(log_prior)
+    expected = log_all - log_density(1.0, other_rows)
+    assert log_likelihood[r] == pytest.approx(expected, abs=0.01)
