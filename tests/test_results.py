@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from campaigns import plan, simulated
 from fleets import drawn_rows
 from reports import fitted
@@ -25,49 +26,57 @@ FORCES_N = (36.0, 400.0, 742.0)
 
 
 @pytest.fixture(scope="module")
-def shown() -> tuple[list[Any], list[pd.DataFrame]]:
-    """Objects of every public class, and the tables of every public function that returns one, the
-    summary first."""
-    tests = [
-        lb.CircularTest(F, np.arange(40) * 9.0, direction=way)
-        for F in FORCES_N
-        for way in ("CW", "CCW")
-    ]  # type: ignore[arg-type]
-    campaign = lb.Campaign(simulated(lb.Campaign(tuple(tests))).tests, name="<b>bold</b>")
-    posterior = fitted(MODEL, campaign)
+def campaign() -> lb.Campaign:
+    tests = []
+    for force_N in FORCES_N:
+        tests.append(lb.CircularTest(force_N, np.arange(40) * 9.0, direction="CW"))
+        tests.append(lb.CircularTest(force_N, np.arange(40) * 9.0, direction="CCW"))
+    return lb.Campaign(simulated(lb.Campaign(tuple(tests))).tests, name="<b>bold</b>")
+
+
+@pytest.fixture(scope="module")
+def posterior(campaign: lb.Campaign) -> xr.DataTree:
+    return fitted(MODEL, campaign)
+
+
+@pytest.fixture(scope="module")
+def design() -> lb.Design:
+    return lb.design(lb.HybridModel.paper(0), plan(), tests=3, forces_N=FORCES_N)
+
+
+@pytest.fixture(scope="module")
+def validation() -> lb.Validation:
+    return lb.validate(MODEL, plan((24,) * 3, forces_N=FORCES_N), replicates=10, draws=9)
+
+
+@pytest.fixture(scope="module")
+def machines() -> pd.DataFrame:
+    return drawn_rows(6, np.random.default_rng(1), step_at=4)
+
+
+@pytest.fixture(scope="module")
+def population(machines: pd.DataFrame) -> lb.Population:
+    return lb.population(machines.assign(machine_id=[f"M{k}" for k in range(6)]))
+
+
+def public_terms() -> list[lb.Term]:
+    terms = []
+    for name in lb.__all__:
+        kind = getattr(lb, name)
+        if isclass(kind) and issubclass(kind, lb.Term):
+            terms.append(kind())
+    return terms
+
+
+def batch_with_a_failure() -> lb.Batch:
+    failure = {"campaign": "<b>", "reason": "none"}
+    folder = Path("b")
+    return lb.Batch(folder, folder, 2, 1, 1, 0, 0, (failure,), (), 1, 2.0, resumed=False)
+
+
+@pytest.fixture(scope="module")
+def objects_of_campaign(campaign: lb.Campaign) -> list[Any]:
     machine = campaign.machine()
-    circle = campaign.tests[0].circle
-    other = fitted(MODEL, lb.Campaign(simulated(campaign.plan(), seed=2).tests))
-    design = lb.design(lb.HybridModel.paper(0), plan(), tests=3, forces_N=FORCES_N)
-    squares = lb.least_squares(campaign)
-    validation = lb.validate(MODEL, plan((24,) * 3, forces_N=FORCES_N), replicates=10, draws=9)
-    rows = drawn_rows(6, np.random.default_rng(1), step_at=4)
-    population = lb.population(rows.assign(machine_id=[f"M{k}" for k in range(6)]))
-    prior = lb.PopulationPrior(400.0, 6, 6, {"C_XXX": 5e-5}, {"C_XXX": 1e-6}, "0" * 64, "wCAFYXZSt")
-    columns = lb.Columns(("bow_cos5",), np.zeros((3, 25, 1)), np.ones(1))
-    batch = lb.Batch(
-        Path("b"),
-        Path("b"),
-        2,
-        1,
-        1,
-        0,
-        0,
-        ({"campaign": "<b>", "reason": "none"},),
-        (),
-        1,
-        2.0,
-        resumed=False,
-    )
-    terms = [
-        getattr(lb, name)()
-        for name in lb.__all__
-        if isclass(own := getattr(lb, name)) and issubclass(own, lb.Term)
-    ]
-    judged = lb.conformity(posterior, {"G": "30 µm", "C_XXX": "80 nm/N"})
-    budgets = lb.budgets(posterior)
-    angle = np.arange(8.0)
-    verdict = next(iter(lb.verdicts(posterior).values()))
     return [
         campaign,
         campaign.plan(),
@@ -76,47 +85,94 @@ def shown() -> tuple[list[Any], list[pd.DataFrame]]:
         campaign.force_law,
         campaign.instrument,
         machine,
-        circle,
-        MODEL,
-        MODEL.bind(campaign),
-        MODEL.prior,
-        *terms,
-        columns,
-        lb.BasisNoise("kappa", np.ones(25)),
+        campaign.tests[0].circle,
         lb.Ball(grade="G5"),
         lb.describe(machine),
         lb.Layout(forces_N=[36.0]),
         lb.preview(campaign),
-        lb.identify(MODEL, campaign),
-        verdict,
-        squares,
         lb.uncertainties(campaign),
+        lb.Imported(campaign, lb.Layout(), (), ()),
+    ]
+
+
+@pytest.fixture(scope="module")
+def objects_of_model(campaign: lb.Campaign) -> list[Any]:
+    return [
+        MODEL,
+        MODEL.bind(campaign),
+        MODEL.prior,
+        *public_terms(),
+        lb.Columns(("bow_cos5",), np.zeros((3, 25, 1)), np.ones(1)),
+        lb.BasisNoise("kappa", np.ones(25)),
+        lb.identify(MODEL, campaign),
         lb.StoppingRule(),
         lb.Evidences(campaign),
+        MODEL.simulate(campaign, seed=1),
+        lb.log_density(MODEL, campaign),
+        Gaussian.of(np.zeros(2), np.eye(2)),
+        lb.PopulationPrior(400.0, 6, 6, {"C_XXX": 5e-5}, {"C_XXX": 1e-6}, "0" * 64, "wCAFYXZSt"),
+    ]
+
+
+@pytest.fixture(scope="module")
+def objects_of_results(
+    campaign: lb.Campaign,
+    posterior: xr.DataTree,
+    design: lb.Design,
+    validation: lb.Validation,
+    population: lb.Population,
+    machines: pd.DataFrame,
+    compared: lb.Comparison,
+) -> list[Any]:
+    conformity = lb.conformity(posterior, {"G": "30 µm", "C_XXX": "80 nm/N"})
+    budgets = lb.budgets(posterior)
+    return [
+        next(iter(lb.verdicts(posterior).values())),
+        lb.least_squares(campaign),
         design,
         validation,
         population,
-        prior,
         budgets,
-        lb.trend(rows),
-        batch,
-        lb.Tolerance(upper=1.0),
-        judged,
-        judged["G"],
         budgets["C_XXX"],
-        MODEL.simulate(campaign, seed=1),
-        lb.Imported(campaign, lb.Layout(), (), ()),
-        lb.log_density(MODEL, campaign),
-        Gaussian.of(np.zeros(2), np.eye(2)),
-    ], [
+        lb.trend(machines),
+        batch_with_a_failure(),
+        lb.Tolerance(upper=1.0),
+        conformity,
+        conformity["G"],
+        compared,
+    ]
+
+
+@pytest.fixture(scope="module")
+def objects(
+    objects_of_campaign: list[Any], objects_of_model: list[Any], objects_of_results: list[Any]
+) -> list[Any]:
+    """Objects of every public class, the campaign first."""
+    return [*objects_of_campaign, *objects_of_model, *objects_of_results]
+
+
+@pytest.fixture(scope="module")
+def tables(
+    campaign: lb.Campaign,
+    posterior: xr.DataTree,
+    design: lb.Design,
+    validation: lb.Validation,
+    population: lb.Population,
+) -> list[pd.DataFrame]:
+    """The tables of every public function that returns one, the summary first."""
+    machine = campaign.machine()
+    circle = campaign.tests[0].circle
+    angle = np.arange(8.0)
+    other_posterior = fitted(MODEL, lb.Campaign(simulated(campaign.plan(), seed=2).tests))
+    return [
         lb.summarize(posterior),
         lb.nuisances(posterior),
         lb.circularity(posterior),
         lb.contributions(posterior),
-        squares.table,
+        lb.least_squares(campaign).table,
         *lb.measured_circularity(posterior),
         lb.marginals(MODEL, campaign),
-        lb.differences(posterior, other),
+        lb.differences(posterior, other_posterior),
         lb.local_fits(MODEL, campaign),
         lb.belonging({"constant": MODEL}, campaign, replicates=400),
         validation.coverage(),
@@ -130,7 +186,7 @@ def shown() -> tuple[list[Any], list[pd.DataFrame]]:
 def check_page(text: str) -> None:
     """Well-formed, accessible tables, and nothing that was not escaped."""
     elements = list(ElementTree.fromstring(f"<div>{text}</div>").iter())
-    assert {own.tag for own in elements} <= {
+    assert {element.tag for element in elements} <= {
         "div",
         "table",
         "caption",
@@ -142,62 +198,70 @@ def check_page(text: str) -> None:
         "p",
     }
     assert len(elements) > 1
-    assert all(own.get("scope") in ("col", "row") for own in elements if own.tag == "th")
+    for element in elements:
+        assert element.tag != "th" or element.get("scope") in ("col", "row")
+
+
+def test_the_objects_are_of_every_public_class(objects: list[Any]) -> None:
+    kinds = {lb.InputError, lb.Scale, lb.Unit}
+    for example in objects:
+        kinds.update(type(example).__mro__)
+    for name in lb.__all__:
+        kind = getattr(lb, name)
+        assert not isclass(kind) or kind in kinds, name
 
 
 def test_every_public_class_shows_itself(
-    shown: Any, monkeypatch: pytest.MonkeyPatch, compared: lb.Comparison
+    objects: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    objects = [*shown[0], compared]
-    kinds = {kind for own in objects for kind in type(own).__mro__} | {
-        lb.InputError,
-        lb.Scale,
-        lb.Unit,
-    }
-    assert [
-        name for name in lb.__all__ if isclass(own := getattr(lb, name)) and own not in kinds
-    ] == []
-    for own in objects:
-        assert len(repr(own).replace("\n", 80 * "!")) <= 80, type(own)
-        check_page(own._repr_html_())
-        assert max(map(len, str(own).splitlines())) <= 80
-        assert not isinstance(own, dict) or all(
-            name in str(own).replace("C(0Y)X", "C0YX") for name in own
-        )
+    for example in objects:
+        assert len(repr(example).replace("\n", 80 * "!")) <= 80, type(example)
+        check_page(example._repr_html_())
+        text = str(example)
+        assert max(map(len, text.splitlines())) <= 80
+        if isinstance(example, dict):
+            for name in example:
+                assert name in text.replace("C(0Y)X", "C0YX")
+
+
+def test_the_name_of_a_campaign_is_escaped(objects: list[Any]) -> None:
     assert "&lt;b&gt;" in objects[0]._repr_html_()
-    assert " ln Z = 3.2432 ± 0.0012 nat, 512 nodes; readings d0d2d0d2>" in repr(
-        Evidence(3.24318, 0.0012, 512, "d0d2" * 16)
-    )
-    assert (repr(lb.Prior.default()), repr(MODEL.scales[0])) == ("Prior()", "Scale('sigma')")
+
+
+def test_short_reprs() -> None:
+    evidence = Evidence(3.24318, 0.0012, 512, "d0d2" * 16)
+    assert " ln Z = 3.2432 ± 0.0012 nat, 512 nodes; readings d0d2d0d2>" in repr(evidence)
+    assert repr(lb.Prior.default()) == "Prior()"
+    assert repr(MODEL.scales[0]) == "Scale('sigma')"
     assert (
         repr(lb.Instrument(bar_U_um=1.0))
         == "Instrument(work=Ball(), tool=Ball(), bar_length_error_um=0, bar_U_um=1)"
     )
 
 
-def test_tables_show_every_column(shown: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tables_show_every_column(
+    tables: list[pd.DataFrame], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    for table in shown[1]:
+    for table in tables:
         text = str(table)
         assert max(map(len, text.splitlines())) <= 80, text
-        assert {str(column) for column in table.columns} <= {
-            word.rstrip(":") for word in text.split()
-        }, text
+        words = {word.rstrip(":") for word in text.split()}
+        assert {str(column) for column in table.columns} <= words, text
         assert "…" not in text or len(table) > 60
         assert all(str(column) in table.to_string() for column in table.columns)
         check_page(table._repr_html_())
 
 
 def test_a_printed_number_is_in_the_unit_beside_it(
-    shown: Any, monkeypatch: pytest.MonkeyPatch
+    tables: list[pd.DataFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """5.5e-5 mm/N is printed as 55 nm/N, and kept."""
     monkeypatch.setenv("COLUMNS", "80")
-    table = shown[1][0]
-    name, unit, mean = next(
-        line for line in str(table).splitlines() if line.startswith("C_XXX ")
-    ).split()[:3]
+    table = tables[0]
+    (line,) = [line for line in str(table).splitlines() if line.startswith("C_XXX ")]
+    name, unit, mean = line.split()[:3]
     assert (unit, table.loc[name, "unit"]) == ("nm/N", "mm/N")
     assert float(mean) == pytest.approx(1e6 * table.loc[name, "mean"], rel=1e-3)
     back = pickle.loads(pickle.dumps(table))
@@ -213,8 +277,7 @@ def test_a_long_table_shows_its_ends() -> None:
 
 
 def test_tables_are_escaped() -> None:
-    page = Table.of(
-        "<script>", ["a<b", "n", "none"], [["<i>", 0.123456, None]], text=["a<b"]
-    ).html()
+    row = ["<i>", 0.123456, None]
+    page = Table.of("<script>", ["a<b", "n", "none"], [row], text=["a<b"]).html()
     assert "<script>" not in page
     assert all(text in page for text in ("&lt;script&gt;", "0.1235", "–"))
