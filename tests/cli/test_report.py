@@ -29,7 +29,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> No
     """Designs and figures have tests of their own."""
     if request.function is not test_figures:
         undrawn(monkeypatch)
-    monkeypatch.setattr(lb, "design", refuse_to_design)
+    monkeypatch.setattr("ldbb_bayes.report.findings.design", refuse_to_design)
 
 
 def refuse_to_design(*_: object, **__: object) -> None:
