@@ -27,11 +27,11 @@ from ldbb_bayes.report.figures import style
 FIT = ("--degree", 0, "--sampler", "independent")
 
 
-def names(folder: Path) -> set[str]:
+def names_in(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-def drawn(text: str) -> set[str]:
+def figure_files(text: str) -> set[str]:
     names_of_figures = text.split()
     pngs = {f"{name}.png" for name in names_of_figures}
     return pngs | {f"{name}.svg" for name in names_of_figures}
@@ -84,7 +84,7 @@ def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     }
     assert (result["model"]["degree"], result["provenance"]["seed"]) == (0, 5)
     assert json.loads((out / "summary.json").read_text()) == result
-    assert names(out) == {"model.toml", "posterior.nc", "summary.json"}
+    assert names_in(out) == {"model.toml", "posterior.nc", "summary.json"}
     assert lb.read_model(out / "model.toml") == lb.HybridModel.default(0)
     assert json.loads(invoke("summarize", out, "--json")[1]) == result
     narrow = json.loads(invoke("summarize", out / "posterior.nc", "--json", "--ci", 0.5)[1])[
@@ -114,7 +114,7 @@ def test_fit_that_misses_its_target(
     )
     assert code == 1
     assert "NOT CONVERGED" in stdout
-    assert names(tmp_path) == set()
+    assert names_in(tmp_path) == set()
 
 
 def test_fit_of_nearly_equal_forces_with_flat_priors(tmp_path: Path, invoke: Invoke) -> None:
@@ -263,9 +263,10 @@ def test_identify(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     """What it answers is held by its goldens."""
     out = tmp_path / "i"
     record = json.loads(invoke("identify", planned, "--degree", 0, "--json", "--out", out)[1])
-    figures = drawn("prior_and_posterior compliance_atlas geometric_atlas")
+    figures = figure_files("prior_and_posterior compliance_atlas geometric_atlas")
     assert (
-        names(out) == {"identify.json", "parameters.csv", "alias.csv", "correlation.csv"} | figures
+        names_in(out)
+        == {"identify.json", "parameters.csv", "alias.csv", "correlation.csv"} | figures
     )
     assert json.loads((out / "identify.json").read_text()) == record
     assert np.isfinite(pd.read_csv(out / "alias.csv", index_col="parameter").to_numpy()).all()
@@ -302,8 +303,8 @@ def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke)
     assert (record["seed"], record["sensitivity_of"]) == (2, "linear/constant")
     assert json.loads((out / "comparison.json").read_text()) == record
     assert len(pd.read_csv(out / "local_fits.csv")) == 2 * 13
-    figures = drawn("evidence compliance_with_local_fits geometry_with_local_fits")
-    assert names(out) == {"comparison.json", "local_fits.csv"} | figures
+    figures = figure_files("evidence compliance_with_local_fits geometry_with_local_fits")
+    assert names_in(out) == {"comparison.json", "local_fits.csv"} | figures
 
 
 def test_what_looks_odd_is_said_whoever_reads_it(
@@ -336,8 +337,8 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
     record = json.loads(invoke(*arguments, "--against", f"own={folder}", "--json", "--out", out)[1])
     assert record == json.loads((out / "design.json").read_text())
     tables = {"expected.csv", "sensitivity.csv"}
-    figures = drawn("expected_widths")
-    assert names(out) == {"campaign.toml", "model.toml", "design.json"} | tables | figures
+    figures = figure_files("expected_widths")
+    assert names_in(out) == {"campaign.toml", "model.toml", "design.json"} | tables | figures
     next_tests = lb.read_campaign(out)
     assert next_tests.is_plan
     listed = []
@@ -406,7 +407,7 @@ def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
         1,
     )
     record = json.loads(invoke(*common, "--json", "--out", out)[1])
-    assert names(out) == {"ranks.csv", "validation.json"} | drawn("rank_ecdf")
+    assert names_in(out) == {"ranks.csv", "validation.json"} | figure_files("rank_ecdf")
     assert json.loads((out / "validation.json").read_text()) == record
     ranks = pd.read_csv(out / "ranks.csv", index_col="replicate")
     assert (ranks.shape, ranks.min().min() >= 0, ranks.max().max() <= 19) == ((10, 19), True, True)
@@ -458,7 +459,7 @@ def test_machine(tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "m"
     atlases = "compliance_atlas_XY compliance_atlas_YZ geometric_atlas_XY geometric_atlas_YZ"
     assert invoke("machine", "wXFYZt", "--plane", "XY,YZ", "--out", out)[0] == 0
-    assert names(out) == {"machine.json"} | drawn(atlases)
+    assert names_in(out) == {"machine.json"} | figure_files(atlases)
     assert invoke("machine", "wXFYZt", "--out", out)[0] == 2
     assert invoke("machine", "wXFYZt", "--out", out, "--force")[0] == 0
     assert not (out / "compliance_atlas_YZ.svg").exists()

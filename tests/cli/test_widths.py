@@ -73,11 +73,11 @@ def always(answer: object) -> Callable[..., object]:
     return give
 
 
-def collector(parts: list[Any]) -> Callable[..., None]:
+def collector(collected: list[Any]) -> Callable[..., None]:
     """Return a function that adds its arguments to a list."""
 
     def collect(*arguments: object) -> None:
-        parts.extend(arguments)
+        collected.extend(arguments)
 
     return collect
 

@@ -27,7 +27,7 @@ SI = "{https://ptb.de/si}"
 STRUCTURE = cases(__file__, "dcc_structure.toml")
 
 
-def checked(path: Path) -> ElementTree.Element:
+def check_structure(path: Path) -> ElementTree.Element:
     root = ElementTree.parse(path).getroot()
     for element in root.iter():
         kind, name = element.tag.removeprefix("{https://ptb.de/").split("}")
@@ -63,7 +63,7 @@ def test_numbers_are_those_of_the_summary(recovered: lb.Campaign, tmp_path: Path
     warm = tuple(replace(test, temperature_C=20.5) for test in recovered.tests)
     campaign = replace(recovered, tests=warm, **stated)
     posterior = fitted(lb.HybridModel.first(1), campaign)
-    root = checked(lb.write_dcc(posterior, tmp_path / "dcc.xml", ci_prob=0.9))
+    root = check_structure(lb.write_dcc(posterior, tmp_path / "dcc.xml", ci_prob=0.9))
     quantities = {
         quantity.name.split(" / ")[0].split()[-1]: quantity
         for quantity in lb.read_dcc(tmp_path / "dcc.xml").quantities
@@ -115,5 +115,5 @@ def test_units_are_those_of_the_si() -> None:
 
 @pytest.mark.parametrize("kind", ["script", "degree 2", "paper", "long name"])
 def test_awkward_results(kind: str, tmp_path: Path) -> None:
-    checked(lb.write_dcc(awkward(kind), tmp_path / "dcc.xml"))
+    check_structure(lb.write_dcc(awkward(kind), tmp_path / "dcc.xml"))
     assert SCRIPT not in (tmp_path / "dcc.xml").read_text("utf-8")

@@ -190,7 +190,7 @@ def test_atlases_are_tables_2_and_3() -> None:
 # ---- of analyses
 
 
-def drawn(figure: Figure) -> set[str]:
+def texts_of(figure: Figure) -> set[str]:
     """All texts of a figure."""
     figure.canvas.draw()
     texts = set()
@@ -205,7 +205,7 @@ def drawn(figure: Figure) -> set[str]:
 @pytest.mark.parametrize("model", [lb.HybridModel.first(2), lb.HybridModel.paper(0)])
 def test_identifiability_shows_every_parameter(model: lb.HybridModel) -> None:
     identifiability = lb.identify(model, simulated(plan()))
-    texts = drawn(figures.prior_and_posterior(identifiability))
+    texts = texts_of(figures.prior_and_posterior(identifiability))
     for name in identifiability.parameters:
         assert any(text.startswith(name.replace("E_C0YX", "E_C(0Y)X") + ":") for text in texts)
 
@@ -218,7 +218,7 @@ def test_comparisons(compared: Comparison) -> None:
         "without discrepancy",
         "slope scale 0.03",
         "ln B(linear/constant) (nat)",
-    } <= drawn(figure)
+    } <= texts_of(figure)
     places = []
     for axes in figure.axes:
         for line in axes.lines:
@@ -231,7 +231,7 @@ def test_comparisons(compared: Comparison) -> None:
     assert all(axes.get_xscale() == "linear" for axes in figure.axes)
     assert all(high < low for (_, high), (low, _) in itertools.pairwise(limits))
     figure = figures.compliance_with_local_fits(compared)
-    assert {"C_XXX (nm/N)", "C_CCY (µrad/(N m))", "force (N)"} <= drawn(figure)
+    assert {"C_XXX (nm/N)", "C_CCY (µrad/(N m))", "force (N)"} <= texts_of(figure)
     local = compared.local_fits[compared.local_fits["parameter"] == "C_XYX"]
     crosses = [
         line.get_ydata()
@@ -239,7 +239,7 @@ def test_comparisons(compared: Comparison) -> None:
         if line.get_label() == "local, least squares"
     ]
     np.testing.assert_allclose(crosses[0], local["least_squares"] * 1e6)
-    assert {"E_XX1 (µm/m)", "E_C(0Y)X (µrad)", "E_Yt0 (µm)"} <= drawn(
+    assert {"E_XX1 (µm/m)", "E_C(0Y)X (µrad)", "E_Yt0 (µm)"} <= texts_of(
         figures.geometry_with_local_fits(compared)
     )
     bare = replace(
@@ -256,7 +256,7 @@ def test_comparisons(compared: Comparison) -> None:
         figures.compliance_with_local_fits,
         figures.geometry_with_local_fits,
     ):
-        drawn(draw(bare))
+        texts_of(draw(bare))
 
 
 def test_tables_of_a_comparison(compared: Comparison) -> None:

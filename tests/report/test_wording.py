@@ -479,7 +479,7 @@ def test_the_cure_of_a_fit_that_has_not_converged(kind: str, option: str) -> Non
     assert option in sentence
 
 
-def checked(**moved_by_test: float) -> Any:
+def fit_with_shifts(**moved_by_test: float) -> Any:
     """A fit that does not expect order 4 of tests which move a parameter by so much [u]."""
     failing = [Check(CheckKind.ORDER, test, 1e-3, order=4) for test in moved_by_test]
     misfits = [check for check in failing if moved_by_test[check.test] > 0.5]
@@ -496,20 +496,20 @@ def checked(**moved_by_test: float) -> Any:
 
 
 def test_a_model_that_expects_the_readings() -> None:
-    assert wording.expectation(checked()) == (
+    assert wording.expectation(fit_with_shifts()) == (
         "the model expects readings like these (1 checks, smallest p = 0.25, white noise of f036)"
     )
 
 
 def test_a_model_that_does_not_expect_the_readings() -> None:
-    assert wording.expectation(checked(f520=0.7)) == (
+    assert wording.expectation(fit_with_shifts(f520=0.7)) == (
         "the model does not expect readings like these (order 4 of f520):"
         " without f520 a parameter moves by 0.7 u"
     )
 
 
 def test_what_is_not_expected_but_hardly_matters() -> None:
-    assert wording.expectation(checked(f520=0.1)) == (
+    assert wording.expectation(fit_with_shifts(f520=0.1)) == (
         "what the model does not expect (order 4 of f520) hardly moves an interval"
     )
 
@@ -518,17 +518,17 @@ RESULT = {"model": {"preset": "first"}, "sampler": {}}
 
 
 def test_nothing_forbids_the_numbers_of_a_good_fit() -> None:
-    assert wording.alert_sentences(checked(), RESULT) == ()
+    assert wording.alert_sentences(fit_with_shifts(), RESULT) == ()
 
 
 def test_a_misfit_limits_the_numbers() -> None:
-    (sentence,) = wording.alert_sentences(checked(f520=0.7), RESULT)
+    (sentence,) = wording.alert_sentences(fit_with_shifts(f520=0.7), RESULT)
     assert sentence.startswith("Misfit: the model does not expect readings like these")
 
 
 def test_least_squares_limits_the_numbers() -> None:
     result = {**RESULT, "model": {"preset": "paper"}}
-    assert wording.alert_sentences(checked(), result) == (wording.PAGE["paper"],)
+    assert wording.alert_sentences(fit_with_shifts(), result) == (wording.PAGE["paper"],)
 
 
 FITTED_MODEL = {

@@ -167,11 +167,11 @@ def smallest(tmp_path: Path) -> Path:
     shutil.copytree(STUDIES.parent / "data", tmp_path / "data")
     (folder / "run.py").write_text(SMALLEST, encoding="utf-8")
     (folder / "README.md.j2").write_text("{{ r.rmse_um | to('.2f') }} µm\n", encoding="utf-8")
-    assert ended(folder, "--write") == ""
+    assert failure_of(folder, "--write") == ""
     return folder
 
 
-def ended(folder: Path, *options: str) -> str:
+def failure_of(folder: Path, *options: str) -> str:
     """What a study says when it fails, run here; empty where all is reproduced."""
     path = list(sys.path)
     arguments = sys.argv
@@ -217,7 +217,7 @@ def test_one_command_runs_them(smallest: Path) -> None:
 
 def test_files_that_are_missing_or_damaged(smallest: Path) -> None:
     """One line that names the file and the cure."""
-    assert ended(smallest) == ""
+    assert failure_of(smallest) == ""
     for name, damage, message in (
         ("results.json", None, "git checkout"),
         ("README.md.j2", None, "git checkout"),
@@ -231,7 +231,7 @@ def test_files_that_are_missing_or_damaged(smallest: Path) -> None:
             if damage is None
             else (smallest / name).write_text(damage, encoding="utf-8")
         )
-        assert message in ended(smallest)
+        assert message in failure_of(smallest)
         (smallest / name).write_bytes(content)
 
 

@@ -1,0 +1,118 @@
+"""The two sheets for signing: what they state, where, and in which words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from campaigns import plan, refuses, simulated
+from reports import NOT_COMPARED, fitted, undrawn
+
+import ldbb_bayes as lb
+from ldbb_bayes.report.blocks import Banner, Fields, Pair, ReportSheet
+from ldbb_bayes.report.findings import Findings, find
+from ldbb_bayes.report.sheets import sheets
+from ldbb_bayes.results import Table
+
+
+@pytest.fixture(autouse=True)
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    undrawn(monkeypatch)
+
+
+def findings_of(campaign: lb.Campaign, tolerances: dict[str, Any] | None = None) -> Findings:
+    posterior = fitted(lb.HybridModel.first(0), campaign)
+    return find(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED, tolerances=tolerances)
+
+
+@pytest.fixture(scope="module")
+def findings() -> Findings:
+    return findings_of(simulated(plan()))
+
+
+def tables_of(sheet: ReportSheet) -> list[Table]:
+    return [block for block in sheet.blocks if isinstance(block, Table)]
+
+
+def test_a_certificate_and_its_results(findings: Findings) -> None:
+    assert [sheet.key for sheet in sheets(findings)] == ["certificate", "results-sheet"]
+
+
+def test_the_certificate_begins_with_whether_it_can_be_used(findings: Findings) -> None:
+    first, _ = sheets(findings)
+    banner = first.blocks[0]
+    assert isinstance(banner, Banner)
+    assert banner.kind in ("usable", "reserved")
+
+
+def test_the_certificate_ends_with_lines_to_sign(findings: Findings) -> None:
+    first, _ = sheets(findings)
+    signatures = first.blocks[-1]
+    assert isinstance(signatures, Fields)
+    assert signatures.tall
+    assert [text for _, text in signatures.entries] == ["", ""]
+
+
+def test_what_is_not_determined_stands_beside_the_traces(findings: Findings) -> None:
+    first, _ = sheets(findings)
+    (pair,) = [block for block in first.blocks if isinstance(block, Pair)]
+    assert pair.picture.key == "traces"
+    assert pair.beside
+
+
+def test_what_a_campaign_does_not_state_is_a_line_to_write_on(findings: Findings) -> None:
+    first, _ = sheets(findings)
+    fields = next(block for block in first.blocks if isinstance(block, Fields))
+    entries = dict(fields.entries)
+    assert entries["Operator"] == ""
+
+
+def test_every_compliance_and_error_stands_on_sheet_2(findings: Findings) -> None:
+    _, second = sheets(findings)
+    (table,) = tables_of(second)
+    symbols = {row[1] for row in table.rows}
+    assert {"C_XXX", "C_YYY", "E_XX1", "E_YX2", "E_C(0Y)X"} <= symbols
+
+
+def test_the_force_at_which_stiffness_is_stated(findings: Findings) -> None:
+    first, _ = sheets(findings, force_N=500.0)
+    assert "500 N" in tables_of(first)[0].caption
+
+
+def test_a_force_outside_the_tested_ones_is_a_reservation(findings: Findings) -> None:
+    first, _ = sheets(findings, force_N=1000.0)
+    banner = first.blocks[0]
+    assert isinstance(banner, Banner)
+    assert banner.kind == "reserved"
+    assert "Stated at 1000 N, outside the tested forces" in banner.sentence
+
+
+def test_a_tolerance_has_a_table_of_its_own() -> None:
+    with_limit = findings_of(simulated(plan()), {"C_XXX": "60 nm/N"})
+    first, _ = sheets(with_limit)
+    _, conformity = tables_of(first)
+    assert len(conformity.rows) == 1
+    assert "≤ 60" in conformity.rows[0]
+
+
+def test_without_a_tolerance_there_is_no_such_table(findings: Findings) -> None:
+    first, _ = sheets(findings)
+    assert len(tables_of(first)) == 1
+
+
+def test_numbers_are_those_of_the_language(findings: Findings) -> None:
+    english, german = (tables_of(sheets(findings, language=code)[1])[0] for code in ("en", "de"))
+    values = [row[2] for row in english.rows]
+    assert any("." in value for value in values)
+    assert [row[2] for row in german.rows] == [value.replace(".", ",") for value in values]
+
+
+def test_a_long_name_is_shortened() -> None:
+    named = lb.Campaign(simulated(plan()).tests, name="M" * 300)
+    first, _ = sheets(findings_of(named))
+    assert f"{'M' * 69}…" in first.line
+    assert "M" * 70 not in first.line
+
+
+def test_a_language_without_words_is_refused(findings: Findings) -> None:
+    refuses("language", sheets, findings, language="xx")
