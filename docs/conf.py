@@ -25,8 +25,7 @@ import ldbb_bayes
 from ldbb_bayes.fleet import dataset
 from ldbb_bayes.reading import words
 from ldbb_bayes.results import Result
-from ldbb_bayes.units import _ATOMS as atoms
-from ldbb_bayes.units import _UNITS as units_of_reading
+from ldbb_bayes.units import DISPLAY_UNITS, UNITS_TO_WRITE
 
 project = "ldbb_bayes"
 author = copyright = "The ldbb_bayes developers"
@@ -206,7 +205,7 @@ def reading() -> str:
     """Inside units beside those for reading."""
     rows = {
         f"`{unit}`": f"{label} = {1.0 / factor:g} {unit}"
-        for unit, (factor, label) in units_of_reading.items()
+        for unit, (factor, label) in DISPLAY_UNITS.items()
         if label
     }
     return table("Inside | For reading", rows)
@@ -214,7 +213,7 @@ def reading() -> str:
 
 def typed() -> str:
     """Units that a quantity may be typed in."""
-    return ", ".join(f"`{unit}`" for unit in atoms)
+    return ", ".join(f"`{unit}`" for unit in UNITS_TO_WRITE)
 
 
 def batch() -> str:

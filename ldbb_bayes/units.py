@@ -14,6 +14,8 @@ from typing import Any, NamedTuple, TypeVar
 from ldbb_bayes.errors import InputError, require
 
 __all__ = [
+    "DISPLAY_UNITS",
+    "UNITS_TO_WRITE",
     "Statement",
     "display_name",
     "display_unit",
@@ -60,7 +62,7 @@ def _display_units() -> dict[str, tuple[float, str]]:
     return _COMPLIANCE_UNITS | slopes | curvatures | _OTHER_UNITS
 
 
-_UNITS = _display_units()
+DISPLAY_UNITS = _display_units()
 
 
 class _Size(NamedTuple):
@@ -90,7 +92,7 @@ def _units_to_write() -> dict[str, _Size]:
     return sizes
 
 
-_UNITS_TO_WRITE = _units_to_write()
+UNITS_TO_WRITE = _units_to_write()
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Units by the endings of names.
 _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
@@ -105,10 +107,10 @@ _SKEWED_SHARE = 0.2
 def display_unit(unit: str) -> tuple[float, str]:
     """Return factor and label that turn an inside unit into the one for reading."""
     require(
-        unit in _UNITS,
-        f"unit must be one of {', '.join(_UNITS)}, got {unit!r}. Use an inside unit.",
+        unit in DISPLAY_UNITS,
+        f"unit must be one of {', '.join(DISPLAY_UNITS)}, got {unit!r}. Use an inside unit.",
     )
-    return _UNITS[unit]
+    return DISPLAY_UNITS[unit]
 
 
 def to_inside(text: str, unit: str, subject: str = "value") -> float:
@@ -146,7 +148,7 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
         written = _size_of(match[2])
     wanted = _size_of(unit)
     if match is None or written is None or wanted is None or written[1:] != wanted[1:]:
-        label = _UNITS[unit][1] if unit in _UNITS else unit
+        label = DISPLAY_UNITS[unit][1] if unit in DISPLAY_UNITS else unit
         raise InputError(
             f"{subject} must be a number with its unit, got {text!r}. Write it in {label}, like 0.5"
             f" {label}."
@@ -187,12 +189,12 @@ def _size_of(unit: str) -> _Size | None:
     for k, term in enumerate(re.split(r"\s*/\s*", text)):
         name, _, power = term.partition("^")
         name = re.sub(r"^u(?=[mrN])", "µ", name)
-        if name not in _UNITS_TO_WRITE or power not in ("", "2"):
+        if name not in UNITS_TO_WRITE or power not in ("", "2"):
             return None
         exponent = int(power or 1)
         if k > 0:
             exponent = -exponent
-        size = _UNITS_TO_WRITE[name]
+        size = UNITS_TO_WRITE[name]
         factor *= size.factor**exponent
         length += exponent * size.length
         force += exponent * size.force
