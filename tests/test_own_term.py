@@ -93,32 +93,39 @@ def test_toml_both_ways() -> None:
 def test_fit_finds_it(posterior: Any, campaign: lb.Campaign) -> None:
     """The amplitude that the plain mean of the circles' fifth order has; the scale learnt with
     it."""
-    found = lb.nuisances(posterior).loc[["pitch_error_cos5", "pitch_error_sin5"]]
-    assert set(found["term"]) == {"PitchError"}
-    angle = campaign.tests[0].angles_rad()
+    table = lb.nuisances(posterior).loc[["pitch_error_cos5", "pitch_error_sin5"]]
+    assert set(table["term"]) == {"PitchError"}
+    phase = 5.0 * campaign.tests[0].angles_rad()
     readings = np.mean([test.readings_mm() for test in campaign.tests], axis=0)
-    expected = [2.0 * np.mean(readings * wave(5.0 * angle)) for wave in (np.cos, np.sin)]
-    assert np.abs(found["mean"] / found["sd"]).max() > 5.0
-    np.testing.assert_allclose(found["mean"], expected, atol=2e-4)
-    assert (
-        lb.summarize(posterior).loc["pitch", "mean"] > lb.summarize(posterior).loc["kappa", "mean"]
-    )
+    cosine = 2.0 * np.mean(readings * np.cos(phase))
+    sine = 2.0 * np.mean(readings * np.sin(phase))
+    assert np.abs(table["mean"] / table["sd"]).max() > 5.0
+    np.testing.assert_allclose(table["mean"], [cosine, sine], atol=2e-4)
+    means = lb.summarize(posterior)["mean"]
+    assert means["pitch"] > means["kappa"]
 
 
-def test_identify_budgets_design_and_report_know_it(
-    campaign: lb.Campaign, posterior: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = lb.identify(MODEL, campaign)
-    assert "PitchError" in found.parameters["C_XXX"].confounding
+def test_identify_knows_it(campaign: lb.Campaign) -> None:
+    identified = lb.identify(MODEL, campaign)
+    assert "PitchError" in identified.parameters["C_XXX"].confounding
+
+
+def test_budgets_know_it(posterior: Any) -> None:
     budgets = lb.budgets(posterior)
-    shares = {name: budget.share("PitchError") for name, budget in budgets.items()}
-    assert all(-1e-9 <= share < 0.1 for share in shares.values())
-    assert (
-        remedy_words(replace(budgets["C_XXX"], heaviest="PitchError"))
-        == "Measure the screws' pitch with a laser."
-    )
+    for budget in budgets.values():
+        assert -1e-9 <= budget.share("PitchError") < 0.1
+    words = remedy_words(replace(budgets["C_XXX"], heaviest="PitchError"))
+    assert words == "Measure the screws' pitch with a laser."
+
+
+def test_design_knows_it(campaign: lb.Campaign) -> None:
     designed = lb.design(MODEL, campaign, tests=3, forces_N=(36.0, 400.0, 742.0))
     assert len(designed.tests) == 3
+
+
+def test_the_report_knows_it(
+    posterior: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     undrawn(monkeypatch)
     lb.write_report(
         posterior, tmp_path / "report", comparison="left out here", recommended="left out here"
@@ -130,16 +137,13 @@ def test_identify_budgets_design_and_report_know_it(
 def test_an_alias_of_it_is_stated_with_its_cure() -> None:
     """In proportion to the radius at order 2 it is a geometric error at one radius."""
     bound = MODEL.without("pitch-error").with_term(SecondOrder()).bind(plan())
-    found = [degeneracy for degeneracy in degeneracies(bound) if degeneracy.term == "SecondOrder"]
-    assert {name for degeneracy in found for name in degeneracy.parameters} == {
-        "E_XX1",
-        "E_YY1",
-        "E_C0YX",
-    }
-    assert all(
-        "easurement of it" in cure_words(own, cure)
-        for own, cure in zip(found, cures(bound, found), strict=True)
-    )
+    aliases = [alias for alias in degeneracies(bound) if alias.term == "SecondOrder"]
+    parameters: set[str] = set()
+    for alias in aliases:
+        parameters.update(alias.parameters)
+    assert parameters == {"E_XX1", "E_YY1", "E_C0YX"}
+    for alias, remedy in zip(aliases, cures(bound, aliases), strict=True):
+        assert "easurement of it" in cure_words(alias, remedy)
 
 
 @dataclass(frozen=True)
@@ -158,59 +162,64 @@ class SecondOrder(lb.Term):
         )
 
 
-def test_what_is_no_term_is_refused() -> None:
+def test_a_term_that_is_no_dataclass_is_refused() -> None:
     class Loose(lb.Term):
         pass
 
-    refuses(
-        r"nuisances must be terms, got Loose\. Derive its class from Term",
-        lb.HybridModel.first().with_term,
-        Loose(),
-    )
-    with pytest.raises(InputError, match="a term must have a name of its own, got BallForm"):
-        dataclasses.make_dataclass(
-            "BallForm", [], bases=(lb.Term,), namespace={"__module__": __name__}
-        )
-    with pytest.raises(
-        InputError, match=r"columns of a, b must have values of shape \(tests, 25, 2\)"
-    ):
-        lb.Columns(("a", "b"), np.zeros((4, 25, 1)), np.ones(2))
+    message = r"nuisances must be terms, got Loose\. Derive its class from Term"
+    refuses(message, lb.HybridModel.first().with_term, Loose())
     lb.Term.kinds.pop("Loose")
-    one = lb.Columns(("a", "b"), np.zeros((4, 25, 2)), 2e-3, mean=1)
-    np.testing.assert_array_equal([one.sd, one.mean], [[2e-3, 2e-3], [1.0, 1.0]])
-    with pytest.raises(
-        InputError,
-        match=r"term must be one of BallForm.*'Squeak'.* commands do not have it; define or import",
-    ):
-        model_from_toml("schema = 1\n[terms.Squeak]\nsd_um = 1.0\n")
+
+
+def test_a_term_with_the_name_of_another_is_refused() -> None:
+    module = {"__module__": __name__}
+    with pytest.raises(InputError, match="a term must have a name of its own, got BallForm"):
+        dataclasses.make_dataclass("BallForm", [], bases=(lb.Term,), namespace=module)
+
+
+def test_columns_of_another_shape_are_refused() -> None:
+    message = r"columns of a, b must have values of shape \(tests, 25, 2\)"
+    refuses(message, lb.Columns, ("a", "b"), np.zeros((4, 25, 1)), np.ones(2))
+
+
+def test_one_number_is_the_sd_and_mean_of_all_columns() -> None:
+    columns = lb.Columns(("a", "b"), np.zeros((4, 25, 2)), 2e-3, mean=1)
+    np.testing.assert_array_equal(columns.sd, [2e-3, 2e-3])
+    np.testing.assert_array_equal(columns.mean, [1.0, 1.0])
+
+
+def test_an_unknown_term_of_a_file_is_refused() -> None:
+    message = r"term must be one of BallForm.*'Squeak'.* commands do not have it; define or import"
+    refuses(message, model_from_toml, "schema = 1\n[terms.Squeak]\nsd_um = 1.0\n")
 
 
 @pytest.mark.slow
 def test_simulation_based_calibration_passes() -> None:
-    found = lb.validate(MODEL, plan((24,) * 4), replicates=24, draws=49)
-    assert found.calibrated
-    assert "pitch" in json.dumps(found.as_dict())
+    validation = lb.validate(MODEL, plan((24,) * 4), replicates=24, draws=49)
+    assert validation.calibrated
+    assert "pitch" in json.dumps(validation.as_dict())
 
 
-def test_a_prior_mean_of_its_columns_counts(campaign: lb.Campaign) -> None:
-    """In simulated readings, and in the likelihood: readings with 3 µm more of cos 5θ are as
-    probable under it as without."""
+def lobe_um(test: lb.CircularTest) -> np.ndarray:
+    return 3.0 * np.cos(5.0 * test.angles_rad())
+
+
+def test_a_prior_mean_of_its_columns_counts_in_the_likelihood(campaign: lb.Campaign) -> None:
+    """Readings with 3 µm more of cos 5θ are as probable under it as without."""
     plain = lb.HybridModel.first(0)
     phi = np.array([[3e-4, 5e-4, 2e-4, 2e-3]])
-    model = plain.with_term(KnownLobe())
-    more = tuple(
-        t.with_reading_um(np.asarray(t.reading_um) + 3.0 * np.cos(5.0 * t.angles_rad()))
-        for t in campaign.tests
-    )
-    value = model.bind(replace(campaign, tests=more)).log_evidence(phi)
+    tests = []
+    for test in campaign.tests:
+        tests.append(test.with_reading_um(np.asarray(test.reading_um) + lobe_um(test)))
+    with_lobe = replace(campaign, tests=tuple(tests))
+    value = plain.with_term(KnownLobe()).bind(with_lobe).log_evidence(phi)
     np.testing.assert_allclose(value, plain.bind(campaign).log_evidence(phi), atol=1e-5)
+
+
+def test_a_prior_mean_of_its_columns_counts_in_simulated_readings() -> None:
+    model = lb.HybridModel.first(0).with_term(KnownLobe())
+    model = model.without("bar-length", "mount", "force-error")
     silent = dict.fromkeys(("sigma", "delta", "kappa", "tau"), 0.0)
-    quiet = (
-        model.without("bar-length", "mount", "force-error")
-        .simulate(plan(), seed=1, parameters={}, hyper_um=silent)
-        .campaign
-    )
-    for test in quiet.tests:
-        np.testing.assert_allclose(
-            test.reading_um, 3.0 * np.cos(5.0 * test.angles_rad()), atol=1e-3
-        )
+    simulation = model.simulate(plan(), seed=1, parameters={}, hyper_um=silent)
+    for test in simulation.campaign.tests:
+        np.testing.assert_allclose(test.reading_um, lobe_um(test), atol=1e-3)
