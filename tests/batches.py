@@ -42,15 +42,23 @@ def made_row(settings: Settings, job: Job, *, parameters: int = 3) -> dict[str, 
     for name in names:
         values = rng.standard_normal(5).tolist()
         numbers[name] = {"unit": "mm/N", **dict(zip(PARAMETER_NUMBERS, values, strict=True))}
+    state = "usable"
+    misfits = []
+    if job.number % 7 == 0:
+        state = "doubtful"
+        misfits = ["form"]
+    log_prob_truncation = -0.5
+    if job.number % 3 == 0:
+        log_prob_truncation = float("nan")
     return row | {
         "status": "done",
         "converged": True,
-        "state": "doubtful" if job.number % 7 == 0 else "usable",
+        "state": state,
         "verdict": "fine",
-        "misfits": ["form"] if job.number % 7 == 0 else [],
+        "misfits": misfits,
         "warnings": [],
         "terms": ["Compliance"],
-        "log_prob_truncation": float("nan") if job.number % 3 == 0 else -0.5,
+        "log_prob_truncation": log_prob_truncation,
         "parameters": numbers,
         "gaussian_names": names,
         "gaussian_mean": rng.standard_normal(len(names)).tolist(),

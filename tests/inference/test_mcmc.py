@@ -24,7 +24,8 @@ MODELS = {
 def redraw_of(model: lb.HybridModel, **planned: float) -> tuple[JointDensity, LinearRedraw]:
     bound = model.bind(simulated(plan(**planned)))
     density = JointDensity(bound)
-    return density, LinearRedraw(density, HyperPosterior(bound, truncated=bound.truncation.active))
+    hyper_posterior = HyperPosterior(bound, truncated=bound.truncation.active)
+    return density, LinearRedraw(density, hyper_posterior)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -45,7 +46,8 @@ def test_the_weights_are_nearly_even_and_average_to_the_evidence() -> None:
     mean = level.mean()
     error = level.std() / np.sqrt(len(level))
     expected = redraw.start.nodes(1e-2).integral.log_integral
-    assert np.log(mean) + log_weight.max() == pytest.approx(expected, abs=5.0 * error / mean + 1e-2)
+    log_evidence = np.log(mean) + log_weight.max()
+    assert log_evidence == pytest.approx(expected, abs=5.0 * error / mean + 1e-2)
     assert level.sum() ** 2 / (level**2).sum() > 0.5 * len(level)
 
 
@@ -68,29 +70,24 @@ class Wide:
         return log_density(points) - log_proposed
 
 
-@pytest.mark.parametrize("wrong", [False, True])
-def test_the_move_leaves_a_known_density_as_it_is(wrong: bool) -> None:
+class WronglyWeighted(Wide):
+    """Weights that leave out the proposal."""
+
+    def log_weight(self, points: np.ndarray) -> np.ndarray:
+        return log_density(points)
+
+
+@pytest.mark.parametrize(("redraw", "correct"), [(Wide(), True), (WronglyWeighted(), False)])
+def test_the_move_leaves_a_known_density_as_it_is(redraw: Wide, correct: bool) -> None:
     """z ~ N(0, 1), x | z ~ N(z², 1): var x = 3; with wrong weights it is another."""
-
-    class Wrong(Wide):
-        def log_weight(self, points: np.ndarray) -> np.ndarray:
-            return log_density(points)
-
     rng = np.random.default_rng(0)
     starts = rng.normal(size=(4, 64, 2)) + np.array([1.0, 0.0])
     rule = StoppingRule(ess=1e9, max_steps=1000, block=100)
-    run = run_ensembles(
-        log_density,
-        starts,
-        rule=rule,
-        seed=np.random.SeedSequence(5),
-        redraw=Wrong() if wrong else Wide(),
-    )
+    seed = np.random.SeedSequence(5)
+    run = run_ensembles(log_density, starts, rule=rule, seed=seed, redraw=redraw)
     x, z = run.chain.reshape(-1, 2).T
-    right = (
-        abs(x.mean() - 1.0) < 0.08 and abs(x.var() / 3.0 - 1.0) < 0.08 and abs(z.var() - 1.0) < 0.07
-    )
-    assert right is not wrong
+    errors = np.abs([x.mean() - 1.0, x.var() / 3.0 - 1.0, z.var() - 1.0])
+    assert np.all(errors < [0.08, 0.08, 0.07]) == correct
 
 
 @pytest.mark.slow
@@ -99,16 +96,16 @@ def test_ensembles_sample_a_correlated_normal_at_the_real_dimension() -> None:
     0.88)."""
     rng = np.random.default_rng(0)
     d = 23
-    root = np.tril(rng.normal(size=(d, d)), -1) * 0.3 + np.diag(np.exp(rng.normal(size=d)))
+    below_diagonal = np.tril(rng.normal(size=(d, d)), -1) * 0.3
+    root = below_diagonal + np.diag(np.exp(rng.normal(size=d)))
     inverse = np.linalg.inv(root)
     starts = rng.normal(size=(4, 92, d)) @ root.T
 
-    def log_density(x: np.ndarray) -> np.ndarray:
+    def correlated_normal(x: np.ndarray) -> np.ndarray:
         return -0.5 * ((x @ inverse.T) ** 2).sum(axis=1)
 
-    run = run_ensembles(
-        log_density, starts, rule=StoppingRule(ess=2000.0), seed=np.random.SeedSequence(1)
-    )
+    rule = StoppingRule(ess=2000.0)
+    run = run_ensembles(correlated_normal, starts, rule=rule, seed=np.random.SeedSequence(1))
     white = run.chain.reshape(-1, d) @ inverse.T
     assert run.converged
     np.testing.assert_allclose(white.std(axis=0), 1.0, atol=0.06)
@@ -119,9 +116,11 @@ def test_burn_in_is_left_out() -> None:
     """Walkers that start 30 sd away: no draw that is kept lies on their way."""
     starts = 30.0 + np.random.default_rng(0).normal(size=(4, 16, 2))
     rule = StoppingRule(ess=1e9, max_steps=1000, block=100)
-    run = run_ensembles(
-        lambda x: -0.5 * (x**2).sum(axis=1), starts, rule=rule, seed=np.random.SeedSequence(1)
-    )
+
+    def standard_normal(x: np.ndarray) -> np.ndarray:
+        return -0.5 * (x**2).sum(axis=1)
+
+    run = run_ensembles(standard_normal, starts, rule=rule, seed=np.random.SeedSequence(1))
     assert np.abs(run.chain).max() < 7.0
     assert run.chain.std() == pytest.approx(1.0, abs=0.1)
 
@@ -145,18 +144,18 @@ def test_diagnostics_are_of_each_parameter(rng: np.random.Generator) -> None:
 def test_walker_major_order() -> None:
     """Ensembles whose walkers stand still must not look like thousands of independent draws."""
     starts = np.random.default_rng(0).normal(size=(4, 64, 2))
-    run = run_ensembles(
-        lambda x: np.where(np.isin(x[:, 0], starts[..., 0]), 0.0, -np.inf),
-        starts,
-        rule=StoppingRule(ess=1000.0, max_steps=400),
-        seed=np.random.SeedSequence(1),
-    )
+
+    def zero_at_starts_alone(x: np.ndarray) -> np.ndarray:
+        return np.where(np.isin(x[:, 0], starts[..., 0]), 0.0, -np.inf)
+
+    rule = StoppingRule(ess=1000.0, max_steps=400)
+    run = run_ensembles(zero_at_starts_alone, starts, rule=rule, seed=np.random.SeedSequence(1))
     assert not run.converged
     assert run.assessment.ess_bulk_min < 500.0
 
 
 @pytest.mark.parametrize(
-    ("ess", "rhat", "walkers", "met"),
+    ("ess", "rhat", "walkers", "satisfied"),
     [
         (1000, 1.01, 0, True),
         (999, 1.0, 0, False),
@@ -166,6 +165,7 @@ def test_walker_major_order() -> None:
         (1200, np.nan, 0, False),
     ],
 )
-def test_the_rule(ess: float, rhat: float, walkers: int, met: bool) -> None:
+def test_the_rule(ess: float, rhat: float, walkers: int, satisfied: bool) -> None:
     """1000 draws' worth of 200 walkers is less than six autocorrelation times."""
-    assert Assessment(ess, 2000.0, rhat).meets(StoppingRule(), walkers=walkers) is met
+    assessment = Assessment(ess, 2000.0, rhat)
+    assert assessment.meets(StoppingRule(), walkers=walkers) is satisfied

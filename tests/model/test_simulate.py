@@ -14,17 +14,19 @@ SILENT = {"sigma": 0.0, "delta": 0.0, "kappa": 0.0, "tau": 0.0}
 
 def test_seeded() -> None:
     model = lb.HybridModel.first(1)
-    first, same, other = (model.simulate(plan(), seed=s) for s in (1, 1, 2))
-    assert first.campaign.sha256 == same.campaign.sha256 != other.campaign.sha256
-    assert first.parameters == same.parameters
+    first = model.simulate(plan(), seed=1)
+    repeated = model.simulate(plan(), seed=1)
+    other_seed = model.simulate(plan(), seed=2)
+    assert first.campaign.sha256 == repeated.campaign.sha256
+    assert first.campaign.sha256 != other_seed.campaign.sha256
+    assert first.parameters == repeated.parameters
     assert set(first.hyper_um) == {"sigma", "delta", "kappa", "tau"}
 
 
 def test_exact_readings_come_from_the_forward_model() -> None:
     model = lb.HybridModel.first(0).without("bar-length", "mount", "force-error")
-    campaign = model.simulate(
-        plan(), seed=1, parameters=TRUTH, hyper_um=SILENT, exact=True
-    ).campaign
+    simulation = model.simulate(plan(), seed=1, parameters=TRUTH, hyper_um=SILENT, exact=True)
+    campaign = simulation.campaign
     errors = {name: value for name, value in TRUTH.items() if name.startswith("E")}
     compliances = {name: value for name, value in TRUTH.items() if name.startswith("C")}
     for test in campaign.tests:
@@ -46,17 +48,15 @@ def test_covariance_of_the_readings_is_the_oracles() -> None:
     planned = plan((12, 12), forces_N=(100.0, 700.0), work_deg=30.0)
     readings = []
     for seed in range(400):
-        campaign = model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+        simulation = model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM)
+        campaign = simulation.campaign
         readings.append(np.concatenate([test.readings_mm() for test in campaign.tests]))
     oracle = oracle_of(campaign, 0)
     truth = np.array([TRUTH[name] for name in oracle.names])
-    silent = oracle_of(
-        model.simulate(planned, seed=0, parameters=TRUTH, hyper_um=HYPER_UM).campaign, 0
-    )
-    phi = np.array([HYPER_UM[name] * 1e-3 for name in silent.hypers])
-    white = np.linalg.solve(
-        np.linalg.cholesky(silent.covariance(phi)), (np.array(readings) - oracle.J @ truth).T
-    )
+    phi = np.array([HYPER_UM[name] * 1e-3 for name in oracle.hypers])
+    root = np.linalg.cholesky(oracle.covariance(phi))
+    residuals = np.array(readings) - oracle.J @ truth
+    white = np.linalg.solve(root, residuals.T)
     assert np.abs(white.mean(axis=1)).max() < 0.25
     assert np.mean(white**2) == pytest.approx(1.0, abs=0.06)
     sample = np.cov(white)

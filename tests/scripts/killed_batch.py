@@ -16,8 +16,8 @@ def fit(settings, job):
 home.fit_row = fit
 
 
-def kill(done, *_):
-    if done == 7:
+def kill(finished, *_):
+    if finished == 7:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
