@@ -239,9 +239,9 @@ def drawn_numbers(
 
 def test_a_unit_is_named_in_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """A unit replaced there is replaced on the whole page, its figures and both languages."""
-    for inside, (factor, label) in list(units._UNITS.items()):
+    for inside, (factor, label) in list(units.DISPLAY_UNITS.items()):
         replaced = (1e-3 * factor, label.replace("nm/N", "ells/N"))
-        monkeypatch.setitem(units._UNITS, inside, replaced)
+        monkeypatch.setitem(units.DISPLAY_UNITS, inside, replaced)
     posterior = awkward("two tests")
     for language in ("en", "de"):
         document = compose(
