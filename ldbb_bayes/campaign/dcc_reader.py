@@ -56,7 +56,7 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
 
     Returns
     -------
-    The certificate; its method `fields` gives what it states of an instrument.
+    The certificate; its method ``fields`` gives what it states of an instrument.
 
     Raises
     ------

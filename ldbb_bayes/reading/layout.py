@@ -165,7 +165,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Parameters
     ----------
     path
-        The file, in the format of `import.toml`.
+        The file, in the format of ``import.toml``.
 
     Returns
     -------
