@@ -41,7 +41,8 @@ def test_units_for_reading_are_the_inside_units_in_other_words() -> None:
 
 
 @given(
-    st.sampled_from(sorted(filter(None, units.DISPLAY_UNITS))), st.floats(-1e3, 1e3, allow_subnormal=False)
+    st.sampled_from(sorted(filter(None, units.DISPLAY_UNITS))),
+    st.floats(-1e3, 1e3, allow_subnormal=False),
 )
 def test_what_is_read_is_written_back(unit: str, value: float) -> None:
     """Every unit for reading, its number as it stands in a table, and the inside unit itself."""

@@ -213,9 +213,8 @@ def test_tidy_is_the_same_campaign(tmp_path: Path) -> None:
     lines = ["test,force_N,pressure_bar,work_ball_deg,angle_deg,reading_um,direction"]
     for test in campaign.tests:
         for angle, reading in zip(test.angle_deg, test.reading_um, strict=True):
-            lines.append(
-                f"{test.name},{test.force_N},{test.pressure_bar},{test.work_ball_deg},{angle},{reading},"
-            )
+            settings = f"{test.force_N},{test.pressure_bar},{test.work_ball_deg}"
+            lines.append(f"{test.name},{settings},{angle},{reading},")
     path.write_text("\n".join(lines))
     assert lb.read_campaign(path).sha256 == campaign.sha256
     assert lb.read_campaign(path, radius_mm=100.0).tests[0].radius_mm == 100.0
