@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import date, timedelta
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -111,7 +111,13 @@ def of_campaigns(statistics: FleetStatistics, places: Any) -> FleetStatistics:
     )
 
 
-def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+class DensePosterior(NamedTuple):
+    log_density: float
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+def dense(statistics: FleetStatistics, spread: np.ndarray) -> DensePosterior:
     """ln p(estimates | s), and mean and covariance of (c_1 … c_n, μ, b) given them: every
     campaign's maximum as a reading."""
     information = statistics.likelihood.precision
@@ -142,7 +148,7 @@ def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.nd
     covariance = design @ prior @ design.T + block_diag(*noise)
     gain = np.linalg.solve(covariance, design @ prior).T
     log_density = float(multivariate_normal(np.zeros(len(reading)), covariance).logpdf(reading))
-    return log_density, gain @ reading, prior - gain @ design @ prior
+    return DensePosterior(log_density, gain @ reading, prior - gain @ design @ prior)
 
 
 # ---- rows of a batch: campaigns of one machine, drawn with the Λ of one real campaign

@@ -51,9 +51,9 @@ def density_of(statistics: FleetStatistics, scale: float = SCALE) -> SpreadDensi
 def fixed(spread: np.ndarray) -> Spreads:
     """Draws that are all the same spread."""
     n = 64
-    return Spreads(
-        np.tile(spread, (n, 1)), np.zeros(n), np.full(n, 1.0 / n), -np.inf, 0.5, np.log(spread)
-    )
+    draws = np.tile(spread, (n, 1))
+    weight = np.full(n, 1.0 / n)
+    return Spreads(draws, np.zeros(n), weight, -np.inf, 0.5, np.log(spread))
 
 
 def judged(density: SpreadDensity, spreads: Spreads) -> JudgedMachines:
@@ -104,9 +104,9 @@ def test_chunks_are_the_whole(rng: np.random.Generator) -> None:
     _, likelihood = machine_likelihoods(fleet(rng, machines=300, parameters=2))
     spreads = rng.uniform(0.1, 0.5, (70, 2))
     at_once = shared_quantities(likelihood, spreads).log_integral
-    single = [
-        float(shared_quantities(likelihood, spread[None]).log_integral[0]) for spread in spreads
-    ]
+    single = []
+    for spread in spreads:
+        single.append(float(shared_quantities(likelihood, spread[None]).log_integral[0]))
     np.testing.assert_allclose(at_once, single, rtol=1e-12)
 
 
@@ -121,22 +121,20 @@ def test_draws_are_those_of_a_grid(
     """Over s itself with its half-normal prior: neither logarithm nor Jacobian."""
     target = density_of(fleet(rng, machines=5, parameters=parameters, spread=spread))
     axis = (np.arange(240) + 0.5) * 1.5 / 240
-    grid = np.stack(np.meshgrid(*[axis] * parameters, indexing="ij"), axis=-1).reshape(
-        -1, parameters
-    )
-    log_weight = shared_quantities(target.likelihood, grid).log_integral + halfnorm(
-        scale=SCALE
-    ).logpdf(grid).sum(axis=1)
+    axes = np.meshgrid(*[axis] * parameters, indexing="ij")
+    grid = np.stack(axes, axis=-1).reshape(-1, parameters)
+    log_prior = halfnorm(scale=SCALE).logpdf(grid).sum(axis=1)
+    log_weight = shared_quantities(target.likelihood, grid).log_integral + log_prior
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     mean = weight @ grid
     sd = np.sqrt(weight @ (grid - mean) ** 2)
     draws = draw_spreads(target, parameters, seed=1)
     assert draws.trusted
-    np.testing.assert_allclose((draws.weight @ draws.spread - mean) / sd, 0.0, atol=0.03)
-    np.testing.assert_allclose(
-        np.sqrt(draws.weight @ (draws.spread - draws.weight @ draws.spread) ** 2), sd, rtol=0.04
-    )
+    mean_of_draws = draws.weight @ draws.spread
+    sd_of_draws = np.sqrt(draws.weight @ (draws.spread - mean_of_draws) ** 2)
+    np.testing.assert_allclose((mean_of_draws - mean) / sd, 0.0, atol=0.03)
+    np.testing.assert_allclose(sd_of_draws, sd, rtol=0.04)
 
 
 def test_the_gradient_has_prior_and_jacobian(rng: np.random.Generator) -> None:
@@ -149,11 +147,10 @@ def test_the_gradient_has_prior_and_jacobian(rng: np.random.Generator) -> None:
             (above - below) / (2.0 * h), rel=1e-7
         )
     both = np.array([t, t + np.array([0.3, 0.0])])
-    prior = np.diff(halfnorm(scale=SCALE).logpdf(np.exp(both)).sum(axis=1) + both.sum(axis=1))
-    difference = np.diff(target.log(both)) - np.diff(
-        shared_quantities(target.likelihood, np.exp(both)).log_integral
-    )
-    assert difference == pytest.approx(prior, rel=1e-9)
+    log_prior = halfnorm(scale=SCALE).logpdf(np.exp(both)).sum(axis=1) + both.sum(axis=1)
+    log_integral = shared_quantities(target.likelihood, np.exp(both)).log_integral
+    difference = np.diff(target.log(both)) - np.diff(log_integral)
+    assert difference == pytest.approx(np.diff(log_prior), rel=1e-9)
 
 
 @pytest.mark.parametrize("scale", [1e-8, 1e-3, 0.3, 30.0])
@@ -165,9 +162,8 @@ def test_any_prior_of_the_spread_will_do(rng: np.random.Generator, scale: float)
         np.testing.assert_allclose(
             draws.weight @ draws.spread, scale * np.sqrt(2.0 / np.pi), rtol=0.03
         )
-    silent = draw_spreads(
-        density_of(fleet(rng, machines=3, parameters=2, uncertainty=1e6), scale), 2, seed=1
-    )
+    silent_fleet = fleet(rng, machines=3, parameters=2, uncertainty=1e6)
+    silent = draw_spreads(density_of(silent_fleet, scale), 2, seed=1)
     np.testing.assert_allclose(
         silent.weight @ silent.spread, scale * np.sqrt(2.0 / np.pi), rtol=0.03
     )
@@ -185,8 +181,9 @@ def test_a_machine_against_the_dense_prediction(rng: np.random.Generator) -> Non
     weighted = six_machines.likelihood.shift
     spreads = np.array([TWO, TWO[::-1], 2.0 * TWO])
     x = shared_quantities(six_machines.likelihood, spreads)
+    separate = estimate_separately(six_machines.likelihood, 2)
     log_density, _ = outlying_machines._leave_out_each(
-        six_machines.likelihood, estimate_separately(six_machines.likelihood, 2), spreads, x
+        six_machines.likelihood, separate, spreads, x
     )
     log_evidence = shared_quantities(six_machines.likelihood, spreads).log_integral
     for m in range(6):
@@ -241,12 +238,16 @@ def test_drawn_anew_or_weighted(rng: np.random.Generator, monkeypatch: pytest.Mo
 
     def first_in_vain(log_ratio: np.ndarray) -> tuple[np.ndarray, float, float]:
         unsmoothed = np.full(len(log_ratio), 1.0 / len(log_ratio)), 9.0, 0.5
-        return real(log_ratio) if next(machines, None) is None else unsmoothed
+        if next(machines, None) is None:
+            return real(log_ratio)
+        return unsmoothed
 
     monkeypatch.setattr(outlying_machines, "pareto_smooth", first_in_vain)
-    anew = judge_machines(
-        density, spreads, common, seed=1, progress=lambda count, total: calls.append((count, total))
-    )
+
+    def record(count: int, total: int) -> None:
+        calls.append((count, total))
+
+    anew = judge_machines(density, spreads, common, seed=1, progress=record)
     assert calls[-1] == (12, 12)
     np.testing.assert_allclose(
         anew.parameter_p_value, weighed.parameter_p_value, rtol=0.1, atol=2e-3
@@ -329,9 +330,8 @@ def test_everything_against_a_sum_over_dense_gaussians(rng: np.random.Generator)
         assert machine.estimate["C_XXX"].sd / unit == pytest.approx(sd[m], rel=0.01)
     precisions = [np.linalg.inv(moments[2][4:, 4:]) for moments in dense_moments]
     conditional_variance = np.array([1.0 / precision[0, 0] for precision in precisions])
-    share = (
-        1.0 - (weight @ conditional_variance + weight @ (means[:, 4] - mean[4]) ** 2) / sd[4] ** 2
-    )
+    variance = weight @ conditional_variance + weight @ (means[:, 4] - mean[4]) ** 2
+    share = 1.0 - variance / sd[4] ** 2
     assert parameter.instrument_sd / unit == pytest.approx(sd[4] * np.sqrt(share), rel=0.02)
 
 
@@ -595,16 +595,15 @@ def test_the_sum_is_what_readings_see(rng: np.random.Generator) -> None:
     for weights in meanings.values():
         sums.append(sum(weight * truth[label] for label, weight in weights.items()))
     expected = jacobian[:, : len(members)] @ list(truth.values())
-    assert np.linalg.norm(jacobian[:, len(members) :] @ sums - expected) < 1e-6 * np.linalg.norm(
-        expected
-    )
+    error = jacobian[:, len(members) :] @ sums - expected
+    assert np.linalg.norm(error) < 1e-6 * np.linalg.norm(expected)
 
 
-@pytest.mark.parametrize("frames", [{}, FRAMES])
-def test_a_radius_does_not_matter(frames: dict[str, Any]) -> None:
+@pytest.mark.parametrize(("frames", "length"), [({}, 80.0), (FRAMES, 280.0)])
+def test_a_radius_does_not_matter(frames: dict[str, Any], length: float) -> None:
     meanings = stands_for(placed((0.0, 0.0, 80.0), frames_mm=frames))
     assert meanings == stands_for(placed((0.0, 0.0, 80.0), radius_mm=50.0, frames_mm=frames))
-    assert meanings["C_XXX"]["C_BXX"] == (280.0 if frames else 80.0)
+    assert meanings["C_XXX"]["C_BXX"] == length
 
 
 def test_a_millimetre_counts_for_nothing_and_a_decimetre_does() -> None:

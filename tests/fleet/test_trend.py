@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -35,11 +36,8 @@ Q = P + S
 
 def informations(rng: np.random.Generator, n: int, size: float = 300.0) -> Array:
     """Full rank, of very different directions."""
-    root = (
-        rng.standard_normal((n, Q, Q + 1))
-        * np.sqrt(size)
-        * np.array([3.0, 1.0, 0.1, 1.0, 0.5])[:, None]
-    )
+    row_sizes = np.array([3.0, 1.0, 0.1, 1.0, 0.5])
+    root = rng.standard_normal((n, Q, Q + 1)) * np.sqrt(size) * row_sizes[:, None]
     return root @ np.swapaxes(root, 1, 2)
 
 
@@ -47,8 +45,10 @@ def drawn(
     rng: np.random.Generator, information: Array, level: Array, instrument: Array
 ) -> Gaussian:
     """Campaigns at given parameters: the mean of η is Λ z, its covariance Λ."""
-    z = np.concatenate([level, np.broadcast_to(instrument, (len(level), len(instrument)))], axis=1)
-    noise = np.einsum("tab,tb->ta", np.linalg.cholesky(information), rng.standard_normal(z.shape))
+    instruments = np.broadcast_to(instrument, (len(level), len(instrument)))
+    z = np.concatenate([level, instruments], axis=1)
+    root = np.linalg.cholesky(information)
+    noise = np.einsum("tab,tb->ta", root, rng.standard_normal(z.shape))
     return Gaussian(information, np.einsum("tab,tb->ta", information, z) + noise)
 
 
@@ -65,10 +65,10 @@ def posteriors_of(
 def no_change(
     series: Gaussian, rule: tuple[Array, Array], probability: float = 0.5, parameters: int = P
 ) -> float:
-    posteriors = posteriors_of(series, rule[0], parameters=parameters)
-    return float(
-        hypothesis_probabilities(posteriors.log_integral, rule[1], probability)[:, -1].sum()
-    )
+    nodes, prior = rule
+    posteriors = posteriors_of(series, nodes, parameters=parameters)
+    probabilities = hypothesis_probabilities(posteriors.log_integral, prior, probability)
+    return float(probabilities[:, -1].sum())
 
 
 def stacked(series: Gaussian, r: float, change_scale: float, step: tuple[int, int] | None) -> float:
@@ -101,17 +101,14 @@ def series() -> Gaussian:
 def test_evidence_of_every_hypothesis(series: Gaussian) -> None:
     scatter = np.array([0.001, 0.02, 0.3])
     log_evidence = posteriors_of(series, scatter).log_integral
+    no_step = log_evidence[:, -1]
     dense = np.array([stacked(series, r, 0.2, None) for r in scatter])
-    np.testing.assert_allclose(
-        log_evidence[:, -1] - log_evidence[0, -1], np.tile(dense - dense[0], (P, 1)).T, atol=1e-7
-    )
-    for i, r in enumerate(scatter):
-        for k in range(1, 5):
-            for j in range(P):
-                expected = stacked(series, r, 0.2, (k, j)) - dense[i]
-                assert log_evidence[i, k - 1, j] - log_evidence[i, -1, j] == pytest.approx(
-                    expected, abs=1e-7
-                )
+    expected = np.tile(dense - dense[0], (P, 1)).T
+    np.testing.assert_allclose(no_step - no_step[0], expected, atol=1e-7)
+    for i, k, j in product(range(len(scatter)), range(1, 5), range(P)):
+        log_ratio = log_evidence[i, k - 1, j] - no_step[i, j]
+        dense_ratio = stacked(series, scatter[i], 0.2, (k, j)) - dense[i]
+        assert log_ratio == pytest.approx(dense_ratio, abs=1e-7)
 
 
 def test_size_and_level_given_a_step(series: Gaussian) -> None:
@@ -142,14 +139,13 @@ def test_size_and_level_given_a_step(series: Gaussian) -> None:
 
 def test_a_campaign_that_says_nothing_changes_nothing(series: Gaussian) -> None:
     """Λ singular, even zero: the evidence of steps before and after it is the same."""
-    silent = Gaussian(
-        np.insert(series.precision, 2, 0.0, axis=0), np.insert(series.shift, 2, 0.0, axis=0)
-    )
-    one, other = (
-        posteriors_of(campaigns, np.array([0.02])).log_integral for campaigns in (series, silent)
-    )
-    np.testing.assert_allclose(other[:, [0, 1, 3, 4, 5]], one, atol=1e-9)
-    np.testing.assert_allclose(other[:, 2], one[:, 1], atol=1e-9)
+    precision = np.insert(series.precision, 2, 0.0, axis=0)
+    with_silent = Gaussian(precision, np.insert(series.shift, 2, 0.0, axis=0))
+    scatter = np.array([0.02])
+    expected = posteriors_of(series, scatter).log_integral
+    log_integral = posteriors_of(with_silent, scatter).log_integral
+    np.testing.assert_allclose(log_integral[:, [0, 1, 3, 4, 5]], expected, atol=1e-9)
+    np.testing.assert_allclose(log_integral[:, 2], expected[:, 1], atol=1e-9)
 
 
 def test_probability_by_brute_force() -> None:
@@ -158,22 +154,21 @@ def test_probability_by_brute_force() -> None:
     maxima = np.array([0.30, 0.33, 0.34])
     series = Gaussian(precision[:, None, None], (precision * maxima)[:, None])
     nodes, weight = scatter_rule(0.02)
-    probabilities = hypothesis_probabilities(
-        posteriors_of(series, nodes, 0.1, 1).log_integral, weight, 0.3
-    )
+    posteriors = posteriors_of(series, nodes, 0.1, 1)
+    probabilities = hypothesis_probabilities(posteriors.log_integral, weight, 0.3)
     r = (np.arange(400) + 0.5) * 1.2e-1 / 400
     delta = (np.arange(801) - 400) * 0.7 / 400
-    totals = {}
-    for k in (1, 2, 3):
+    change_prior = norm(0.0, 0.1).pdf(delta) * (delta[1] - delta[0])
+    totals = []
+    for k, hypothesis_prior in ((1, 0.15), (2, 0.15), (3, 0.7)):
+        without_change = maxima - delta[:, None] * (np.arange(3) >= k)
         total = 0.0
-        for one, prior in zip(r, halfnorm(scale=0.02).pdf(r), strict=True):
-            covariance = np.ones((3, 3)) + np.diag(1.0 / precision + one**2)
-            density = multivariate_normal(np.zeros(3), covariance).pdf(
-                maxima - delta[:, None] * (np.arange(3) >= k)
-            )
-            total += prior * np.sum(density * norm(0.0, 0.1).pdf(delta)) * (delta[1] - delta[0])
-        totals[k] = total * (0.7 if k == 3 else 0.15)
-    expected = np.array(list(totals.values())) / sum(totals.values())
+        for scatter, scatter_prior in zip(r, halfnorm(scale=0.02).pdf(r), strict=True):
+            covariance = np.ones((3, 3)) + np.diag(1.0 / precision + scatter**2)
+            density = multivariate_normal(np.zeros(3), covariance).pdf(without_change)
+            total += scatter_prior * np.sum(density * change_prior)
+        totals.append(total * hypothesis_prior)
+    expected = np.array(totals) / sum(totals)
     np.testing.assert_allclose(probabilities.sum(axis=(0, 2)), expected, atol=2e-4)
     assert probabilities.sum() == pytest.approx(1.0)
     prior = hypothesis_probabilities(np.zeros((2, 4, 3)), np.array([0.4, 0.6]), 0.3).sum(axis=0)
@@ -191,28 +186,29 @@ def test_probabilities_are_calibrated() -> None:
     for _ in range(1200):
         n = int(rng.integers(3, 9))
         information = informations(rng, n, 2e3)
-        level = rng.standard_normal(P) + abs(0.02 * rng.standard_normal()) * rng.standard_normal(
-            (n, P)
-        )
+        mean_level = rng.standard_normal(P)
+        scatter = abs(0.02 * rng.standard_normal())
+        level = mean_level + scatter * rng.standard_normal((n, P))
         changed = rng.random() < 0.5
         if changed:
             level[rng.integers(1, n) :, rng.integers(P)] += 0.2 * rng.standard_normal()
-        stated.append(1.0 - no_change(drawn(rng, information, level, rng.standard_normal(S)), rule))
+        campaigns = drawn(rng, information, level, rng.standard_normal(S))
+        stated.append(1.0 - no_change(campaigns, rule))
         true.append(changed)
-    place = np.digitize(stated, [0.2, 0.35, 0.5, 0.8, 0.95])
-    for one in range(6):
-        in_bin = place == one
-        expected = np.mean(np.array(stated)[in_bin])
-        spread = np.sqrt(np.sum(np.array(stated)[in_bin] * (1.0 - np.array(stated)[in_bin])))
+    probability = np.array(stated)
+    has_changed = np.array(true)
+    bin_number = np.digitize(probability, [0.2, 0.35, 0.5, 0.8, 0.95])
+    for number in range(6):
+        in_bin = bin_number == number
+        in_this_bin = probability[in_bin]
+        spread = np.sqrt(np.sum(in_this_bin * (1.0 - in_this_bin)))
         assert in_bin.sum() > 20
-        assert (
-            abs(np.mean(np.array(true)[in_bin]) - expected) < 3.5 * max(spread, 1.0) / in_bin.sum()
-        )
+        error = abs(np.mean(has_changed[in_bin]) - np.mean(in_this_bin))
+        assert error < 3.5 * max(spread, 1.0) / in_bin.sum()
     for threshold in (0.5, 0.8, 0.95):
         bound = (1.0 - threshold) / threshold
-        assert np.mean(np.array(stated)[~np.array(true)] > threshold) < bound + 2.0 * np.sqrt(
-            bound / 600
-        )
+        false_alarms = np.mean(probability[~has_changed] > threshold)
+        assert false_alarms < bound + 2.0 * np.sqrt(bound / 600)
 
 
 # ---- points, limits, levels
@@ -232,19 +228,32 @@ def visited(
     hardly at all."""
     root = rng.standard_normal((n, 3, 4)) * np.array([60.0, 4.0, 40.0])[:, None]
     information = root @ np.swapaxes(root, 1, 2)
-    scatter = halfnorm(scale=SCALE).rvs(random_state=rng) if r is None else r
+    scatter = r
+    if scatter is None:
+        scatter = halfnorm(scale=SCALE).rvs(random_state=rng)
     level = rng.standard_normal(2) + scatter * rng.standard_normal((n, 2))
     if step is not None:
         level[step[0] :, step[1]] += step[2]
     return drawn(rng, information, level, rng.standard_normal(1))
 
 
-def analysed(series: Gaussian):  # type: ignore[no-untyped-def]
+class Analysis(NamedTuple):
+    """A series under the rule of the scatter: probabilities of hypotheses, the instrument's
+    moments."""
+
+    nodes: Array
+    prior: Array
+    carried: Gaussian
+    weights: Array
+    instrument: tuple[Array, Array]
+
+
+def analyse(series: Gaussian) -> Analysis:
     nodes, prior = scatter_rule(SCALE)
     carried = carried_by(series, nodes, 2)
     posteriors = hypotheses(carried, 2, CHANGE)
     weights = hypothesis_probabilities(posteriors.log_integral, prior, 0.5)
-    return nodes, prior, carried, weights, instrument_moments(posteriors, weights)
+    return Analysis(nodes, prior, carried, weights, instrument_moments(posteriors, weights))
 
 
 @pytest.mark.slow
@@ -256,7 +265,7 @@ def test_limits_cover_as_they_say(limits: float) -> None:
     inside = []
     for _ in range(150):
         series = visited(rng, 7)
-        nodes, prior, carried, _, moments = analysed(series)
+        nodes, prior, carried, _, moments = analyse(series)
         chart = chart_points(series, carried, nodes, prior, moments, limits=limits)
         assert np.isnan(chart.limits[:, 0]).all()
         inside.append((chart.estimate > chart.limits[0]) & (chart.estimate < chart.limits[1]))
@@ -273,7 +282,7 @@ def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
     p = 2
     q = 3
     series = visited(rng, n, r=0.02, step=(3, 0, 0.12))
-    nodes, _, carried, weights, (mean, covariance) = analysed(series)
+    nodes, _, carried, weights, (mean, covariance) = analyse(series)
     level, sd, ends = current_levels(hypotheses(carried, p, CHANGE), weights)
     instrument_draws = []
     now = []
@@ -286,13 +295,11 @@ def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
             take = np.zeros((n, q, q + 1))
             take[:, :, :q] = np.eye(q)
             take[k:, j, q] = 1.0
-            precision = np.einsum("tai,tab,tbj->ij", take, carried.precision[i], take) + np.diag(
-                [*np.ones(q), CHANGE**-2]
-            )
-            inside = np.linalg.inv(precision)
-            draws = rng.multivariate_normal(
-                inside @ np.einsum("tai,ta->i", take, carried.shift[i]), inside, 200
-            )
+            prior_precision = np.diag([*np.ones(q), CHANGE**-2])
+            precision = np.einsum("tai,tab,tbj->ij", take, carried.precision[i], take)
+            inside = np.linalg.inv(precision + prior_precision)
+            shift = np.einsum("tai,ta->i", take, carried.shift[i])
+            draws = rng.multivariate_normal(inside @ shift, inside, 200)
             instrument_draws.append(draws[:, p:q])
             now.append(draws[:, :p] + draws[:, q:] * take[-1, :p, q])
             total.append(np.full(200, weight / 200))
@@ -300,9 +307,8 @@ def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
     b = np.concatenate(instrument_draws)
     c = np.concatenate(now)
     assert weight.sum() == pytest.approx(1.0, abs=1e-3)
-    assert weight @ b[:, 0] / weight.sum() == pytest.approx(
-        mean[0], abs=0.1 * np.sqrt(covariance[0, 0])
-    )
+    tolerance = 0.1 * np.sqrt(covariance[0, 0])
+    assert weight @ b[:, 0] / weight.sum() == pytest.approx(mean[0], abs=tolerance)
     assert weight @ (b[:, 0] - mean[0]) ** 2 == pytest.approx(covariance[0, 0], rel=0.1)
     np.testing.assert_allclose((weight @ c - level) / sd, 0.0, atol=0.1)
     np.testing.assert_allclose(np.sqrt(weight @ (c - level) ** 2), sd, rtol=0.08)
@@ -312,29 +318,24 @@ def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
 def test_points_are_posteriors_of_campaigns_alone() -> None:
     p = 2
     series = visited(np.random.default_rng(8), 4)
-    nodes, prior, carried, _, _ = analysed(series)
+    nodes, prior, carried, _, _ = analyse(series)
     instrument = np.array([0.4])
     spread = np.array([[0.25]])
     chart = chart_points(series, carried, nodes, prior, (instrument, spread))
     for t in range(4):
         covariance = np.linalg.inv(series.precision[t, :p, :p] + np.eye(p))
         response = covariance @ series.precision[t, :p, p:]
-        np.testing.assert_allclose(
-            chart.estimate[t], covariance @ series.shift[t, :p] - response @ instrument
-        )
+        expected = covariance @ series.shift[t, :p] - response @ instrument
+        np.testing.assert_allclose(chart.estimate[t], expected)
         np.testing.assert_allclose(chart.sd[t], np.sqrt(np.diag(covariance)))
-    both = np.concatenate(
-        [
-            series.precision[:, :p, :p].sum(axis=0) + np.eye(p),
-            series.precision[:, :p, p:].sum(axis=0),
-        ],
-        axis=1,
-    )
-    levels = [
-        np.linalg.solve(both[:, :p], series.shift[:, :p].sum(axis=0) - both[:, p:] @ b)
-        for b in (instrument, instrument + 0.5)
-    ]
-    np.testing.assert_allclose(chart.common_sd, np.abs(levels[1] - levels[0]))
+    precision = series.precision.sum(axis=0)
+    shift = series.shift[:, :p].sum(axis=0)
+
+    def common_level(b: Array) -> Array:
+        return np.linalg.solve(precision[:p, :p] + np.eye(p), shift - precision[:p, p:] @ b)
+
+    change = common_level(instrument + 0.5) - common_level(instrument)
+    np.testing.assert_allclose(chart.common_sd, np.abs(change))
     other = chart_points(series, carried, nodes, prior, (instrument + 1.0, spread))
     np.testing.assert_allclose(
         other.limits[:, 1:] - other.estimate[1:],
@@ -532,7 +533,11 @@ def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], message
 def test_the_figure(case: str) -> None:
     """Units on its axes, text inside the page and clear of other text; campaigns of one day side by
     side."""
-    n, step_at = (60, 40) if case == "many" else (8, 5)
+    n = 8
+    step_at = 5
+    if case == "many":
+        n = 60
+        step_at = 40
     rows = drawn_rows(n, np.random.default_rng(4), step_at=step_at)
     if case == "no dates":
         rows = rows.assign(date=None, machine_id=None)
@@ -545,13 +550,11 @@ def test_the_figure(case: str) -> None:
     visible = [axes for axes in figure.axes if axes.get_visible()]
     assert len(visible) == len(result.parameters)
     for axes, name in zip(visible, result.parameters, strict=True):
-        probabilities = result.estimates.loc[
-            result.estimates["parameter"] == name, "change_here"
-        ].to_numpy()
+        of_parameter = result.estimates["parameter"] == name
+        probabilities = result.estimates.loc[of_parameter, "change_here"].to_numpy()
         lines = [line for line in axes.lines if str(line.get_label()).startswith("a change here")]
-        assert [line.get_alpha() for line in lines] == pytest.approx(
-            probabilities[probabilities > 0.05].tolist()
-        )
+        opacities = [line.get_alpha() for line in lines]
+        assert opacities == pytest.approx(probabilities[probabilities > 0.05].tolist())
         places = [float(line.get_xdata()[0]) for line in lines]  # type: ignore[index]
         assert places == sorted(places)
     assert "(nm/N)" in visible[0].get_ylabel()
@@ -562,9 +565,12 @@ def test_scatter_rule_is_a_half_normal() -> None:
     assert weight.sum() == pytest.approx(1.0)
     assert weight @ nodes == pytest.approx(0.01 * np.sqrt(2.0 / np.pi), rel=2e-3)
     assert weight @ nodes**2 == pytest.approx(1e-4, rel=2e-3)
-    assert weight @ np.exp(-nodes / 0.003) == pytest.approx(
-        halfnorm(scale=0.01).expect(lambda r: np.exp(-r / 0.003)), rel=0.01
-    )
+
+    def decay(r: Array) -> Array:
+        return np.exp(-r / 0.003)
+
+    expected = halfnorm(scale=0.01).expect(decay)
+    assert weight @ decay(nodes) == pytest.approx(expected, rel=0.01)
 
 
 def test_limits_are_of_what_the_next_campaign_would_say() -> None:
@@ -578,17 +584,14 @@ def test_limits_are_of_what_the_next_campaign_would_say() -> None:
     chart = chart_points(
         series, carried, np.array([r]), np.ones(1), (instrument, np.eye(1)), limits=0.9
     )
-    x = Gaussian(
-        np.eye(3) + carried.precision[0, :2].sum(axis=0), carried.shift[0, :2].sum(axis=0)
-    ).draw(rng, (200_000,))
+    precision = np.eye(3) + carried.precision[0, :2].sum(axis=0)
+    first_two = Gaussian(precision, carried.shift[0, :2].sum(axis=0))
+    x = first_two.draw(rng, (200_000,))
     x[:, :2] += r * rng.standard_normal((len(x), 2))
-    shift = (
-        x @ series.precision[2]
-        + rng.standard_normal(x.shape) @ np.linalg.cholesky(series.precision[2]).T
-    )[:, :2]
+    noise = rng.standard_normal(x.shape) @ np.linalg.cholesky(series.precision[2]).T
+    shift = (x @ series.precision[2] + noise)[:, :2]
     shrink = np.linalg.inv(np.eye(2) + series.precision[2, :2, :2])
     estimates = (shift - series.precision[2, :2, 2] * instrument) @ shrink
     sd = estimates.std(axis=0)
-    np.testing.assert_allclose(
-        (chart.limits[:, 2] - np.quantile(estimates, [0.05, 0.95], axis=0)) / sd, 0.0, atol=0.03
-    )
+    error = chart.limits[:, 2] - np.quantile(estimates, [0.05, 0.95], axis=0)
+    np.testing.assert_allclose(error / sd, 0.0, atol=0.03)

@@ -46,47 +46,51 @@ def test_conditional_and_evidence_are_the_oracles(degree: int) -> None:
         difference = conditional.covariance[0] - covariance
         np.testing.assert_allclose(difference / np.outer(dense.sd, dense.sd), 0.0, atol=1e-8)
         beta = mean + dense.sd
-        assert bound.log_likelihood(phi[None], beta[None])[0] == pytest.approx(
-            dense.log_likelihood(phi, beta), rel=1e-8
-        )
+        log_likelihood = bound.log_likelihood(phi[None], beta[None])[0]
+        assert log_likelihood == pytest.approx(dense.log_likelihood(phi, beta), rel=1e-8)
 
 
-def test_probability_of_the_truncation_in_closed_form() -> None:
-    """Degree 0: one normal each. Degree 1: C at both ends of force, two correlated normals each."""
+def test_probability_of_the_truncation_of_constant_compliances() -> None:
+    """One normal each."""
     constant = lb.HybridModel.first(0).with_prior(CLOSE).bind(plan())
     expected = sum(stats.norm.logcdf(mean / sd) for mean, sd in CLOSE.values())
     assert constant.log_prob_truncation_prior == pytest.approx(expected, abs=1e-9)
+
+
+def test_probability_of_the_truncation_of_linear_compliances() -> None:
+    """C at both ends of force, two correlated normals each."""
     linear = lb.HybridModel.first(1).with_prior(CLOSE).bind(plan())
     usual = {"C_XXX": 1e-4, "C_YYY": 1e-4, "C_CCY": 1e-9}
     total = 0.0
     for name, (mean, sd) in CLOSE.items():
         slope = 0.3 * usual[name] / 706.0 * 353.0
         covariance = sd**2 + slope**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-        total += stats.multivariate_normal([-mean, -mean], covariance, allow_singular=True).logcdf(
-            [0.0, 0.0]
-        )
+        law = stats.multivariate_normal([-mean, -mean], covariance, allow_singular=True)
+        total += law.logcdf([0.0, 0.0])
     assert linear.log_prob_truncation_prior == pytest.approx(total, abs=1e-5)
-    certain = (
-        lb.HybridModel.first(0)
-        .with_prior({name: (20.0 * sd, sd) for name, (_, sd) in CLOSE.items()})
-        .bind(plan())
-    )
-    assert certain.log_prob_truncation_prior == pytest.approx(
-        3.0 * stats.norm.logcdf(20.0), rel=1e-6, abs=0.0
-    )
+
+
+def test_probability_of_a_truncation_that_is_nearly_certain() -> None:
+    far_from_zero = {name: (20.0 * sd, sd) for name, (_, sd) in CLOSE.items()}
+    certain = lb.HybridModel.first(0).with_prior(far_from_zero).bind(plan())
+    expected = 3.0 * stats.norm.logcdf(20.0)
+    assert certain.log_prob_truncation_prior == pytest.approx(expected, rel=1e-6, abs=0.0)
 
 
 @pytest.mark.parametrize("truncated", [True, False])
 def test_draws_follow_the_prior(truncated: bool, rng: np.random.Generator) -> None:
     model = lb.HybridModel.first(0).with_prior(CLOSE)
-    bound = (model if truncated else model.without("truncation")).bind(plan())
+    if not truncated:
+        model = model.without("truncation")
+    bound = model.bind(plan())
     draws = bound.draw_parameters(4000, rng)
-    for name, values in zip(bound.names, draws.T, strict=True):
-        mean, sd = CLOSE.get(name, (0.0, bound.prior_sd[bound.names.index(name)]))
-        low = -mean / sd if truncated and name in CLOSE else -np.inf
-        assert stats.kstest((values - mean) / sd, stats.truncnorm(low, np.inf).cdf).pvalue > 1e-4, (
-            name
-        )
+    for name, prior_sd, values in zip(bound.names, bound.prior_sd, draws.T, strict=True):
+        mean, sd = CLOSE.get(name, (0.0, prior_sd))
+        low = -np.inf
+        if truncated and name in CLOSE:
+            low = -mean / sd
+        law = stats.truncnorm(low, np.inf)
+        assert stats.kstest((values - mean) / sd, law.cdf).pvalue > 1e-4, name
 
 
 def test_slopes_keep_their_scale_beside_a_mean() -> None:
@@ -115,25 +119,42 @@ def test_means_stay_with_the_model() -> None:
         model.prior.means["C_XXX"] = 0.0  # type: ignore[index]
 
 
-def test_toml_both_ways_and_digests_as_they_were() -> None:
+def test_toml_both_ways() -> None:
     model = lb.HybridModel.first(1).with_prior(PRIORS)
     text = model_to_toml(model)
     assert "[prior.means]\nC_XXX = 5.1e-05" in text
     assert model_from_toml(text) == model
-    assert model_sha256(model) != model_sha256(replace(model, prior=replace(model.prior, means={})))
     assert "means" not in model_to_toml(lb.HybridModel.first(1))
-    before = {
-        "17c5304c3ff51f437b812fc393500f9dbbf841fa81312a7c2e49e46161726e35": lb.HybridModel.first(1),
-        "f6ebc15be3b03d018c48b292b3d5d4b3105472198d2a8409adcde005305585e9": lb.HybridModel.paper(0),
-        "00234eacc5e5111d036cdaa5fb9a8a00b435058c8ad41621746e7f9725e07d40": (
-            lb.HybridModel(0, prior=replace(lb.Prior.first(), overrides={"C_XXX": 1e-5})).fixing(
-                "E_C0YX"
-            )
+
+
+def test_a_digest_tells_models_with_means_from_those_without() -> None:
+    model = lb.HybridModel.first(1).with_prior(PRIORS)
+    without_means = replace(model, prior=replace(model.prior, means={}))
+    assert model_sha256(model) != model_sha256(without_means)
+
+
+OVERRIDDEN = replace(lb.Prior.first(), overrides={"C_XXX": 1e-5})
+
+
+@pytest.mark.parametrize(
+    ("model", "digest"),
+    [
+        (
+            lb.HybridModel.first(1),
+            "17c5304c3ff51f437b812fc393500f9dbbf841fa81312a7c2e49e46161726e35",
         ),
-    }
-    assert {digest: model_sha256(one) for digest, one in before.items()} == {
-        digest: digest for digest in before
-    }
+        (
+            lb.HybridModel.paper(0),
+            "f6ebc15be3b03d018c48b292b3d5d4b3105472198d2a8409adcde005305585e9",
+        ),
+        (
+            lb.HybridModel(0, prior=OVERRIDDEN).fixing("E_C0YX"),
+            "00234eacc5e5111d036cdaa5fb9a8a00b435058c8ad41621746e7f9725e07d40",
+        ),
+    ],
+)
+def test_digests_stay_as_they_were_before_means(model: lb.HybridModel, digest: str) -> None:
+    assert model_sha256(model) == digest
 
 
 def test_estimate_of_compliance_where_readings_do_not_tell() -> None:
@@ -223,27 +244,36 @@ def test_plans_start_from_the_means() -> None:
     distance = np.abs((states.beta - bound.prior_mean) / bound.prior_sd)
     index = [bound.names.index(name) for name in OTHERS]
     assert distance[:, index].max() < 5.0
-    two_tests = _analysis_model(Space(model, SMALL, (36.0, 400.0)), SMALL.tests[:2]).bind(
-        replace(SMALL, tests=SMALL.tests[:2])
-    )
+    smaller = replace(SMALL, tests=SMALL.tests[:2])
+    space = Space(model, SMALL, (36.0, 400.0))
+    two_tests = _analysis_model(space, smaller.tests).bind(smaller)
     np.testing.assert_array_equal(two_tests.prior_mean, bound.prior_mean)
     np.testing.assert_allclose(two_tests.prior_sd, bound.prior_sd)
 
 
-def test_texts_and_figures_show_mean_and_sd() -> None:
-    model = lb.HybridModel.first(0)
+@pytest.mark.parametrize(
+    ("model", "means", "sds", "centred_on_the_mean"),
+    [
+        (lb.HybridModel.first(0).with_prior(OTHERS), ["51.0", "0"], ["4", "10"], True),
+        (lb.HybridModel.first(0), ["0", "0"], ["100", "10"], False),
+    ],
+)
+def test_texts_and_figures_show_mean_and_sd(
+    model: lb.HybridModel, means: list[str], sds: list[str], centred_on_the_mean: bool
+) -> None:
     rule = lb.StoppingRule(ess=100.0)
-    for own in (model.with_prior(OTHERS), model):
-        tree = lb.sample(own, simulated(SMALL), sampler="independent", seed=1, rule=rule)
-        meant = own is not model
-        shown = parameter_table(full_result(tree, 0.95))
-        table = {head: list(column) for head, *column in zip(shown.heads, *shown.rows, strict=True)}
-        assert table.get("prior mean", ["0", "0"])[:2] == (["51.0", "0"] if meant else ["0", "0"])
-        assert table["prior sd"][:2] == (["4", "10"] if meant else ["100", "10"])
-        axes = forest(tree).axes[0]
-        assert axes.get_xlabel() == "value (nm/N)"
-        faint = next(line for line in axes.lines if line.get_color() == FAINT)
-        assert (np.mean(faint.get_xdata()) == pytest.approx(51.0, abs=1.5)) == meant
+    tree = lb.sample(model, simulated(SMALL), sampler="independent", seed=1, rule=rule)
+    table = parameter_table(full_result(tree, 0.95))
+    columns = {}
+    for head, *cells in zip(table.heads, *table.rows, strict=True):
+        columns[head] = list(cells)
+    assert columns.get("prior mean", ["0", "0"])[:2] == means
+    assert columns["prior sd"][:2] == sds
+    axes = forest(tree).axes[0]
+    assert axes.get_xlabel() == "value (nm/N)"
+    faint = next(line for line in axes.lines if line.get_color() == FAINT)
+    centre = np.mean(faint.get_xdata())
+    assert (centre == pytest.approx(51.0, abs=1.5)) == centred_on_the_mean
 
 
 def test_a_prior_that_the_readings_contradict_is_named() -> None:
@@ -265,7 +295,8 @@ def test_calibrated_and_a_missed_mean_is_seen() -> None:
     """Ranks of truths drawn from priors with means: uniform where the same means are believed, at
     an end where none are."""
     model = lb.HybridModel.first(0).without("mount", "force-error", "bar-length").with_prior(OTHERS)
-    blind = replace(model, prior=replace(model.prior, means=dict.fromkeys(OTHERS, 0.0)))
+    zero_means = replace(model.prior, means=dict.fromkeys(OTHERS, 0.0))
+    blind = replace(model, prior=zero_means)
     planned = plan((30, 30), forces_N=(100.0, 600.0))
     right = lb.validate(model, planned, replicates=20, draws=19, seed=1)
     assert not right.outside
