@@ -137,20 +137,19 @@ def test_summary_numbers(posterior: xr.DataTree) -> None:
 def test_draws_in_units_for_reading(posterior: xr.DataTree) -> None:
     """The same draws with the labels of the tables, also for ArviZ; an analysis refuses them, whose
     numbers would be wrong."""
-    made = lb.to_units(posterior)
+    in_units = lb.to_units(posterior)
     plain = posterior["posterior"].data_vars
-    assert arviz_stats.summary(made, round_to="none")["mean"].astype(float)[
-        "C_XXX"
-    ] == pytest.approx(1e6 * plain["C_XXX"].mean())
-    for name, own in made["posterior"].data_vars.items():
-        inside = [
-            to_inside(f"{value!r} {own.attrs['units']}", plain[name].attrs["unit"])
-            for value in own[0, :3].values.tolist()
-        ]
+    means = arviz_stats.summary(in_units, round_to="none")["mean"].astype(float)
+    assert means["C_XXX"] == pytest.approx(1e6 * plain["C_XXX"].mean())
+    for name, draws in in_units["posterior"].data_vars.items():
+        inside = []
+        for value in draws[0, :3].values.tolist():
+            quantity = f"{value!r} {draws.attrs['units']}"
+            inside.append(to_inside(quantity, plain[name].attrs["unit"]))
         np.testing.assert_allclose(inside, plain[name][0, :3], rtol=1e-12)
-        assert made["prior"][name].attrs == own.attrs
-    assert made["constant_data"]["force_N"].equals(posterior["constant_data"]["force_N"])
-    refuses("got one in units for reading", lb.summarize, made)
+        assert in_units["prior"][name].attrs == draws.attrs
+    assert in_units["constant_data"]["force_N"].equals(posterior["constant_data"]["force_N"])
+    refuses("got one in units for reading", lb.summarize, in_units)
 
 
 def test_saved_and_read_back_identically(
@@ -213,15 +212,12 @@ def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) ->
     tree = lb.sample(lb.HybridModel.paper(0), recovered, seed=1, rule=QUICK)
     table = lb.summarize(tree)
     bound = lb.HybridModel.paper(0).bind(recovered)
-    design = (
-        np.concatenate([t.factor @ bound.interest[r] for r, t in enumerate(bound.reduced)])
-        * bound.scale
-    )
-    expected_sd = (
-        float(table.loc["sigma", "mean"])
-        * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
-        * bound.scale
-    )
+    columns = []
+    for test, interest in zip(bound.reduced, bound.interest, strict=True):
+        columns.append(test.factor @ interest)
+    design = np.concatenate(columns) * bound.scale
+    relative_sd = np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    expected_sd = float(table.loc["sigma", "mean"]) * relative_sd * bound.scale
     means = table["mean"].to_numpy(float)[:13]
     sds = table["sd"].to_numpy(float)[:13]
     np.testing.assert_allclose((means - bound.centre) / expected_sd, 0.0, atol=0.25)
@@ -241,24 +237,20 @@ def test_emcee_takes_over_where_weights_cannot_be_trusted(
         result_json(tree)["sampler"]
     )
     np.testing.assert_array_equal(tree["posterior"]["C_CCY"], joint["posterior"]["C_CCY"])
-    found = lb.validate(CONSTANT, FEW, replicates=10, draws=9)
-    assert (
-        found.replicates,
-        found.failures,
-        "emcee for 10 whose" in validation_verdict(found),
-    ) == (10, (), True)
+    validation = lb.validate(CONSTANT, FEW, replicates=10, draws=9)
+    assert validation.replicates == 10
+    assert validation.failures == ()
+    assert "emcee for 10 whose" in validation_verdict(validation)
 
 
 def test_independent_draws_are_twice_as_many_where_chance_leaves_the_rule_unmet(
     campaign: lb.Campaign,
 ) -> None:
     """Of four hundred independent draws R-hat is above 1.01 for one seed in four."""
-    fits = [
-        lb.sample(
-            CONSTANT, campaign, sampler="independent", seed=seed, rule=StoppingRule(ess=400.0)
-        )
-        for seed in range(2, 6)
-    ]
+    rule = StoppingRule(ess=400.0)
+    fits = []
+    for seed in range(2, 6):
+        fits.append(lb.sample(CONSTANT, campaign, sampler="independent", seed=seed, rule=rule))
     assert all(record_of(fit)["sampler"]["converged"] for fit in fits)
     assert {fit["posterior"].sizes["draw"] for fit in fits} == {180, 360}
 
@@ -284,37 +276,38 @@ def test_a_run_that_misses_its_target_says_so(sampler: str, rule: StoppingRule, 
     assert re.search(words, fit_in_words(tree)["warnings"][0])
 
 
-def test_contradiction_and_misfit_are_warned_of(recovered: lb.Campaign) -> None:
-    tree = lb.sample(
-        CONSTANT.without("ball-form"), recovered, sampler="independent", seed=1, rule=QUICK
-    )
+def test_a_contradiction_is_warned_of(recovered: lb.Campaign) -> None:
+    model = CONSTANT.without("ball-form")
+    tree = lb.sample(model, recovered, sampler="independent", seed=1, rule=QUICK)
     assert fit_of(tree).log_prob_truncation < -10.0
     assert "truncation" in fit_of(tree).kinds
     assert fit_in_words(tree)["warnings"][0].startswith(
         "The readings contradict non-negative compliance: ln P(T | y) = −"
     )
-    loud = [
-        t.with_reading_um(t.reading_um + 30.0 * np.sin(7 * t.angles_rad() + i))
-        for i, t in enumerate(FEW.tests)
-    ]
-    tree = lb.sample(CONSTANT, lb.Campaign(tuple(loud)), sampler="independent", seed=1, rule=QUICK)
-    assert any(
-        warning.startswith("Misfit: sigma = 1") for warning in fit_in_words(tree)["warnings"]
-    )
+
+
+def test_a_misfit_is_warned_of() -> None:
+    tests = []
+    for phase, test in enumerate(FEW.tests):
+        wave_um = 30.0 * np.sin(7 * test.angles_rad() + phase)
+        tests.append(test.with_reading_um(test.reading_um + wave_um))
+    campaign = lb.Campaign(tuple(tests))
+    tree = lb.sample(CONSTANT, campaign, sampler="independent", seed=1, rule=QUICK)
+    warnings = fit_in_words(tree)["warnings"]
+    assert any(warning.startswith("Misfit: sigma = 1") for warning in warnings)
 
 
 def test_truncation_probability_is_reported_though_not_imposed() -> None:
     """Readings that shrink under tension: negative compliance, whether or not the model forbids
     it."""
     planned = plan((40,) * 3, forces_N=(100.0, 300.0, 500.0))
-    tests = [
-        t.with_reading_um(-0.03 * float(t.force_N or 0) * np.cos(t.angles_rad()) ** 2)
-        for t in planned.tests
-    ]
+    tests = []
+    for test in planned.tests:
+        force_N = float(test.force_N or 0)
+        tests.append(test.with_reading_um(-0.03 * force_N * np.cos(test.angles_rad()) ** 2))
+    campaign = lb.Campaign(tuple(tests))
     for model in (CONSTANT.without("truncation"), lb.HybridModel.paper(0)):
-        tree = lb.sample(
-            model, lb.Campaign(tuple(tests)), sampler="independent", seed=1, rule=QUICK
-        )
+        tree = lb.sample(model, campaign, sampler="independent", seed=1, rule=QUICK)
         assert fit_of(tree).log_prob_truncation < -20.0
         assert fit_of(tree).state == State.DOUBTFUL
         assert tree["posterior"]["C_XXX"].mean() < 0.0
@@ -323,15 +316,17 @@ def test_truncation_probability_is_reported_though_not_imposed() -> None:
 def test_noise_at_the_floor_is_sampled_without_strays() -> None:
     hyper = {"sigma": 0.03, "delta": 0.5, "kappa": 0.5, "tau": 3.0}
     campaign = CONSTANT.simulate(plan((720,) * 4), seed=1, hyper_um=hyper).campaign
-    seen: list[Progress] = []
-    tree = lb.sample(CONSTANT, campaign, seed=1, rule=QUICK, progress=seen.append)
+    states: list[Progress] = []
+    tree = lb.sample(CONSTANT, campaign, seed=1, rule=QUICK, progress=states.append)
     sigma = tree["posterior"]["sigma"].to_numpy().ravel() * 1e3
     assert record_of(tree)["sampler"]["converged"]
     assert sigma.min() >= 0.24 / np.sqrt(12.0)
     assert np.quantile(sigma, 0.999) < 0.24 / np.sqrt(12.0) + 0.01
-    assert [state.steps for state in seen] == [20 * (i + 1) for i in range(len(seen))]
-    assert all(state.seconds_left is not None and state.seconds_left >= 0.0 for state in seen)
-    assert isinstance(seen[-1].assessment, Assessment)
+    for number, state in enumerate(states, start=1):
+        assert state.steps == 20 * number
+        assert state.seconds_left is not None
+        assert state.seconds_left >= 0.0
+    assert isinstance(states[-1].assessment, Assessment)
 
 
 @pytest.mark.parametrize(
@@ -351,15 +346,15 @@ def test_refused(arguments: dict[str, Any], message: str) -> None:
 def test_three_routes_to_one_posterior(model: lb.HybridModel) -> None:
     """Joint and independent draws against a third route that needs no lattice and no chain."""
     bound = model.bind(FEW)
-    expected = np.hstack(collapsed(HyperPosterior(bound, truncated=bound.truncation.active), 3000))
+    hyper_posterior = HyperPosterior(bound, truncated=bound.truncation.active)
+    expected = np.hstack(collapsed(hyper_posterior, 3000))
+    mean = expected.mean(axis=0)
+    sd = expected.std(axis=0)
     for sampler in ("joint", "independent"):
-        found = np.hstack(
-            draws_of(lb.sample(model, FEW, sampler=sampler, seed=1, rule=QUICK), bound)
-        )
-        np.testing.assert_allclose(
-            (found.mean(axis=0) - expected.mean(axis=0)) / expected.std(axis=0), 0.0, atol=0.25
-        )
-        np.testing.assert_allclose(found.std(axis=0) / expected.std(axis=0), 1.0, atol=0.25)
+        tree = lb.sample(model, FEW, sampler=sampler, seed=1, rule=QUICK)
+        draws = np.hstack(draws_of(tree, bound))
+        np.testing.assert_allclose((draws.mean(axis=0) - mean) / sd, 0.0, atol=0.25)
+        np.testing.assert_allclose(draws.std(axis=0) / sd, 1.0, atol=0.25)
 
 
 PRIORS = {
@@ -376,32 +371,25 @@ def test_readings_less_what_prior_means_expect(sampler: str) -> None:
     model = MODEL.without("force-error", "truncation").with_prior(PRIORS)
     plain = replace(model, prior=replace(model.prior, means=dict.fromkeys(PRIORS, 0.0)))
     bound = model.bind(FEW)
-    less = tuple(
-        test.with_reading_um(
-            np.asarray(test.reading_um)
-            - basis(test.angles_rad()) @ bound.interest[r] @ bound.prior_mean * 1e3
-        )
-        for r, test in enumerate(FEW.tests)
-    )
+    tests = []
+    for test, interest in zip(FEW.tests, bound.interest, strict=True):
+        expected_um = basis(test.angles_rad()) @ interest @ bound.prior_mean * 1e3
+        tests.append(test.with_reading_um(np.asarray(test.reading_um) - expected_um))
+    less_expected = replace(FEW, tests=tuple(tests))
     short = StoppingRule(ess=100.0, max_steps=200)
     tree = lb.sample(model, FEW, sampler=sampler, seed=3, rule=short)
-    moved = tree["posterior"]
-    still = lb.sample(plain, replace(FEW, tests=less), sampler=sampler, seed=3, rule=short)[
+    with_means = tree["posterior"]
+    without_means = lb.sample(plain, less_expected, sampler=sampler, seed=3, rule=short)[
         "posterior"
     ]
     for parameter in bound.parameters:
-        apart = (
-            moved[parameter.name].to_numpy()
-            - parameter.prior_mean
-            - still[parameter.name].to_numpy()
-        )
-        assert np.quantile(np.abs(apart) / parameter.prior_sd, 0.99) < 1e-5, parameter.name
+        name = parameter.name
+        moved_by = with_means[name].to_numpy() - without_means[name].to_numpy()
+        difference = np.abs(moved_by - parameter.prior_mean)
+        assert np.quantile(difference / parameter.prior_sd, 0.99) < 1e-5, name
     for name in bound.hyper_prior.names:
-        np.testing.assert_allclose(
-            np.quantile(moved[name], 0.5), np.quantile(still[name], 0.5), rtol=1e-5
-        )
-    assert (
-        lb.summarize(tree).loc["C_XXX", "prior_mean"],
-        result_json(tree)["model"]["priors"],
-    ) == (4.4e-5, "edited")
+        median = np.quantile(with_means[name], 0.5)
+        np.testing.assert_allclose(median, np.quantile(without_means[name], 0.5), rtol=1e-5)
+    assert lb.summarize(tree).loc["C_XXX", "prior_mean"] == 4.4e-5
+    assert result_json(tree)["model"]["priors"] == "edited"
     assert tree["prior"]["C_YYY"].to_numpy().mean() == pytest.approx(5.0e-5, abs=3e-7)
