@@ -1,16 +1,19 @@
-"""Cholesky elimination of columns with few rows in common, for many values of φ at once.
+"""Sparse Cholesky elimination for many values of the hyper-parameters φ at once.
 
-Of observation equations r = A x + N(0, D(φ)) it computes
+The observation equations are r = A x + N(0, D(φ)): r are the readings, x the coefficients, A
+(rows, columns) has one column for each coefficient, and D(φ) is the diagonal noise covariance. The
+module computes the lower triangular factor L and the whitened right-hand side of
 
     P = Aᵀ D⁻¹ A = L Lᵀ   and   L⁻¹ Aᵀ D⁻¹ r.
 
-Rows are of few kinds, those of one kind having one variance, so that P and Aᵀ D⁻¹ r are sums of
-known matrices, one for each kind, times 1/D. Arrays have their w values of φ last and contiguous:
-factors are computed entry by entry, for all φ at once.
+Rows with the same variance are of one kind. There are few kinds, so P and Aᵀ D⁻¹ r are sums over
+the kinds of a matrix that does not depend on φ (its elements are called Gram entries), times 1/D.
+The last axis of every array, of length w, runs over the values of φ and is contiguous.
 
-Columns fall into isolated groups, which have no row in common with other columns; leaves, groups
-that have rows in common with the root alone; and the root. Leaves are eliminated first, then the
-root. Which columns make the root is worked out once: those that leave the fewest operations.
+Two columns have a row in common if both are non-zero in it. Columns are divided into isolated
+groups, which have no row in common with other columns; leaves, which are groups that have rows in
+common with the root only; and the root. Leaves are eliminated before the root. The root is chosen
+once, such that the fewest operations are needed.
 """
 
 from __future__ import annotations
@@ -28,35 +31,40 @@ from ldbb_bayes.results import Array
 
 __all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "Front"]
 
-# The most and the fewest φ of one pass.
+# Most and fewest values of φ that are factorised in one pass.
 _MOST_PHI = 512
 FEWEST_PHI = 128
-# Numbers that the processor's cache holds.
+# Floating-point numbers that fit into the processor's cache.
 _CACHE_SIZE = 1 << 19
-# BLAS rounds stacks of a multiple of eight alike: results do not depend on the size of a stack.
+# Values of φ are processed in multiples of eight, which BLAS rounds identically: results then do
+# not depend on how many values are processed together.
 BLAS_MULTIPLE = 8
-# Multiplications that take as long as the calls for one column.
+# Overhead of the function calls for one column, in multiplications that take as long.
 _CALL_COST = 60.0
-# Columns whose Gram entries are computed in one product.
+# Number of columns for which the weighted sum of Gram entries is one matrix product.
 _GRAM_COLUMNS = 4
 
 
 class Front(NamedTuple):
-    """Groups of as many columns each, which are eliminated together."""
+    """Groups with equal numbers of columns, which are eliminated together.
 
-    #: Numbers of the columns, shape (groups, s).
+    Each group has s columns; its border is the m columns eliminated later that have rows in common
+    with it.
+    """
+
+    #: Indices of the columns in A, shape (groups, s).
     columns: NDArray[np.intp]
-    #: Kinds of the rows in which a group is not zero, shape (groups, k).
+    #: Kinds of the rows in which each group is not zero, at most k, shape (groups, k).
     kinds: NDArray[np.intp]
-    #: Gram entries of every kind, with the s columns themselves, with the m columns of the border
-    #: and with the values, shape (groups, s, s + m + 1, k).
+    #: Gram entries for every kind: products of the s columns with each other, with the m border
+    #: columns and with the values r, shape (groups, s, s + m + 1, k).
     gram: Array
-    #: Signs of the pivots, shape (groups, s); None where all are positive.
+    #: Signs ±1 of the pivots, shape (groups, s); None if all pivots are positive.
     signs: Array | None
 
     @property
     def entries(self) -> int:
-        """Number of entries for each φ."""
+        """Number of matrix entries for each value of φ."""
         return int(np.prod(self.gram.shape[:3]))
 
     def assemble(
@@ -65,16 +73,20 @@ class Front(NamedTuple):
         shift: Array | None,
         out: Array | None = None,
     ) -> Array:
-        """Return P and Aᵀ D⁻¹ r, from the diagonal on, shape (groups, s, s + m + 1, w).
+        """Return the upper triangle of P (in blocks) and Aᵀ D⁻¹ r of the groups.
 
         Parameters
         ----------
         weight
-            1/D of every kind, shape (kinds, w).
+            Reciprocal variance 1/D of every kind of row, shape (kinds, w).
         shift
-            What is added to Aᵀ D⁻¹ r, shape (columns, w).
+            Array to add to Aᵀ D⁻¹ r, shape (columns, w).
         out
-            Array that takes the result.
+            Array to write the result into.
+
+        Returns
+        -------
+        Shape (groups, s, s + m + 1, w); Aᵀ D⁻¹ r is the last of the s + m + 1 entries.
         """
         _, columns, entries, _ = self.gram.shape
         group_weight = weight[self.kinds][:, None]
@@ -90,14 +102,15 @@ class Front(NamedTuple):
     def factorize(
         self, matrix: Array, links: Array | None = None, link_signs: Array | None = None
     ) -> Array:
-        """Factorise assembled entries in place, and return what they add to ln p(z | φ).
+        """Factorise assembled entries in place, and return their contribution to ln p(z | φ).
 
         Parameters
         ----------
         matrix
-            What `assemble` returns; on return L and L⁻¹ Aᵀ D⁻¹ r.
+            Output of `assemble`; overwritten by L and L⁻¹ Aᵀ D⁻¹ r.
         links, link_signs
-            Columns eliminated earlier; see `eliminate`.
+            Factors of the columns eliminated earlier, and the signs of their pivots; see
+            `eliminate`.
 
         Returns
         -------
@@ -117,7 +130,7 @@ class Front(NamedTuple):
 
 
 class Elimination(NamedTuple):
-    """Fronts in the order of their elimination."""
+    """Groups of columns (`Front`) in the order of their elimination."""
 
     isolated: list[Front]
     leaves: list[Front]
@@ -125,12 +138,12 @@ class Elimination(NamedTuple):
 
     @property
     def fronts(self) -> list[Front]:
-        """All fronts, in the order of `factorize`."""
+        """All fronts, in the order in which `factorize` returns their factors."""
         return [*self.isolated, *self.leaves, self.root]
 
     @property
     def chunk_size(self) -> int:
-        """How many φ to take at a time, so that the factors stay in the processor's cache."""
+        """Number of values of φ per pass for which the factors fit into the processor's cache."""
         entries = max(sum(front.entries for front in self.fronts), 1)
         fitting = _CACHE_SIZE // entries // BLAS_MULTIPLE * BLAS_MULTIPLE
         return max(FEWEST_PHI, min(_MOST_PHI, fitting))
@@ -140,17 +153,20 @@ class Elimination(NamedTuple):
         weight: Array,
         shift: Array | None,
     ) -> tuple[list[Array], Array]:
-        """Factorise P at weights 1/D (kinds, w), with ``shift`` (columns, w) added to Aᵀ D⁻¹ r.
+        """Factorise P.
+
+        ``weight`` (kinds, w) is 1/D of every kind of row; ``shift`` (columns, w) is added to
+        Aᵀ D⁻¹ r.
 
         Returns
         -------
         factors
-            L and L⁻¹ Aᵀ D⁻¹ r of every front, (groups, s, s + m + 1, w).
+            L and L⁻¹ Aᵀ D⁻¹ r of every front, shape (groups, s, s + m + 1, w) each.
         gain
             ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj, shape (w,).
         """
         factors = [front.assemble(weight, shift) for front in self.isolated]
-        # Leaves lie in one array, aligned at their border.
+        # The leaves' factors share one array in which their border columns are aligned.
         widest = max((front.gram.shape[1] for front in self.leaves), default=0)
         leaf_columns = sum(front.columns.size for front in self.leaves)
         border = self.root.gram.shape[2]
@@ -173,7 +189,7 @@ class Elimination(NamedTuple):
         return factors, np.sum(gains, axis=0)
 
     def _link_signs(self) -> Array | None:
-        """Return the signs of the leaves' pivots; None where all are positive."""
+        """Return the signs ±1 of the leaves' pivots, or None if all pivots are positive."""
         if all(front.signs is None for front in self.leaves):
             return None
         signs = []
@@ -186,7 +202,7 @@ class Elimination(NamedTuple):
 
 
 class _Plan(NamedTuple):
-    """Columns of the isolated groups, of the leaves, and of the root."""
+    """Division of the columns of A into isolated groups, leaves and the root."""
 
     isolated: list[NDArray[np.intp]]
     leaves: list[NDArray[np.intp]]
@@ -194,7 +210,7 @@ class _Plan(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Multiplications for each φ."""
+        """Cost of the elimination, in multiplications for each value of φ."""
         total = 0.0
         for groups in _group_by_size(self.isolated):
             total += _elimination_cost(groups, border=0)
@@ -204,22 +220,22 @@ class _Plan(NamedTuple):
 
 
 class DesignRows:
-    """Rows of A, of few kinds, and the elimination of their columns.
+    """Observation equations r = A x + noise, and the elimination of the columns of A.
 
     Parameters
     ----------
     columns
-        A, shape (rows, columns).
+        Matrix A, shape (rows, columns).
     values
-        r as far as it does not depend on β, shape (rows,).
+        Readings r that do not depend on the parameters β; zero in the other rows. Shape (rows,).
     kinds
-        Number of each row's kind, shape (rows,).
+        Index of each row's kind (rows of one kind have the same variance), shape (rows,).
     signs
-        Signs of the columns' pivots, ±1, shape (columns,).
+        Signs ±1 of the columns' pivots, shape (columns,).
     shared
-        Number of columns that tests share; they come first.
+        Number of columns that several tests use; they come first.
     private
-        Columns of every test alone.
+        For every test, the indices of the columns that only this test uses.
     """
 
     def __init__(
@@ -245,14 +261,15 @@ class DesignRows:
         groups: Sequence[NDArray[np.intp]],
         border: NDArray[np.intp] | None = None,
     ) -> Front:
-        """Return the front of groups of as many columns each, and of the columns of their border.
+        """Return the front of groups that have equal numbers of columns.
 
         Parameters
         ----------
         groups
-            Columns of every group, each of shape (s,).
+            Indices of the columns of every group, each of shape (s,).
         border
-            Columns eliminated later that have rows in common with them, shape (m,).
+            Indices of the columns eliminated later that have rows in common with these groups,
+            shape (m,).
         """
         grams = []
         group_kinds = []
@@ -267,7 +284,7 @@ class DesignRows:
             size = len(columns)
             grams.append(np.stack([block[:, :size].T @ block for block in blocks]))
             group_kinds.append(kinds)
-        # Groups of fewer kinds are padded with Gram entries of zero.
+        # Groups with fewer kinds of rows are padded with Gram entries of zero.
         most_kinds = max(len(kinds) for kinds in group_kinds)
         gram = np.zeros((len(groups), *grams[0].shape[1:], most_kinds))
         padded_kinds = np.zeros((len(groups), most_kinds), dtype=np.intp)
@@ -286,8 +303,8 @@ class DesignRows:
         Parameters
         ----------
         last
-            How many of the shared columns must come at the end; None keeps all shared columns in
-            the order given, after the private ones.
+            Number of columns, the last of those that tests share, that must be eliminated last.
+            None: all shared columns keep their order and follow the columns of single tests.
         """
         if last not in self._eliminations:
             plans = [self._private_first]
@@ -307,14 +324,14 @@ class DesignRows:
         self,
         columns: NDArray[np.intp],
     ) -> list[NDArray[np.intp]]:
-        """Return the groups that columns fall into where those with a row in common are joined."""
+        """Return groups of columns such that columns with a row in common are in one group."""
         nonzero = (self._columns[:, columns] != 0.0).astype(float)
         count, label = connected_components(nonzero.T @ nonzero > 0.0, directed=False)
         return [columns[label == k] for k in range(count)]
 
     @cached_property
     def _private_first(self) -> _Plan:
-        """Private columns first, test by test, then the shared ones in the order given."""
+        """Plan with the columns of single tests as leaves and the shared columns as the root."""
         isolated = []
         root = [np.zeros(0, dtype=np.intp)]
         for group in self._connected_groups(np.arange(self._columns.shape[1])):
@@ -325,9 +342,10 @@ class DesignRows:
         return _Plan(isolated, self._private, np.sort(np.concatenate(root)))
 
     def _plans_by_row_count(self, last: int) -> list[_Plan]:
-        """Return plans whose root is the private columns, the last ones, and those of many rows.
+        """Return plans whose root holds the shared columns with more non-zero rows than a limit.
 
-        Every number of rows is tried as the limit.
+        The root also holds the columns of single tests and the ``last`` shared columns. There is
+        one plan for every possible limit.
         """
         nonzero = self._columns != 0.0
         first = self._shared - last
@@ -350,7 +368,7 @@ class DesignRows:
 
 
 def _group_by_size(groups: list[NDArray[np.intp]]) -> list[list[NDArray[np.intp]]]:
-    """Return groups by their number of columns, the smallest first."""
+    """Return lists of groups with equal numbers of columns, the smallest number first."""
     by_size: dict[int, list[NDArray[np.intp]]] = {}
     for group in groups:
         by_size.setdefault(len(group), []).append(group)
@@ -362,7 +380,10 @@ def _elimination_cost(
     *,
     border: int,
 ) -> float:
-    """Return the multiplications for groups of as many columns each and their border."""
+    """Return the multiplications for groups that have equal numbers of columns.
+
+    ``border`` is the number of columns in their border (see `Front`).
+    """
     columns = len(groups[0])
     remaining = columns + border + 1 - np.arange(columns)
     multiplications = len(groups) * remaining * (remaining + 1) / 2

@@ -1,17 +1,23 @@
-"""The likelihood ln p(z | β, φ) with all nuisance coefficients integrated out in closed form.
+"""The likelihood ln p(z | β, φ) with the nuisance coefficients integrated out analytically.
 
-For every test r, reduced to z_r and R_r,
+β (p,) are the parameters: compliances, their slopes and geometric errors. Nuisance coefficients
+belong to effects that are modelled but not of interest. φ are the hyper-parameters: the scales of
+the noise and of the nuisances. The readings of test r, projected on 25 Fourier basis functions
+(`reduction`), are z_r with the triangular factor R_r:
 
-    z_r = R_r (H_r β + U_r u + V_r v_r + e_r) + ε,
+    z_r = R_r (H_r β + U_r u + V_r v_r + e_r) + ε.
 
-with u ~ N(m, s²) shared by all tests, v_r ~ N(0, s²) and e_r ~ N(0, s²) of each test alone, and
-ε ~ N(0, σ²); all scales s are products of known numbers and of φ. As observation equations
-z − H β = A x + N(0, D(φ)) with D diagonal (`observations`),
+H_r, U_r and V_r have 25 rows and one column per coefficient. The coefficients u ~ N(m, s²) are
+shared by all tests; v_r ~ N(0, s²) and the noise e_r ~ N(0, s²) in the basis belong to test r only;
+the reading noise is ε ~ N(0, σ²). Each mean m is known, each scale s is a known number times
+hyper-parameters. The module `observations` writes this as z − H β = A x + N(0, D(φ)), where x holds
+the coefficients and D is diagonal. Then
 
     P = Aᵀ D⁻¹ A = L Lᵀ,   r = z − H β,
-    ln p(z | β, φ) = −½ Σ ln D − ½ rᵀ D⁻¹ r + ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj.
+    ln p(z | β, φ) = −½ Σ ln D − ½ rᵀ D⁻¹ r + ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj + constant.
 
-φ enters through D alone. Arrays have their w values of φ last and contiguous.
+Only D depends on φ. The last axis of arrays, of length w, runs over the values of φ and is
+contiguous.
 """
 
 from __future__ import annotations
@@ -34,51 +40,54 @@ from ldbb_bayes.results import Array
 
 __all__ = ["StructuredGaussian"]
 
-# Freed arrays up to this size are kept by GNU's malloc once one of it has been freed.
+# Size of the array that is freed once so that GNU's malloc afterwards keeps freed memory of up to
+# this size for reuse.
 _MALLOC_BYTES = 31 << 20
-# mm²: the variance of a hyper-parameter of zero, whose coefficients are then zero to all digits.
+# Variance [mm²] used for a hyper-parameter of zero; its coefficients are then numerically zero.
 _LEAST_VARIANCE = 1e-60
 
 
 class _Batch(NamedTuple):
-    """Some values of φ, a multiple of eight, the last one repeated."""
+    """Values of φ processed together; the last is repeated up to a multiple of eight."""
 
-    #: Their numbers, shape (w,).
+    #: Indices of the values of φ, shape (w,).
     phi_index: NDArray[np.intp]
     #: 1/D of every kind of row, shape (kinds, w).
     weight: Array
-    #: Aᵀ D⁻¹ r of the rows that depend on β, shape (columns, w); None without β.
+    #: Part of Aᵀ D⁻¹ r from the rows that depend on β, shape (columns, w); None without β.
     shift: Array | None
-    #: −½ Σ ln D − ½ rᵀ D⁻¹ r, shape (w,).
+    #: −½ Σ ln D − ½ rᵀ D⁻¹ r and the constant of ln p(z | β, φ), shape (w,).
     log_density: Array
 
     @property
     def numbers(self) -> slice:
-        """Numbers of the values of φ, each once."""
+        """Indices of the values of φ, without repetition."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property
     def size(self) -> int:
-        """How many different values of φ."""
+        """Number of values of φ, without repetition."""
         return int(self.phi_index[-1] + 1 - self.phi_index[0])
 
 
 class StructuredGaussian:
-    """The density p(z | β, φ) with shared and private coefficients integrated out.
+    """Density p(z | β, φ) with all nuisance coefficients integrated out.
+
+    Coefficients are shared by tests or private, that is used by a single test.
 
     Parameters
     ----------
     reduced
-        Tests after projection on the basis.
+        Readings of the tests, projected on the Fourier basis.
     columns
-        Nuisance terms; coefficients that tests share keep their order in `conditional`.
+        Columns of the nuisance terms; `conditional` keeps the order of shared coefficients.
     offset
         Known part of the readings in the basis, shape (tests, 25) [mm]; it is subtracted.
     hypers
         Names of the hyper-parameters, in the order of φ.
     interest
-        H, shape (tests, 25, p): columns of the parameters β that every call states; none by
-        default.
+        H, shape (tests, 25, p): columns of the parameters β that are given in every call. By
+        default there are none.
     """
 
     def __init__(
@@ -109,7 +118,7 @@ class StructuredGaussian:
         )
         self._kinds = kinds.ravel()
         self._kind_variance = rows.variance[first]
-        # Rows that depend on β are worked on at every call; the others are known.
+        # Rows that depend on β are evaluated in every call, the other rows only here.
         depends = (rows.interest != 0.0).any(axis=1)
         known_values = np.where(depends, 0.0, rows.values)
         self._design = DesignRows(
@@ -153,14 +162,16 @@ class StructuredGaussian:
     def conditional(
         self, phi: Array, beta: Array | None = None, *, last: int | None = None
     ) -> tuple[Array, Gaussian]:
-        """Return ln p(z | β, φ), shape (w,), and the shared coefficients given z, β and φ.
+        """Return ln p(z | β, φ), shape (w,), and the Gaussian of the shared coefficients.
+
+        The Gaussian is conditional on z, β and φ.
 
         Parameters
         ----------
         phi, beta
             See `log_density`.
         last
-            Only the last so many shared coefficients are asked for; by default all.
+            Number of shared coefficients to return, counted from the end; by default all.
         """
         first = 0 if last is None else self._shared - last
         elimination = self._conditional_elimination(last)
@@ -193,7 +204,8 @@ class StructuredGaussian:
     ) -> Array:
         """Return the conditional mean of the private coefficients, shape (w, tests, v).
 
-        They come in the order given; noise of the basis that could not be made diagonal follows.
+        Private coefficients are those of a single test. They keep their order; coefficients of
+        basis noise that could not be made diagonal follow.
 
         Parameters
         ----------
@@ -221,8 +233,8 @@ class StructuredGaussian:
     def _conditional_elimination(self, last: int | None) -> Elimination:
         """Return the elimination that leaves the ``last`` shared coefficients at the end.
 
-        Unless circles are uneven all are kept in the order given, whatever ``last``: quasi-random
-        points follow last digits.
+        If no circle is sampled unevenly, all shared coefficients keep their order whatever ``last``
+        is, because quasi-random points are sensitive to the last digits of the factors.
         """
         return self._design.elimination(last if self._uneven else None)
 
@@ -232,7 +244,7 @@ class StructuredGaussian:
         beta: Array | None,
         batch_size: int,
     ) -> Iterator[_Batch]:
-        """Yield ``batch_size`` values of φ at a time."""
+        """Yield batches of at most ``batch_size`` values of φ, rounded up to a multiple of eight."""
         for start in range(0, len(phi), batch_size):
             size = min(len(phi) - start, batch_size)
             rounded_size = -(-size // BLAS_MULTIPLE) * BLAS_MULTIPLE
@@ -254,7 +266,7 @@ class StructuredGaussian:
             yield _Batch(index, weight, shift, log_density)
 
     def _variances(self, phi: Array) -> Array:
-        """Return D of every kind of row, shape (kinds, w)."""
+        """Return the variance D of every kind of row, shape (kinds, w)."""
         value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
         sizes = [np.broadcast_to(source.at(value), len(phi)) for source in self._sources]
         variance = self._kind_variance @ (np.stack(sizes) ** 2)
@@ -271,10 +283,10 @@ def _copy_columns(
     lower: Array,
     white_shift: Array,
 ) -> None:
-    """Copy columns out of the factors of all fronts.
+    """Copy the wanted columns from the factors of all fronts into two arrays.
 
-    Into L, ``lower`` (size, size, w) with its column first, and L⁻¹ Aᵀ D⁻¹ r, ``white_shift``
-    (size, w).
+    ``lower`` (size, size, w) receives L, indexed by column, then row; ``white_shift`` (size, w)
+    receives L⁻¹ Aᵀ D⁻¹ r.
     """
     w = white_shift.shape[1]
     for front, front_factors in zip(elimination.fronts, factors, strict=True):
@@ -288,7 +300,10 @@ def _copy_columns(
 
 
 def _round_to_ten_digits(values: Array) -> Array:
-    """Round values, so that rounding of the projection does not make equal rows differ."""
+    """Return values rounded to ten digits.
+
+    Rows that differ only by rounding errors of the projection then count as equal.
+    """
     magnitude = np.floor(np.log10(np.where(values > 0, values, 1.0)))
     size = 10.0 ** (9 - magnitude)
     return np.round(values * size) / size
@@ -296,8 +311,9 @@ def _round_to_ten_digits(values: Array) -> Array:
 
 @cache
 def _keep_freed_memory() -> None:
-    """Let go of one large array, so that GNU's malloc keeps freed arrays up to its size.
+    """Free one large array, so that GNU's malloc keeps freed arrays of up to its size for reuse.
 
-    See M_MMAP_THRESHOLD in mallopt(3). Stacks of small matrices are then two to three times faster.
+    See M_MMAP_THRESHOLD in mallopt(3). Operations on stacks of small matrices are then two to three
+    times faster.
     """
     np.empty(_MALLOC_BYTES, dtype=np.uint8)
