@@ -244,7 +244,7 @@ class StructuredGaussian:
         beta: Array | None,
         batch_size: int,
     ) -> Iterator[_Batch]:
-        """Yield batches of at most ``batch_size`` values of φ, rounded up to a multiple of eight."""
+        """Yield batches of at most ``batch_size`` values of φ."""
         for start in range(0, len(phi), batch_size):
             size = min(len(phi) - start, batch_size)
             rounded_size = -(-size // BLAS_MULTIPLE) * BLAS_MULTIPLE

@@ -2,10 +2,14 @@
 
     z − H β = A x + N(0, D(φ))
 
-x = (u, v_1 … v_T) are the nuisance coefficients that tests share and those of every test alone, in
-units of their prior standard deviations. The rows of a test are rotated so that the noise of the
-basis and that of the readings are both diagonal. A prior is a row like a reading. φ enters through
-D alone, whose entries are sums of known numbers times squared sources of variance.
+z are the readings of T tests, reduced to the Fourier basis (`reduction`), and H (rows, p) are the
+columns of the p parameters β. x = (u, v_1 … v_T) are the nuisance coefficients (of effects that are
+modelled but not of interest), in units of their prior standard deviations: u are shared by all
+tests, v_r belong to test r only. A (rows, coefficients) are their columns. The rows of a test are
+rotated so that both the noise of the basis and the reading noise are diagonal. Every prior of a
+coefficient is one more row. Only the diagonal matrix D depends on the hyper-parameters φ (scales of
+the noise and of nuisances); its entries are sums of known numbers times squared sources of
+variance.
 """
 
 from __future__ import annotations
@@ -27,50 +31,50 @@ _LOG_2PI = float(np.log(2 * np.pi))
 
 
 class Rows(NamedTuple):
-    """Rows of observation equations, n of them."""
+    """The n rows of observation equations z − H β = A x + N(0, D)."""
 
-    #: A, shape (n, columns).
+    #: Columns A of the nuisance coefficients, shape (n, columns).
     columns: Array
-    #: H of the parameters of interest, shape (n, p).
+    #: Columns H of the parameters of interest, shape (n, p).
     interest: Array
-    #: z, shape (n,).
+    #: Left-hand sides z: reduced readings or prior means, shape (n,).
     values: Array
-    #: How many readings a row stands for, shape (n,).
+    #: Number of readings that each row represents, shape (n,).
     readings: Array
-    #: Number of the test, shape (n,); for priors of what all share, the number of tests.
+    #: Index of each row's test; T, the number of tests, for priors of shared coefficients. (n,)
     test: NDArray[np.intp]
     #: Share of every source of variance in D, shape (n, sources): D = variance · source².
     variance: Array
 
 
 class Observations(NamedTuple):
-    """Rows of readings and priors, and what a likelihood needs besides."""
+    """Observation equations of all tests, and further quantities for the likelihood."""
 
     rows: Rows
     #: Sources of variance: hyper-parameters and products of them.
     sources: list[Source]
     #: Unit of every column: its prior sd, or the size of a column with a flat prior.
     unit: Array
-    #: Signs of the columns' prior variances, ±1.
+    #: Signs ±1 of the columns' prior variances; −1 removes noise (see `_uneven_columns`).
     signs: Array
     #: Number of columns that tests share; they come first.
     shared: int
-    #: Columns of every test alone.
+    #: For every test, the indices of the columns that only this test uses.
     private: list[NDArray[np.intp]]
-    #: Constants of the log density: of every test, and of flat priors; shape (tests + 1,).
+    #: Constants of the log density: one for every test, last that of flat priors, (tests + 1,).
     log_constants: Array
-    #: Whether a circle departs from uniform sampling by so much that columns describe it.
+    #: Whether extra columns describe a circle whose angles are not spaced uniformly.
     uneven: bool
 
 
 class _Nuisances(NamedTuple):
-    """Nuisance terms by how they enter the rows."""
+    """Nuisance terms, sorted by how they enter the observation equations."""
 
-    #: Noise that becomes part of D.
+    #: Noise in the basis that becomes part of the diagonal covariance D.
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
-    #: Signs of the private coefficients' prior variances in one test, ±1.
+    #: Signs ±1 of the prior variances of the coefficients that one test alone uses.
     private_signs: list[float]
     uneven: bool
 
@@ -81,12 +85,15 @@ class _Nuisances(NamedTuple):
 
     @property
     def private_size(self) -> int:
-        """Number of coefficients of one test alone."""
+        """Number of coefficients that belong to a single test, the same for every test."""
         return len(self.private_signs)
 
 
 class _Rotated(NamedTuple):
-    """A test's rotation Q (m, m) of its rows, Q R (m, 25), and the sd of each noise in each row."""
+    """Rotated rows of a test: Q (m, m), Q R (m, 25) and the sd of each noise in every row.
+
+    R (m, 25) is the triangular factor of the reduced readings; Q makes all noise diagonal.
+    """
 
     rotation: Array
     factor: Array
@@ -96,17 +103,20 @@ class _Rotated(NamedTuple):
 class _CoefficientPriors(NamedTuple):
     """Priors of all coefficients, in the order of the columns."""
 
-    #: Multiple of the source of variance; infinite for a flat prior.
+    #: Prior sd in units of the source of variance; infinite for a flat prior.
     sd: Array
-    #: Sd in mm that no hyper-parameter scales, added in quadrature.
+    #: Prior sd [mm] that no hyper-parameter scales; it is added in quadrature.
     stated_sd: Array
     mean: Array
-    #: Number of the source of variance.
+    #: Index of the source of variance.
     source: NDArray[np.intp]
 
 
 class _Scaled(NamedTuple):
-    """Rows in units of the columns, the units, and what flat priors add to the log density."""
+    """Rows with rescaled columns, the unit of each column, and the constant of flat priors.
+
+    ``log_volume`` is what flat priors add to the log density.
+    """
 
     rows: Rows
     unit: Array
@@ -126,7 +136,7 @@ def observation_equations(
     Parameters
     ----------
     reduced
-        Tests after projection on the basis.
+        Readings of the tests, projected on the Fourier basis.
     terms
         Columns and noise of the nuisance terms.
     offset
@@ -170,10 +180,11 @@ def _sort_nuisances(
     near_uniform: list[NearUniform] | None,
     tests: int,
 ) -> _Nuisances:
-    """Sort nuisances into diagonal noise, shared and private columns.
+    """Sort nuisances into diagonal noise, shared columns and private columns.
 
-    Where a circle is an arc (``near_uniform`` is None) only one noise can be made diagonal: that of
-    most orders. The others become private columns.
+    Private columns are used by a single test. If a circle is an arc (``near_uniform`` is None),
+    only one noise of the basis can be made diagonal: the one with the most basis functions is
+    chosen, and the others become private columns.
     """
     noise = [term for term in terms if isinstance(term, BasisNoise)]
     columns = [term for term in terms if isinstance(term, Columns)]
@@ -204,7 +215,10 @@ def _private_columns(
     nuisances: _Nuisances,
     tests: int,
 ) -> list[NDArray[np.intp]]:
-    """Return the numbers of every test's own columns; none where no column is private."""
+    """Return for every test the indices of the columns that only this test uses.
+
+    The list is empty if there are no such columns.
+    """
     size = nuisances.private_size
     if size == 0:
         return []
@@ -237,7 +251,10 @@ def _reading_rows(
     *,
     all_uniform: bool,
 ) -> Rows:
-    """Return the rows of every test's readings, and one row for all that is outside the basis."""
+    """Return the rows of every test's readings.
+
+    The last row of each test represents the part of its readings outside the Fourier basis.
+    """
     tests = len(reduced)
     shared_values = _stack_values(nuisances.shared, tests)
     private_values = _stack_values(nuisances.private, tests)
@@ -294,7 +311,7 @@ def _rotate(
 ) -> _Rotated:
     """Rotate a test's rows so that noise of the basis has a diagonal covariance.
 
-    On uniform circles any number of noises, elsewhere one at most.
+    This is possible for any number of noises if circles are nearly uniform, else for one at most.
     """
     if uniform and test.near_uniform is not None:
         column_norms = test.near_uniform.column_norms
@@ -313,9 +330,9 @@ def _add_priors(
     tests: int,
     sources: list[Source],
 ) -> _Scaled:
-    """Put the columns in units of their prior sd, and the rows of the priors below the readings.
+    """Rescale the columns, and append the rows of the priors to those of the readings.
 
-    Columns with a flat prior are in units of their own size.
+    The unit of a coefficient is its prior sd; with a flat prior, the reciprocal norm of its column.
     """
     priors = _coefficient_priors(nuisances, tests, sources)
     norms = np.linalg.norm(reading_rows.columns, axis=0)
@@ -341,7 +358,7 @@ def _add_priors(
 def _coefficient_priors(
     nuisances: _Nuisances, tests: int, sources: list[Source]
 ) -> _CoefficientPriors:
-    """Return the priors of the shared coefficients, then those of every test's own."""
+    """Return the priors of the shared coefficients, then of those of every single test."""
     sd = [np.zeros(0)]
     stated_sd = [np.zeros(0)]
     mean = [np.zeros(0)]
@@ -369,9 +386,10 @@ def _prior_variance(
     unit: Array,
     sources: list[Source],
 ) -> Array:
-    """Return the prior variances in units of the columns by source, shape (columns, sources).
+    """Return the share of every source in the prior variances, shape (columns, sources).
 
-    A coefficient without any sd gets a variance of one, as its column is zero.
+    Variances are in squared units of the coefficients. A coefficient with a prior sd of zero gets a
+    variance of one, because its rescaled column is zero.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)
@@ -388,14 +406,14 @@ def _test_of_coefficients(
     nuisances: _Nuisances,
     tests: int,
 ) -> NDArray[np.intp]:
-    """Return the test of every coefficient; of shared ones the number of tests."""
+    """Return the index of every coefficient's test; T, the number of tests, if it is shared."""
     shared = np.full(nuisances.shared_size, tests)
     private = np.repeat(np.arange(tests), nuisances.private_size)
     return np.concatenate([shared, private])
 
 
 def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
-    """Return noise of the basis as private columns."""
+    """Return noise of the basis as columns, with coefficients for every single test."""
     functions = np.flatnonzero(term.sd)
     values = np.zeros((tests, SIZE, len(functions)))
     values[:, functions, np.arange(len(functions))] = 1.0
@@ -410,11 +428,13 @@ def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
 
 
 def _uneven_columns(circles: Sequence[NearUniform], sign: float) -> Columns | None:
-    """Return private columns for the noise by which circles differ from uniform ones.
+    """Return columns that correct the reading noise of circles with non-uniform angles.
 
-    σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ): with ``sign`` +1 the noise that comes on top where
-    readings are sparse, with −1 what is missing, as a negative variance, where they crowd. None
-    where there are no such columns.
+    The covariance of basis coefficients is σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ), with the
+    eigenvectors V (25, k) and eigenvalues λ (k,) of the departure from uniform sampling. For
+    ``sign`` +1, columns add noise where readings are sparse; for −1, they remove noise where
+    readings are dense, by a negative variance. Every test has its own coefficients. Return None if
+    no columns of this sign are needed.
     """
     chosen = [
         np.flatnonzero(circle.significant & (sign * circle.departure < 0.0)) for circle in circles

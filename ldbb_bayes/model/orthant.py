@@ -1,9 +1,14 @@
-"""Orthant probabilities P(u ≥ 0) of Gaussian vectors, and exact draws inside.
+"""Probabilities P(u ≥ 0) of Gaussian vectors u, and exact random draws of u given u ≥ 0.
 
-Small probabilities and draws come by minimax tilting (`tilting`). Most probabilities need none of
-it: with P₁₂ that of the two tightest rows,
+Each element u_j (a row) is one constraint, such as a compliance that must not be negative; u ≥ 0 is
+called the orthant. Small probabilities and random draws are computed by minimax tilting, that is by
+sampling from a shifted density (`tilting`). Most probabilities P do not need it, because they lie
+between close bounds: with P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) of the two constraints most likely to fail,
 
     P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁) ≤ P ≤ P₁₂.
+
+Below, a member is one problem of a batch; the distance of a row is the mean of u_j divided by its
+sd; the tightest row has the smallest distance.
 """
 
 from __future__ import annotations
@@ -26,49 +31,54 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Orthant", "OrthantMoments"]
 
-# Rows whose independent part is smaller than this share of them follow from others.
+# A row is a linear combination of others if its remainder is smaller than this share of it.
 _DEPENDENT = 1e-7
-# A row this many sd from failing holds with certainty, unless others fail by three sd.
+# A constraint whose mean is this many sd above zero counts as certain, unless the mean of another
+# constraint is more than three sd below zero.
 _CERTAIN_SD = 12.0
 _PUSHED_SD = -3.0
-# Rows at least this many sd from failing are left out at first.
+# Constraints whose mean is at least this many sd above zero are left out at first.
 _NEAR_SD = 6.0
-# Share of the tolerance that rows left out may take.
+# Largest error from the constraints left out, as a share of the tolerance.
 _LEFT_OUT_SHARE = 0.1
-# Proposals of one draw, and how many are tried at once.
+# Most proposals of the rejection sampler for one random draw, and most at once.
 _MOST_PROPOSALS = 12_800
 _MOST_TRIES = 64
-# Points of the Gauss-Legendre rule along one axis.
+# Points of the Gauss-Legendre rule in one dimension.
 _RULE_POINTS = 24
-# Quasi-random points of each of so many scrambles.
+# Numbers of quasi-random points of each scramble, and number of independent scrambles.
 _SIZES = (32, 128, 512, 2048, 8192)
 _SCRAMBLES = 8
-# Student's factor for the scatter of the scrambles.
+# Student's factor that multiplies the standard error from the scatter of eight scrambles.
 _STUDENT = 1.5
-# Share of the error of plain random numbers that counts at least: few scrambles may agree by luck.
+# Least error, as a share of that of plain random numbers: a few scrambles may agree by chance.
 _LEAST_ERROR_SHARE = 0.1
-# Numbers (points times members) that are computed at once.
+# Most numbers (points times problems of the batch) that are computed at once.
 _CHUNK = 1 << 20
-# Digits of its own bounds by which a member moves its points.
+# Factor on the bounds of a problem; the fraction of the product shifts its quasi-random points.
 _DIGITS = 1e5
 # Owen's T is exact to 1e-15.
 _OWEN_ERROR = 1e-15
-# Of smaller probabilities of a pair, or of rows more alike, too few digits are left.
+# The bound by pairs is numerically unreliable for a pair with a smaller probability, or if the
+# correlation of two rows is closer to ±1.
 _LEAST_PAIR = 1e-9
 _LEAST_DIFFERENCE = 1e-6
-# Errors of one row alone that need no second row.
+# If the bound by the tightest row alone has a smaller error, no second row is considered.
 _NEGLIGIBLE_ERROR = 1e-9
-# Instead of a distance of zero in Owen's formula.
+# Replacement for a distance of zero in Owen's formula, which divides by it.
 _NEARLY_ZERO = 1e-300
 # Generators of a lattice of up to 2²⁰ points, extensible (F. Y. Kuo,
 # lattice-32001-1024-1048576); further ones are any odd numbers.
 _LATTICE = (1, 182667, 469891, 498753, 110745, 446979, 250185, 118627, 245333, 283199)
-# Random shifts are drawn for as many dimensions at least.
+# Random shifts of the lattice are generated for at least this many dimensions.
 _SHIFT_DIMENSIONS = 32
 
 
 class OrthantMoments(NamedTuple):
-    """Moments of e ~ N(0, I) given u = mean + spread e ≥ 0, along the axes that matter."""
+    """Mean and covariance of e ~ N(0, I) given u = mean + spread e ≥ 0.
+
+    They are given along the d directions of e that the constraints depend on, for w problems.
+    """
 
     #: Shape (w, d).
     mean: Array
@@ -79,23 +89,24 @@ class OrthantMoments(NamedTuple):
 
 
 class _Solved(NamedTuple):
-    """The tilted problem, and the directions of e that it depends on, shape (w, d, q)."""
+    """Tilted problems, and the orthonormal directions of e that they depend on, (w, d, q)."""
 
     tilted: Tilted
     axes: Array
 
 
 class Orthant:
-    """Problems P(u ≥ 0), u ~ N(mean, spread spreadᵀ), of a batch of w.
+    """Batch of w problems P(u ≥ 0), where u = mean + spread e with e ~ N(0, I).
 
-    Where a saddle point is out of reach of double precision, methods raise `InputError`.
+    Methods raise `InputError` if the saddle point of the tilting cannot be found in double
+    precision.
 
     Parameters
     ----------
     mean
-        Shape (w, m).
+        Means of the m constraints u, shape (w, m).
     spread
-        Shape (w, m, q).
+        Square root of the covariance of u, shape (w, m, q).
     """
 
     def __init__(self, mean: Array, spread: Array) -> None:
@@ -110,18 +121,19 @@ class Orthant:
     ) -> tuple[Array, Array]:
         """Return ln P and its error [nat], each of shape (w,).
 
-        In closed form where bounds are no further apart than the tolerance, else from as many
-        quasi-random points as it needs, up to 65 536: the scatter of independent scrambles times
-        Student's factor, so that three errors hold 99 %. Every member's result is the same whatever
-        else is in the batch; members share points, so that their errors add up. The error is
-        infinite, at the upper bound, where no point satisfies rows beyond the rank.
+        ln P is computed analytically if its bounds differ by no more than the tolerance, else from
+        up to 65 536 quasi-random points. The error is then the scatter of independent scrambles
+        times Student's factor, so that ±3 errors hold 99 %. The result of a problem does not depend
+        on the others in the batch. The problems use the same points, so their errors are
+        correlated. If no point satisfies the constraints that are linear combinations of others,
+        ln P is its upper bound and the error is infinite.
 
         Parameters
         ----------
         tolerance
             Error to reach [nat].
         seed
-            Of the scrambles.
+            Seed of the scrambles.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = self._mean / np.linalg.norm(self._spread, axis=2)
@@ -129,8 +141,8 @@ class Orthant:
         value, error = _bound_in_closed_form(distance, self._spread)
         open_members = np.flatnonzero(error > tolerance)
         for near in (_NEAR_SD, np.inf):
-            # Rows that are far from failing are left out at first; where these weigh too much, all
-            # are taken.
+            # Constraints that are far from failing are left out at first. If their effect is too
+            # large, the second pass takes all constraints.
             near_rows = distance[open_members] < near
             unfinished = np.zeros(len(open_members), dtype=bool)
             for pattern in np.unique(near_rows, axis=0):
@@ -150,22 +162,24 @@ class Orthant:
 
     @property
     def log_bound(self) -> Array:
-        """Upper bound of ln P, tight in the tails, shape (w,). Smooth; exact for one constraint."""
+        """Upper bound of ln P, shape (w,): smooth, close in the tails, exact for one constraint."""
         return self._tilted.log_bound
 
     def moments(self, size: int = 512, *, seed: int = 0) -> OrthantMoments:
-        """Return mean and covariance of the standard normal e given u ≥ 0, along the `axes`.
+        """Return mean and covariance of the standard normal e given u ≥ 0.
 
-        Across the axes e stays standard normal. The points of each member are moved by digits of
-        its own numbers: averages over many members then average their errors, and nothing depends
-        on what else is in the batch.
+        They are given along the directions `axes`; perpendicular to these e stays standard normal.
+        The quasi-random points of each problem are shifted by an amount computed from its own
+        bounds. Errors then average out over many problems, and a result does not depend on the
+        others in the batch.
 
         Parameters
         ----------
         size
-            Number of quasi-random points; one or two axes take a quadrature rule instead.
+            Number of quasi-random points; not used in one or two dimensions, where a quadrature
+            rule is used.
         seed
-            Of the lattice beyond ten axes.
+            Seed of the lattice beyond ten dimensions.
         """
         d = len(self._tilted.bound)
         if d <= 2:
@@ -186,9 +200,9 @@ class Orthant:
 
     @property
     def axes(self) -> Array:
-        """Orthonormal directions of e that rows near their edge depend on, shape (w, d, q).
+        """Orthonormal directions of e that the uncertain constraints depend on, shape (w, d, q).
 
-        Their coordinates are x = axes e.
+        The coordinates of e along them are x = axes e.
         """
         return self._solved.axes
 
@@ -198,14 +212,16 @@ class Orthant:
         *,
         max_proposals: int = _MOST_PROPOSALS,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Draw x = axes e given u ≥ 0 exactly, once for every member, by tilted rejection.
+        """Return an exact random draw of x = axes e given u ≥ 0 for every problem.
+
+        The draws come from a rejection sampler that proposes from the tilted density.
 
         Returns
         -------
         x
-            Shape (w, d); where nothing was accepted the last proposal.
+            Shape (w, d); a rejected proposal if none was accepted.
         accepted
-            Where one of about ``max_proposals`` proposals was accepted, shape (w,).
+            Whether one of about ``max_proposals`` proposals was accepted, shape (w,).
         """
         d, w = self._tilted.bound.shape
         x = np.zeros((d, w))
@@ -229,14 +245,14 @@ class Orthant:
         self,
         rng: np.random.Generator,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Draw e ~ N(0, I) given u = mean + spread e ≥ 0 exactly, once for every member.
+        """Return an exact random draw of e ~ N(0, I) given u ≥ 0 for every problem.
 
         Returns
         -------
         e
             Shape (w, q).
         accepted
-            Where the rejection sampler did not give up, shape (w,).
+            Whether the rejection sampler accepted a proposal, shape (w,).
         """
         x, accepted = self.draw_along_axes(rng)
         normal = rng.standard_normal((len(x), self._spread.shape[2]))
@@ -247,9 +263,9 @@ class Orthant:
         uniform: Array,
         normal: Array,
     ) -> tuple[Array, Array]:
-        """Return a tilted, nearly exact draw of e, and ln (exact density / its density).
+        """Return a random draw of e from the tilted density, and its log importance weight.
 
-        The log ratio is stated up to ln P.
+        The weight is ln (exact density / tilted density), without the constant ln P.
 
         Parameters
         ----------
@@ -263,7 +279,7 @@ class Orthant:
         return self._complete(x[:, 0].T, normal), log_weight[0]
 
     def log_proposal_weight(self, e: Array) -> Array:
-        """Return ln (exact density / density of `propose_standard`) up to ln P, shape (w,).
+        """Return the log importance weight of points e, shape (w,); see `propose_standard`.
 
         Parameters
         ----------
@@ -274,7 +290,7 @@ class Orthant:
         return self._tilted.log_weight(x[:, None])[0]
 
     def _complete(self, x: Array, normal: Array) -> Array:
-        """Return e (w, q) with the coordinates x along the axes, and those of ``normal`` across."""
+        """Return e (w, q): x along the directions `axes`, ``normal`` perpendicular to them."""
         normal_along_axes = np.einsum("wiq,wq->wi", self.axes, normal)
         return normal + np.einsum("wiq,wi->wq", self.axes, x - normal_along_axes)
 
@@ -285,7 +301,7 @@ class Orthant:
     ) -> tuple[Array, Array]:
         """Return ln P and its error from quasi-random points.
 
-        There are four times as many until the error is within the tolerance.
+        The number of points is multiplied by four until the error is within the tolerance.
         """
         tilted = self._tilted
         value = tilted.log_bound.copy()
@@ -318,7 +334,7 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> _Solved:
-        """Solve the tilted problem; rows that hold with certainty in the batch are left out."""
+        """Tilted problems, without the constraints that are certain in the whole batch."""
         rows = _uncertain_rows(self._mean, self._spread)
         mean = self._mean[:, rows]
         spread = self._spread[:, rows]
@@ -333,7 +349,7 @@ class Orthant:
         bound = -core_mean / np.abs(diagonal)
         saddle = find_saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
-        # Rows beyond the rank, as unit combinations of x.
+        # Constraints that are linear combinations of others, as unit vectors in terms of x.
         outside_core = np.ones(mean.shape, dtype=bool)
         np.put_along_axis(outside_core, core, values=False, axis=1)
         other_rows = np.nonzero(outside_core)[1].reshape(len(core), -1)
@@ -369,9 +385,9 @@ def _bound_in_closed_form(
     distance: Array,
     spread: Array,
 ) -> tuple[Array, Array]:
-    """Return ln P between two bounds, and how far it may be from either, each (w,).
+    """Return ln P from analytical bounds, and its largest error, each of shape (w,).
 
-    The distance is infinite where one of the bounds says nothing.
+    The error is infinite if the bounds are of no use.
     """
     w, m = distance.shape
     if m == 0:
@@ -384,7 +400,7 @@ def _bound_in_closed_form(
     sorted_distance = np.take_along_axis(distance, order, axis=1).T
     tail = ndtr(-sorted_distance)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # P is at most that of the tightest row, and less by at most the tails of the others.
+        # P(u₁ ≥ 0) of the tightest row minus the tails of the other rows ≤ P ≤ P(u₁ ≥ 0).
         value = log_ndtr(sorted_distance[0])
         lost = tail[1:].sum(axis=0)
         error = np.where(lost == 0.0, 0.0, lost * np.exp(-value))
@@ -403,10 +419,10 @@ def _bound_by_pairs(
     tail: Array,
     unit: Array,
 ) -> tuple[Array, Array]:
-    """Return ln P between P₁₂ and what further rows take from it, and its error, each (w,).
+    """Return ln P midway between the bounds by pairs of rows, and its error, each of shape (w,).
 
-    Distances and tails (m, w) and unit rows (w, m, q), the tightest first. The error is infinite
-    where digits are lost.
+    Distances and tail probabilities have shape (m, w), unit rows (w, m, q), the tightest row first.
+    The error is infinite if rounding makes the bounds unreliable.
     """
     m = len(distance)
     correlation = np.einsum("wmq,wnq->mnw", unit, unit[:, :2])
@@ -429,7 +445,7 @@ def _loss_to_row(
     tight_distance: Array,
     correlation: Array,
 ) -> Array:
-    """Return P(u_j < 0 ≤ u_i) of a tight row i; one where the rows are too much alike."""
+    """Return P(u_j < 0 ≤ u_i) for a tight row i, or 1 if the rows are nearly parallel."""
     probability = _pair_probability(-distance, tight_distance, -correlation)
     return np.where(np.abs(correlation) < 1.0 - _LEAST_DIFFERENCE, probability, 1.0)
 
@@ -461,7 +477,7 @@ def _scrambled_points(
 ) -> Array:
     """Return independent scrambles of a lattice, shape (dimensions, scrambles, size).
 
-    Points are moved at random and folded.
+    Each scramble shifts all points by one random vector and then folds them (`_fold`).
     """
     rng = np.random.default_rng([seed, size])
     shifts = rng.random((_SCRAMBLES, max(dimensions, _SHIFT_DIMENSIONS)))
@@ -470,7 +486,7 @@ def _scrambled_points(
 
 
 def _fold(points: Array) -> Array:
-    """Fold points of the unit cube (baker's transformation): integrands become periodic."""
+    """Return points folded by the baker's transformation, which makes integrands periodic."""
     return 1.0 - np.abs(2.0 * points - 1.0)
 
 
@@ -518,7 +534,8 @@ def _uncertain_rows(
 ) -> NDArray[np.intp]:
     """Return the rows that may fail anywhere in the batch.
 
-    All rows where the others are far from holding and could push them.
+    Return all rows if the mean of an uncertain row is more than three sd below zero, because
+    conditioning on it can then make the other rows fail.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = mean / np.linalg.norm(spread, axis=2)
@@ -532,7 +549,7 @@ def _core_rows(
     mean: Array,
     spread: Array,
 ) -> NDArray[np.intp]:
-    """Return independent rows of every member, the tightest first, shape (w, rank)."""
+    """Return linearly independent rows of every problem, the tightest first, (w, rank)."""
     if not mean.shape[1]:
         return np.zeros(mean.shape, dtype=np.intp)
     norms = np.linalg.norm(spread, axis=2)
@@ -552,10 +569,10 @@ def _binding_rows(
     unit: Array,
     rank: int,
 ) -> list[int]:
-    """Return independent rows of one member, the tightest first.
+    """Return linearly independent rows of one problem, the tightest first.
 
-    First the rows that hold the most probable point inside, then those that follow least from the
-    others.
+    Rows are chosen first if they are active at the most probable point of the orthant, then by the
+    size of their part that is independent of the rows chosen before.
     """
     force = np.zeros(len(unit))
     if (distance < 0.0).any():
