@@ -1,4 +1,4 @@
-"""Tests of a campaign as the model's terms see them.
+"""Forces, geometry and other conditions of a campaign's tests, as the model needs them.
 
 A `Setting` holds forces, radii, clockings and directions of travel, one entry per test, and the
 columns of the machine's compliances and geometric errors in the circle's basis.
@@ -31,14 +31,14 @@ __all__ = [
     "setting_of",
 ]
 
-# Sign of a direction of travel, clockwise being positive, and the reverse.
+# Sign of each direction of travel (clockwise is positive), and the direction of each sign.
 TRAVEL_SIGNS = {"CW": 1.0, "CCW": -1.0}
 TRAVEL_NAMES = {1.0: "CW", -1.0: "CCW"}
 _SECONDS_PER_HOUR = 3600.0
-# Coefficients of |u|^a, and of rotated harmonics, below these sizes are rounding.
+# Basis coefficients of |u|^a and of rotated harmonics that are smaller are rounding errors.
 _POWER_ROUNDING = 1e-12
 _ROTATION_ROUNDING = 1e-14
-# Clockings that differ by less are the same, as points of the unit circle.
+# Clockings are equal if their points on the unit circle are closer than this.
 _SAME_CLOCKING = 1e-9
 
 
@@ -47,15 +47,15 @@ class GroupOfTests(NamedTuple):
 
     #: The plane, radius or set-up.
     value: Any
-    #: What names of coefficients carry of it: nothing where the campaign has only one.
+    #: Suffix of coefficient names; empty if the campaign has one plane, radius or set-up only.
     suffix: str
-    #: Which tests, shape (tests,).
+    #: Whether each test belongs to the group, shape (tests,).
     tests: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A campaign as terms see it, arrays with one row per test."""
+    """Conditions of a campaign's tests; most arrays have one row per test."""
 
     force_N: Array
     pressure_bar: Array
@@ -65,27 +65,28 @@ class Setting:
     plane: Array
     setup: Array
     travel: Array  #: +1 clockwise or not stated, −1 counterclockwise
-    time_h: Array  #: from the mean of the whole campaign; NaN where not recorded
-    temperature_K: Array  #: from the mean of the whole campaign; NaN where not recorded
+    time_h: Array  #: minus the mean of the whole campaign; NaN where not recorded
+    temperature_K: Array  #: minus the mean of the whole campaign; NaN where not recorded
     direction: Array  #: basis coefficients (tests, 25, 3) of the bar's direction (X, Y, Z)
-    wrench: Array  #: basis coefficients of j_C, (tests, 25, compliances)
-    geometric: Array  #: basis coefficients of j_G, (tests, 25, geometric errors)
-    # The fields of the whole campaign, which `select` keeps, and three more of each test.
-    reference_force_N: float  #: F0
+    wrench: Array  #: j_C, reading per unit force and compliance, (tests, 25, compliances)
+    geometric: Array  #: j_G, reading per unit geometric error, (tests, 25, geometric errors)
+    # The following fields describe the whole campaign, and `select` keeps them unchanged; but
+    # `circle` and `fitted` have one row per test.
+    reference_force_N: float  #: F0, the force at which slopes do not act
     force_range_N: float  #: F_max − F_min
-    two_balls: bool  #: whether the forms of the two balls are two terms
+    two_balls: bool  #: whether each of the two balls has a form of its own
     clocked: bool  #: whether the clocking of a ball differs between tests
     radii_mm: tuple[float, ...]  #: the different radii
     setups: tuple[int, ...]  #: the different set-ups
     planes: tuple[str, ...]  #: the machine's planes
     both_ways: tuple[str, ...]  #: planes run in both directions of travel
     largest_force_N: float  #: F_max of the whole campaign
-    circle: Array  #: name of each test's scale λ, empty where circles have none
+    circle: Array  #: name of each test's hyper-parameter λ; empty if circles have no λ
     compliance_estimate: Array  #: Ĉ (compliances,), used only to linearise
-    axial_estimate: Array  #: Ĉ_aa along X, Y, Z, zero where there is none
+    axial_estimate: Array  #: sums of direct compliances Ĉ along X, Y, Z; zero if there is none
     fitted: Array  #: the circle fitted with Ĉ, F j_C·Ĉ + j_G·Ê, (tests, 25) [mm]
     compensated: bool  #: whether the readings are compensated for the mount
-    deflection_um_per_bar: float  #: of the mount
+    deflection_um_per_bar: float  #: nominal deflection of the mount
     instrument: Instrument  #: what certificates state
 
     @property
@@ -94,7 +95,7 @@ class Setting:
         return len(self.force_N)
 
     def select(self, rows: Sequence[int]) -> Setting:
-        """Return the setting of these tests alone; what belongs to the whole campaign stays."""
+        """Return the setting of selected tests; properties of the whole campaign are unchanged."""
         selected: dict[str, Any] = {}
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray) and not name.endswith("_estimate"):
@@ -108,14 +109,14 @@ class Setting:
 
     @property
     def bow(self) -> Array:
-        """q(F) = 4 (F/F_max)(1 − F/F_max), shape (tests,) [1]."""
+        """Curvature over force, q(F) = 4 (F/F_max)(1 − F/F_max), shape (tests,) [1]."""
         share = self.force_N / self.largest_force_N
         return np.asarray(4.0 * share * (1.0 - share))
 
     def driven_axes(self) -> list[tuple[int, float]]:
-        """Return the axes that circles move and show the compliance of, each with |Ĉ_aa| [mm/N].
+        """Return the machine axes that the circles drive, each with its compliance |Ĉ_aa| [mm/N].
 
-        Axes are numbers: X is 0, Y is 1, Z is 2.
+        Axes are indices: X is 0, Y is 1, Z is 2. Axes without a compliance are left out.
         """
         moves = np.abs(self.direction).max(axis=(0, 1)) > 0.0
         axes = []
@@ -131,17 +132,18 @@ class Setting:
         *,
         signed: bool = False,
     ) -> Array:
-        """Return |u|^a to order 12, u = A cos(θ − ϑ) the bar's direction along an axis.
+        """Return the Fourier series of |u|^a to order 12.
 
-        A^a Σ s_n cos n(θ − ϑ), s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), n even or,
-        signed, odd; s_0/2.
+        u = A cos(θ − ϑ) is the component of the bar's direction along a machine axis, with
+        amplitude A and phase ϑ. The series is A^a Σ s_n cos n(θ − ϑ) over even n (odd n if signed),
+        with s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), and half of that for n = 0.
 
         Parameters
         ----------
         axis
-            X is 0, Y is 1, Z is 2.
+            Index of the machine axis: X is 0, Y is 1, Z is 2.
         power
-            a.
+            Exponent a.
         signed
             Whether |u|^a is multiplied by the sign of u.
 
@@ -185,14 +187,14 @@ class Setting:
         orders: Sequence[int],
         turned_rad: Array | float = 0.0,
     ) -> Array:
-        """Return cos n(θ − ψ) and sin n(θ − ψ) in turn, order by order.
+        """Return columns cos n(θ − ψ) and sin n(θ − ψ) alternately, for every order n.
 
         Parameters
         ----------
         orders
             The orders n.
         turned_rad
-            ψ of every test [rad]: a clocked ball.
+            Angle ψ of every test by which the ball is clocked [rad].
 
         Returns
         -------
@@ -223,7 +225,10 @@ class Setting:
 
 
 class _MachineColumns(NamedTuple):
-    """Basis coefficients of direction, j_C and j_G, each of shape (..., 25, columns)."""
+    """Basis coefficients of the bar's direction, j_C and j_G, each (..., 25, columns).
+
+    j_C is the reading per unit force and compliance, j_G that per unit geometric error.
+    """
 
     direction: Array
     wrench: Array
@@ -233,7 +238,7 @@ class _MachineColumns(NamedTuple):
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
     """Return the geometric errors of a campaign's machine.
 
-    The tool offsets of every set-up but the first carry its number.
+    Each set-up has its own tool offsets; the names of those after the first end in its number.
     """
     names: list[GeometricName] = []
     for name in geometric_names(campaign.machine()):
@@ -262,7 +267,7 @@ def setting_of(
     compliances
         Names of the compliances.
     reference_force_N
-        F0; None is the middle of the range of forces.
+        Reference force F0; None means the middle of the range of forces.
     pilot
         Campaign from which a plan takes F0, force range and the zero of time and temperature.
     """
@@ -328,7 +333,7 @@ def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) 
 
 
 def _by_setup(campaign: Campaign, columns: Array) -> Array:
-    """Return the columns of the campaign's geometric errors from those of the machine's.
+    """Return the columns of the campaign's geometric errors, given those of the machine.
 
     A tool offset acts only in its own set-up. Columns have shape (tests, 25, errors).
     """
@@ -348,10 +353,10 @@ def _relative_to_mean(
     campaign: Campaign,
     pilot: Campaign | None,
 ) -> Array:
-    """Return what tests record less the mean of the campaign, or of its pilot, shape (tests,).
+    """Return a recorded field minus its mean over the campaign or its pilot, shape (tests,).
 
-    Tests of a plan that record nothing are taken at the pilot's mean: run in an order that has
-    nothing to do with what differs between them.
+    Tests of a plan that record no value are assumed at the pilot's mean, as if their order had
+    nothing to do with their conditions.
     """
     values = _recorded(field, campaign)
     reference = _recorded(field, pilot or campaign)

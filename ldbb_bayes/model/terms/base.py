@@ -1,4 +1,4 @@
-"""The base of all nuisance terms: what a term must say of itself."""
+"""Base class of nuisance terms (effects that are modelled but not of interest)."""
 
 from __future__ import annotations
 
@@ -28,44 +28,44 @@ __all__ = [
     "uncertainties",
 ]
 
-# Where the terms of the package are defined: models have them unless they say otherwise.
+# Module prefix of the package's terms, which the default model has unless they are on demand.
 _PACKAGE = "ldbb_bayes.model.terms."
-# Before every capital letter but the first of a class name.
+# Matches the position before every capital letter of a class name except the first.
 _BETWEEN_WORDS = re.compile(r"(?<!^)(?=[A-Z])")
-# The end of a coefficient's name: its plane, and the harmonic or order 0.
+# Matches the end of a coefficient's name: its plane, then its harmonic or order 0.
 _SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")
 
 
 class Unit(NamedTuple):
     """A coefficient's unit."""
 
-    inside: str  #: in files and results
-    one: float  #: one unit for reading, in the inside unit
-    label: str  #: name of the unit for reading
+    inside: str  #: internal unit, used in files and results
+    one: float  #: one display unit, in the internal unit
+    label: str  #: name of the display unit
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What a term assumes of the instrument: a value and its standard uncertainty."""
+    """A value and its standard uncertainty that a term assumes about the instrument."""
 
     name: str
     value: float
     sd: float
-    unit: str  #: of both: mm, N, rad
-    certificate: str  #: the field of `Instrument` that states it; empty where none does
-    stated: bool  #: whether a certificate has stated it
+    unit: str  #: unit of value and sd, made of mm, N, rad
+    certificate: str  #: field of `Instrument` for the uncertainty; empty if there is none
+    stated: bool  #: whether a certificate states the uncertainty
 
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """Everything that the terms of a model assume of the instrument, and its certificates."""
+    """All assumptions of a model's terms about the instrument, and the certificates."""
 
     assumed: tuple[Uncertainty, ...]  #: in the order of the terms
     certificates: Mapping[str, str]  #: names of the certificates
 
 
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
-    """Return what terms assume of the instrument of a campaign or plan.
+    """Return the assumptions of terms about the instrument of a campaign or plan.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Un
 def assumption(
     campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0
 ) -> Uncertainty:
-    """Return what a term assumes of a coefficient: its value and standard uncertainty.
+    """Return the value and standard uncertainty that a term assumes for a coefficient.
 
     Parameters
     ----------
@@ -94,9 +94,9 @@ def assumption(
     name
         Name of the coefficient.
     certificate
-        The field of `Instrument` that states the uncertainty; empty where none does.
+        Field of `Instrument` that holds the uncertainty; empty if there is none.
     sd, value
-        Standard uncertainty and value, in the coefficient's inside unit.
+        Standard uncertainty and value, in the coefficient's internal unit (of mm, N, rad).
     """
     stated = bool(certificate) and getattr(campaign.instrument, certificate) is not None
     unit = Term.owner(name).unit_of(name)
@@ -104,12 +104,12 @@ def assumption(
 
 
 class Term(Shown):
-    """A nuisance of the readings.
+    """An effect on the readings that is modelled but not of interest (a nuisance).
 
-    Derive a frozen dataclass to have one of your own in fits, results, designs and model files.
-    Its fields are its settings, positive numbers or strings, and its keys under ``[terms]`` of a
-    model file; its class name is its name everywhere. Only `columns` has to be written; the rest
-    has defaults.
+    To define a term of your own, derive a frozen dataclass; fits, results, designs and model files
+    then know it by its class name. The fields of the class are the settings of the term (positive
+    numbers or strings), and the keys under ``[terms]`` of a model file. Only the method `columns`
+    must be written; everything else has defaults.
 
     Examples
     --------
@@ -125,19 +125,20 @@ class Term(Shown):
 
     #: all kinds of terms by class name, in the order of models, results and model files
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    #: what names of its coefficients begin with; default: ball_form for BallForm
+    #: beginning of the names of the term's coefficients; by default ball_form for BallForm
     stem: ClassVar[str | tuple[str, ...]]
-    words: ClassVar[str]  #: what it is called; default: ball form for BallForm
-    unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  #: of its coefficients
-    #: what supplies it, as a noun: cures name it
+    words: ClassVar[str]  #: name of the term in texts; by default ball form for BallForm
+    unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  #: unit of the coefficients
+    #: measurement that determines the term (a noun), used in advice
     calibration: ClassVar[str] = "a measurement of it"
-    #: advice for budgets in which it is the largest, a sentence
+    #: advice (a sentence) for uncertainty budgets in which the term contributes most
     remedy: ClassVar[str] = "Measure it, or narrow its prior."
-    #: it belongs to bar, balls, mount or force device, and is the same wherever these are
+    #: whether the effect belongs to bar, balls, mount or force device, so moves with them
     instrument: ClassVar[bool] = False
-    #: fleets take its coefficient as one, the same in all campaigns of one instrument
+    #: whether the coefficient is the same in all campaigns of a fleet with one instrument
     common: ClassVar[bool] = False
-    on_demand: ClassVar[bool]  #: models have it only when asked to; so they have terms of your own
+    #: whether models have the term only on request; true for terms that you define
+    on_demand: ClassVar[bool]
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -176,23 +177,23 @@ class Term(Shown):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Its hyper-parameters."""
+        """Hyper-parameters of the term."""
         return ()
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return its hyper-parameters in a setting, where there are others than ``scales``."""
+        """Return the term's hyper-parameters in a setting; by default ``scales``."""
         return self.scales
 
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
-        """Return its columns in a setting; none where it does not act."""
+        """Return the term's columns in a setting; an empty tuple if it has no effect there."""
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield what it assumes of the instrument."""
+        """Yield the assumptions of the term about the instrument."""
         yield from ()
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
-        """Return whether a certificate says how large a coefficient is."""
+        """Return whether a certificate states the uncertainty of a coefficient."""
         stated = False
         longest = -1
         for assumed in self.assumed(campaign):
@@ -203,12 +204,12 @@ class Term(Shown):
 
     @classmethod
     def key(cls) -> str:
-        """Return its name among options: ball-form for BallForm."""
+        """Return the term's name as a command-line option: ball-form for BallForm."""
         return _BETWEEN_WORDS.sub("-", cls.__name__).lower()
 
     @staticmethod
     def owner(coefficient: str) -> type[Term]:
-        """Return the kind of term that a coefficient belongs to; `Term` itself when none has it."""
+        """Return the class of the term that a coefficient belongs to, or `Term` if unknown."""
         for kind in Term.kinds.values():
             stems = (kind.stem,) if isinstance(kind.stem, str) else kind.stem
             for stem in stems:
@@ -223,7 +224,7 @@ class Term(Shown):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words: ball form (cos 2θ)."""
+        """Return the description of a coefficient, such as ball form (cos 2θ)."""
         if cls is Term:
             return coefficient
         harmonic = order_in_words(coefficient) + plane_in_words(coefficient)
@@ -231,14 +232,14 @@ class Term(Shown):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return its pattern after the term's words: `` in cos 2θ``; empty where it has none."""
+        """Return the harmonic of a coefficient, such as `` in cos 2θ``; empty if it has none."""
         order = order_in_words(coefficient)
         return f" in {order}{plane_in_words(coefficient)}" if order else ""
 
 
 @cache
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
-    """Return the values that fields of a kind of term may have, where annotations list them."""
+    """Return the permitted values of those fields whose annotations list them."""
     return {
         name: get_args(hint)
         for name, hint in get_type_hints(kind).items()

@@ -16,27 +16,27 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Name of a hyper-parameter.
 Hyper = str
-# Owner of the parameters of interest, where coefficients are listed by the term they belong to.
+# Name used instead of a term's in lists of coefficients: the parameters of interest.
 OWN = "Parameters"
-# Owner of the white noise of readings.
+# Name used instead of a term's in lists of noise: the white noise of the readings.
 NOISE = "ReadingNoise"
-# The order at which τ and ω are the sd of form.
+# Order of the harmonic whose sd is τ (ball form) or ω (machine pattern).
 FORM_ORDER = 6.0
 Law = Literal["half-normal", "decay", "circle"]
 
 
 class Scale(NamedTuple):
-    """A hyper-parameter: the sd, in mm, of what it scales, with its prior.
+    """A hyper-parameter and its prior: usually the sd [mm] of the coefficients that it scales.
 
-    Two laws are of numbers without a unit: ``decay``, the power by which form falls with its order,
-    and ``circle``, λ of one circle, λ² ~ InvGamma(3/2, 3/2).
+    Hyper-parameters of two laws have no unit: ``decay``, the power by which the amplitude of form
+    falls with its order, and ``circle``, the factor λ of one circle, λ² ~ InvGamma(3/2, 3/2).
     """
 
-    name: Hyper  #: results add ``_um`` to it
+    name: Hyper  #: results append ``_um`` to this name
     #: scale of the half-normal prior [µm], or the field of `Prior` that holds it
     prior_um: float | str
-    symbol: str = ""  #: for reading
-    words: str = ""  #: for reading
+    symbol: str = ""  #: symbol in reports, such as σ
+    words: str = ""  #: description in reports, such as white noise
     law: Law = "half-normal"
 
     def __repr__(self) -> str:
@@ -44,9 +44,10 @@ class Scale(NamedTuple):
 
 
 class Source(NamedTuple):
-    """What an sd is a known multiple of.
+    """Quantity that scales a known number to a prior sd.
 
-    A hyper-parameter times a circle's λ times (order/6)^(−decay); 1 without them.
+    It is hyper · circle · (order/6)^(−decay), where ``hyper``, ``circle`` (a circle's λ) and
+    ``decay`` are hyper-parameters; a factor without its hyper-parameter is 1.
     """
 
     hyper: Hyper | None = None
@@ -56,11 +57,11 @@ class Source(NamedTuple):
 
     @property
     def names(self) -> tuple[Hyper, ...]:
-        """Names of the hyper-parameters it depends on."""
+        """Names of the hyper-parameters that the source depends on."""
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
-        """Return its value at those of the hyper-parameters [mm], of any shape."""
+        """Return the value of the source for given hyper-parameters [mm], of any shape."""
         size: Any = value[self.hyper] if self.hyper else 1.0
         if self.circle:
             size = size * value[self.circle]
@@ -71,14 +72,14 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Columns(Shown):
-    """Columns of one term with their Gaussian prior, p coefficients.
+    """Columns of one term's p coefficients, with their Gaussian prior.
 
-    The sd of coefficient j is sd_j · hyper · λ_circle · (order_j/6)^(−decay), and ``stated`` in
-    quadrature.
+    The prior sd of coefficient j is sd_j · hyper · λ_circle · (order_j/6)^(−decay), to which
+    ``stated`` is added in quadrature.
     """
 
     names: tuple[str, ...]  #: they begin with the term's ``stem``
-    values: Array  #: shape (tests, 25, p)
+    values: Array  #: reading per unit coefficient, in the Fourier basis, shape (tests, 25, p)
     #: Prior sd (p,), or one number for all: in units of ``hyper`` where one is named, else in mm;
     #: infinite for a flat prior.
     sd: Any
@@ -86,9 +87,9 @@ class Columns(Shown):
     private: bool = False  #: every test has its own copy of each coefficient
     mean: Array | None = None  #: prior mean (p,) of shared coefficients; default: zero
     decay: Hyper | None = None  #: the hyper-parameter p by which ``sd`` falls as (order/6)^(−p)
-    orders: Array | None = None  #: of each coefficient (p,), with ``decay``
+    orders: Array | None = None  #: order of each coefficient (p,), needed with ``decay``
     stated: Array | None = None  #: sd (p,) that no hyper-parameter scales, added in quadrature
-    #: names of the scales λ of private coefficients, one a test, as of `BasisNoise`
+    #: for private coefficients: name of each test's λ, as in `BasisNoise`; empty for none
     circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
@@ -127,7 +128,10 @@ class Columns(Shown):
         return scaled if self.stated is None else np.hypot(scaled, self.stated)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
-        """Draw what the term adds to the readings' coefficients at φ, shape (tests, 25) [mm]."""
+        """Return a random draw of the term's effect on the readings at φ, (tests, 25) [mm].
+
+        φ are the hyper-parameters by name; the effect is given in the Fourier basis.
+        """
         sd = self.sd_at(phi)
         copies = tests if self.private else 1
         draws = sd * rng.standard_normal((copies, len(sd)))
@@ -138,7 +142,10 @@ class Columns(Shown):
 
 @dataclass(frozen=True, eq=False)
 class BasisNoise(Shown):
-    """Independent coefficients on the basis, separate for every test: hyper · λ · ``sd``."""
+    """Noise in the Fourier basis: coefficients independent of each other and between tests.
+
+    Their sd is hyper · λ · ``sd``, with the test's λ.
+    """
 
     hyper: Hyper
     sd: Array  #: shape (25,), in units of ``hyper``
@@ -163,13 +170,13 @@ class BasisNoise(Shown):
         return np.multiply.outer(self.source(test).at(value), self.sd)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
-        """Draw the coefficients at φ, shape (tests, 25) [mm]."""
+        """Return a random draw of the coefficients at hyper-parameters φ, (tests, 25) [mm]."""
         sd = np.stack([self.sd_at(phi, test) for test in range(tests)])
         return sd * rng.standard_normal((tests, SIZE))
 
 
 def _circle_of(circles: Sequence[Hyper] | Array, test: int) -> Hyper | None:
-    """Return the name of a test's λ; None where it has none."""
+    """Return the name of a test's hyper-parameter λ, or None if it has none."""
     if not len(circles):
         return None
     return str(circles[test]) or None
