@@ -1,1 +1,1 @@
-"""What the machine is: its chain, its exact readings, its Jacobians."""
+"""Model of the machine: kinematic chain, exact readings of circles, and Jacobians."""

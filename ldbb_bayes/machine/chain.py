@@ -1,9 +1,9 @@
 """The machine as a serial chain: topology, planes and driven joints.
 
-A topology such as ``wCAFYXZSt`` reads from the workpiece ``w`` through the foundation ``F`` to the
-tool ``t`` (ISO 10791 style). A circular test drives the two linear axes of its plane; the joints of
-all planes tested carry the compliances and geometric errors of the model. Vectors are (X, Y, Z) of
-the machine.
+A topology such as ``wCAFYXZSt`` lists the axes from the workpiece ``w`` through the foundation
+``F`` to the tool ``t``, in the style of ISO 10791. A circular test drives the two linear axes of
+its plane; the model has compliances and geometric errors at the joints of all tested planes.
+Vectors have the components X, Y and Z of the machine coordinate system.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ __all__ = [
 ]
 
 Branch = Literal["tool", "workpiece"]
-# Translations along the axes of the machine.
+# Names of the linear axes, in the order of vector components.
 LINEAR = "XYZ"
-# Rotations about X, Y and Z.
+# Names of the rotations about X, Y and Z, in this order.
 ROTARY = "ABC"
-# Letters of axes in a topology; U, V, W are secondary axes, S is the spindle.
+# Letters permitted for axes in a topology; U, V, W are secondary axes, S is the spindle.
 _AXIS_LETTERS = "XYZABCUVWS"
-# No machine tool is larger: larger numbers are not in mm.
+# Largest length [mm] accepted as input; a larger number is probably in another unit.
 LARGEST_MM = 1e5
 
 
 class Axes(NamedTuple):
-    """The planar twist and wrench components.
+    """Names of the three motions in a plane: two translations, and the rotation about its normal.
 
-    The two translations of a plane, the rotation about its normal (right-handed).
+    The rotation is right-handed.
     """
 
     first: str
@@ -62,10 +62,10 @@ PLANES: Mapping[str, Axes] = {
 class Circle(Shown):
     """The nominal circle of a test: the tool ball runs around the work ball."""
 
-    radius_mm: float = 150.0  #: distance of the balls
-    #: of the work ball; across the plane it changes lever arms only
+    radius_mm: float = 150.0  #: nominal distance between the balls
+    #: position of the work ball; its component normal to the plane affects lever arms only
     centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    plane: str = "XY"  #: angles count from its first axis
+    plane: str = "XY"  #: angles are measured from the first axis of the plane
 
     def direction(self, angle_rad: Array) -> Array:
         """Return the sensitive direction B̂ of the bar, shape (n, 3) [1]."""
@@ -81,7 +81,7 @@ class Circle(Shown):
 
 @dataclass(frozen=True)
 class Joint:
-    """A linear joint: its axis, its branch and where its frame stands (X, Y, Z) [mm]."""
+    """A linear joint: its axis, its branch and the position of its frame (X, Y, Z) [mm]."""
 
     axis: str
     branch: Branch
@@ -89,7 +89,7 @@ class Joint:
 
     @property
     def index(self) -> int:
-        """Where its axis stands in a vector (X, Y, Z)."""
+        """Index of the joint's axis in a vector (X, Y, Z)."""
         return LINEAR.index(self.axis)
 
     @property
@@ -104,8 +104,8 @@ class Machine(Shown):
 
     topology: str = "wCAFYXZSt"  #: joints from workpiece to tool
     planes: str | tuple[str, ...] = ("XY",)
-    #: Where a joint's frame stands, all axes at zero, from the point where the balls coincide: by
-    #: default there, as in the paper.
+    #: Position of each joint's frame with all axes at zero, relative to the point where the balls
+    #: coincide; by default zero, as in the paper.
     frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
@@ -164,14 +164,14 @@ class Machine(Shown):
 
     @property
     def plane(self) -> str:
-        """The planes in words: XY, or XY + YZ."""
+        """Tested planes as text, such as XY + YZ."""
         return " + ".join(self.planes)
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """The joints whose compliances and errors count.
+        """Joints whose compliances and geometric errors are modelled.
 
-        Those driven in any of the planes, in the order of the planes' axes.
+        These are the joints driven in any tested plane, in the order of the planes' axes.
         """
         return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))
 
@@ -183,10 +183,10 @@ class Machine(Shown):
         return Joint(axis, branch, self.frames_mm.get(axis, (0.0, 0.0, 0.0)))
 
     def squared(self, plane: str) -> tuple[Joint, Joint]:
-        """Return the axes of a plane's squareness error.
+        """Return the two joints between which a plane's squareness error is defined.
 
-        First the reference, nearer the foundation, or in the workpiece branch if branches differ;
-        then the axis whose direction the error turns.
+        The first is the reference: the one nearer the foundation, or the one in the workpiece
+        branch if the branches differ. The error turns the direction of the second.
         """
         a = self.joint(plane[0])
         b = self.joint(plane[1])
@@ -216,10 +216,10 @@ class Machine(Shown):
         return lever
 
     def end_mm(self, branch: Branch, circle: Circle, angle_rad: Array) -> Array:
-        """Return where a branch's ball stands with all its axes at zero, shape (n, 3) [mm].
+        """Return the position of a branch's ball with all axes at zero, shape (n, 3) [mm].
 
-        The work ball stands at the circle's centre, the tool ball at the origin but for coordinates
-        that the machine has no axis for.
+        The work ball is at the circle's centre. The tool ball is at the origin, except that
+        coordinates without a machine axis follow the circle.
         """
         if branch == "workpiece":
             return np.zeros((len(angle_rad), 3)) + np.asarray(circle.centre_mm)

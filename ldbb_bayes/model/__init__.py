@@ -1,1 +1,1 @@
-"""What we believe: terms, priors, the reduction of readings, and the hybrid model they make."""
+"""The hybrid model of compliance and geometry: terms, priors, likelihood and truncation."""

@@ -1,4 +1,8 @@
-"""The Gaussian p(β | y, φ) of the parameters at given hyper-parameters, and its truncation."""
+"""The Gaussian p(β | y, φ) of the parameters at given hyper-parameters, and its truncation.
+
+β are compliances, their slopes and geometric errors; y are the readings; φ are the scales of the
+noise and of other effects. Truncation restricts β to compliances that are not negative.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +20,16 @@ __all__ = ["ParameterConditional"]
 
 
 class ParameterConditional(Gaussian):
-    """Gaussian p(β | y, φ) for w values of φ, without truncation.
+    """Gaussian p(β | y, φ) of the p parameters β for w values of φ, without truncation.
 
-    ``physical`` is the region A β ≥ 0 of physical compliances, whether or not the model imposes it.
+    ``physical`` is the region A β ≥ 0 where compliances are not negative, with A of shape
+    (rows, p). It is set whether or not the model imposes it.
     """
 
     physical: Truncation
 
     def select(self, index: NDArray[np.intp]) -> ParameterConditional:
-        """Return the Gaussians of the φ of these numbers, which may repeat."""
+        """Return the Gaussians of the values of φ with these indices, which may repeat."""
         selected = ParameterConditional.factored(
             self.mean[index], self.root[index], self.scale[index]
         )
@@ -33,7 +38,7 @@ class ParameterConditional(Gaussian):
 
     @cached_property
     def orthant(self) -> Orthant:
-        """The problem of P(A β ≥ 0 | y, φ)."""
+        """Problem from which P(A β ≥ 0 | y, φ) is computed."""
         rows = self.physical.rows
         return Orthant(self.mean @ rows.T, self.spread(rows))
 
@@ -41,10 +46,10 @@ class ParameterConditional(Gaussian):
         self,
         rng: np.random.Generator,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Draw β given A β ≥ 0 once for every φ, shape (w, p), and return where a draw is exact.
+        """Return a random draw of β given A β ≥ 0 for every φ, and whether it is exact.
 
-        A draw is exact where the rejection sampler did not give up and rounding did not leave β
-        outside.
+        A draw is exact if the rejection sampler accepted a proposal and rounding did not move β
+        outside the region. Shapes are (w, p) and (w,).
         """
         z, accepted = self.orthant.draw_standard(rng)
         beta = self.from_standard(z)

@@ -1,7 +1,10 @@
-"""The hybrid model: HybridModel before it meets a campaign, BoundModel of one campaign.
+"""The hybrid model: `HybridModel` for any campaign, `BoundModel` for one campaign.
 
-ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε, β = (C_0 …, E) ~ N(m, S), nuisances Gaussian
-given φ = (σ, δ, κ, τ).
+The reading is ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε. F is the force and F0 the
+reference force; C_0 are the compliances, C_1 and C_2 their slopes, and E the geometric errors, with
+columns j_C and j_G. Nuisances are effects that are modelled but not of interest; ε is white noise.
+The parameters β = (C_0 …, E) have a Gaussian prior. The nuisances are Gaussian given the
+hyper-parameters φ (σ, δ, κ, τ …), which are their scales and that of the noise.
 
 The two classes refer to each other (`HybridModel.bind`, `BoundModel.model`) and share a module.
 """
@@ -59,22 +62,23 @@ __all__ = ["BoundModel", "HybridModel", "Preset", "Simulation"]
 
 Preset = Literal["default", "first", "paper"]
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
-# φ in this order, then the scales of other terms in theirs, the circles' last.
+# Order of the hyper-parameters φ; the scales of other terms follow, then the circles' λ.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
-# Every circle has a scale of its own where a campaign has at least so many.
+# Circles have a scale λ each only in campaigns with at least this many circles.
 _FEWEST_SCALED_CIRCLES = 4
-# Asked-for error of ln P(T | prior) of one block of compliances [nat].
+# Error tolerance of ln P(T | prior) for one block of compliances [nat]; T is the event that
+# compliances are not negative.
 _TRUNCATION_TOLERANCE = 1e-4
 
 
 def _default_terms() -> tuple[Term, ...]:
-    """Return one term of each kind that models have unless they are asked for it."""
+    """Return one term of each kind that the default model has."""
     return tuple(kind() for kind in Term.kinds.values() if not kind.on_demand)
 
 
 @dataclass(frozen=True)
 class HybridModel(Result):
-    """The model of a campaign, not yet bound to one: its nuisance terms and its priors.
+    """Model for any campaign: its nuisance terms and its priors.
 
     ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε. InputError where the settings clash.
     """
@@ -198,7 +202,7 @@ class HybridModel(Result):
 
         ``C_XXX=("60 nm/N", "5 nm/N")``: mean and sd of a parameter, which is free again if it was
         fixed; a slope's mean stays 0. ``tau_um="2 µm"``: a field of `Prior`. Each value is a text
-        with its unit or a number in the inside unit (mm, N, rad). Names as the paper prints them go
+        with its unit or a number in internal units (mm, N, rad). Names as the paper prints them go
         in a mapping: ``{"E_C(0Y)X": (0, "20 µrad")}``. InputError for what is neither; names are
         checked against the machine when the model meets a campaign.
         """
@@ -259,7 +263,10 @@ class HybridModel(Result):
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """Names of the rivals of slopes it has: joint load, curved mount, curved force law."""
+        """Names of the model's rivals of slopes, effects that resemble a slope of compliance.
+
+        These are joint load, curved mount and curved force law.
+        """
         term_by_kind = {type(term): term for term in self.nuisances}
         names = []
         for name, rival in RIVALS.items():
@@ -284,7 +291,7 @@ class HybridModel(Result):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters; σ always, the others with their term."""
+        """Hyper-parameters of the model: σ, and those of its terms."""
         scales = [_SIGMA]
         for term in self.nuisances:
             scales.extend(term.scales)
@@ -331,9 +338,10 @@ class HybridModel(Result):
         seed
             Seed of the random numbers.
         parameters
-            True values in inside units; what it leaves out is zero. Default: a draw from the prior.
+            True values in internal units (mm, N, rad), zero if not named. By default a random draw
+            from the prior.
         hyper_um
-            True hyper-parameters [µm]; what it leaves out is drawn from its prior.
+            True hyper-parameters [µm]; those not named are drawn at random from their priors.
         exact
             Geometric errors through the exact forward model (Eq. 1-14) instead of the linear one.
 
@@ -412,12 +420,12 @@ def _draw_hyper_parameters(
 
 @dataclass(frozen=True)
 class Simulation(Result):
-    """A simulated campaign, and the truth it was made from."""
+    """A simulated campaign, and the true values it was simulated with."""
 
     campaign: Campaign
-    parameters: dict[str, float]  #: true values in inside units (mm, N, rad)
+    parameters: dict[str, float]  #: true values in internal units (mm, N, rad)
     hyper_um: dict[str, float]  #: true hyper-parameters, lengths in µm
-    units: dict[str, str]  #: of the parameters
+    units: dict[str, str]  #: units of the parameters
 
 
 # The reduced readings of campaigns in use: comparisons bind one campaign to hundreds of models.
@@ -614,7 +622,7 @@ class BoundModel(Shown):
 
     @property
     def nuisance_columns(self) -> tuple[Columns | BasisNoise, ...]:
-        """The nuisances' columns without their terms."""
+        """The columns of all nuisances in one tuple."""
         columns: list[Columns | BasisNoise] = []
         for columns_of_term in self.columns_of.values():
             columns.extend(columns_of_term)
@@ -720,7 +728,7 @@ class BoundModel(Shown):
         return self.collapsed.log_density(phi)
 
     def draw_parameters(self, size: int, rng: np.random.Generator) -> Array:
-        """Return draws of β from its prior inside the truncation, shape (size, p).
+        """Return random draws of β from its prior inside the truncation, shape (size, p).
 
         InputError when the prior is flat.
         """
@@ -792,7 +800,7 @@ class BoundModel(Shown):
 
 
 def _rows_of_tests(campaign: Campaign, names: Sequence[str] | None) -> list[int]:
-    """Return the places of the named tests in a campaign, of all tests by default."""
+    """Return the indices of the named tests in a campaign, by default of all tests."""
     selected = campaign if names is None else campaign.select(names)
     selected_names = {test.name for test in selected.tests}
     return [r for r, test in enumerate(campaign.tests) if test.name in selected_names]

@@ -1,4 +1,7 @@
-"""Priors of the hyper-parameters, in all coordinates in which they are sampled."""
+"""Priors of the hyper-parameters φ, and the coordinates in which φ are sampled.
+
+The h hyper-parameters are the scales of the noise and of other effects on the readings.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +18,15 @@ from ldbb_bayes.results import Array
 __all__ = ["HyperPrior"]
 
 
-# Bounds of the decay: flatter or steeper forms are no forms of balls.
+# Bounds of the decay, the power by which the amplitude of form falls with its order: the form of a
+# ball is neither flatter nor steeper.
 _LEAST_DECAY = 0.5
 
 
 _MOST_DECAY = 3.5
 
 
-# λ² ~ InvGamma(a, b).
+# Shape a and rate b of the prior of a circle's factor λ: λ² ~ InvGamma(a, b).
 _SHAPE = 1.5
 
 
@@ -31,11 +35,11 @@ _RATE = 1.5
 
 @dataclass(frozen=True, eq=False)
 class HyperPrior:
-    """Independent densities of the hyper-parameters φ, each by its law.
+    """Independent prior densities of the hyper-parameters φ, each with one of three laws.
 
-    Half-normal of ``scale``, restricted to φ ≥ ``lower``; the decay's Normal(``scale``,
-    ``decay_sd``) within [0.5, 3.5]; of a circle's λ, λ² ~ InvGamma(3/2, 3/2). φ is in mm, or a
-    number.
+    A length [mm] is half-normal with ``scale``, restricted to φ ≥ ``lower``. A decay is
+    Normal(``scale``, ``decay_sd``), restricted to [0.5, 3.5]. A circle's factor λ has
+    λ² ~ InvGamma(3/2, 3/2). Decay and λ have no unit.
     """
 
     names: tuple[Hyper, ...]
@@ -51,12 +55,12 @@ class HyperPrior:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units: mm, or empty for a number."""
+        """Unit of each hyper-parameter: mm, or empty if it has none."""
         return tuple("mm" if length else "" for length in self.in_mm)
 
     @property
     def shown(self) -> Array:
-        """Factors to what is shown, µm or a number, shape (h,)."""
+        """Factors from φ to displayed values (lengths in µm), shape (h,)."""
         return np.where(self.in_mm, 1e3, 1.0)
 
     def named(self, phi: Array) -> dict[str, float]:
@@ -73,13 +77,13 @@ class HyperPrior:
 
     @property
     def bounds(self) -> Array:
-        """The least and the greatest value of each, shape (h, 2)."""
+        """Least and greatest value of each hyper-parameter, shape (h, 2)."""
         low = np.where(self._decay, _LEAST_DECAY, self.lower)
         high = np.where(self._decay, _MOST_DECAY, np.inf)
         return np.stack([low, high], axis=1)
 
     def log_density(self, phi: Array) -> Array:
-        """Return ln p(φ), shape (..., h) → (...); −inf outside the restrictions."""
+        """Return ln p(φ) for φ of shape (..., h), shape (...); −inf outside the bounds."""
         total = self._log_density_of_lengths(phi[..., self.in_mm])
         if self._decay.any():
             total = total + self._log_density_of_decay(phi[..., self._decay])
@@ -113,9 +117,10 @@ class HyperPrior:
         return total
 
     def free(self, phi: Array) -> Array:
-        """Return free coordinates, shape (..., h): ln(φ − lower), of a decay its logit.
+        """Return unbounded coordinates of φ, shape (..., h).
 
-        Logarithms have no edge for σ at the resolution's floor.
+        They are ln(φ − lower), or for a decay its logit between its bounds. The lower bound of σ,
+        set by the resolution, is then at −∞.
         """
         with np.errstate(divide="ignore"):
             free = np.log(phi - self.lower)
@@ -124,7 +129,7 @@ class HyperPrior:
         return free
 
     def phi(self, free: Array) -> Array:
-        """Return φ from free coordinates."""
+        """Return φ for unbounded coordinates (see `free`), shape (..., h)."""
         with np.errstate(over="ignore"):
             phi = self.lower + np.exp(free)
         share = expit(free[..., self._decay])
@@ -132,7 +137,10 @@ class HyperPrior:
         return phi
 
     def log_density_of_free(self, free: Array) -> Array:
-        """Return the log density in free coordinates with their Jacobian, (..., h) → (...)."""
+        """Return the log density with respect to the unbounded coordinates, shape (...).
+
+        It includes the Jacobian; the coordinates (see `free`) have shape (..., h).
+        """
         jacobian = free[..., ~self._decay].sum(axis=-1)
         logit = free[..., self._decay]
         if logit.shape[-1]:
@@ -151,11 +159,11 @@ class HyperPrior:
         return np.asarray(ndtr((limits - self.scale[self._decay]) / self.decay_sd))
 
     def draw(self, size: int, rng: np.random.Generator) -> Array:
-        """Return draws of φ, shape (size, h)."""
+        """Return random draws of φ from the prior, shape (size, h)."""
         return self.quantile(rng.random((size, len(self.names))))
 
     def quantile(self, level: Array) -> Array:
-        """Return quantiles of φ, shape (..., h)."""
+        """Return the quantiles of each hyper-parameter at levels in [0, 1], shape (..., h)."""
         level = np.broadcast_to(level, (*level.shape[:-1], len(self.names)))
         phi = np.empty(level.shape)
         length = erfcinv((1.0 - level[..., self.in_mm]) * self._mass)
@@ -169,7 +177,7 @@ class HyperPrior:
 
     @property
     def sd(self) -> Array:
-        """Their standard deviations, shape (h,)."""
+        """Prior standard deviations of the hyper-parameters, shape (h,)."""
         centre = np.where(self._decay, self.scale, 0.0)
         spread = np.where(self._decay, self.decay_sd, self.scale)
         edges = (self.bounds - centre[:, None]) / spread[:, None]
@@ -182,7 +190,10 @@ class HyperPrior:
         return np.where(self._circle, circle_sd, spread * np.sqrt(variance))
 
     def starts(self, level: Array) -> Array:
-        """Return free coordinates (..., h) from which to look for modes, of levels in [0, 1]."""
+        """Return starting points for the search of modes, for levels in [0, 1].
+
+        They are given in unbounded coordinates (see `free`), shape (..., h).
+        """
         reach = np.where(self.lower > 0.0, 12.0, 6.0)
         inside = self.free(self.quantile(0.1 + 0.8 * level))
         return np.where(self.in_mm, np.log(2.0 * self.scale) - level * reach, inside)

@@ -1,7 +1,8 @@
 """Information that readings carry about parameters and nuisances, at given hyper-parameters.
 
-`identify`, budgets and designs ask it what each coefficient's uncertainty is, and what it would be
-if a nuisance were known. No readings are needed, only where they would be taken.
+Nuisances are effects that are modelled but not of interest. The module computes the uncertainty of
+each coefficient, and what the uncertainty would be if a nuisance were known. `identify`, budgets
+and designs use it. It needs the forces and angles of the readings, but not their values.
 """
 
 from __future__ import annotations
@@ -23,10 +24,11 @@ __all__ = ["Information"]
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Linear model z = A c + e at given φ, c in units of its prior sd and e white.
+    """Linear model z = A c + e at given hyper-parameters φ.
 
-    The posterior covariance of c is (1 + AᵀA)⁻¹. Terms and coefficients that a question fixes,
-    that is takes as known, leave the design or the noise.
+    z are reduced readings, c (m,) the coefficients in units of their prior sd, A their columns, and
+    e is white noise of unit variance. The posterior covariance of c is (1 + AᵀA)⁻¹. Methods can fix
+    terms and coefficients, that is take them as known: they are then omitted from c or from e.
     """
 
     #: Names of the m coefficients.
@@ -51,7 +53,7 @@ class Information:
 
     @property
     def interest(self) -> NDArray[np.intp]:
-        """Numbers of the coefficients that are parameters of interest."""
+        """Indices of the coefficients that are parameters of interest."""
         return np.flatnonzero([owner == OWN for owner in self.owners])
 
     @property
@@ -107,7 +109,7 @@ class Information:
     def root(
         self, fixed: Collection[str] = (), *, times: float = 1.0
     ) -> tuple[Array, NDArray[np.intp]]:
-        """Return a root of the posterior precision, and the coefficients that it is of.
+        """Return a square root of the posterior precision, and the indices of its coefficients.
 
         Parameters
         ----------
@@ -121,7 +123,7 @@ class Information:
         root
             Upper triangular R, RᵀR = precision of the prior + precision of the readings.
         free
-            Numbers of the coefficients that are not fixed.
+            Indices of the coefficients that are not fixed.
         """
         is_free = [
             owner not in fixed and name not in fixed
@@ -144,7 +146,7 @@ class Information:
     ) -> Array:
         """Return the posterior covariance in units of the prior sd, shape (m, m).
 
-        It is zero for what is fixed.
+        It is zero for fixed coefficients.
 
         Parameters
         ----------
@@ -223,7 +225,8 @@ class Information:
     def contributions(self) -> dict[str, Array]:
         """Return `shares` by term, each of shape (p,).
 
-        That of a source is also d ln sd(β) / d ln (its scale), the other scales held.
+        The share of a source is also the derivative d ln sd(β) / d ln (scale of the source), with
+        the other scales constant.
         """
         by_term: dict[str, Array] = {}
         for (_, term), share in self.shares().items():

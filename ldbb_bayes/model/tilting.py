@@ -1,13 +1,15 @@
 """Minimax tilting of Gaussian vectors that are truncated to an orthant.
 
-u = L (x − x₀) row by row, x standard normal: each x_j is drawn beyond its edge from a normal
-shifted by a tilt μ_j. Its weight
+The constraints are u = L (x − x₀) ≥ 0 with L (d, d) lower triangular and x (d,) standard normal.
+Each x_j is drawn at random above its lower limit, from a normal shifted by a tilt μ_j. The log
+importance weight (Φ is the standard normal distribution function)
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
-is bounded by its value at the saddle point, which makes rejection exact and sums efficient however
-small the probability is (Botev, J. R. Statist. Soc. B 79, 125-148, 2017). Rows beyond the rank
-narrow the last x that they depend on to an interval: weights only fall.
+is bounded by its value at the saddle point. Rejection sampling is therefore exact, and averages of
+weights are efficient, however small the probability is (Botev, J. R. Statist. Soc. B 79, 125-148,
+2017). Rows beyond the rank are constraints that are linear combinations of others. They restrict
+the last x_j that they depend on to an interval, which only reduces the weights.
 """
 
 from __future__ import annotations
@@ -24,12 +26,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_distance_forces"]
 
-# Relative size of the gradient at which the saddle point is found.
+# The saddle point counts as found if the relative size of the gradient is smaller.
 ROUNDING = 1e-10
-# Steps of Newton's method for the saddle point, and halvings of one step.
+# Most steps of Newton's method for the saddle point, and most halvings of one step.
 _ITERATIONS = 60
 _HALVINGS = 20
-# Beyond ln P = −1e7 nothing is decided any more.
+# Where |ln P| is about this large, the saddle point need not be found exactly.
 _NEGLIGIBLE_LOG_PROBABILITY = 1e7
 # Smallest uniform number: its logarithm is finite.
 _LEAST_UNIFORM = 1e-300
@@ -43,7 +45,7 @@ class SaddlePoint(NamedTuple):
 
 
 class Proposal(NamedTuple):
-    """Log weights (s, w) and tilted draws x (d, s, w)."""
+    """Log weights (s, w) and random draws x (d, s, w) from the tilted density."""
 
     log_weight: Array
     x: Array
@@ -100,7 +102,7 @@ class Tilted(NamedTuple):
     dependent: Array
     #: Means of the rows beyond the rank, shape (k, w).
     dependent_mean: Array
-    #: Number of the last x that each of these depends on, shape (k, w).
+    #: Index of the last x_j that each row beyond the rank depends on, shape (k, w).
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
@@ -122,7 +124,7 @@ class Tilted(NamedTuple):
         return independent.log_weight(self.x[:, None])[0]
 
     def propose(self, uniform: Array, *, draw_last: bool = True) -> Proposal:
-        """Draw x by tilting, with their log weights.
+        """Return random draws of x from the tilted density, with their log weights.
 
         Parameters
         ----------

@@ -1,4 +1,7 @@
-"""The region of physical compliances, A β ≥ 0, and quantiles of a Gaussian inside it."""
+"""The region A β ≥ 0 where compliances are not negative, and quantiles of a Gaussian in it.
+
+β (p,) are the parameters; each row of A (m, p) gives one compliance that must not be negative.
+"""
 
 from __future__ import annotations
 
@@ -15,23 +18,23 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Truncation"]
 
-# Points of the grid on which a distribution function is summed: of the first coordinate, and of
-# the coordinates after it.
+# Grid points for the numerical integration of a distribution function: for the first coordinate,
+# and for each of the following coordinates.
 _GRID = 1025
 _COARSE_GRID = 257
-# The grid ends this many sd from the centre, and is this wide at least.
+# The grid ends this many sd from the centre, and is at least `_LEAST_WIDTH` sd wide.
 _REACH = 9.0
 _LEAST_WIDTH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Truncation:
-    """The region A β ≥ 0.
+    """Region A β ≥ 0 of the parameters β.
 
     Parameters
     ----------
     rows
-        A, shape (m, p); no rows mean no truncation.
+        Matrix A of the m constraints, shape (m, p); without rows there is no truncation.
     """
 
     rows: Array
@@ -42,11 +45,11 @@ class Truncation:
         return len(self.rows) > 0
 
     def holds(self, beta: Array) -> Array:
-        """Return whether A β ≥ 0, shape (...), of β (..., p)."""
+        """Return whether A β ≥ 0 for parameters β (..., p), shape (...)."""
         return np.all(beta @ self.rows.T >= 0.0, axis=-1)
 
     def orthants(self, mean: Array, spread: Array) -> Orthant:
-        """Return the orthant problems of N(mean, spread spreadᵀ).
+        """Return the problems of P(A β ≥ 0) for β ~ N(mean, spread spreadᵀ).
 
         Parameters
         ----------
@@ -73,18 +76,19 @@ class Truncation:
         mean: Array,
         sd: Array,
     ) -> Array:
-        """Return β of uniform levels, where β ~ N(mean, diag sd²) inside the region.
+        """Return β for uniform random levels, where β ~ N(mean, diag sd²) inside the region.
 
-        The quantile of each parameter given those before it (Rosenblatt, Ann. Math. Stat. 23,
-        470-472, 1952). In closed form but for parameters that share a constraint with later ones,
-        whose distribution function is summed on a grid, to 2e-5 of probability.
+        Each parameter is the quantile of its distribution given the parameters before it
+        (Rosenblatt, Ann. Math. Stat. 23, 470-472, 1952). Quantiles are computed analytically,
+        except for parameters that share a constraint with later ones: their distribution function
+        is integrated on a grid, with an error of 2e-5 in probability.
 
         Parameters
         ----------
         level
-            Shape (n, p).
+            Levels between 0 and 1, shape (n, p).
         mean, sd
-            Shape (p,).
+            Mean and sd of β before truncation, shape (p,).
 
         Returns
         -------
@@ -109,7 +113,10 @@ def _quantile_inside(
     rows: Array,
     edge: Array,
 ) -> Array:
-    """Return z ~ N(0, I) inside rows · z ≥ edge of uniform levels, shape (n, k), rows (m, k)."""
+    """Return z (n, k) for uniform levels, where z ~ N(0, I) given rows · z ≥ edge.
+
+    Shapes: levels (n, k), rows (m, k), edge (m,).
+    """
     n, k = level.shape
     z = np.empty((n, k))
     edges = edge[None]
@@ -133,7 +140,7 @@ def _distribution(
     rows: bytes,
     edge: bytes,
 ) -> tuple[Array, Array]:
-    """Return the distribution function of the first coordinate, and the values where it is."""
+    """Return the distribution function of the first coordinate, and the grid it is given on."""
     edges = np.frombuffer(edge)
     coefficients = np.frombuffer(rows).reshape(len(edges), -1)
     grid, density = _first_density(coefficients, edges, _GRID)
@@ -149,7 +156,7 @@ def _quantile_between(
 ) -> Array:
     """Return quantiles of a standard normal between low and high, each (n,).
 
-    Those of the upper tail are taken from the lower one, to keep digits.
+    Quantiles in the upper tail are computed by symmetry from the lower tail, to avoid rounding.
     """
     flip = low > 0.0
     lower_end = np.where(flip, -high, low)
@@ -164,9 +171,9 @@ def _first_density(
     edge: Array,
     size: int,
 ) -> tuple[Array, Array]:
-    """Return values of the first coordinate across its support, and its density there.
+    """Return a grid over the range of the first coordinate, and its density on the grid.
 
-    The density is stated up to a constant, (..., size) each.
+    The density is not normalised. Both have shape (..., size).
     """
     low, high = _support(rows, edge)
     low = np.maximum(low, np.minimum(-_REACH, high - _LEAST_WIDTH))
@@ -177,7 +184,7 @@ def _first_density(
 
 
 def _probability_inside(rows: Array, edge: Array) -> Array:
-    """Return P(rows · z ≥ edge) up to a constant, edges (..., m)."""
+    """Return P(rows · z ≥ edge) up to a constant factor, for edges of shape (..., m)."""
     if rows.shape[1] > 1:
         grid, density = _first_density(rows, edge, _COARSE_GRID)
         return np.asarray(np.trapezoid(density, grid, axis=-1))
