@@ -31,7 +31,7 @@ def exact_reading_mm(
     Parameters
     ----------
     machine, circle
-        Where.
+        Machine and nominal circle of the test.
     angle_rad
         Angles θ, shape (n,) [rad].
     force_N
@@ -68,7 +68,7 @@ def geometric_reading_mm(
     Parameters
     ----------
     machine, circle
-        Where.
+        Machine and nominal circle of the test.
     angle_rad
         Angles θ, shape (n,) [rad].
     geometric_errors

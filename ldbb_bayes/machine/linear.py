@@ -45,11 +45,11 @@ __all__ = [
 
 # Angles of the full circle on which columns are compared.
 _ANGLES = 64
-# Columns are proportional if the cosine of their angle differs from 1 by less.
+# Two columns are proportional if |cosine| of the angle between them is at least 1 minus this.
 _PARALLEL = 1e-10
 # Columns smaller than this share of the largest are null.
 _NULL_SHARE = 1e-10
-# Weights below this share of the largest are rounding.
+# Weights below this share of the largest are rounding errors.
 _ROUNDING_WEIGHT = 1e-7
 # A column is independent of others if its remainder after projection on them is larger.
 _INDEPENDENT = 1e-8
@@ -79,7 +79,7 @@ def compliance_jacobian(
     Parameters
     ----------
     machine, circle
-        Where.
+        Machine and nominal circle of the test.
     angle_rad
         Angles θ, shape (n,) [rad].
     names
@@ -146,7 +146,7 @@ def _wrench(lever: Array, direction: Array) -> Array:
 
 @dataclass(frozen=True)
 class Kept:
-    """The compliances that circles can separate, and what each of them stands for."""
+    """The compliances that circles can separate, and the others that each one represents."""
 
     #: one representative per proportional set, in the order of Table 1
     names: tuple[ComplianceName, ...]
@@ -155,14 +155,14 @@ class Kept:
     #: of each member of a set: its pattern in units of the representative's [mm or mm² per
     #: rotation it has more]
     weights: tuple[tuple[float, ...], ...]
-    #: what each stands for beside its set: dropped sets, with weights
+    #: for each kept compliance: the members of dropped sets that it also represents, with weights
     absorbed: tuple[Mapping[ComplianceName, float], ...]
     #: a deflection under the load itself, whatever the joints' (semi-definite) matrices are
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: never change a reading
-    dependent: tuple[str, ...]  #: heads of sets that are combinations of several others
+    dependent: tuple[str, ...]  #: first names of the dropped sets: combinations of several others
     rank: int  #: of the full Jacobian: unit force, full uniform circle, unscaled (mm, N)
-    condition_number: float  #: of the kept columns
+    condition_number: float  #: condition number of the kept columns
 
 
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
@@ -266,7 +266,7 @@ def _labels(names: Sequence[ComplianceName], index: Sequence[int]) -> tuple[str,
 
 
 def _weights(jacobian: Array, members: Sequence[int]) -> tuple[float, ...]:
-    """Return the pattern of each member of a set in units of the first one's."""
+    """Return the column of each member of a set as a multiple of the first member's column."""
     head = members[0]
     size = (jacobian**2).sum(axis=0)[head]
     weights = jacobian[:, head] @ jacobian[:, members] / size
@@ -378,7 +378,7 @@ def hybrid_jacobian(
     Parameters
     ----------
     machine, circle
-        Where.
+        Machine and nominal circle of the test.
     angle_rad
         Angles θ, shape (n,) [rad].
     force_N, reference_force_N
@@ -422,7 +422,7 @@ def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame
     Parameters
     ----------
     machine, circle
-        Where.
+        Machine and nominal circle of the test.
     angle_rad
         Angles θ, shape (n,) [rad].
 
