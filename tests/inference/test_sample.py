@@ -227,6 +227,7 @@ def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) ->
     assert list(tree["prior"].data_vars) == ["sigma"]
 
 
+@pytest.mark.slow
 def test_emcee_takes_over_where_weights_cannot_be_trusted(
     campaign: lb.Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
