@@ -93,8 +93,8 @@ def fitted() -> tuple[lb.Campaign, Any]:
 @pytest.fixture(scope="module")
 def both_ways() -> tuple[lb.Campaign, Any]:
     tests = tuple(
-        replace(test, direction=way, name=f"{way}{k}")
-        for way in ("CW", "CCW")
+        replace(test, direction=direction, name=f"{direction}{k}")
+        for direction in ("CW", "CCW")
         for k, test in enumerate(plan().tests)
     )
     model = lb.HybridModel.first(0)
@@ -106,11 +106,11 @@ def both_ways() -> tuple[lb.Campaign, Any]:
         for test in campaign.tests
     ]
     pairs = zip(campaign.tests, lost, strict=True)
-    moved = [
-        test.with_reading_um(test.reading_um + (own if test.direction == "CW" else -own))
-        for test, own in pairs
+    shifted_tests = [
+        test.with_reading_um(test.reading_um + (lost_um if test.direction == "CW" else -lost_um))
+        for test, lost_um in pairs
     ]
-    campaign = replace(campaign, tests=tuple(moved))
+    campaign = replace(campaign, tests=tuple(shifted_tests))
     return campaign, lb.sample(model, campaign, seed=1, sampler="independent")
 
 
@@ -122,7 +122,8 @@ def test_both_directions(both_ways: tuple[lb.Campaign, Any]) -> None:
     assert list(pairs.index) == [f"CW{k} + CCW{k}" for k in range(4)]
     for k in range(4):
         one, other = (
-            next(t for t in campaign.tests if t.name == f"{way}{k}") for way in ("CW", "CCW")
+            next(t for t in campaign.tests if t.name == f"{direction}{k}")
+            for direction in ("CW", "CCW")
         )
         angle = np.concatenate([one.angles_rad(), other.angles_rad()])
         reading = np.concatenate([one.reading_um, other.reading_um])  # type: ignore[list-item]
@@ -131,8 +132,8 @@ def test_both_directions(both_ways: tuple[lb.Campaign, Any]) -> None:
             reading,
             rcond=None,
         )[0]
-        rest = reading - fitted[1] * np.cos(angle) - fitted[2] * np.sin(angle)
-        assert pairs.loc[f"CW{k} + CCW{k}", "G_b"] == pytest.approx(np.ptp(rest))
+        residual = reading - fitted[1] * np.cos(angle) - fitted[2] * np.sin(angle)
+        assert pairs.loc[f"CW{k} + CCW{k}", "G_b"] == pytest.approx(np.ptp(residual))
         assert pairs.loc[f"CW{k} + CCW{k}", "D"] == pytest.approx(fitted[0])
         assert (
             pairs.loc[f"CW{k} + CCW{k}", "G_b_minimum_zone"]
@@ -172,13 +173,13 @@ def test_contributions_as_the_paper_states_them(recovered: lb.Campaign) -> None:
     """The paper cuts digits off: 3 % below and 2 % above. Figure 8: compliance to 0.046 mm,
     geometry −0.026 to −0.007 mm."""
     paper = lb.sample(lb.HybridModel.paper(0), recovered, seed=1, sampler="independent")
-    found = lb.contributions(paper).set_index("source")
+    table = lb.contributions(paper).set_index("source")
     for name, text in (COMPLIANCES | ERRORS | OFFSETS).items():
         printed = float(text) * 1e3
         last = 10.0 ** -(len(text) - 5)
-        assert printed * 0.97 <= found.loc[name, "peak_to_peak"] <= (printed + last) * 1.02, name
-    assert found.loc[COMPLIANCE, "maximum"] == pytest.approx(46.0, abs=0.5)
-    ends = found.loc[GEOMETRY, ["maximum", "minimum", "peak_to_peak"]].tolist()
+        assert printed * 0.97 <= table.loc[name, "peak_to_peak"] <= (printed + last) * 1.02, name
+    assert table.loc[COMPLIANCE, "maximum"] == pytest.approx(46.0, abs=0.5)
+    ends = table.loc[GEOMETRY, ["maximum", "minimum", "peak_to_peak"]].tolist()
     assert ends == pytest.approx([-7.0, -26.0, 19.0], abs=0.6)
 
 
@@ -187,7 +188,7 @@ def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> No
     slopes."""
     campaign, posterior = fitted
     force = 640.0
-    found = lb.contributions(posterior, force).set_index("source")
+    table = lb.contributions(posterior, force).set_index("source")
     group = posterior["posterior"]
     # The draws that the table uses, evenly picked.
     pick = np.linspace(0, group["C_XXX"].size - 1, min(2000, group["C_XXX"].size)).astype(int)
@@ -217,14 +218,14 @@ def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> No
         "E_XY2": exact_um({}, {"E_XY2": mean["E_XY2"]}),
     }
     for source, trace in truths.items():
-        assert found.loc[source, "maximum"] == pytest.approx(trace.max(), abs=0.01), source
-        assert found.loc[source, "minimum"] == pytest.approx(trace.min(), abs=0.01), source
-    each = sum(
+        assert table.loc[source, "maximum"] == pytest.approx(trace.max(), abs=0.01), source
+        assert table.loc[source, "minimum"] == pytest.approx(trace.min(), abs=0.01), source
+    compliance_draws = sum(
         group["C_XXX" + suffix].to_numpy().ravel()[pick] * lever**k
         for k, suffix in enumerate(("", "_1", "_2"))
     )
-    assert found.loc["C_XXX", "peak_to_peak"] == pytest.approx(
-        np.ptp(exact_um({"C_XXX": np.median(each)}, {})), abs=0.01
+    assert table.loc["C_XXX", "peak_to_peak"] == pytest.approx(
+        np.ptp(exact_um({"C_XXX": np.median(compliance_draws)}, {})), abs=0.01
     )
 
 

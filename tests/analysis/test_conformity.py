@@ -42,14 +42,14 @@ def test_half_at_the_mean_and_95_percent_at_1_64_u(posterior: Any) -> None:
             (mean - 1.645 * sd, 0.05),
             (mean + 3.0 * sd, 0.99865),
         ):
-            found = lb.conformity(posterior, {name: lb.Tolerance(upper=upper)})[name]
-            assert found.probability == pytest.approx(expected, abs=0.02), (name, expected)
-            assert found.guard_band == pytest.approx(1.6449 * sd, rel=1e-3)
+            conformity = lb.conformity(posterior, {name: lb.Tolerance(upper=upper)})[name]
+            assert conformity.probability == pytest.approx(expected, abs=0.02), (name, expected)
+            assert conformity.guard_band == pytest.approx(1.6449 * sd, rel=1e-3)
         draws = posterior["posterior"][name].values.ravel()
         low = mean - 0.5 * sd
         high = mean + 1.2 * sd
-        found = lb.conformity(posterior, {name: lb.Tolerance(low, high)})[name]
-        assert found.probability == pytest.approx(
+        conformity = lb.conformity(posterior, {name: lb.Tolerance(low, high)})[name]
+        assert conformity.probability == pytest.approx(
             ((draws >= low) & (draws <= high)).mean(), abs=1e-12
         )
 
@@ -71,10 +71,12 @@ def test_decisions_by_the_guard_band() -> None:
         (1.6, Decision.NOT_DECIDED),
         (-1.6, Decision.NOT_DECIDED),
     ):
-        found = normal_conformity("mm/N", 60e-6 - inside * 2e-6, 2e-6, tolerance)
-        assert found.decision == decision
-        assert found.probability == pytest.approx(stats.norm.cdf(inside))
-        assert (found.decision == Decision.CONFORMS) == (found.mean < 60e-6 - found.guard_band)
+        conformity = normal_conformity("mm/N", 60e-6 - inside * 2e-6, 2e-6, tolerance)
+        assert conformity.decision == decision
+        assert conformity.probability == pytest.approx(stats.norm.cdf(inside))
+        assert (conformity.decision == Decision.CONFORMS) == (
+            conformity.mean < 60e-6 - conformity.guard_band
+        )
     assert (
         normal_conformity("mm/N", 60e-6 + 3.4e-6, 2e-6, tolerance).decision
         == Decision.DOES_NOT_CONFORM
@@ -88,31 +90,33 @@ def test_decisions_by_the_guard_band() -> None:
 
 def test_texts_are_limits_with_their_units() -> None:
     limits = TABLES["tolerances"]["limits"]
-    found = tolerances_in(
+    tolerances = tolerances_in(
         quantities_of(MODEL.bind(CAMPAIGN)), {name: text for name, text, *_ in limits}
     )
-    for (name, own), (_, _, kept, *ends) in zip(found.items(), limits, strict=True):
-        assert (name, own.ends) == (kept, pytest.approx(tuple(ends)))
+    for (name, tolerance), (_, _, parameter, *ends) in zip(tolerances.items(), limits, strict=True):
+        assert (name, tolerance.ends) == (parameter, pytest.approx(tuple(ends)))
 
 
-@pytest.mark.parametrize(("given", "message"), TABLES["conformity"])
-def test_refused(posterior: Any, given: dict[str, str], message: str) -> None:
-    refuses(message, lb.conformity, posterior, given)
+@pytest.mark.parametrize(("limits", "message"), TABLES["conformity"])
+def test_refused(posterior: Any, limits: dict[str, str], message: str) -> None:
+    refuses(message, lb.conformity, posterior, limits)
 
 
 def test_stiffness_and_path_at_a_force(posterior: Any) -> None:
     force = 500.0
     curve = curves_of(posterior, np.array([force]))[:, 0, 0]
-    found = lb.conformity(
+    conformities = lb.conformity(
         posterior,
         {"stiffness_X": "18 N/µm", "C_XXX": "60 nm/N", "G": "20 µm", "E_XX1": "1 mm/m"},
         force_N=force,
     )
-    assert found["stiffness_X"].probability == pytest.approx((1.0 / curve >= 18e3).mean(), abs=0.01)
-    assert found["C_XXX"].mean == pytest.approx(curve.mean(), rel=1e-9)
+    assert conformities["stiffness_X"].probability == pytest.approx(
+        (1.0 / curve >= 18e3).mean(), abs=0.01
+    )
+    assert conformities["C_XXX"].mean == pytest.approx(curve.mean(), rel=1e-9)
     table = lb.circularity(posterior, [force]).set_index("quantity")
-    assert found["G"].mean == pytest.approx(table.loc["G", "mean"] * 1e-3, rel=1e-9)
-    assert (found["G"].force_N, found["E_XX1"].force_N) == (force, None)
+    assert conformities["G"].mean == pytest.approx(table.loc["G", "mean"] * 1e-3, rel=1e-9)
+    assert (conformities["G"].force_N, conformities["E_XX1"].force_N) == (force, None)
     for far in (
         -5.0,
         0.0,
@@ -178,7 +182,7 @@ def test_may_the_numbers_be_used(posterior: Any) -> None:
     open_sign: Any = SimpleNamespace(
         within_tolerance=True, sign="depends on assumptions that the readings allow"
     )
-    found = state_of(
+    state = state_of(
         replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX",), comparison=open_sign
     )
-    assert [own.kind for own in found.reasons] == [ReasonKind.OPEN_SIGN]
+    assert [reason.kind for reason in state.reasons] == [ReasonKind.OPEN_SIGN]

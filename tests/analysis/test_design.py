@@ -71,20 +71,20 @@ def test_the_paper_preset(
     """D-optimal shares over 36 to 742 N on a 1 N grid, the certificate there, and what the paper's
     seven levels are worth."""
     seven = plan((60,) * 7, forces_N=(36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0))
-    found = lb.design(lb.HybridModel.paper(degree), seven, tests=7, against={"seven": seven})
-    support = found.shares.groupby((found.shares["force_N"] / 100.0).round())
+    design = lb.design(lb.HybridModel.paper(degree), seven, tests=7, against={"seven": seven})
+    support = design.shares.groupby((design.shares["force_N"] / 100.0).round())
     np.testing.assert_allclose(support["share"].sum(), shares, atol=1e-4)
     centre = support.apply(
-        lambda own: np.average(own["force_N"], weights=own["share"]), include_groups=False
+        lambda level: np.average(level["force_N"], weights=level["share"]), include_groups=False
     )
     np.testing.assert_allclose(centre, forces, atol=0.35)
-    assert len(found.sensitivity) == 707
+    assert len(design.sensitivity) == 707
     parameters = 13 if degree == 0 else 19
-    assert found.certificate.bound == pytest.approx(parameters, abs=1e-6)
-    assert found.certificate.max_sensitivity <= parameters * (1.0 + 1e-5)
-    assert found.certificate.is_global
-    assert found.compared[1].efficiency == pytest.approx(efficiency, abs=1e-3)
-    assert found.compared[0].efficiency < found.efficiency <= 1.0
+    assert design.certificate.bound == pytest.approx(parameters, abs=1e-6)
+    assert design.certificate.max_sensitivity <= parameters * (1.0 + 1e-5)
+    assert design.certificate.is_global
+    assert design.compared[1].efficiency == pytest.approx(efficiency, abs=1e-3)
+    assert design.compared[0].efficiency < design.efficiency <= 1.0
 
 
 def test_information_against_the_dense_oracle(pilot: lb.Campaign) -> None:
@@ -106,22 +106,22 @@ def test_information_against_the_dense_oracle(pilot: lb.Campaign) -> None:
         )
         for t in tests
     ]
-    own = [
+    oracle_tests = [
         OracleTest(f, p, angle, np.zeros(30), work, tool, radius)
         for f, p, angle, work, tool, radius in stated
     ]
-    dense = Oracle(own, 1, terms=("form", "length", "mount", "setup", "discrepancy"))
+    dense = Oracle(oracle_tests, 1, terms=("form", "length", "mount", "setup", "discrepancy"))
     _, _, covariance = dense.given(PHI)
     p = len(dense.names)
     prior = Gaussian.of(np.zeros((1, p)), dense.sd[None] ** 2)
-    found = Space(model, pilot, LEVELS).forecast(
+    forecast = Space(model, pilot, LEVELS).forecast(
         tests, states=States(PHI[None], np.zeros((1, p)), prior)
     )
-    assert list(found.expected) == dense.names
-    sd = np.array([entry.sd for entry in found.expected.values()])
+    assert list(forecast.expected) == dense.names
+    sd = np.array([entry.sd for entry in forecast.expected.values()])
     np.testing.assert_allclose(sd, np.sqrt(np.diag(covariance)), rtol=1e-7)
     gain = 0.5 * (np.log(dense.sd**2).sum() - np.linalg.slogdet(covariance)[1])
-    assert found.information_gain == pytest.approx(gain, abs=1e-6)
+    assert forecast.information_gain == pytest.approx(gain, abs=1e-6)
 
 
 def dense_sd(
@@ -157,18 +157,22 @@ def test_hysteresis_counts_for_every_design_that_could_have_both_ways(
         PHI[None], np.zeros((1, p)), Gaussian.of(np.zeros((1, p)), space.bound.prior_sd[None] ** 2)
     )
     sd = {}
-    for ways in ("CW", "CCW", ""):
-        tests = tuple(replace(test, direction=ways) for test in both.tests) if ways else both.tests
-        found = space.forecast(tests, states=states)
-        entry, sd[ways] = (
-            found.expected["C_XYX"],
+    for direction in ("CW", "CCW", ""):
+        tests = (
+            tuple(replace(test, direction=direction) for test in both.tests)
+            if direction
+            else both.tests
+        )
+        forecast = space.forecast(tests, states=states)
+        entry, sd[direction] = (
+            forecast.expected["C_XYX"],
             dense_sd(plain, space.pilot, tests, "C_XYX", times=1.0),
         )
-        assert entry.sd == pytest.approx(sd[ways], rel=1e-9)
+        assert entry.sd == pytest.approx(sd[direction], rel=1e-9)
         assert entry.floor_sd == pytest.approx(
             dense_sd(plain, space.pilot, tests, "C_XYX", times=1e6), rel=1e-3
         )
-        assert _limits(space, tests, found).one_way == ({"XY": ways} if ways else {})
+        assert _limits(space, tests, forecast).one_way == ({"XY": direction} if direction else {})
     # F s sin 2θ of 1 µm/kN is 2 µm/kN of C_XYX: with one sd of 2 µm/kN / 2 a friction of 2e-6 mm/N
     # stays in it.
     hidden = 2e-6 * 1e-5 / np.hypot(2e-6, 1e-5)
@@ -202,8 +206,8 @@ def test_the_search_and_the_forecast_agree(
         values = []
         for value in hyper_nodes(LINEAR, campaign, 4, 1):
             information = information_of(bound, value)
-            own = [information.names.index(name) for name in space.chosen]
-            c = information.covariance()[np.ix_(own, own)]
+            indices = [information.names.index(name) for name in space.chosen]
+            c = information.covariance()[np.ix_(indices, indices)]
             s = np.linalg.eigvalsh(np.linalg.inv(c))
             rows = np.array(
                 [bound.compliance_at(f) * bound.scale for f in np.linspace(36.0, 742.0, 33)]
@@ -231,10 +235,10 @@ def test_the_search_and_the_forecast_agree(
 def test_what_does_not_matter(pilot: lb.Campaign) -> None:
     """How F0 is given, for criterion i; whole turns; the pilot's rule for balls, and a common turn
     of all tests. Arcs do."""
-    given = replace(LINEAR, reference_force_N=389.0)
+    fixed_reference = replace(LINEAR, reference_force_N=389.0)
     values = [
         value_of(s := Space(m, pilot, (200.0, 389.0, 742.0), criterion="i"), s.tests)
-        for m in (LINEAR, given)
+        for m in (LINEAR, fixed_reference)
     ]
     assert values[0] == pytest.approx(values[1], rel=1e-6)
     plain = Space(LINEAR, pilot, LEVELS)
@@ -258,12 +262,12 @@ def test_a_design_of_six(six: lb.Design, pilot: lb.Campaign) -> None:
         assert entry.sd <= entry.untruncated_sd * (
             1 + 5e-3
         )  # 512 points for each of 16 states: 1e-3 off with some versions
-    said = " ".join(design_sentences(six))
-    assert "Run 6 circles" in said
-    assert "looks exactly like +13.3 µrad of E_C(0Y)X. Cure: Clocking both balls" in said
+    sentences = " ".join(design_sentences(six))
+    assert "Run 6 circles" in sentences
+    assert "looks exactly like +13.3 µrad of E_C(0Y)X. Cure: Clocking both balls" in sentences
     table = six.expected_table().set_index("parameter")
     assert table.loc["C_CCY", ["sd", "baseline_sd"]].tolist() == [
-        own["C_CCY"].sd for own in (six.expected, six.baseline)
+        forecast["C_CCY"].sd for forecast in (six.expected, six.baseline)
     ]
 
 
@@ -284,13 +288,15 @@ def test_read_back(six: lb.Design, pilot: lb.Campaign, tmp_path: Path) -> None:
 def test_the_best_of_few(pilot: lb.Campaign) -> None:
     """Against every design of four tests among five levels."""
     space = Space(LINEAR, pilot, LEVELS[::3])
-    found = space.search.find_design(4)
-    every = [
+    design = space.search.find_design(4)
+    all_counts = [
         np.bincount(chosen, minlength=5).astype(float)
         for chosen in combinations_with_replacement(range(5), 4)
     ]
-    assert found.value == pytest.approx(max(map(space.search.objective.value, every)), rel=1e-9)
-    assert found.efficiency <= 1.0 + 1e-9
+    assert design.value == pytest.approx(
+        max(map(space.search.objective.value, all_counts)), rel=1e-9
+    )
+    assert design.efficiency <= 1.0 + 1e-9
 
 
 @pytest.mark.parametrize(
@@ -356,11 +362,11 @@ def test_a_plan_for_a_model_with_drift(pilot: lb.Campaign) -> None:
             replace(t, time_s=600.0 * k, temperature_C=20.0 + k) for k, t in enumerate(pilot.tests)
         ),
     )
-    found = lb.design(LINEAR.with_term(lb.Drift("time")), timed, tests=5, forces_N=THREE)
-    assert found.certificate.holds
-    assert found.limits.drift
-    assert [test.time_s for test in found.plan().tests] == [0.0, 600.0, 1200.0, 1800.0, 2400.0]
-    assert lb.identify(found.model, found.plan()).parameters
+    design = lb.design(LINEAR.with_term(lb.Drift("time")), timed, tests=5, forces_N=THREE)
+    assert design.certificate.holds
+    assert design.limits.drift
+    assert [test.time_s for test in design.plan().tests] == [0.0, 600.0, 1200.0, 1800.0, 2400.0]
+    assert lb.identify(design.model, design.plan()).parameters
     warm = lb.design(
         LINEAR.with_term(lb.Drift("temperature")), timed.plan(), tests=5, forces_N=THREE
     )
@@ -378,24 +384,24 @@ def test_levels_that_cannot_show_another_degree(pilot: lb.Campaign) -> None:
 
 def test_augmenting(pilot: lb.Campaign) -> None:
     """Two tests on top of the pilot's own: no wider than without them."""
-    more = lb.design(LINEAR, pilot, tests=2, forces_N=LEVELS[::3], augment=True)
-    alone = Space(LINEAR, pilot, LEVELS).forecast(pilot.tests).expected
+    design = lb.design(LINEAR, pilot, tests=2, forces_N=LEVELS[::3], augment=True)
+    without = Space(LINEAR, pilot, LEVELS).forecast(pilot.tests).expected
     assert all(
-        entry.untruncated_sd <= alone[name].untruncated_sd * (1 + 1e-6)
-        for name, entry in more.expected.items()
+        entry.untruncated_sd <= without[name].untruncated_sd * (1 + 1e-6)
+        for name, entry in design.expected.items()
     )
-    assert "Run 2 more circles" in design_sentences(more)[0]
+    assert "Run 2 more circles" in design_sentences(design)[0]
 
 
 def test_what_forces_cannot_do(pilot: lb.Campaign) -> None:
     """E_C(0Y)X looks like the 2-lobe form: the alias is named, and what cures it; and it does."""
     options = {"tests": 6, "criterion": "c", "parameters": ("E_C(0Y)X",), "forces_N": THREE}
-    found = lb.design(LINEAR, pilot, **options)
+    design = lb.design(LINEAR, pilot, **options)
     assert (
         "2-lobe form (sin 2θ) looks exactly like +13.3 µrad of E_C(0Y)X. Cure: Clocking both balls"
-        in " ".join(design_notes(found))
+        in " ".join(design_notes(design))
     )
-    assert found.expected["E_C0YX"].floor_sd > 8e-6
+    assert design.expected["E_C0YX"].floor_sd > 8e-6
     cured = lb.design(LINEAR, pilot, **options, clockings_deg=BOTH)
     assert cured.expected["E_C0YX"].sd < 2e-6
     assert lb.identify(LINEAR, cured.plan()).parameters["E_C0YX"].verdict == "identified"
@@ -411,9 +417,9 @@ def test_finding_a_slope(pilot: lb.Campaign) -> None:
     )
     plain = lb.design(LINEAR, pilot, tests=6, forces_N=LEVELS[::3], slope_size=2.0)
     power = [
-        own.discrimination.power["C_XYX_1"]
-        for own in (small, large, plain)
-        if own.discrimination is not None
+        design.discrimination.power["C_XYX_1"]
+        for design in (small, large, plain)
+        if design.discrimination is not None
     ]
     assert power[1] > max(power[0], power[2])
     assert not large.certificate.is_global
@@ -422,9 +428,9 @@ def test_finding_a_slope(pilot: lb.Campaign) -> None:
 def test_the_paper_preset_takes_sigma_from_the_pilot(pilot: lb.Campaign) -> None:
     """Forecast of the pilot's own plan against what its readings give."""
     model = lb.HybridModel.paper(1)
-    found = Space(model, pilot, LEVELS, criterion="d").forecast(pilot.plan().tests)
+    forecast = Space(model, pilot, LEVELS, criterion="d").forecast(pilot.plan().tests)
     marginals = lb.marginals(model, pilot)
-    for name, entry in found.expected.items():
+    for name, entry in forecast.expected.items():
         assert entry.sd == pytest.approx(marginals.loc[name, "sd"], rel=0.03)
 
 
@@ -432,12 +438,12 @@ def test_designs_that_leave_something_undetermined(pilot: lb.Campaign) -> None:
     """Two levels do not determine a linear compliance under flat priors: no efficiency, no u, no
     number that looks like one."""
     two = pilot.without("f300", "f520").plan()
-    found = lb.design(
+    design = lb.design(
         lb.HybridModel.paper(1), pilot, tests=5, forces_N=LEVELS, against={"two": two}
     )
-    assert found.compared[1].efficiency == 0.0
-    assert not found.compared[1].determined
-    record = json.loads(json_text(found.as_dict()))
+    assert design.compared[1].efficiency == 0.0
+    assert not design.compared[1].determined
+    record = json.loads(json_text(design.as_dict()))
     assert record["compared"][1]["expected"]["C_XXX"]["sd"] is None
     with pytest.raises(InputError, match="the candidates must determine the parameters"):
         lb.design(lb.HybridModel.paper(1), pilot, tests=5, forces_N=(36.0, 742.0))
@@ -461,17 +467,17 @@ def test_templates_are_the_pilots_in_equal_steps(rng: np.random.Generator) -> No
         lb.CircularTest(200.0, np.arange(72) * 5.0, plane="YZ", setup=4, direction="CCW"),
     ]
     campaign = lb.Campaign(tuple(tests), topology="wFXYZt")
-    own = [
+    facts = [
         (t.plane, t.setup, t.direction, t.circle.centre_mm[0], len(t.angle_deg))
         for t in templates(campaign)
     ]
-    assert own == [("XY", 1, None, 5.0, 36), ("YZ", 4, "CW", 0.0, 72), ("YZ", 4, "CCW", 0.0, 72)]
-    known = foreseen_by(campaign, templates(campaign))
-    assert [(test.plane, test.direction) for test in known.foreseen] == [
+    assert facts == [("XY", 1, None, 5.0, 36), ("YZ", 4, "CW", 0.0, 72), ("YZ", 4, "CCW", 0.0, 72)]
+    extended = foreseen_by(campaign, templates(campaign))
+    assert [(test.plane, test.direction) for test in extended.foreseen] == [
         ("YZ", "CCW"),
         ("YZ", "CW"),
     ]
-    assert foreseen_by(known, templates(campaign)) is known
+    assert foreseen_by(extended, templates(campaign)) is extended
 
 
 def test_foreseen_parameters_do_not_change_what_is_known(clockwise: lb.Campaign) -> None:
@@ -498,11 +504,11 @@ def test_a_second_radius_against_one(pilot: lb.Campaign) -> None:
         Space(LINEAR, pilot, THREE, radii_mm=radii, parameters=["E_C0YX"])
         for radii in ((), (150.0, 100.0))
     )
-    shown = [space.tests_of(space.search.find_design(6)) for space in (one, two)]
-    assert {test.radius_mm for test in shown[1]} == {150.0, 100.0}
+    chosen_tests = [space.tests_of(space.search.find_design(6)) for space in (one, two)]
+    assert {test.radius_mm for test in chosen_tests[1]} == {150.0, 100.0}
     single, both = (
         space.forecast(tests).expected["E_C0YX"]
-        for space, tests in zip((one, two), shown, strict=True)
+        for space, tests in zip((one, two), chosen_tests, strict=True)
     )
     assert both.sd < 0.8 * single.sd
     # More circles of one radius would not help, more of two would.
@@ -517,24 +523,24 @@ def test_a_pilot_of_two_planes(clockwise: lb.Campaign) -> None:
     both = replace(clockwise.plan(), tests=(*clockwise.plan().tests, *other))
     prior = replace(LINEAR.prior, overrides={"C_ZZZ": 2e-5})
     model = replace(LINEAR, prior=prior, fixed=("C_CCY_1",))
-    found = lb.design(model, both, tests=6, forces_N=(200.0, 300.0, 400.0), seed=3)
-    assert set(zip(found.table["plane"], found.table["setup"], strict=True)) == {
+    design = lb.design(model, both, tests=6, forces_N=(200.0, 300.0, 400.0), seed=3)
+    assert set(zip(design.table["plane"], design.table["setup"], strict=True)) == {
         ("XY", 1),
         ("YZ", 2),
     }
-    planned = found.plan(seed=1)
+    planned = design.plan(seed=1)
     assert sum(one.plane != other.plane for one, other in pairwise(planned.tests)) == 1
-    bound = found.model.bind(planned)
-    assert set(bound.names) == set(found.expected)
+    bound = design.model.bind(planned)
+    assert set(bound.names) == set(design.expected)
     np.testing.assert_allclose(
-        bound.prior_sd, [found.expected[name].prior_sd for name in bound.names], rtol=1e-12
+        bound.prior_sd, [design.expected[name].prior_sd for name in bound.names], rtol=1e-12
     )
-    assert (bound.prior_sd[bound.names.index("C_ZZZ")], found.model.reference_force_N) == (
+    assert (bound.prior_sd[bound.names.index("C_ZZZ")], design.model.reference_force_N) == (
         2e-5,
         389.0,
     )
-    assert any("plane YZ" in sentence for sentence in design_sentences(found))
-    steps = found.compared[0].tests
+    assert any("plane YZ" in sentence for sentence in design_sentences(design))
+    steps = design.compared[0].tests
     assert set(zip(steps["plane"], steps["force_N"], strict=True)) >= {("XY", 200.0), ("YZ", 400.0)}
 
 
@@ -552,10 +558,10 @@ def test_a_pilot_that_does_not_state_its_direction(pilot: lb.Campaign) -> None:
     )
     assert lb.identify(LINEAR, partly).parameters
     # What is foreseen is no part of the readings: the design is still one after these.
-    told = replace(pilot, tests=tuple(replace(t, direction="CW") for t in pilot.tests))
+    directed = replace(pilot, tests=tuple(replace(t, direction="CW") for t in pilot.tests))
     assert (
-        lb.design(LINEAR, told, tests=4, forces_N=THREE, directions=("CW", "CCW")).pilot.sha256
-        == told.sha256
+        lb.design(LINEAR, directed, tests=4, forces_N=THREE, directions=("CW", "CCW")).pilot.sha256
+        == directed.sha256
     )
 
 
@@ -568,30 +574,37 @@ def test_evidence_of_old_and_new_readings_together() -> None:
     rng = np.random.default_rng(1)
     old = rng.standard_normal((5, 3))
     new = rng.standard_normal((6, 3))
-    every = np.vstack([old, new])
+    rows = np.vstack([old, new])
     y = Gaussian.of(np.zeros(5), old @ old.T + np.eye(5)).draw(rng)
     full, reduced = (
-        Gaussian.of(np.zeros(11), seen @ seen.T + np.eye(11)) for seen in (every, every[:, :1])
+        Gaussian.of(np.zeros(11), columns @ columns.T + np.eye(11))
+        for columns in (rows, rows[:, :1])
     )
     three = Gaussian.of(np.zeros(3), np.ones(3))
-    drawn = {}
-    for there, size in ((True, 3), (False, 1)):
+    samples = {}
+    for has_slopes, size in ((True, 3), (False, 1)):
         posterior = Gaussian.of(np.zeros(size), np.ones(size)).observe(old[:, :size], y)
-        more = posterior.draw(rng, (40_000,)) @ new[:, :size].T + rng.standard_normal((40_000, 6))
-        both = np.hstack([np.tile(y, (40_000, 1)), more])
-        drawn[there] = full.log_density(both) - reduced.log_density(both)
+        new_readings = posterior.draw(rng, (40_000,)) @ new[:, :size].T + rng.standard_normal(
+            (40_000, 6)
+        )
+        both = np.hstack([np.tile(y, (40_000, 1)), new_readings])
+        samples[has_slopes] = full.log_density(both) - reduced.log_density(both)
     run = three.observe(old, y).marginal([1, 2])
-    before = Gaussian.of(run.mean[None], run.covariance[None])
-    after = three.observe(every, np.zeros(11)).covariance[None, 1:, 1:]
-    found = discrimination_of(after, ("a", "b"), size=1.0, before=before, threshold=1.0)
-    assert found.augmented
+    pilot_posterior = Gaussian.of(run.mean[None], run.covariance[None])
+    final_covariance = three.observe(rows, np.zeros(11)).covariance[None, 1:, 1:]
+    discrimination = discrimination_of(
+        final_covariance, ("a", "b"), size=1.0, before=pilot_posterior, threshold=1.0
+    )
+    assert discrimination.augmented
     for value, sample in (
-        (found.expected_with, drawn[True]),
-        (found.expected_without, drawn[False]),
+        (discrimination.expected_with, samples[True]),
+        (discrimination.expected_without, samples[False]),
     ):
         assert value == pytest.approx(sample.mean(), abs=0.1)
-    assert found.decisive_with == pytest.approx((drawn[True] > 1.0).mean(), abs=0.01)
-    assert found.misleading_without == pytest.approx((drawn[False] > 1.0).mean(), abs=0.01)
+    assert discrimination.decisive_with == pytest.approx((samples[True] > 1.0).mean(), abs=0.01)
+    assert discrimination.misleading_without == pytest.approx(
+        (samples[False] > 1.0).mean(), abs=0.01
+    )
 
 
 @pytest.mark.slow
@@ -602,32 +615,34 @@ def test_intervals_inside_the_truncation_against_simulation() -> None:
     planned = plan((30,) * 4)
     truth = TRUTH | {"C_CCY": 2e-11}
     bound = model.bind(planned)
-    found = []
+    variances = []
     for seed in range(150):
         campaign = model.simulate(planned, seed=seed, parameters=truth, hyper_um=PHI_UM).campaign
-        _, given = model.bind(campaign).given(PHI[None])
-        shift, inside, axes = given.orthant.moments()
-        along = given.spread() @ np.swapaxes(axes, 1, 2)
-        variance = (given.spread() ** 2).sum(axis=2) + np.einsum(
+        _, posterior = model.bind(campaign).given(PHI[None])
+        shift, inside, axes = posterior.orthant.moments()
+        along = posterior.spread() @ np.swapaxes(axes, 1, 2)
+        variance = (posterior.spread() ** 2).sum(axis=2) + np.einsum(
             "wpd,wde,wpe->wp", along, inside - np.eye(shift.shape[1]), along
         )
-        found.append(variance[0])
+        variances.append(variance[0])
     information = information_of(bound, PHI)
     covariance = information.covariance()[
         np.ix_(information.interest, information.interest)
     ] * np.outer(bound.scale, bound.scale)
     states = 100
     beta = np.tile([truth.get(name, 0.0) for name in bound.names], (states, 1))
-    known = States(
+    truth_states = States(
         np.tile(PHI, (states, 1)),
         beta,
         Gaussian.of(np.zeros_like(beta), np.tile(bound.prior_sd**2, (states, 1))),
     )
-    expected, error = truncated_variances(bound, known, np.tile(covariance, (states, 1, 1)), 1)
-    again, _ = truncated_variances(bound, known, np.tile(covariance, (states, 1, 1)), 2)
+    expected, error = truncated_variances(
+        bound, truth_states, np.tile(covariance, (states, 1, 1)), 1
+    )
+    again, _ = truncated_variances(bound, truth_states, np.tile(covariance, (states, 1, 1)), 2)
     assert (np.abs(again - expected) <= 4.0 * np.sqrt(2.0) * error + 1e-12 * expected).all()
     assert (error < 0.1 * expected).all()
-    np.testing.assert_allclose(np.sqrt(expected), np.sqrt(np.mean(found, axis=0)), rtol=0.05)
+    np.testing.assert_allclose(np.sqrt(expected), np.sqrt(np.mean(variances, axis=0)), rtol=0.05)
     untruncated = np.sqrt(np.diag(covariance))[bound.names.index("C_CCY")]
     assert np.sqrt(expected)[bound.names.index("C_CCY")] < 0.85 * untruncated
 

@@ -81,8 +81,8 @@ def test_independent_instruments(two: tuple[Any, Any]) -> None:
         )
     # C is compared at the first one's reference force, 389 N; the second one's is 425 N.
     draws = second["posterior"]
-    moved = (draws["C_XXX"] - 36.0 * draws["C_XXX_1"]).to_numpy()
-    assert table.loc["C_XXX", "second"] == pytest.approx(moved.mean(), rel=1e-9)
+    shifted = (draws["C_XXX"] - 36.0 * draws["C_XXX_1"]).to_numpy()
+    assert table.loc["C_XXX", "second"] == pytest.approx(shifted.mean(), rel=1e-9)
     assert not any(name.startswith(("E_Xt", "E_Yt")) for name in table.index)
     assert table.attrs["conflict"] is None
 
@@ -149,38 +149,38 @@ def test_the_same_instrument(work_deg: float) -> None:
     """Against the dense model of both campaigns at once; with balls turned in one of them, whose
     forms both campaigns share."""
     bounds = [MODEL.bind(campaign_of(1)), MODEL.bind(campaign_of(2, work_deg=work_deg))]
-    names, found = together(bounds)
+    names, difference = together(bounds)
     mean, covariance = dense([bound.with_two_balls() for bound in bounds] if work_deg else bounds)
     p = len(bounds[0].names)
     for k, name in enumerate(names):
         i = bounds[0].names.index(name)
-        apart = np.zeros(2 * p)
-        apart[i], apart[p + i] = -1.0, 1.0
-        sd = float(np.sqrt(apart @ covariance @ apart))
-        assert found.sd[k] == pytest.approx(sd, rel=1e-5), name
-        assert found.difference[k] == pytest.approx(apart @ mean, abs=1e-5 * sd), name
-        assert found.means[0, k] == pytest.approx(mean[i], abs=1e-5 * np.sqrt(covariance[i, i])), (
-            name
-        )
+        contrast = np.zeros(2 * p)
+        contrast[i], contrast[p + i] = -1.0, 1.0
+        sd = float(np.sqrt(contrast @ covariance @ contrast))
+        assert difference.sd[k] == pytest.approx(sd, rel=1e-5), name
+        assert difference.difference[k] == pytest.approx(contrast @ mean, abs=1e-5 * sd), name
+        assert difference.means[0, k] == pytest.approx(
+            mean[i], abs=1e-5 * np.sqrt(covariance[i, i])
+        ), name
 
 
 def test_another_radius_is_another_length() -> None:
     """One length at 150 mm in both cancels, those of 150 and 100 mm do not."""
     first = MODEL.bind(campaign_of(1))
-    same, shorter, both = (
+    equal_radii, shorter, both = (
         together([first, MODEL.bind(campaign_of(2, radii_mm=radii))])[1]
         for radii in ((150.0,), (100.0,), (150.0, 100.0))
     )
     k = together([first, first])[0].index("E_XX1")
-    alone = float(
+    single_sd = float(
         np.sqrt(
             first.given(PHI[None])[1].covariance[
                 0, first.names.index("E_XX1"), first.names.index("E_XX1")
             ]
         )
     )
-    assert same.sd[k] < 0.4 * np.sqrt(2.0) * alone
-    assert shorter.sd[k] > 0.9 * np.sqrt(2.0) * alone
+    assert equal_radii.sd[k] < 0.4 * np.sqrt(2.0) * single_sd
+    assert shorter.sd[k] > 0.9 * np.sqrt(2.0) * single_sd
     assert both.sd[k] < 0.4 * shorter.sd[k]
 
 
@@ -193,7 +193,10 @@ def test_two_instruments_taken_for_one() -> None:
     one_form = SIMULATED.without("ball-form", "bar-length")
     p_values = []
     for seed in range(3, 11):
-        bounds = [MODEL.bind(campaign_of(own, model=one_form)) for own in (seed, seed + 100)]
+        bounds = [
+            MODEL.bind(campaign_of(campaign_seed, model=one_form))
+            for campaign_seed in (seed, seed + 100)
+        ]
         p_values.append(together(bounds)[1].conflict[1])
     assert min(p_values) > 0.01 / len(p_values)
 
@@ -202,12 +205,12 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
     """n₁ ± s₁ and n₂ ± s₂ are |n₁ − n₂| / √(s₁² + s₂²) apart, whatever the prior; the p-value is
     that of the worst of two."""
     for prior_sd in (2.0, 20.0):
-        own = []
+        informations = []
         means = []
         for value, noise in ((3.0, 1.0), (-1.0, 1.5)):
             scale = np.array([1.0, prior_sd, prior_sd])
             noises = ({NOISE: np.diag([1.0, noise**2, noise**2])},)
-            own.append(
+            informations.append(
                 Information(
                     ("E", "form", "length"),
                     (OWN, "BallForm", "BarLength"),
@@ -220,8 +223,10 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
             means.append(
                 np.array([0.0, value, 0.5 * value]) * prior_sd**2 / (prior_sd**2 + noise**2)
             )
-        found = worst_conflict(["length", "form"], [["E", "form", "length"]] * 2, own, means)
-        assert found == (
+        conflict = worst_conflict(
+            ["length", "form"], [["E", "form", "length"]] * 2, informations, means
+        )
+        assert conflict == (
             "form",
             pytest.approx(2.0 * 2.0 * stats.norm.sf(4.0 / np.hypot(1.0, 1.5)), rel=1e-6),
         )

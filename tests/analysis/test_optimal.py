@@ -43,13 +43,13 @@ def test_polynomial_d(degree: int, points: tuple[float, ...]) -> None:
     """Equal shares at the extrema of a Legendre polynomial, found on a fine grid that holds them;
     the bound is p."""
     x = np.union1d(np.linspace(-1.0, 1.0, 2001), points)
-    found = optimal_shares(
+    optimum = optimal_shares(
         objective(polynomial(degree, x), Determinant(degree + 1)), 1.0, tolerance=1e-9
     )
     expected = np.where(np.isin(x, points), 1.0 / (degree + 1), 0.0)
-    np.testing.assert_allclose(found.share, expected, atol=1e-6)
-    assert found.bound == pytest.approx(degree + 1, abs=1e-6)
-    assert abs(found.excess) < 1e-6
+    np.testing.assert_allclose(optimum.share, expected, atol=1e-6)
+    assert optimum.bound == pytest.approx(degree + 1, abs=1e-6)
+    assert abs(optimum.excess) < 1e-6
 
 
 LINE = np.diag([1e-9, 1e-9, 1.0])
@@ -80,11 +80,11 @@ def test_a_quarter_a_half_a_quarter(criterion: Criterion, prior: Array) -> None:
     wanted = Objective(
         polynomial(2, x)[None, :, None, :], prior[None], 1 if prior.any() else 3, criterion
     )
-    found = optimal_shares(wanted, 50.0, tolerance=1e-9)
+    optimum = optimal_shares(wanted, 50.0, tolerance=1e-9)
     np.testing.assert_allclose(
-        found.share[[0, 100, 200]], (0.25, 0.5, 0.25), atol=1e-5 if prior.any() else 1e-6
+        optimum.share[[0, 100, 200]], (0.25, 0.5, 0.25), atol=1e-5 if prior.any() else 1e-6
     )
-    assert found.excess < 1e-6
+    assert optimum.excess < 1e-6
 
 
 def test_three_factors_in_fourteen_runs() -> None:
@@ -93,8 +93,8 @@ def test_three_factors_in_fourteen_runs() -> None:
     grid = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
     pairs = [grid[:, i] * grid[:, j] for i, j in combinations(range(3), 2)]
     wanted = objective(np.column_stack([np.ones(27), grid, grid**2, *pairs]), Determinant(10))
-    found = Search(wanted, np.arange(27.0), 1, 3).find_design(14)
-    assert np.exp(found.value / 10.0) / 14.0 == pytest.approx(0.4630447, abs=5e-8)
+    design = Search(wanted, np.arange(27.0), 1, 3).find_design(14)
+    assert np.exp(design.value / 10.0) / 14.0 == pytest.approx(0.4630447, abs=5e-8)
 
 
 @pytest.mark.parametrize(
@@ -106,12 +106,12 @@ def test_three_by_three(tests: int, determinant: float) -> None:
     a, b = (axis.ravel() for axis in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
     wanted = objective(np.column_stack([np.ones(9), a, b, a * b, a**2, b**2]), Determinant(6))
     rng = np.random.default_rng(1)
-    found = [
+    designs = [
         exchange(wanted, np.bincount(rng.integers(9, size=tests), minlength=9), rng)
         for _ in range(30)
     ]
-    assert np.exp(max(value for _, value in found)) == pytest.approx(determinant, rel=1e-9)
-    assert all(counts.sum() == tests for counts, _ in found)
+    assert np.exp(max(value for _, value in designs)) == pytest.approx(determinant, rel=1e-9)
+    assert all(counts.sum() == tests for counts, _ in designs)
 
 
 def test_elfving() -> None:
@@ -119,11 +119,11 @@ def test_elfving() -> None:
     (Elfving 1952)."""
     x = np.linspace(-1.0, 1.0, 81)
     c = np.array([1.0, 2.0])
-    found = optimal_shares(
+    optimum = optimal_shares(
         objective(polynomial(1, x), Variance(np.outer(c, c))), 1.0, tolerance=1e-8
     )
-    np.testing.assert_allclose(found.share[[0, -1]], (0.25, 0.75), atol=1e-6)
-    assert found.value == pytest.approx(-4.0, abs=1e-6)
+    np.testing.assert_allclose(optimum.share[[0, -1]], (0.25, 0.75), atol=1e-6)
+    assert optimum.value == pytest.approx(-4.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -154,8 +154,8 @@ def test_expected_log_bayes_factor_by_simulation() -> None:
     )
     full = Gaussian.of(np.zeros(8), rows @ rows.T + np.eye(8))
     reduced = Gaussian.of(np.zeros(8), rows[:, :1] @ rows[:, :1].T + np.eye(8))
-    drawn = [truth.draw(rng, (20_000,)) for truth in (full, reduced)]
-    with_, without = (full.log_density(y) - reduced.log_density(y) for y in drawn)
+    samples = [truth.draw(rng, (20_000,)) for truth in (full, reduced)]
+    with_, without = (full.log_density(y) - reduced.log_density(y) for y in samples)
     spread = np.hypot(with_.std(), without.std()) / np.sqrt(len(with_))
     assert expected == pytest.approx(0.5 * (with_.mean() - without.mean()), abs=2.0 * spread)
 
@@ -170,19 +170,19 @@ def test_rounding(tests: int, weights: list[float]) -> None:
         assert np.all(counts <= np.ceil((tests + 0.5 * len(share)) * share) + 1)
 
 
-@pytest.mark.parametrize("apart", [1.0, 100.0])
-def test_neighbouring_forces_are_one_where_that_costs_nothing(apart: float) -> None:
+@pytest.mark.parametrize("half_distance", [1.0, 100.0])
+def test_neighbouring_forces_are_one_where_that_costs_nothing(half_distance: float) -> None:
     """A parabola's middle is split over levels beside it, 2 N or 200 N apart: the first are run at
     one of them."""
-    forces = np.array([100.0, 500.0 - apart, 500.0 + apart, 900.0])
+    forces = np.array([100.0, 500.0 - half_distance, 500.0 + half_distance, 900.0])
     wanted = objective(polynomial(2, (forces - 500.0) / 400.0), Determinant(3))
     best = max(
-        wanted.value(np.array(own, dtype=float))
-        for own in ((2, 1, 1, 2), (2, 2, 0, 2), (2, 0, 2, 2))
+        wanted.value(np.array(counts, dtype=float))
+        for counts in ((2, 1, 1, 2), (2, 2, 0, 2), (2, 0, 2, 2))
     )
-    found = Search(wanted, forces, 1, 1).find_design(6)
-    assert bool(found.counts[1] and found.counts[2]) is (apart == 100.0)
-    assert np.exp((found.value - best) / 3.0) >= 1.0 - 1e-4
+    design = Search(wanted, forces, 1, 1).find_design(6)
+    assert bool(design.counts[1] and design.counts[2]) is (half_distance == 100.0)
+    assert np.exp((design.value - best) / 3.0) >= 1.0 - 1e-4
 
 
 def test_a_wrong_design_has_no_certificate() -> None:

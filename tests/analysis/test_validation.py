@@ -52,8 +52,8 @@ def test_executors_change_nothing() -> None:
     """Processes are the business of `tests/fleet`."""
     model = CONSTANT.without("truncation")
     arguments = {"replicates": 10, "draws": 9, "seed": 3}
-    alone = lb.validate(model, CIRCLES, **arguments)
-    assert alone.names == (
+    serial = lb.validate(model, CIRCLES, **arguments)
+    assert serial.names == (
         *model.bind(CIRCLES).names,
         "sigma",
         "delta",
@@ -63,15 +63,15 @@ def test_executors_change_nothing() -> None:
     )
     with ThreadPoolExecutor(3) as threads:
         np.testing.assert_array_equal(
-            lb.validate(model, CIRCLES, executor=threads, **arguments).ranks, alone.ranks
+            lb.validate(model, CIRCLES, executor=threads, **arguments).ranks, serial.ranks
         )
-    record = alone.as_dict()
+    record = serial.as_dict()
     assert (record["replicates"], record["band_probability"], "ranks" in record) == (
         10,
         0.99,
         False,
     )
-    assert record["quantities"]["sigma"]["coverage"]["50"] == alone.coverage().loc["sigma", "50"]
+    assert record["quantities"]["sigma"]["coverage"]["50"] == serial.coverage().loc["sigma", "50"]
 
 
 FLAT = (
@@ -91,8 +91,8 @@ def test_refused(arguments: dict, message: str) -> None:
 def test_holds_with_the_probability_it_claims(replicates: int, draws: int, prob: float) -> None:
     lower, upper = simultaneous_band(replicates, draws, prob)
     rng = np.random.default_rng(1)
-    every = np.array([ecdf(rng.integers(0, draws + 1, replicates), draws) for _ in range(4000)])
-    share = np.mean(np.all((every >= lower) & (every <= upper), axis=1))
+    ecdfs = np.array([ecdf(rng.integers(0, draws + 1, replicates), draws) for _ in range(4000)])
+    share = np.mean(np.all((ecdfs >= lower) & (ecdfs <= upper), axis=1))
     error = np.sqrt(prob * (1.0 - prob) / 4000)
     assert prob - 4.0 * error < share < prob + 4.0 * error + 0.03, (
         "counts are whole: a little more than asked for"
@@ -106,20 +106,20 @@ def test_holds_with_the_probability_it_claims(replicates: int, draws: int, prob:
     ids=["linear, circles", "constant, arcs"],
 )
 def test_quadrature_is_calibrated(degree: int, planned: lb.Campaign, replicates: int) -> None:
-    found = lb.validate(lb.HybridModel.first(degree), planned, replicates=replicates, seed=11)
-    assert found.calibrated, found.outside
+    validation = lb.validate(lb.HybridModel.first(degree), planned, replicates=replicates, seed=11)
+    assert validation.calibrated, validation.outside
 
 
 @pytest.mark.slow
 def test_emcee_is_calibrated_and_a_wrong_model_is_not() -> None:
     """Readings with a discrepancy that the model lacks: intervals far too narrow, and the ranks say
     so."""
-    found = lb.validate(CONSTANT, CIRCLES, replicates=100, draws=49, sampler="joint", seed=12)
-    assert found.calibrated, found.outside
-    found = lb.validate(
+    validation = lb.validate(CONSTANT, CIRCLES, replicates=100, draws=49, sampler="joint", seed=12)
+    assert validation.calibrated, validation.outside
+    validation = lb.validate(
         CONSTANT.without("discrepancy"), CIRCLES, generator=CONSTANT, replicates=100, seed=13
     )
-    assert {"C_CXY", "C_CYY", LOG_LIKELIHOOD} & set(found.outside)
+    assert {"C_CXY", "C_CYY", LOG_LIKELIHOOD} & set(validation.outside)
 
 
 def test_the_band_holds_for_all_quantities_together(rng: np.random.Generator) -> None:
@@ -127,7 +127,10 @@ def test_the_band_holds_for_all_quantities_together(rng: np.random.Generator) ->
     one alone, 0.9²⁰ would."""
     names = tuple(f"q{k}" for k in range(20))
     ranks = rng.integers(0, 20, size=(300, 40, len(names)))
-    calibrated = [Validation(names, own, 19, "independent", 0.9, ()).calibrated for own in ranks]
+    calibrated = [
+        Validation(names, replicate_ranks, 19, "independent", 0.9, ()).calibrated
+        for replicate_ranks in ranks
+    ]
     assert 0.86 < np.mean(calibrated) <= 1.0
 
 

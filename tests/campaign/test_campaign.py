@@ -123,8 +123,8 @@ def test_digest_is_of_the_data() -> None:
     )
     different = [
         *(
-            lb.Campaign((replace(first, **own), second))
-            for own in ({"reading_um": nudged}, {"setup": 2}, {"work_ball_deg": 90.0})
+            lb.Campaign((replace(first, **changes), second))
+            for changes in ({"reading_um": nudged}, {"setup": 2}, {"work_ball_deg": 90.0})
         ),
         lb.Campaign((first, make(force_N=743.0))),
         lb.Campaign((first, second), resolution_um=0.1),
@@ -201,18 +201,21 @@ ROUND = {"harmonics_um": ((2, 0.21, 35.0), (3, 0.1, -20.0)), "U_um": 0.05}
 def test_certificates_go_where_the_campaign_goes() -> None:
     """And leave the digest of the readings as it is."""
     plain = lb.Campaign((recording(), replace(recording(), name="b")))
-    known = lb.Instrument(
+    instrument = lb.Instrument(
         lb.Ball(grade="G20"),
         lb.Ball(**ROUND),
         bar_length_error_um=-0.4,
         bar_U_um=1.0,
         mount_U_percent=2.0,
     )
-    stated = replace(plain, instrument=known)
+    stated = replace(plain, instrument=instrument)
     assert {
-        own.instrument for own in (stated.plan(), stated.select(["b"]), stated.without("b"))
-    } == {known}
-    assert (known.work.stated_sphericity_um, known.tool.stated_sphericity_um) == (0.5, None)
+        variant.instrument for variant in (stated.plan(), stated.select(["b"]), stated.without("b"))
+    } == {instrument}
+    assert (instrument.work.stated_sphericity_um, instrument.tool.stated_sphericity_um) == (
+        0.5,
+        None,
+    )
     assert stated.sha256 == plain.sha256
 
 

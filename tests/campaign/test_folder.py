@@ -50,7 +50,7 @@ def test_certificates_are_read_and_written(root: Path, tmp_path: Path) -> None:
     blocks = re.findall(
         r"```toml\n(.*?)```", (root / "docs/reference/files.md").read_text("utf-8"), re.S
     )
-    (block,) = [own for own in blocks if "[balls.work]" in own]
+    (block,) = [text for text in blocks if "[balls.work]" in text]
     stated = lb.read_campaign(write(tmp_path, TOML.replace("[[test]]", f"{block}[[test]]", 1)))
     balls = (
         lb.Ball(grade="G20"),
@@ -83,11 +83,11 @@ def test_plans_come_back(tmp_path: Path) -> None:
     """Arcs, and circles in both directions."""
     angle = 360.0 - np.arange(720) / 2.0
     arc = 220.0 / 39.0 * np.arange(40) - 20.0
-    planned = lb.Campaign(tuple(lb.CircularTest(100.0, own) for own in (angle, -angle, arc)))
+    planned = lb.Campaign(tuple(lb.CircularTest(100.0, angles) for angles in (angle, -angle, arc)))
     back = lb.read_campaign(lb.write_campaign(planned, tmp_path / "p"))
     assert back.is_plan
-    for ours, theirs in zip(planned.tests, back.tests, strict=True):
-        np.testing.assert_allclose(theirs.angle_deg, ours.angle_deg, atol=1e-9)
+    for written_test, read_test in zip(planned.tests, back.tests, strict=True):
+        np.testing.assert_allclose(read_test.angle_deg, written_test.angle_deg, atol=1e-9)
     bare = TOML.replace('file = "a.csv"\n', "").replace('file = "b.csv"\n', "")
     (tmp_path / "campaign.toml").write_text(bare)
     assert [len(t.angle_deg) for t in lb.read_campaign(tmp_path).tests] == [720, 720]
@@ -151,12 +151,12 @@ def test_csv_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
 
 def test_binary_and_missing(tmp_path: Path) -> None:
     write(tmp_path)
-    for content, got in (
+    for content, problem in (
         (bytes(range(256)), "text must be utf-8, got other bytes"),
         (b"angle_deg,\0\n1,2\n", "got binary data"),
     ):
         (tmp_path / "b.csv").write_bytes(content)
-        refuses(got, lb.read_campaign, tmp_path)
+        refuses(problem, lb.read_campaign, tmp_path)
     for path, options, message in (
         ("nowhere", {}, "does not exist"),
         ("a.csv", {"plan": "XY"}, r"option must be one of .*Did you mean 'plane'"),
@@ -228,7 +228,7 @@ def test_tidy_is_the_same_campaign(tmp_path: Path) -> None:
 
 def test_tables_of_no_sensible_shape_are_refused_at_once(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    for content, said in (
+    for content, message in (
         (",".join(["a"] * 2000) + "\n1\n", "at most 1000 columns, got 2000"),
         (
             "angle_deg,reading_um\n1," + "1" * 99_000 + "x\n",
@@ -236,6 +236,6 @@ def test_tables_of_no_sensible_shape_are_refused_at_once(tmp_path: Path) -> None
         ),
     ):
         path.write_text(content)
-        with pytest.raises(InputError, match=said) as refused:
+        with pytest.raises(InputError, match=message) as refused:
             lb.read_campaign(path)
         assert len(str(refused.value)) < 400

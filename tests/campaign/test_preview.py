@@ -28,8 +28,8 @@ def several() -> lb.Campaign:
 
 
 def test_what_a_fit_will_assume() -> None:
-    seen = lb.preview(several())
-    said = " ".join(map(remark_words, seen.assumptions))
+    preview = lb.preview(several())
+    text = " ".join(map(remark_words, preview.assumptions))
     for words in (
         "plane XY + YZ, R = 100, 150 mm, each with a length of its own.",
         "Joint frames stand at Y (0, -200, 350) mm.",
@@ -37,11 +37,11 @@ def test_what_a_fit_will_assume() -> None:
         "Both directions of travel in XY: hysteresis is a term of the model.",
         "Tests record times; drift over them is in the model only with --drift time.",
     ):
-        assert words in said
-    assert [r.values for r in seen.remarks if r.kind is RemarkKind.ONE_WAY] == [
+        assert words in text
+    assert [r.values for r in preview.remarks if r.kind is RemarkKind.ONE_WAY] == [
         {"compliance": "C_YZY", "plane": "YZ"}
     ]
-    assert seen.as_dict()["tests"][2]["centre_mm"] == [0.0, 0.0, -30.0]
+    assert preview.as_dict()["tests"][2]["centre_mm"] == [0.0, 0.0, -30.0]
 
 
 def test_the_step_of_the_readout_is_found(rng: np.random.Generator) -> None:
@@ -64,14 +64,14 @@ def test_steps_spikes_and_gaps_are_counted(rng: np.random.Generator) -> None:
         5.0 * np.cos(np.deg2rad(2.0 * angle)) + 0.2 * rng.standard_normal(angle.size), 1
     )
     reading[[40, 300]] += (30.0, -25.0)
-    (seen,) = lb.preview(lb.Campaign((lb.CircularTest(100.0, angle, reading),))).tests
-    assert seen.spikes == 2
-    assert seen.resolution_um == pytest.approx(0.1)
-    assert seen.largest_gap_deg == pytest.approx(15.5)
-    said = " ".join(map(remark_words, seen.remarks))
-    assert "reading 41 at 20° stands" in said
-    assert "2 readings do so" in said
-    assert "steps of 0.1 µm, but the campaign states a resolution of 0.24 µm" in said
+    (test_preview,) = lb.preview(lb.Campaign((lb.CircularTest(100.0, angle, reading),))).tests
+    assert test_preview.spikes == 2
+    assert test_preview.resolution_um == pytest.approx(0.1)
+    assert test_preview.largest_gap_deg == pytest.approx(15.5)
+    text = " ".join(map(remark_words, test_preview.remarks))
+    assert "reading 41 at 20° stands" in text
+    assert "2 readings do so" in text
+    assert "steps of 0.1 µm, but the campaign states a resolution of 0.24 µm" in text
 
 
 def odd(**changes: object) -> lb.Campaign:
@@ -97,9 +97,9 @@ def odd(**changes: object) -> lb.Campaign:
     ],
 )
 def test_preview_notices(changes: dict, remark: str) -> None:
-    seen = lb.preview(odd(**changes))
-    assert any(remark in remark_words(found) for found in seen.tests[0].remarks)
-    assert any("One force level" in remark_words(found) for found in seen.remarks)
+    preview = lb.preview(odd(**changes))
+    assert any(remark in remark_words(noticed) for noticed in preview.tests[0].remarks)
+    assert any("One force level" in remark_words(noticed) for noticed in preview.remarks)
 
 
 def test_preview_notices_spikes_copies_and_units() -> None:
@@ -107,16 +107,16 @@ def test_preview_notices_spikes_copies_and_units() -> None:
     reading = campaign.tests[1].reading_um.copy()
     reading[100] += 50.0
     a, b, c, d = campaign.tests
-    seen = lb.preview(
+    preview = lb.preview(
         lb.Campaign((a, b.with_reading_um(reading), c, d.with_reading_um(c.reading_um)))
     )
-    (remark,) = seen.tests[1].remarks
+    (remark,) = preview.tests[1].remarks
     assert re.fullmatch(
         r"reading 101 at 50° stands \+(4[89]|5[012])\.\d µm off its neighbours",
         remark_words(remark),
     )
     assert "Tests f520 and f742 hold the same readings: a file read twice?" in map(
-        remark_words, seen.remarks
+        remark_words, preview.remarks
     )
     for forces, largest in (
         ((0.036, 0.3, 0.52, 0.742), "0.742"),
@@ -143,21 +143,23 @@ def test_a_step_of_the_path_is_no_drift_and_a_spike_is_one_reading(
         )
         if RemarkKind.SPIKES in expected:
             reading[7] += 900.0
-        (seen,) = lb.preview(lb.Campaign((lb.CircularTest(300.0, angle, reading),))).tests
-        assert [remark.kind for remark in seen.remarks] == expected
-        assert 0.1 < (seen.noise_um or 0.0) < 0.6 or drift
-    assert (seen.spikes, seen.remarks[0].values["reading"]) == (1, 8)
-    assert seen.remarks[0].values["off_um"] == pytest.approx(900.0, abs=3.0)
+        (test_preview,) = lb.preview(lb.Campaign((lb.CircularTest(300.0, angle, reading),))).tests
+        assert [remark.kind for remark in test_preview.remarks] == expected
+        assert 0.1 < (test_preview.noise_um or 0.0) < 0.6 or drift
+    assert (test_preview.spikes, test_preview.remarks[0].values["reading"]) == (1, 8)
+    assert test_preview.remarks[0].values["off_um"] == pytest.approx(900.0, abs=3.0)
 
 
 @pytest.mark.parametrize(
     ("radius_mm", "asked"), [(0.15, [0.15]), (100_000.0, [100_000.0]), (50.0, []), (1350.0, [])]
 )
 def test_a_radius_that_no_bar_has_is_asked_about(radius_mm: float, asked: list[float]) -> None:
-    seen = lb.preview(
+    preview = lb.preview(
         lb.Campaign((lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0)),), radius_mm=radius_mm)
     )
-    assert [own.values["value"] for own in seen.remarks if own.kind is RemarkKind.UNIT] == asked
+    assert [
+        remark.values["value"] for remark in preview.remarks if remark.kind is RemarkKind.UNIT
+    ] == asked
 
 
 def test_preview_is_silent_on_a_good_campaign() -> None:

@@ -112,25 +112,27 @@ def test_table_4(root) -> None:
     simulated = {code_name(row.error): float(row.simulated) for row in table.itertuples()}
     machine = Machine()
     circle = Circle()
-    kept = [name.label for name in kept_compliances(machine, circle).names]
+    elastic_names = [name.label for name in kept_compliances(machine, circle).names]
     labels = [name.label for name in wrench_names(machine)]
     names = [name.label for name in geometric_names(machine)]
     flip = np.array([-1.0 if name == "E_C0YX" else 1.0 for name in names])
     errors = {name: simulated[name] * sign for name, sign in zip(names, flip, strict=True)}
-    compliances = {name: simulated[name] for name in kept}
-    wrench = wrench_jacobian(machine, circle, ANGLES)[:, [labels.index(name) for name in kept]]
+    compliances = {name: simulated[name] for name in elastic_names}
+    wrench = wrench_jacobian(machine, circle, ANGLES)[
+        :, [labels.index(name) for name in elastic_names]
+    ]
     geometric = geometric_jacobian(machine, circle, ANGLES) * flip
     jacobian = np.vstack([np.hstack([force * wrench, geometric]) for force in FORCES_N])
-    given = {"compliances": compliances, "geometric_errors": errors}
+    values = {"compliances": compliances, "geometric_errors": errors}
     reading = np.concatenate(
-        [exact_reading_mm(machine, circle, ANGLES, force_N=force, **given) for force in FORCES_N]
+        [exact_reading_mm(machine, circle, ANGLES, force_N=force, **values) for force in FORCES_N]
     )
     scale = np.linalg.norm(jacobian, axis=0)
     estimate = np.linalg.lstsq(jacobian / scale, reading, rcond=None)[0] / scale
     exceptions = {"E_YY1": "-2.1995E-04", "C_CCY": "6.6000E-08"}
-    for name, value in zip([*kept, *names], estimate, strict=True):
+    for name, value in zip([*elastic_names, *names], estimate, strict=True):
         assert f"{value:.4E}" == exceptions.get(name, printed[name]), name
-    by_name = dict(zip([*kept, *names], estimate, strict=True))
+    by_name = dict(zip([*elastic_names, *names], estimate, strict=True))
     assert f"{by_name['C_CCY']:.5E}" == "6.59998E-08"
     assert np.floor(by_name["C_CCY"] * 1e12) / 1e12 == pytest.approx(
         float(printed["C_CCY"]), abs=1e-16
@@ -156,19 +158,19 @@ def rigid_body_reading(
     first, second = ("XYZ".index(c) for c in circle.plane)
     result = []
     for theta in angle:
-        here = np.array(circle.centre_mm)
-        here[first] += circle.radius_mm * np.cos(theta)
-        here[second] += circle.radius_mm * np.sin(theta)
+        ball = np.array(circle.centre_mm)
+        ball[first] += circle.radius_mm * np.cos(theta)
+        ball[second] += circle.radius_mm * np.sin(theta)
         stands = [
-            (0.0 if c in machine.topology else here[k]) + errors.get(f"E_{c}t0", 0.0)
+            (0.0 if c in machine.topology else ball[k]) + errors.get(f"E_{c}t0", 0.0)
             for k, c in enumerate("XYZ")
         ]
         ends = {"w": np.array(circle.centre_mm), "t": np.array(stands)}
         for branch, letters in order.items():
             point = ends[branch]
             for place, letter in enumerate(letters):
-                own = "XYZ".index(letter)
-                q = here[own] if branch == "t" else -here[own]
+                axis = "XYZ".index(letter)
+                q = ball[axis] if branch == "t" else -ball[axis]
                 frame = np.array(machine.frames_mm.get(letter, (0.0, 0.0, 0.0)))
                 carried = letters[:place]
                 point = point - frame
@@ -179,7 +181,7 @@ def rigid_body_reading(
                         point = turned(
                             point, about, errors.get(f"E_{turning}0{letter}{other}", 0.0)
                         )
-                point[own] += q * (1.0 + errors.get(f"E_{letter}{letter}1", 0.0))
+                point[axis] += q * (1.0 + errors.get(f"E_{letter}{letter}1", 0.0))
                 for k, c in enumerate("XYZ"):
                     if c != letter:
                         point[k] += errors.get(f"E_{c}{letter}2", 0.0) * q**2
@@ -208,8 +210,8 @@ def test_against_moving_points(topology: str, planes: str, frames: dict, plane: 
     }
     for chosen in (errors, *({label: value} for label, value in errors.items())):
         expected = rigid_body_reading(machine, circle, ANGLES, chosen)
-        found = geometric_reading_mm(machine, circle, ANGLES, chosen)
-        np.testing.assert_allclose(found, expected, atol=1e-10, err_msg=str(chosen))
+        reading = geometric_reading_mm(machine, circle, ANGLES, chosen)
+        np.testing.assert_allclose(reading, expected, atol=1e-10, err_msg=str(chosen))
     assert np.abs(geometric_reading_mm(machine, circle, ANGLES, errors)).max() > 1e-3
 
 
@@ -254,34 +256,34 @@ def test_compliances_deflect_a_chain_of_springs(
     for row, theta in enumerate(ANGLES):
         bar = np.zeros(3)
         bar[first], bar[second] = np.cos(theta), np.sin(theta)
-        here = np.array(circle.centre_mm) + circle.radius_mm * bar
+        ball = np.array(circle.centre_mm) + circle.radius_mm * bar
         total = 0.0
         for letter in {name.joint for name in names}:
             matrix = np.zeros((6, 6))
             for name, v, s in zip(names, value, scale, strict=True):
                 if name.joint == letter:
                     matrix["XYZABC".index(name.twist), "XYZABC".index(name.wrench)] = v / s
-            lever = _lever(machine.topology, letter, here, np.array(circle.centre_mm))
+            lever = _lever(machine.topology, letter, ball, np.array(circle.centre_mm))
             lever = lever - machine.frames_mm.get(letter, np.zeros(3))
             twist = matrix @ np.concatenate([bar, np.cross(lever, bar)])
             total += bar @ (twist[:3] + np.cross(twist[3:], lever))
         np.testing.assert_allclose(linear[row] @ (value / scale), total, rtol=1e-9, atol=1e-9)
 
 
-def _lever(topology: str, letter: str, here: np.ndarray, centre: np.ndarray) -> np.ndarray:
+def _lever(topology: str, letter: str, ball: np.ndarray, centre: np.ndarray) -> np.ndarray:
     """From a joint to its ball: what is carried has moved by the axes between them."""
     place = topology.index(letter)
     foundation = topology.index("F")
     if place > foundation:
         return np.array(
             [
-                here[k] if topology.find(c) > place or c not in topology else 0.0
+                ball[k] if topology.find(c) > place or c not in topology else 0.0
                 for k, c in enumerate("XYZ")
             ]
         )
     return np.array(
         [
-            centre[k] - (here[k] if 0 < topology.find(c) < place else 0.0)
+            centre[k] - (ball[k] if 0 < topology.find(c) < place else 0.0)
             for k, c in enumerate("XYZ")
         ]
     )
@@ -302,29 +304,30 @@ R = 150.0
 
 def test_table_2(root) -> None:
     table = pd.read_csv(root / "data" / "published_tables" / "table_2_confounded_compliances.csv")
-    kept = kept_compliances(Machine())
-    assert (kept.rank, kept.condition_number) == (6, pytest.approx(9742.79, abs=0.01))
-    assert [name.label for name in kept.names] == table["kept"].tolist()
-    assert [set(group) for group in kept.sets] == [set(text.split()) for text in table["set"]]
-    assert set(kept.null) == {"C_XCX", "C_YCX", "C_CXX", "C_CYX", "C_CCX"}
-    assert kept.dependent == ()
+    reduction = kept_compliances(Machine())
+    assert (reduction.rank, reduction.condition_number) == (6, pytest.approx(9742.79, abs=0.01))
+    assert [name.label for name in reduction.names] == table["kept"].tolist()
+    assert [set(group) for group in reduction.sets] == [set(text.split()) for text in table["set"]]
+    assert set(reduction.null) == {"C_XCX", "C_YCX", "C_CXX", "C_CYX", "C_CCX"}
+    assert reduction.dependent == ()
 
 
 @pytest.mark.parametrize(("topology", "plane", "frames"), MACHINES[:8])
 def test_kept_columns_span_the_whole_jacobian(topology: str, plane: str, frames: dict) -> None:
     machine = Machine(topology, plane, frames)
     circle = Circle(plane=plane)
-    kept = kept_compliances(machine, circle)
+    reduction = kept_compliances(machine, circle)
     full = wrench_jacobian(machine, circle, ARC)
     labels = [name.label for name in wrench_names(machine)]
-    chosen = full[:, [labels.index(name.label) for name in kept.names]]
+    chosen = full[:, [labels.index(name.label) for name in reduction.names]]
     scaled = chosen / np.linalg.norm(chosen, axis=0)
-    assert kept.rank == len(kept.names) == np.linalg.matrix_rank(scaled)
-    rest = full - scaled @ np.linalg.lstsq(scaled, full, rcond=None)[0]
-    assert np.abs(rest).max() <= 1e-9 * np.abs(full).max()
-    assert kept.dependent or {*kept.null, *(name for group in kept.sets for name in group)} >= set(
-        labels
-    )
+    assert reduction.rank == len(reduction.names) == np.linalg.matrix_rank(scaled)
+    residual = full - scaled @ np.linalg.lstsq(scaled, full, rcond=None)[0]
+    assert np.abs(residual).max() <= 1e-9 * np.abs(full).max()
+    assert reduction.dependent or {
+        *reduction.null,
+        *(name for group in reduction.sets for name in group),
+    } >= set(labels)
 
 
 def test_height_above_a_guideway_by_hand() -> None:
@@ -342,8 +345,10 @@ def test_height_above_a_guideway_by_hand() -> None:
     h = 80.0
     names = [name for name in joint_names(Machine()) if name.label in ("C_AYY", "C_AAY")]
     columns = compliance_jacobian(Machine(), Circle(R, (0.0, 0.0, h)), ARC, names)
-    for name, own in zip(names, columns.T, strict=True):
-        np.testing.assert_allclose(own, (-h if name.label == "C_AYY" else h**2) * S**2, atol=1e-9)
+    for name, column in zip(names, columns.T, strict=True):
+        np.testing.assert_allclose(
+            column, (-h if name.label == "C_AYY" else h**2) * S**2, atol=1e-9
+        )
     assert kept(0.0) == kept(h)
     one = kept_compliances(Machine(), Circle(R, (0.0, 0.0, h)))
     direct = next(k for k, name in enumerate(one.names) if name.label == "C_YYY")
@@ -390,15 +395,17 @@ def test_what_cannot_be_negative(
     less 30000 mm² of it.
     """
     circles = circles or tuple(Circle(plane=plane) for plane in machine.planes)
-    kept = kept_compliances(machine, *circles)
+    reduction = kept_compliances(machine, *circles)
     names = joint_names(machine)
-    every = np.concatenate([compliance_jacobian(machine, circle, ARC, names) for circle in circles])
-    own = np.concatenate(
-        [compliance_jacobian(machine, circle, ARC, kept.names) for circle in circles]
+    all_columns = np.concatenate(
+        [compliance_jacobian(machine, circle, ARC, names) for circle in circles]
     )
-    scale = np.abs(own).max(axis=0)
+    kept_columns = np.concatenate(
+        [compliance_jacobian(machine, circle, ARC, reduction.names) for circle in circles]
+    )
+    scale = np.abs(kept_columns).max(axis=0)
     rng = np.random.default_rng(5)
-    lowest = np.full(len(kept.names), np.inf)
+    lowest = np.full(len(reduction.names), np.inf)
     for _ in range(300):
         value = np.zeros(len(names))
         for joint in machine.joints:
@@ -410,23 +417,23 @@ def test_what_cannot_be_negative(
             for k, name in enumerate(names):
                 if name.joint == joint.axis:
                     value[k] = matrix["XYZABC".index(name.twist), "XYZABC".index(name.wrench)]
-        found = np.linalg.lstsq(own / scale, every @ value, rcond=None)[0]
-        lowest = np.minimum(lowest, found / np.abs(found).max())
+        estimate = np.linalg.lstsq(kept_columns / scale, all_columns @ value, rcond=None)[0]
+        lowest = np.minimum(lowest, estimate / np.abs(estimate).max())
     by_name = dict(
         zip(
-            [name.label for name in kept.names],
-            zip(lowest, kept.not_negative, strict=True),
+            [name.label for name in reduction.names],
+            zip(lowest, reduction.not_negative, strict=True),
             strict=True,
         )
     )
     for label, (low, bounded) in by_name.items():
         assert low > -1e-7 if bounded else low < -1e-6, label
-    diagonal = {name.label for name in kept.names if name.twist == name.wrench}
+    diagonal = {name.label for name in reduction.names if name.twist == name.wrench}
     assert {label for label in diagonal if not by_name[label][1]} == unbounded
 
 
 def test_columns_are_those_of_the_paper() -> None:
-    found = lb.hybrid_jacobian(
+    jacobian = lb.hybrid_jacobian(
         lb.Machine(), lb.Circle(), ARC, 400.0, degree=2, reference_force_N=389.0
     )
     elastic = {
@@ -445,19 +452,21 @@ def test_columns_are_those_of_the_paper() -> None:
     }
     geometric |= {"E_C0YX": R * C * S, "E_Xt0": C, "E_Yt0": S}
     expected = {
-        f"{name}{k}": 400.0 * 11.0**p * own
+        f"{name}{k}": 400.0 * 11.0**p * column
         for p, k in enumerate(("", "_1", "_2"))
-        for name, own in elastic.items()
+        for name, column in elastic.items()
     }
-    assert list(found.columns) == [*expected, *geometric]
-    for name, own in (expected | geometric).items():
-        np.testing.assert_allclose(found[name], own, atol=1e-9 * np.abs(own).max(), err_msg=name)
+    assert list(jacobian.columns) == [*expected, *geometric]
+    for name, column in (expected | geometric).items():
+        np.testing.assert_allclose(
+            jacobian[name], column, atol=1e-9 * np.abs(column).max(), err_msg=name
+        )
 
 
 def test_patterns_hold_every_column() -> None:
-    found = lb.patterns(lb.Machine(), lb.Circle(), ARC)
-    assert found.shape == (len(ARC), 18 + 7)
-    np.testing.assert_allclose(found["C_XXY"], found["C_XXX"], atol=1e-12)
-    assert not found[["C_XCX", "C_YCX", "C_CXX", "C_CYX", "C_CCX"]].any(axis=None)
-    kept = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), ARC, 1.0)
-    np.testing.assert_allclose(found[list(kept.columns)], kept, atol=1e-12)
+    patterns = lb.patterns(lb.Machine(), lb.Circle(), ARC)
+    assert patterns.shape == (len(ARC), 18 + 7)
+    np.testing.assert_allclose(patterns["C_XXY"], patterns["C_XXX"], atol=1e-12)
+    assert not patterns[["C_XCX", "C_YCX", "C_CXX", "C_CYX", "C_CCX"]].any(axis=None)
+    jacobian = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), ARC, 1.0)
+    np.testing.assert_allclose(patterns[list(jacobian.columns)], jacobian, atol=1e-12)

@@ -39,9 +39,9 @@ def differences(
     z = []
     ratio = []
     for sampler in ("joint", "independent"):
-        found = lb.summarize(lb.sample(model, campaign, sampler=sampler, seed=seed, rule=RULE))
-        z.append((found["mean"] - exact["mean"]) / (exact["sd"] / np.sqrt(found["ess_bulk"])))
-        ratio.append(found["sd"] / exact["sd"] - 1.0)
+        summary = lb.summarize(lb.sample(model, campaign, sampler=sampler, seed=seed, rule=RULE))
+        z.append((summary["mean"] - exact["mean"]) / (exact["sd"] / np.sqrt(summary["ess_bulk"])))
+        ratio.append(summary["sd"] / exact["sd"] - 1.0)
     return np.array(z), np.array(ratio)
 
 
