@@ -1,1 +1,1 @@
-"""Many campaigns: a shop floor, a year, a builder's whole series."""
+"""Analysis of many campaigns: of a shop floor, one machine over time, or a series of machines."""

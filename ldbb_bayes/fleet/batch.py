@@ -1,4 +1,4 @@
-"""Many campaigns into one table: each is fitted by itself into a row."""
+"""Fits of many campaigns, each by itself, as the rows of one table."""
 
 from __future__ import annotations
 
@@ -35,32 +35,33 @@ if TYPE_CHECKING:
 
 __all__ = ["Batch", "batch"]
 
-# Campaigns that the result of a batch names, of each kind.
+# Largest number of campaigns that the result of a batch lists by name, separately for those that
+# failed and for those in doubt.
 _LONGEST_NAMED = 10_000
 
 
 @dataclass(frozen=True)
 class Batch(Result):
-    """A finished batch."""
+    """Result of a finished batch: where its table is, and how many campaigns were fitted."""
 
-    out: Path  #: the folder
-    dataset: Path  #: the Parquet table in it
-    campaigns: int  #: in all
-    done: int  #: fitted, now or before
-    failures: int  #: that could not be fitted
-    not_converged: int  #: of those done: that missed the sampling target
-    #: of those done: whose readings the model does not expect, or that speak against it
+    out: Path  #: folder of the batch
+    dataset: Path  #: Parquet table in that folder
+    campaigns: int  #: number of all campaigns
+    done: int  #: number of campaigns fitted, in this run or an earlier one
+    failures: int  #: number of campaigns that could not be fitted
+    not_converged: int  #: number of fitted campaigns that missed the sampling target
+    #: number of fitted campaigns whose readings the model does not expect or that contradict it
     doubtful: int
-    #: campaign and reason, of the first 10 000 that could not be fitted
+    #: campaign and reason of those that could not be fitted (the first 10 000)
     failed: tuple[dict[str, str], ...]
-    #: campaign and verdict, of the first 10 000 that did not converge or are doubtful
+    #: campaign and verdict of those that did not converge or are doubtful (the first 10 000)
     doubts: tuple[dict[str, str], ...]
-    fitted: int  #: campaigns fitted by this run, the others were there
-    seconds: float  #: that took
-    resumed: bool  #: whether an earlier run was gone on with
+    fitted: int  #: number of campaigns tried in this run; earlier runs had tried the others
+    seconds: float  #: time that this run took [s]
+    resumed: bool  #: whether this run continued an earlier one
 
     def rows(self) -> pd.DataFrame:
-        """Return every row; see `read_batch`."""
+        """Return the row of every campaign, as `read_batch` does."""
         return read_batch(self.out)
 
 
@@ -83,33 +84,34 @@ def batch(
     force: bool = False,
     progress: Callable[[int, int, int], None] | None = None,
 ) -> Batch:
-    """Fit every campaign by itself, each into one row of a table.
+    """Fit every campaign by itself and write the results as the rows of one table.
 
-    A campaign that cannot be fitted is a row that says why. Every row is kept as it comes. Whatever
-    stops a batch (Ctrl-C, kill -9, a full disk), the same call with ``resume`` goes on with what is
-    left, to the very same table.
+    The row of a campaign that cannot be fitted states the reason. Every row is saved as soon as it
+    is computed. Whatever stops a batch (Ctrl-C, kill -9, a full disk), the same call with
+    ``resume`` fits the remaining campaigns; the table is the same as that of an uninterrupted
+    batch.
 
     Parameters
     ----------
-    campaigns : see `gather`: campaign folders, campaign.toml files, tidy CSVs, folders of
-        campaigns, and lists of them (``@FILE``).
+    campaigns : campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, and lists of
+        campaigns (``@FILE``); see `gather`.
     out : folder for the rows and the table.
-    model : default: linear in force.
+    model : model of the fits; default: compliance linear in force.
     sampler, seed, ess, ci_prob
-        As for `sample` and `summarize`: the numbers are theirs.
-    executor : where campaigns are fitted; default: here, one after the other. What starts one, such
-        as `process_executor` itself, is called once ``out`` is this run's, which it stays until the
-        workers have ended.
-    compare : compare linear compliance with constant by their evidences.
-    table : fields of `Campaign` for tidy CSVs: what campaign.toml would say.
-    certificates : fields of `Instrument` for all campaigns, instead of what campaign.toml says of
-        them.
-    tolerances : limits by quantity for all campaigns, see `conformity`, before those of
+        As for `sample` and `summarize`, whose numbers the rows hold.
+    executor : where campaigns are fitted; default: in this process, one after the other. A function
+        that starts an executor, such as `process_executor`, may be given instead: it is called once
+        this run has locked ``out``, and the lock is kept until the workers have ended.
+    compare : whether to compare linear with constant compliance by their evidences.
+    table : fields of `Campaign` for tidy CSVs, which have no campaign.toml to state them.
+    certificates : fields of `Instrument` for all campaigns; they replace those in campaign.toml.
+    tolerances : limits by quantity for all campaigns, see `conformity`; they replace those in
         campaign.toml.
-    resume, retry : go on with what an earlier run left (with nothing there, begin); also do again
-        what failed.
+    resume : continue an earlier run in ``out``; where there is none, begin.
+    retry : when resuming, also try failed campaigns again.
     force : replace an earlier batch in ``out``.
-    progress : called with the numbers of campaigns done with, of all, and of those that failed.
+    progress : function called with the number of finished campaigns, of all campaigns, and of
+        failed campaigns.
 
     Returns
     -------
@@ -118,8 +120,8 @@ def batch(
     Raises
     ------
     InputError
-        For no campaigns, a batch in ``out`` that may not be touched or is another one, a place that
-        cannot be written, or without pyarrow.
+        If there are no campaigns, ``out`` holds a batch that may not be changed or is a different
+        one, ``out`` cannot be written, or pyarrow is not installed.
     """
     check_pyarrow()
     _check_restart(resume=resume, retry=retry, force=force)
@@ -195,7 +197,7 @@ def _number(paths: Iterable[str]) -> list[Job]:
 
 
 def _canonical_toml(model: HybridModel) -> str:
-    """Return the TOML of a model, the same whatever order its terms were given in."""
+    """Return the TOML text of a model; the order in which its terms were given does not matter."""
     return model_to_toml(model_from_toml(model_to_toml(model)))
 
 
@@ -203,7 +205,7 @@ def _canonical_toml(model: HybridModel) -> str:
 def _started(
     executor: Executor | Callable[[], AbstractContextManager[Executor | None]] | None,
 ) -> Iterator[Executor | None]:
-    """Yield an executor, started here where the argument is what starts one."""
+    """Yield the executor given; where a function that starts one is given, start it."""
     if callable(executor):
         with executor() as started:
             yield started
@@ -218,7 +220,10 @@ def _fit_campaigns(
     retry: bool,
     progress: Callable[[int, int, int], None] | None,
 ) -> int:
-    """Fit the campaigns without a row, and with ``retry`` those that failed; return how many."""
+    """Fit the campaigns that have no row yet and return their number.
+
+    With ``retry``, campaigns that failed are fitted again.
+    """
     jobs = _pending_jobs(journal, retry)
     (campaigns,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()
     query = "SELECT number FROM campaigns WHERE status = 'failed'"
@@ -261,7 +266,7 @@ def _saved_rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
 
 
 def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
-    """Return how many campaigns have each state; those that failed have none."""
+    """Return the number of campaigns by state; those without a state are counted by status."""
     query = "SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1"
     return dict(journal.execute(query).fetchall())
 
@@ -269,7 +274,7 @@ def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
 def _named_campaigns(
     journal: sqlite3.Connection, column: str, states: tuple[str, ...]
 ) -> tuple[dict[str, str], ...]:
-    """Return path and one more column of the first campaigns with one of the states."""
+    """Return the path and one more column of the first 10 000 campaigns in the given states."""
     query = (
         "SELECT row FROM campaigns WHERE coalesce(state, status) IN (?, ?) ORDER BY number LIMIT ?"
     )

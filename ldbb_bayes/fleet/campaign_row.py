@@ -1,4 +1,4 @@
-"""One campaign of a batch: its fit as a row of the table, or why it could not be fitted."""
+"""Row of one campaign in the table of a batch: its fit, or why it could not be fitted."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ from ldbb_bayes.report.fit_tables import fit_in_words
 
 __all__ = ["Job", "Settings", "failed_row", "fit_row"]
 
-# Error of a log evidence that is small enough for a Bayes factor of a row [nat].
+# Numerical error allowed in a log evidence from which a Bayes factor of a row is formed [nat].
 _EVIDENCE_TOLERANCE = 1e-2
-# Characters of a reason that a row keeps.
+# Longest reason of a failure that a row holds [characters].
 _LONGEST_REASON = 1200
-# Attributes of a campaign that are columns of the table.
+# Attributes of `Campaign` that are copied into columns of the same name.
 _CAMPAIGN_COLUMNS = ("name", "sha256", "machine_id", "date", "topology", "readings")
 
 
@@ -56,12 +56,12 @@ class Settings:
     table: Mapping[str, Any] = field(default_factory=dict)
     #: fields of `Instrument` that replace what campaigns state
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    #: of quantities; they replace what campaigns state
+    #: tolerances by quantity; they replace what campaigns state
     tolerances: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def model(self) -> HybridModel:
-        """Return the model in the TOML."""
+        """Return the model that the text ``model_toml`` describes."""
         return _cached_model(self.model_toml)
 
 
@@ -69,7 +69,7 @@ _cached_model = lru_cache(maxsize=4)(model_from_toml)
 
 
 class Job(NamedTuple):
-    """A campaign's number in the batch, its path as given, and its path from any working folder."""
+    """One campaign to be fitted: its number in the batch, its file path as given, and absolute."""
 
     number: int
     path: str
@@ -82,14 +82,14 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
 
     Parameters
     ----------
-    settings : how it is fitted.
-    job : which one it is.
+    settings : how the campaign is fitted.
+    job : the campaign.
 
     Returns
     -------
-    Values by column; ``parameters`` holds unit and numbers of each parameter by its name,
-    ``conformity`` those of each quantity with a tolerance. The row of a campaign that cannot be
-    fitted has status "failed" and a reason.
+    Values by column. ``parameters`` holds the unit, moments and interval of each parameter by its
+    name; ``conformity`` holds the probability and decision of each quantity with a tolerance. The
+    row of a campaign that cannot be fitted has status "failed" and a reason.
     """
     origin: dict[str, Any] = {}
     try:
@@ -107,9 +107,9 @@ def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
 
     Parameters
     ----------
-    settings : how it was to be fitted.
-    job : which one it is.
-    reason : why it could not be fitted.
+    settings : how the campaign was to be fitted.
+    job : the campaign.
+    reason : why the campaign could not be fitted.
     """
     return {
         **labels_of(job.absolute_path),
@@ -127,7 +127,7 @@ def _read(settings: Settings, path: str) -> Campaign:
 
 
 def _reason(error: Exception, job: Job) -> str:
-    """Return in one line why a campaign could not be fitted, with its path as given."""
+    """Return in one line why a campaign could not be fitted, naming its file path as given."""
     reason = plain_reason(error)
     if reason is None:
         last_call = traceback.extract_tb(error.__traceback__)[-1]
@@ -164,9 +164,9 @@ def _origin_columns(campaign: Campaign) -> dict[str, Any]:
 
 
 def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
-    """Return the columns of the fit and of what is computed beside it.
+    """Return the columns of the fit and of the quantities computed in addition to it.
 
-    A warning says which of the latter broke down.
+    Where an additional quantity cannot be computed, the row has a warning that names it.
     """
     density = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
     rule = StoppingRule(ess=settings.ess)
@@ -197,7 +197,7 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
 def _beside_the_fit(
     settings: Settings, campaign: Campaign, density: HyperPosterior, posterior: xr.DataTree
 ) -> dict[str, Callable[[], dict[str, Any]]]:
-    """Return what is computed beside the fit, by the name under which its breakdown is reported."""
+    """Return the functions that compute additional columns, by the name that a warning uses."""
     model = settings.model
     steps: dict[str, Callable[[], dict[str, Any]]] = {}
     if not model.prior.flat:

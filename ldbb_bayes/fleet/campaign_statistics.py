@@ -1,4 +1,9 @@
-"""Sufficient statistics of one campaign: moments of its parameters and of instrument errors."""
+"""Sufficient statistics of one campaign: moments of its parameters and of instrument errors.
+
+They are all that later analyses of many campaigns need of a campaign. Parameters are compliances,
+their slopes and geometric errors; instrument errors (of the mount, the force gain) are nuisance
+coefficients, that is, effects that are modelled but not of interest.
+"""
 
 from __future__ import annotations
 
@@ -15,31 +20,33 @@ from ldbb_bayes.results import Array
 
 __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"]
 
-# Nodes whose conditional Gaussians are worked on at once.
+# Number of nodes (values of the hyper-parameters φ, the scales of the noise and of other effects)
+# whose conditional Gaussians are computed in one block.
 _NODES_AT_ONCE = 256
-# Weight of the lightest nodes, which together are left out of the moments.
+# Total weight of the nodes of lowest weight that are left out of the moments.
 _NEGLECTED_WEIGHT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class SufficientStatistics:
-    """Moments of a campaign's parameters and of the errors of its instrument.
+    """Posterior moments of a campaign's parameters and of the errors of its instrument.
 
-    There are q of them: the p parameters of interest, then the coefficients of terms ``common`` to
-    campaigns.
+    These are q quantities: the p parameters of interest, then the coefficients of those terms whose
+    errors may be ``common`` to campaigns (the instrument's). All values are in internal units (mm,
+    N, rad).
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    mean: Array  #: shape (q,), in inside units, like the rest
+    mean: Array  #: shape (q,)
     covariance: Array  #: shape (q, q)
     prior_mean: Array  #: shape (q,)
     prior_sd: Array  #: shape (q,)
 
     def columns(self) -> dict[str, list[Any]]:
-        """Return the columns of a batch's table: lists.
+        """Return the statistics as columns of a batch's table, each a list.
 
-        Of the covariance they hold the lower triangle, row by row.
+        The covariance is given by its lower triangle, row by row.
         """
         lists: dict[str, list[Any]] = {}
         for name, value in vars(self).items():
@@ -55,7 +62,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
 
     Parameters
     ----------
-    posterior : one that is not truncated; its prior must not be flat.
+    posterior : posterior that is not truncated (compliances may be negative) and has no flat prior.
     """
     bound = posterior.bound
     chosen = _choose_coefficients(bound)
@@ -84,9 +91,9 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
 
 
 class _ChosenCoefficients(NamedTuple):
-    """Parameters, then instrument errors: q of the coefficients of a bound model."""
+    """The q coefficients of a model whose moments are kept: parameters, then instrument errors."""
 
-    places: list[int]  #: among the coefficients that all tests share
+    places: list[int]  #: indices among the coefficients that all tests share
     names: tuple[str, ...]
     units: tuple[str, ...]
     prior_mean: Array  #: shape (q,)
@@ -94,7 +101,10 @@ class _ChosenCoefficients(NamedTuple):
 
 
 def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
-    """Return the coefficients that campaigns have in common; nuisances stand before parameters."""
+    """Return the coefficients that campaigns may share: parameters, then instrument errors.
+
+    In the bound model the nuisance coefficients come before the parameters.
+    """
     nuisance_sds: list[tuple[str, float]] = []
     for term in bound.nuisance_columns:
         if isinstance(term, Columns) and not term.private:
@@ -123,13 +133,13 @@ def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
 def mixture_covariance(
     weight: Array, mean: Array, covariance: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the mean (q,) and the covariance (q, q) of a mixture.
+    """Return the mean (q,) and the covariance (q, q) of a mixture of k distributions.
 
     Parameters
     ----------
-    weight : of the components, shape (k,).
-    mean : of the components, shape (k, q).
-    covariance : of the components, shape (k, q, q); None: zero.
+    weight : weights of the components, shape (k,).
+    mean : means of the components, shape (k, q).
+    covariance : covariances of the components, shape (k, q, q); None: zero.
     """
     centre = weight @ mean
     deviation = mean - centre

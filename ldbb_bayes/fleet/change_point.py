@@ -1,15 +1,22 @@
-"""A step change in the parameters of one machine over time.
+"""Model of a step change in the parameters of one machine over time.
 
 c_t = c + Δ e_j 1[t ≥ k] + w_t, t = 1..n
 
-In units of the prior's sd: c ~ N(0, I), b ~ N(0, I) the instrument's errors, the same in all
-campaigns, w_t ~ N(0, r² I) what the machine itself changes from campaign to campaign, r ~
-HalfNormal(repeatability), Δ ~ N(0, change_scale²). With the prior probability of a change there is
-one step, j uniform over parameters and k over 2..n. Given r, j, k everything is Gaussian: w_t is
-integrated in each campaign, the rest needs sums over t ≥ k and one small system for each r, k, j. A
-campaign's Λ may be singular.
+c_t are the machine's p parameters in campaign t, c their level before any change. From campaign k
+on, parameter j differs by the step Δ (e_j is the unit vector of that parameter). w_t is the
+machine's own scatter from campaign to campaign, r its standard deviation. b are the s errors of the
+instrument, the same in all campaigns. In units of the prior's sd:
 
-Sizes: r nodes of the scatter, n campaigns, p parameters, s instrument errors, q = p + s.
+c ~ N(0, I), b ~ N(0, I), w_t ~ N(0, r² I), r ~ HalfNormal(repeatability), Δ ~ N(0, change_scale²)
+
+The prior probability of a change is that of exactly one step; each parameter j and each campaign k
+from 2 to n is then equally probable. A hypothesis is one choice of r, k and j, or of no step. Under
+each hypothesis everything is Gaussian: w_t is integrated out in each campaign, and the result
+follows from sums over t ≥ k and one small linear system. The precision matrix Λ that a campaign
+states for (c, b) may be singular.
+
+In the shapes of arrays, r is the number of nodes (values) of the scatter, n that of campaigns, p
+that of parameters, s that of instrument errors, and q = p + s.
 """
 
 from __future__ import annotations
@@ -33,19 +40,20 @@ __all__ = [
     "scatter_rule",
 ]
 
-# Lowest and highest node of r, in units of the repeatability, and the step of their logarithm: the
-# half-normal density is negligible beyond.
+# Lowest and highest node of the scatter r, in units of the repeatability, and the step of ln r
+# between nodes. Beyond the highest node the half-normal density is negligible.
 _LOWEST_RATIO = 0.03
 _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12
-# Hypotheses below this share of the most probable one do not count for quantiles.
+# Hypotheses whose probability is below this share of the largest one are left out of quantiles.
 _NEGLIGIBLE_WEIGHT = 1e-7
 
 
 def scatter_rule(repeatability: float) -> tuple[Array, Array]:
-    """Return nodes of r and their weights, each of shape (r,).
+    """Return nodes of the scatter r and their prior weights, each of shape (r,).
 
-    They are trapezoids in ln r; what lies below the lowest node counts there.
+    The weights are those of the trapezoidal rule in ln r; the lowest node also has the probability
+    of all smaller r.
 
     Parameters
     ----------
@@ -63,16 +71,18 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
 
 
 def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gaussian:
-    """Return (c, b, Δ) under every hypothesis, shape (r, n, p, q + 1).
+    """Return the Gaussian of level, instrument errors and step (c, b, Δ) under every hypothesis.
 
-    Place k, counted from 0, is a step just before campaign k + 2; the last, of whatever parameter,
-    is no step at all. ``log_integral`` is the log evidence, up to what all hypotheses share.
+    The shape is (r, n, p, q + 1). Index k of the second axis, counted from 0, means a step just
+    before campaign k + 2; the last index means no step, whatever the parameter. ``log_integral`` is
+    the log evidence up to a constant that all hypotheses share.
 
     Parameters
     ----------
-    carried : campaigns in order of time, (r, n, q), their w_t integrated: see `deviating`.
-    parameters : p.
-    change_scale : sd of Δ.
+    carried : likelihoods of campaigns in order of time, their scatter w_t integrated out (see
+        `deviating`), shape (r, n, q).
+    parameters : number of parameters p.
+    change_scale : standard deviation of the step Δ.
     """
     p = parameters
     r, n, q = carried.shift.shape
@@ -93,7 +103,7 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
 
 def _sum_from_here_on(series: Array) -> Array:
-    """Return the sums over each campaign and all after it; campaigns are the second axis."""
+    """Return, for each campaign (second axis), the sum over it and all later campaigns."""
     return np.asarray(np.cumsum(series[:, ::-1], axis=1)[:, ::-1])
 
 
@@ -104,7 +114,7 @@ def hypothesis_probabilities(
 
     Parameters
     ----------
-    log_evidence : of the hypotheses, shape (r, n, p).
+    log_evidence : log evidences of the hypotheses, shape (r, n, p).
     scatter_weight : prior weights of the nodes of r, shape (r,).
     change_probability : prior probability that there is a step.
     """
@@ -121,8 +131,8 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 
     Parameters
     ----------
-    posteriors : under every hypothesis, see `hypotheses`.
-    probabilities : of the hypotheses, shape (r, n, p).
+    posteriors : Gaussians under every hypothesis, see `hypotheses`.
+    probabilities : probabilities of the hypotheses, shape (r, n, p).
     """
     count = probabilities.size
     p = probabilities.shape[2]
@@ -135,20 +145,20 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 
 
 class Levels(NamedTuple):
-    """The parameters at the last campaign, averaged over hypotheses."""
+    """Values of the parameters at the last campaign, averaged over all hypotheses."""
 
     mean: Array  #: shape (p,)
     sd: Array  #: shape (p,)
-    interval: Array  #: ends, shape (2, p)
+    interval: Array  #: lower and upper ends of the credible intervals, shape (2, p)
 
 
 def current_levels(posteriors: Gaussian, probabilities: Array, *, ci_prob: float = 0.95) -> Levels:
-    """Return the level of every parameter, with the step where there was one.
+    """Return every parameter at the last campaign: its level plus the step, if there was one.
 
     Parameters
     ----------
-    posteriors : under every hypothesis, see `hypotheses`.
-    probabilities : of the hypotheses, shape (r, n, p).
+    posteriors : Gaussians under every hypothesis, see `hypotheses`.
+    probabilities : probabilities of the hypotheses, shape (r, n, p).
     ci_prob : probability of the intervals.
     """
     _, n, p = probabilities.shape

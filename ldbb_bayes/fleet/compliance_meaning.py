@@ -1,4 +1,8 @@
-"""What a compliance stands for: a weighted sum of the compliances of joints."""
+"""Meaning of a fitted compliance: the weighted sum of joint compliances that it stands for.
+
+Readings cannot resolve the compliance of every joint; a model keeps one compliance for each sum
+that they can resolve.
+"""
 
 from __future__ import annotations
 
@@ -13,25 +17,26 @@ from ldbb_bayes.model.prior import Prior
 
 __all__ = ["Meaning", "same_meaning", "stands_for"]
 
-# Weights of the joints' compliances, by their labels.
+# Meaning of one kept compliance: the weights of the joints' compliances, by their labels.
 Meaning = Mapping[str, float]
-# Significant digits of a weight.
+# Significant digits to which a weight is rounded.
 _DIGITS = 7
-# Difference of two meanings that is still none, in units of the default prior sd: a quarter of the
-# changes that are looked for.
+# Largest difference at which two meanings count as the same, in units of the default prior sd. It
+# is a quarter of the default standard deviation of a change in a trend.
 _NEGLIGIBLE = 0.05
 
 
 def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
-    """Return the sum of joints' compliances that every kept compliance stands for.
+    """Return the sum of joint compliances that every kept compliance stands for.
 
     Parameters
     ----------
-    campaign : or a plan.
+    campaign : campaign or plan.
 
     Returns
     -------
-    By label of the kept compliance, the weights by label of the joints' compliances.
+    Mapping from the label of each kept compliance to the weights of the joints' compliances, which
+    are again by label.
     """
     circles = dict.fromkeys(test.circle for test in campaign.scope)
     compliances = kept_compliances(campaign.machine(), *circles)
@@ -54,13 +59,13 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
 def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
     """Return whether two sums of compliances differ by less than 5 % of the default prior sd.
 
-    The joints' compliances are taken to be as large as their priors: a work ball that stands a
-    millimetre higher makes no other machine.
+    The joints' compliances are taken to be as large as their prior sd. A work ball mounted a
+    millimetre higher, for example, does not change the meaning.
 
     Parameters
     ----------
-    name : label of the kept compliance, whose default prior sd it is.
-    one, other : what it stands for in two campaigns.
+    name : label of the kept compliance, whose default prior sd the difference is compared with.
+    one, other : meanings of that compliance in two campaigns.
     """
     labels = sorted(set(one) | set(other))
     names = [ComplianceName(*label[2:]) for label in (name, *labels)]
