@@ -1,4 +1,4 @@
-"""Control chart of a trend: a panel for each parameter, campaigns in order of time."""
+"""Control chart of the trend of one machine: a panel per parameter, campaigns in order of time."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["control_chart"]
 
-# Probability of a change from which on a line shows it.
+# Probability of a change above which the chart marks it by a line.
 _VISIBLE_PROBABILITY = 0.05
-# Campaigns that the axis names.
+# Largest number of campaigns whose dates label the horizontal axis.
 _LABELLED_CAMPAIGNS = 6
-# Columns of panels, their height and the figure's margin [inch].
+# Largest number of columns of panels; then the height of a panel and the figure's margin [inch].
 _COLUMNS = 2
 _PANEL_HEIGHT = 2.0
 _MARGIN = 0.9
@@ -31,14 +31,15 @@ _MARGIN = 0.9
 
 @styled
 def control_chart(trend: Trend) -> Figure:
-    """Return the chart of a trend.
+    """Return the control chart of a trend.
 
-    A panel for each parameter shows campaigns in order of time, each by itself, the limits from
-    those before it, and where the parameter may have changed.
+    The panel of a parameter shows the estimate from each campaign alone, in order of time, its
+    control limits, which follow from the campaigns before it, and where the parameter may have
+    changed.
 
     Parameters
     ----------
-    trend : see `trend`.
+    trend : trend of one machine, as the function `trend` returns it.
     """
     columns = min(len(trend.parameters), _COLUMNS)
     figure, all_axes = panels(len(trend.parameters), columns, _PANEL_HEIGHT, _MARGIN, sharex=True)
@@ -65,18 +66,18 @@ def control_chart(trend: Trend) -> Figure:
 
 
 class _PanelData(NamedTuple):
-    """What a panel shows of n campaigns, in the unit of its axis."""
+    """Values that the panel of one parameter shows for n campaigns, in the unit of its axis."""
 
-    place: Array  #: 1..n
-    estimate: Array
-    interval: Array  #: ends, shape (2, n)
-    limits: Array  #: lower and upper, shape (2, n), NaN at the first
-    is_outside: Array
-    change_probability: Array  #: of a change just before each
+    place: Array  #: positions on the horizontal axis, 1..n
+    estimate: Array  #: from each campaign alone, shape (n,)
+    interval: Array  #: lower and upper ends of the credible intervals, shape (2, n)
+    limits: Array  #: lower and upper control limits, shape (2, n), NaN at the first campaign
+    is_outside: Array  #: whether the estimate is outside its limits, shape (n,)
+    change_probability: Array  #: probability of a change just before each campaign, shape (n,)
 
     @property
     def edges(self) -> Array:
-        """Return the borders between campaigns, shape (n + 1,)."""
+        """Return the borders between campaigns on the horizontal axis, shape (n + 1,)."""
         return np.append(self.place - 0.5, self.place[-1] + 0.5)
 
 
@@ -114,7 +115,7 @@ def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
 
 
 def _draw_limits(axes: Axes, data: _PanelData) -> None:
-    """Shade the limits of each campaign, as wide as its place; the first has none."""
+    """Shade the range between the control limits of each campaign; the first has no limits."""
     steps = [np.append(limit, limit[-1]) for limit in data.limits]
     label = f"limits from those before, {100 * LIMITS:g} %"
     band(axes, data.edges, steps, LIGHT, 0.6, step="post", label=label)
@@ -137,7 +138,11 @@ def _draw_points(
 
 
 def _vertical_range(data: _PanelData) -> tuple[float, float]:
-    """Return the range of the points, and of the limits as far as they are of the points' size."""
+    """Return the range of the vertical axis.
+
+    It holds all intervals, and the limits as far as these exceed the intervals' range by no more
+    than half of it on each side.
+    """
     low = float(data.interval[0].min())
     high = float(data.interval[1].max())
     lowest_limit = float(np.nanmin(data.limits[0]))

@@ -1,4 +1,10 @@
-"""Points and limits of a control chart: each campaign by itself, and what those before predict."""
+"""Points and limits of a control chart.
+
+A point is the estimate from one campaign alone; its limits are what the campaigns before it predict
+for it. In the shapes of arrays, n is the number of campaigns, p that of parameters, s that of
+instrument errors, q = p + s, and r the number of nodes (values) of the machine's scatter from
+campaign to campaign.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +20,24 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LIMITS", "ChartPoints", "chart_points"]
 
-# Probability of the limits: three standard deviations of a normal distribution.
+# Probability of the control limits: that within three standard deviations of a normal distribution.
 LIMITS = 0.997
-# Standard deviation of a prediction that knows everything.
+# Smallest standard deviation of a prediction, so that none is zero.
 _SMALLEST_SD = 1e-300
 
 
 class ChartPoints(NamedTuple):
-    """Points of n campaigns in order of time, the instrument's errors at their posterior mean."""
+    """Points and limits of a control chart, campaigns in order of time.
 
-    estimate: Array  #: of each campaign by itself, shape (n, p)
-    sd: Array  #: of the estimates, shape (n, p)
-    limits: Array  #: lower and upper, shape (2, n, p), NaN at the first campaign
-    common_sd: Array  #: what the instrument adds to the level of all campaigns together, shape (p,)
+    The instrument's errors are fixed at their posterior mean. All values are in units of the
+    parameters' prior sd.
+    """
+
+    estimate: Array  #: from each campaign alone, shape (n, p)
+    sd: Array  #: standard deviations of the estimates, shape (n, p)
+    limits: Array  #: lower and upper limits, shape (2, n, p), NaN at the first campaign
+    #: uncertainty (sd) that the instrument's errors add to all campaigns alike, shape (p,)
+    common_sd: Array
 
 
 def chart_points(
@@ -38,13 +49,13 @@ def chart_points(
     *,
     limits: float = LIMITS,
 ) -> ChartPoints:
-    """Return points with their uncertainty, and limits from the campaigns before each.
+    """Return the points of a control chart, and the limits that earlier campaigns predict for each.
 
     Parameters
     ----------
-    series : campaigns in order of time, shape (n, q).
-    carried : the same, their deviations integrated, shape (r, n, q).
-    scatter, scatter_weight : nodes of r and their prior weights, shape (r,).
+    series : likelihoods of campaigns in order of time, shape (n, q).
+    carried : the same likelihoods with the machine's scatter integrated out, shape (r, n, q).
+    scatter, scatter_weight : nodes of the scatter and their prior weights, each of shape (r,).
     instrument : posterior mean (s,) and covariance (s, s) of the instrument's errors.
     limits : probability of the limits.
     """
@@ -84,7 +95,10 @@ def chart_points(
 
 
 def _history(carried: Gaussian) -> Gaussian:
-    """Return (c, b) as the campaigns before each but the first know them, shape (r, n − 1, q)."""
+    """Return what the earlier campaigns state of level and instrument errors (c, b).
+
+    The shape is (r, n − 1, q): one Gaussian for each campaign but the first.
+    """
     precision = np.cumsum(carried.precision[:, :-1], axis=1)
     shift = np.cumsum(carried.shift[:, :-1], axis=1)
     log_constant = np.cumsum(carried.log_constant[:, :-1], axis=1)

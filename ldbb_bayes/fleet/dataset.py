@@ -1,4 +1,4 @@
-"""The table of a batch: a Parquet file with a row for every campaign."""
+"""Writing and reading the table of a batch: a Parquet file with a row for every campaign."""
 
 from __future__ import annotations
 
@@ -29,35 +29,36 @@ __all__ = [
     "write_dataset",
 ]
 
-# Files in the folder of a batch: the journal, the table, and the table while it is written.
+# Names of files in the folder of a batch: the journal (the database of rows already computed), the
+# finished table, and the table while it is being written.
 JOURNAL = "batch.sqlite"
 DATASET = "campaigns.parquet"
 PART = f".{DATASET}.part"
-# Edition of the table, and the key under which Parquet's metadata state it.
+# Version of the table's schema, and the key under which the Parquet metadata hold it.
 _SCHEMA = 4
 _METADATA_KEY = b"ldbb_bayes"
-# Numbers of every parameter, each a column.
+# Values of every parameter that the table holds, each in a column of its own.
 _PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
 # Columns of every quantity with a tolerance, and their types in Arrow.
 _CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
-# Rows that are written at once.
+# Number of rows in one row group of the Parquet file; each group is written at once.
 _ROWS_PER_GROUP = 1024
-# Characters of a reason why a file cannot be read.
+# Longest quotation, in a message, of the reason why a file cannot be read [characters].
 _LONGEST_REASON = 120
-# Names of the columns and their types in Arrow.
+# Contents of columns.toml: the names of the table's columns and their Arrow types.
 _TABLE: Mapping[str, Any] = tomllib.loads(
     Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
 )
-# Of a campaign and its fit; they come first.
+# Arrow types of the columns of a campaign and its fit, which come first in the table, by name.
 COLUMN_TYPES: Mapping[str, str] = _TABLE["columns"]
-# Of its statistics; they come last, behind those of the parameters.
+# Arrow types of the columns of a campaign's sufficient statistics, which come last, by name.
 STATISTICS_TYPES: Mapping[str, str] = _TABLE["gaussian"]
-# Columns that a trend or a population needs.
+# Names of the columns that a trend or a population needs.
 FLEET_COLUMNS: tuple[str, ...] = tuple(_TABLE["fleet"])
 
 
 def check_pyarrow() -> None:
-    """Refuse, before any work is done, where Parquet cannot be written or read."""
+    """Raise an error, before any work is done, if pyarrow is not installed."""
     try:
         import pyarrow.parquet  # noqa: F401 - an optional dependency: is it there?
     except ImportError:
@@ -69,13 +70,14 @@ def check_pyarrow() -> None:
 def write_dataset(
     rows: Callable[[], Iterator[dict[str, Any]]], target: Path, about: Mapping[str, Any]
 ) -> None:
-    """Write the table of a batch, whole or not at all.
+    """Write the table of a batch, completely or not at all.
 
     Parameters
     ----------
-    rows : returns the rows of `fit_row`, each time from the first.
-    target : the Parquet file.
-    about : what its metadata say of the batch.
+    rows : function that returns an iterator over the rows (see `fit_row`), from the first on each
+        call.
+    target : Parquet file to write.
+    about : information on the batch for the metadata of the file.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def write_dataset(
 
 
 def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.Schema:
-    """Return the columns that rows need, with their types and units."""
+    """Return the Arrow schema of a table of these rows: its columns, their types and units."""
     import pyarrow as pa  # an optional dependency
 
     unit_by_parameter: dict[str, str] = {}
@@ -138,13 +140,13 @@ def _field(name: str, kind: str, unit: str = "") -> pa.Field:
 
 
 def _unit_in(column: str) -> str:
-    """Return the unit that a column's name ends with, if it is one."""
+    """Return the unit in which a column's name ends (N or um); else an empty string."""
     unit = column.rpartition("_")[2]
     return unit if column.endswith(("_N", "_um")) else ""
 
 
 def _flatten(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row with a column for every number of a parameter and of a quantity."""
+    """Return a row with a column for each value of each parameter and quantity with a tolerance."""
     flat = dict(row)
     for name, numbers in row.get("parameters", {}).items():
         for column in _PARAMETER_COLUMNS:
@@ -166,30 +168,33 @@ def read_batch(
     path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     columns: Sequence[str] | None = None,
 ) -> pd.DataFrame:
-    """Return the rows of one batch, or of several below one another.
+    """Return the rows of one batch, or of several batches one below the other.
 
     Parameters
     ----------
-    path : the folder a batch was written to, its campaigns.parquet, or several of either.
-    columns : those to read, in that order; default: all.
+    path : folder of a batch, its campaigns.parquet, or a sequence of such folders and files.
+    columns : names of the columns to read, in this order; default: all.
 
     Returns
     -------
-    One row per campaign, in the order given: campaign, name, sha256, machine_id, date, status
-    ("done" or "failed"), reason, topology, planes, compliances (JSON: what each stands for),
-    tolerances (JSON), tests, readings, force_min_N, force_max_N, reference_force_N, degree, terms,
-    model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits, warnings,
-    log_prob_truncation [nat], rmse_um, log_bayes_factor (linear over constant),
-    log_bayes_factor_error [nat]; of every parameter and hyper-parameter NAME.mean, NAME.sd,
-    NAME.median, NAME.ci_low, NAME.ci_high (mm, N, rad; ``attrs["units"]``); of every quantity with
-    a tolerance NAME.probability (of conformance) and NAME.decision; ``gaussian_…`` as
-    `SufficientStatistics`, the covariance as its lower triangle, row by row. What a campaign does
-    not have is missing.
+    One row per campaign, in the order of the batch. Its columns are: campaign, name, sha256,
+    machine_id, date, status ("done" or "failed"), reason, topology, planes, compliances (JSON: the
+    sum of joint compliances that each stands for), tolerances (JSON), tests, readings, force_min_N,
+    force_max_N, reference_force_N, degree, terms, model_sha256, sampler, seed, versions, converged,
+    state, kinds, verdict, misfits, warnings, log_prob_truncation [nat] (log probability that no
+    compliance is negative), rmse_um, log_bayes_factor (linear over constant compliance) and
+    log_bayes_factor_error [nat]. Every parameter and hyper-parameter (scale of the noise or of
+    another effect) has NAME.mean, NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high in internal
+    units (mm, N, rad), stated by ``attrs["units"]``. Every quantity with a tolerance has
+    NAME.probability (of conformance) and NAME.decision. Columns ``gaussian_…`` hold the
+    `SufficientStatistics`, the covariance as its lower triangle, row by row. Values that a campaign
+    does not have are missing values.
 
     Raises
     ------
     InputError
-        If a file, which the message names, is missing, unfinished, damaged or no batch.
+        If a file, which the message names, is missing, unfinished, damaged or not the table of a
+        batch.
     """
     check_pyarrow()
     import pyarrow as pa  # an optional dependency
@@ -220,7 +225,7 @@ def _parameter_units(schema: pa.Schema) -> dict[str, str]:
 
 
 def _dataset_of(path: Path) -> Path:
-    """Return the table of a batch's folder, or the file itself."""
+    """Return the path of the table: in the folder of a batch, or the file given itself."""
     if (path / DATASET).is_file():
         return path / DATASET
     if (path / JOURNAL).is_file():
@@ -238,14 +243,14 @@ def _dataset_of(path: Path) -> Path:
 
 
 class _Dataset(NamedTuple):
-    """The requested columns of a table, and all that it has."""
+    """Requested columns of the table of a batch, and the schema of all its columns."""
 
     table: pa.Table
     schema: pa.Schema
 
 
 def _read_table(path: Path, columns: Sequence[str] | None) -> _Dataset:
-    """Read those of the columns that the table has; refuse what is no table of a batch."""
+    """Read the requested columns as far as the table has them; refuse any other file."""
     import pyarrow as pa  # an optional dependency
     import pyarrow.parquet as pq
 

@@ -1,9 +1,13 @@
-"""g(c + w, b) with w ~ N(0, diag s²): Gaussian likelihoods of campaigns or machines that deviate.
+"""Gaussian likelihoods of campaigns or machines that deviate from their common level.
 
-g is what a campaign or machine says of its parameters c and the errors b of the instrument; w is
-what it differs by from the others. Everything is in units of the prior sd. Λ and η are precision
-and shift of g, in blocks of c and b; Λ may be singular. Sizes: k values of s, n campaigns or
-machines, c parameters, q parameters and instrument errors.
+Each campaign or machine has a likelihood g(c + w, b), w ~ N(0, diag s²). Here c are the parameters
+that all have in common, b the errors of the instrument, w the deviation of this campaign or machine
+and s the standard deviations of w. Everything is in units of the prior sd.
+
+As a function of x = (c + w, b), ln g = −½ xᵀ Λ x + ηᵀ x + const, with the precision matrix Λ and
+the shift η. Λ_cc is the part of Λ for the parameters alone, Λ_c its rows of the parameters; Λ may
+be singular. In the shapes of arrays, k is the number of values of s, n that of campaigns or
+machines, c that of parameters, and q that of parameters and instrument errors.
 """
 
 from __future__ import annotations
@@ -22,15 +26,17 @@ __all__ = ["Estimates", "deviating", "estimate_separately", "whitened"]
 def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
     """Return (Lᵀ | L⁻¹ s (Λ_c, η_c)) with L Lᵀ = K = I + s Λ_cc s, the precision of w / s.
 
+    Here s stands for diag s, and the vertical bar for matrices side by side.
+
     Parameters
     ----------
-    likelihood : g, shape (n, q).
-    spread : s, shape (k, c).
-    inverse : whether L⁻¹ follows behind.
+    likelihood : likelihoods g, shape (n, q).
+    spread : standard deviations s, shape (k, c).
+    inverse : whether to append L⁻¹ as further columns.
 
     Returns
     -------
-    Shape (c, c + q + 1, k, n); with the inverse (c, 2 c + q + 1, k, n).
+    Array of shape (c, c + q + 1, k, n); with the inverse (c, 2 c + q + 1, k, n).
     """
     c = spread.shape[1]
     q = likelihood.shift.shape[1]
@@ -55,8 +61,8 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 
     Parameters
     ----------
-    likelihood : g, shape (n, q).
-    spread : s, shape (k, c).
+    likelihood : likelihoods g, shape (n, q).
+    spread : standard deviations s of the deviations w, shape (k, c).
     """
     c = spread.shape[1]
     q = likelihood.shift.shape[-1]
@@ -71,7 +77,7 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 class Estimates(NamedTuple):
-    """What each campaign or machine says by itself: t ~ N(H (c, b), S Λ_cc S)."""
+    """Estimates from each campaign or machine alone: t ~ N(H (c, b), S Λ_cc S)."""
 
     covariance: Array  #: S = (I + Λ_cc)⁻¹, shape (n, c, c)
     response: Array  #: H = S Λ_c, shape (n, c, q)
@@ -79,12 +85,12 @@ class Estimates(NamedTuple):
 
 
 def estimate_separately(likelihood: Gaussian, parameters: int) -> Estimates:
-    """Return the estimates of campaigns or machines, each by itself.
+    """Return the estimates from campaigns or machines, each alone.
 
     Parameters
     ----------
-    likelihood : g, shape (n, q).
-    parameters : c.
+    likelihood : likelihoods g, shape (n, q).
+    parameters : number c of parameters.
     """
     c = parameters
     covariance = np.linalg.inv(np.eye(c) + likelihood.precision[:, :c, :c])

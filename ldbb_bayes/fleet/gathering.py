@@ -1,4 +1,4 @@
-"""The campaigns of a batch: what folders, files and lists of them stand for."""
+"""Finding the campaigns of a batch from the folders, files and lists that the user gives."""
 
 from __future__ import annotations
 
@@ -12,28 +12,29 @@ from ldbb_bayes.files import bytes_of
 
 __all__ = ["gather"]
 
-# Size of a list of campaigns that is still read [bytes].
+# Largest size of a file that lists campaigns [bytes].
 _LARGEST_LIST = 2**30
 
 
 def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
-    """Return the paths of campaigns that folders, files and lists stand for, each once.
+    """Return the file paths of the campaigns that folders, files and lists stand for, each once.
 
     Parameters
     ----------
-    given : a campaign folder, a campaign.toml or a tidy CSV stands for itself; any other folder for
-        its direct subfolders with a campaign.toml, sorted; ``@FILE`` or a .txt file for the paths
-        in it, one a line, comments (#) aside. A path that does not exist stays: the batch says so
-        in its row.
+    given : file paths. A campaign folder, a campaign.toml or a tidy CSV stands for itself; any
+        other folder for its direct subfolders that hold a campaign.toml, sorted; ``@FILE`` or a
+        .txt file for the file paths in it, one per line, without comment lines (#). A path that
+        does not exist is kept: its row in the table states that it does not exist.
 
     Returns
     -------
-    Paths as given, in that order.
+    File paths in the order and spelling given.
 
     Raises
     ------
     InputError
-        If no campaign exists, a path cannot stand on a line, or a list or folder cannot be read.
+        If no campaign exists, a file path does not fit on one line, or a list or folder cannot be
+        read.
     """
     entries = [given] if isinstance(given, str | os.PathLike) else given
     path_by_folder: dict[str, str] = {}
@@ -54,7 +55,7 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
 
 
 def _expand_all(entries: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
-    """Yield every path by itself: lists are read, folders of campaigns opened."""
+    """Yield the file path of every campaign: read lists, and look into folders of campaigns."""
     for entry in entries:
         path = os.fspath(entry)
         if _is_list(path):
@@ -82,7 +83,7 @@ def _read_list(file: Path) -> list[str]:
 
 
 def _expand_folder(path: str) -> list[str]:
-    """Return the path itself, or the campaigns directly in a folder of campaigns."""
+    """Return the campaigns directly in a folder of campaigns; for any other path, the path."""
     if not os.path.isdir(path) or _has_toml(path):
         return [path]
     try:
@@ -106,7 +107,7 @@ def _may_be_campaign(path: str) -> bool:
 
 
 def _check_fits_a_line(path: str) -> None:
-    """Refuse a path that the list of a batch's campaigns could not hold."""
+    """Refuse a file path that a list with one path per line could not hold."""
     fits = path.isprintable() and path == path.strip() and path and path[0] != "#"
     if not fits:
         raise InputError(

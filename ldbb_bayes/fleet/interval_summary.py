@@ -1,4 +1,4 @@
-"""Summary of a quantity: mean, sd and equal-tailed credible interval."""
+"""Summary of the distribution of one quantity: mean, sd and equal-tailed credible interval."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Summary", "keyed"]
 
 @dataclass(frozen=True)
 class Summary(Result):
-    """Mean, sd and equal-tailed credible interval, in inside units."""
+    """Mean, sd and equal-tailed credible interval of a quantity, in internal units (mm, N, rad)."""
 
     mean: float
     sd: float
@@ -20,11 +20,11 @@ class Summary(Result):
 
 
 def keyed(record: Any, ci_prob: float) -> Any:
-    """Return a record whose intervals are named by their probability: interval becomes ci95.
+    """Return a record in which the word interval in names gives way to the probability (ci95).
 
     Parameters
     ----------
-    record : what goes to JSON.
+    record : dictionaries, lists and values that are to be written as JSON.
     ci_prob : probability of the intervals.
     """
     if isinstance(record, dict):

@@ -1,7 +1,7 @@
-"""The journal of a batch: an SQLite database that keeps every row as it comes.
+"""The journal of a batch: an SQLite database in which every row is saved as soon as it is computed.
 
-It makes a batch that was stopped in any way go on with what is left, and keeps two runs from
-writing into one folder.
+Thanks to the journal, a batch that was stopped can continue with the remaining campaigns, and two
+runs cannot write into the same folder.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ from ldbb_bayes.parallel import versions
 
 __all__ = ["batch_identity", "begin_batch", "open_journal", "save_row"]
 
-# The list of a batch's campaigns, in its folder.
+# Name of the file, in the folder of a batch, that lists the campaigns.
 _LIST = "campaigns.txt"
-# What the folder of a batch may hold: the journal, what SQLite puts beside it, list and table.
+# Names of all files that the folder of a batch may hold: the journal, the files that SQLite puts
+# beside it, the list of campaigns, and the table, finished or not.
 _BATCH_FILES = (
     JOURNAL,
     f"{JOURNAL}-wal",
@@ -48,16 +49,18 @@ CREATE TABLE IF NOT EXISTS campaigns (
 
 @contextmanager
 def open_journal(out: Path) -> Iterator[sqlite3.Connection]:
-    """Yield the database of a folder; while the block lasts, SQLite's lock keeps other runs out.
+    """Yield the journal of a folder, locked against other runs until the ``with`` block ends.
 
     Parameters
     ----------
-    out : folder of the batch, made if need be. It is removed again where no batch begins in it.
+    out : folder of the batch, which is made if necessary. A folder made here is removed again if no
+        batch begins in it.
 
     Raises
     ------
     InputError
-        If the folder holds anything else, cannot be written, or another run is using it.
+        If the folder holds anything other than a batch, cannot be written, or is in use by another
+        run.
     """
     is_new = not out.exists()
     _check_folder(out)
@@ -88,7 +91,7 @@ def open_journal(out: Path) -> Iterator[sqlite3.Connection]:
 
 
 def _check_folder(out: Path) -> None:
-    """Refuse a file, and a folder that holds anything but a batch."""
+    """Refuse a path that is a file, or a folder that holds anything other than a batch."""
     if not out.exists():
         return
     if not out.is_dir():
@@ -109,7 +112,7 @@ def _holds_batch(journal: sqlite3.Connection) -> bool:
 
 
 def batch_identity(settings: Settings) -> dict[str, Any]:
-    """Return what two runs must have in common to be of one batch.
+    """Return the options and versions in which two runs must agree to belong to the same batch.
 
     Parameters
     ----------
@@ -117,7 +120,7 @@ def batch_identity(settings: Settings) -> dict[str, Any]:
 
     Returns
     -------
-    Options and versions, by the name under which a difference is reported.
+    Options and versions of software, by the name under which a difference is reported.
     """
     identity: dict[str, Any] = {"model": model_sha256(settings.model)[:12]}
     for name in ("sampler", "seed", "ess", "ci_prob", "compare"):
@@ -144,25 +147,26 @@ def begin_batch(
     resume: bool,
     force: bool,
 ) -> bool:
-    """Write down what the batch is, or compare it with the one in the folder.
+    """Record a new batch in the journal, or check that the recorded one is to be continued.
 
     Parameters
     ----------
-    journal : see `open_journal`.
+    journal : open journal, see `open_journal`.
     out : folder of the batch.
-    jobs : its campaigns.
-    identity : see `batch_identity`.
-    resume : go on with the batch in the folder, if there is one.
-    force : replace it.
+    jobs : campaigns of the batch.
+    identity : options and versions, see `batch_identity`.
+    resume : continue the batch in the folder, if there is one.
+    force : replace the batch in the folder, if there is one.
 
     Returns
     -------
-    Whether a batch is gone on with.
+    Whether an earlier batch is continued.
 
     Raises
     ------
     InputError
-        If the folder holds a batch that may not be touched, or another one.
+        If the folder holds a batch that is neither to be continued nor replaced, or, with
+        ``resume``, a different batch.
     """
     saved = journal.execute("SELECT record FROM batch").fetchone()
     has_table = (out / DATASET).exists()
@@ -225,13 +229,13 @@ def _check_same_campaigns(journal: sqlite3.Connection, out: Path, jobs: Sequence
 
 
 def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -> None:
-    """Keep the row of a campaign, in a transaction of its own.
+    """Save the row of a campaign in the journal, in a transaction of its own.
 
     Parameters
     ----------
-    journal : see `open_journal`.
-    number : of the campaign.
-    row : see `fit_row`.
+    journal : open journal, see `open_journal`.
+    number : number of the campaign in the batch.
+    row : values by column, see `fit_row`.
     """
     journal.execute(
         "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",
@@ -240,10 +244,10 @@ def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -
 
 
 def _plain(value: Any) -> Any:
-    """Return a value that JSON and Parquet can hold.
+    """Return a value in a form that JSON and Parquet can hold.
 
-    Numbers that are not finite become null; half a character, as names of files may hold one, a
-    question mark.
+    Numbers that are not finite become null. Characters that UTF-8 cannot encode, which file names
+    may contain, become question marks.
     """
     if isinstance(value, Mapping):
         return {name: _plain(entry) for name, entry in value.items()}
