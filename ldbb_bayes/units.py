@@ -1,6 +1,7 @@
-"""Names and units for reading, and numbers with their uncertainty as a metrologist writes them.
+"""Names and units for display, and results with their uncertainty as a metrologist writes them.
 
-Inside units are mm, N and rad; names for reading are as the paper prints them.
+Internal units are mm, N and rad; display units are, for example, µm and nm/N. Parameter names are
+displayed as the paper prints them.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ __all__ = [
 ]
 
 T = TypeVar("T")
-# Factor and label for reading, by inside unit.
+# Factor to the display unit and its label, by internal unit.
 _COMPLIANCE_UNITS = {
     "mm/N": (1e6, "nm/N"),
     "rad/N": (1e9, "nrad/N"),
@@ -53,7 +54,10 @@ _OTHER_UNITS = {
 
 
 def _display_units() -> dict[str, tuple[float, str]]:
-    """Return factor and label of every inside unit; what changes with force is per kN, per kN²."""
+    """Return factor to the display unit and its label, by internal unit.
+
+    Slopes of a compliance over force are displayed per kN, curvatures per kN².
+    """
     slopes = {}
     curvatures = {}
     for unit, (factor, label) in _COMPLIANCE_UNITS.items():
@@ -66,7 +70,10 @@ DISPLAY_UNITS = _display_units()
 
 
 class _Size(NamedTuple):
-    """A unit in mm and N, and its powers of length and force; angles and ratios have neither."""
+    """A unit as a factor to mm, N and rad, with its powers of length and force.
+
+    Both powers are zero for angles and ratios.
+    """
 
     factor: float
     length: int
@@ -77,7 +84,7 @@ _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 
 
 def _units_to_write() -> dict[str, _Size]:
-    """Return the units one may write, without powers and quotients."""
+    """Return the single units that a user may write; powers and quotients are made from them."""
     sizes = {
         "1": _Size(1.0, 0, 0),
         "%": _Size(1e-2, 0, 0),
@@ -94,18 +101,19 @@ def _units_to_write() -> dict[str, _Size]:
 
 UNITS_TO_WRITE = _units_to_write()
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# Units by the endings of names.
+# Units of settings by the endings of their names: sd_um is in µm.
 _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
-# A compliance may be near zero where its lower limit is below this share of its median.
+# A compliance C may be near zero, and 1/C without upper limit, if the lower limit of C is below
+# this share of its median.
 _NEAR_ZERO_SHARE = 0.2
-# Keys below this share of the largest count as zero.
+# Keys of `ranked` below this share of the largest count as zero.
 _ZERO_SHARE = 1e-12
 # An interval whose middle lies off the mean by more than this share of half its width is skewed.
 _SKEWED_SHARE = 0.2
 
 
 def display_unit(unit: str) -> tuple[float, str]:
-    """Return factor and label that turn an inside unit into the one for reading."""
+    """Return the factor from an internal unit to its display unit, and that unit's label."""
     require(
         unit in DISPLAY_UNITS,
         f"unit must be one of {', '.join(DISPLAY_UNITS)}, got {unit!r}. Use an inside unit.",
@@ -114,29 +122,29 @@ def display_unit(unit: str) -> tuple[float, str]:
 
 
 def to_inside(text: str, unit: str, subject: str = "value") -> float:
-    """Return a number with its unit, "0.5 nm/N", as the number in an inside unit (mm/N: 5e-7).
+    """Return the number in an internal unit that a text with number and unit states.
 
-    Any unit of the same kind will do: nm/N, µm/kN or um/kN; nm/N per kN, nm/N/kN; µrad/(N m),
-    µrad/N/m.
+    In mm/N, "0.5 nm/N" is 5e-7. Any unit of the same kind will do: nm/N, µm/kN or um/kN for a
+    compliance; nm/N per kN or nm/N/kN for its slope; µrad/(N m) or µrad/N/m for a rotation.
 
     Parameters
     ----------
     text
         Number and unit.
     unit
-        Inside unit.
+        Internal unit.
     subject
-        What the number is, for the message.
+        What the number is, for the error message.
 
     Returns
     -------
     float
-        The number in the inside unit.
+        The number in the internal unit.
 
     Raises
     ------
     InputError
-        For a number alone, and a unit of another kind.
+        For a number without a unit, or a unit of another kind.
     """
     match = re.fullmatch(
         r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)(.*)",
@@ -158,10 +166,10 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
 
 
 def setting_to_inside(name: str, value: Any, subject: str) -> Any:
-    """Return a setting written with its unit as the number in the unit that ends its name.
+    """Return a setting written with a unit as a number in the unit with which its name ends.
 
-    "60 nm/N" for direct_mm_per_N is 6e-5, "3 µm" for sd_um is 3; a ratio, "10 %", where the name
-    has no unit. Anything else, such as a number, is returned as it is.
+    For direct_mm_per_N, "60 nm/N" is 6e-5; for sd_um, "3 µm" is 3. A name without a unit is a
+    ratio: "10 %" is 0.1. Any value that is not a text is returned unchanged.
     """
     if not isinstance(value, str):
         return value
@@ -180,7 +188,7 @@ def setting_to_inside(name: str, value: Any, subject: str) -> Any:
 
 
 def _size_of(unit: str) -> _Size | None:
-    """Return what a unit is in mm and N; None for what is no unit."""
+    """Return the size of a unit in mm, N and rad; None for a text that is no unit."""
     text = re.sub(r"\(([^()]*)\)", _as_quotients, unit.strip())
     text = re.sub(r"\s+per\s+", "/", text.replace("μ", "µ").replace("²", "^2"))
     factor = 1.0
@@ -202,33 +210,33 @@ def _size_of(unit: str) -> _Size | None:
 
 
 def _as_quotients(match: re.Match[str]) -> str:
-    """Return a product in brackets, which follows a stroke, as quotients: (N m) → N/m."""
+    """Return a product in brackets after a solidus as quotients: (N m) → N/m."""
     return re.sub(r"[ ·*]+", "/", match[1].strip())
 
 
 def is_direct(name: str) -> bool:
-    """Return whether a parameter is a translation along the force.
+    """Return whether a parameter is a direct compliance, a displacement along the force.
 
-    Its reciprocal is a stiffness.
+    The reciprocal of a direct compliance is a stiffness.
     """
     return re.fullmatch(r"C_([XYZ])\1.", name) is not None
 
 
 def display_name(name: str) -> str:
-    """Return the name as the paper prints it: E_C0YX → E_C(0Y)X."""
+    """Return a parameter's name as the paper prints it: E_C0YX → E_C(0Y)X."""
     return re.sub(r"^(E_.)(0.)(.)$", r"\1(\2)\3", name)
 
 
 def inside_name(text: str) -> str:
-    """Return the name as files and options have it: E_C(0Y)X → E_C0YX."""
+    """Return a parameter's name as files and options write it: E_C(0Y)X → E_C0YX."""
     return re.sub(r"^(E_.)\((0.)\)(.)$", r"\1\2\3", text.strip())
 
 
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
     """Return the items from the largest key to the smallest.
 
-    Items within the relative tolerance of one another keep their order, so that what is named first
-    does not hang on the rounding of a processor. A trillionth of the largest key counts as zero.
+    Items whose keys agree within the relative tolerance keep their order, so that the order does
+    not depend on rounding errors. Keys below 1e-12 of the largest count as zero.
     """
     entries = [_Ranked(key(item), i, item) for i, item in enumerate(items)]
     entries.sort(key=_largest_key_first)
@@ -261,9 +269,10 @@ def _position(entry: _Ranked) -> int:
 
 
 def round_uncertainty(uncertainty: float, digits: int = 2) -> tuple[str, int]:
-    """Return the uncertainty to significant digits, and the number of decimals that it leaves.
+    """Return the uncertainty rounded to significant digits, and its number of decimals.
 
-    The number is negative left of the point.
+    The number of decimals is negative where digits left of the decimal point are rounded:
+    −1 for tens.
     """
     if uncertainty == 0:
         return "0", digits
@@ -275,7 +284,7 @@ def round_uncertainty(uncertainty: float, digits: int = 2) -> tuple[str, int]:
 
 
 def round_like(value: float, decimals: int) -> str:
-    """Return the value rounded to a decimal place; a value that rounds to nothing has no sign."""
+    """Return the value rounded to so many decimals; a value that rounds to zero has no sign."""
     if not math.isfinite(value):
         return "?"
     rounded = round(value, decimals) or 0.0
@@ -283,30 +292,33 @@ def round_like(value: float, decimals: int) -> str:
 
 
 def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
-    """Return value and uncertainty to the same place, the uncertainty with two digits."""
+    """Return value and uncertainty rounded to the same decimal place.
+
+    The uncertainty has two significant digits.
+    """
     text, decimals = round_uncertainty(uncertainty)
     return round_like(value, decimals), text
 
 
 @dataclass(frozen=True)
 class Statement:
-    """A result as a metrologist writes it; every text without the unit."""
+    """A result as a metrologist writes it, in texts without the unit."""
 
-    value: str  #: to the place of u
+    value: str  #: value, rounded to the decimal place of u
     u: str  #: standard uncertainty, two significant digits
-    #: U (k = 2); of a skewed distribution the distances to the ends of the interval, +a/−b
+    #: U (k = 2); for a skewed distribution the distances to the ends of the interval, +a / −b
     expanded: str
-    ends: tuple[str, str]  #: of the credible interval
-    unit: str
+    ends: tuple[str, str]  #: lower and upper limit of the credible interval
+    unit: str  #: display unit of all texts
 
     @property
     def interval(self) -> str:
-        """Both ends in brackets."""
+        """Credible interval as a text: both limits in brackets."""
         return f"[{self.ends[0]}, {self.ends[1]}]"
 
 
 def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> Statement:
-    """Return a result in a unit for reading, from numbers in an inside unit."""
+    """Return a result in its display unit, from numbers in an internal unit."""
     factor, label = display_unit(unit)
     middle = mean * factor
     low = interval[0] * factor
@@ -328,18 +340,19 @@ def _with_minus_sign(value: float, decimals: int) -> str:
 
 
 def is_skewed(mean: float, interval: tuple[float, float]) -> bool:
-    """Return whether an interval is skewed.
+    """Return whether an interval is skewed about the mean.
 
-    Its middle then lies off the mean by more than a tenth of its width.
+    An interval is skewed if its middle differs from the mean by more than a tenth of its width.
     """
     low, high = interval
     return abs(low + high - 2.0 * mean) > _SKEWED_SHARE * (high - low)
 
 
 def stiffness(median: float, interval: tuple[float, float]) -> str:
-    """Return 1/C in N/µm with its interval, from a compliance in mm/N.
+    """Return the stiffness 1/C [N/µm] with its interval, from a compliance C [mm/N].
 
-    Only a lower limit where C may be a fifth of its median or less; nothing where C is negative.
+    Return only a lower limit if the lower limit of C is below a fifth of its median, and an empty
+    text if the upper limit of C is not positive.
     """
     low, high = interval
     if high <= 0.0:
@@ -355,9 +368,9 @@ def stiffness(median: float, interval: tuple[float, float]) -> str:
 
 
 def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str) -> str:
-    """Return value ± U (k = 2) to the same place and unit.
+    """Return value ± U (k = 2), rounded to the same decimal place, with the unit.
 
-    Value and interval where the distribution is skewed.
+    For a skewed distribution, return the value and the credible interval instead.
     """
     factor, label = display_unit(unit)
     if is_skewed(mean, interval):
@@ -368,9 +381,9 @@ def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str)
 
 
 def typeset(text: str) -> str:
-    """Return the text with minus signs before numbers and powers of ten in full.
+    """Return the text with true minus signs and powers of ten: −5.85, 3.1·10⁻⁵.
 
-    -5.85 → −5.85, 3.1e-05 → 3.1·10⁻⁵.
+    A hyphen before a number becomes a minus sign, and 3.1e-05 becomes 3.1·10⁻⁵.
     """
     text = re.sub(r"(?<=\d)e([+-])0*(\d+)\b", _power_of_ten, text)
     return re.sub(r"(?<![\w./\-])-(?=\.?\d)", "−", text)

@@ -1,4 +1,4 @@
-"""What certificates say of balls, bar, mount, force and angle."""
+"""Certified properties of the instrument: balls, bar, mount, force and angle."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ _SPHERICITY_BY_GRADE_UM = {
 @refusing("ball")
 @dataclass(frozen=True, config=STRICT)
 class Ball(Shown):
-    """What a certificate, or a grade of ISO 3290, says of a ball's form.
+    """The form of a ball, as a certificate or a grade of ISO 3290 states it.
 
-    It says the deviation from sphericity, peak to valley, and the harmonics a cos n(θ − phase) in
-    the ball's own angle, as (n, a [µm], phase [deg]), with the expanded uncertainty (k = 2) of each
-    coefficient.
+    A certificate states the deviation from sphericity, peak to valley, and may state harmonics
+    a cos n(θ − phase) of the form, with θ the angle on the ball, each as
+    (n, a [µm], phase [deg]), with the expanded uncertainty (k = 2) of each coefficient.
     """
 
     sphericity_um: Certified | None = None  #: deviation from sphericity, peak to valley
-    grade: str | None = None  #: of ISO 3290: G3 to G200, in its place
+    grade: str | None = None  #: grade of ISO 3290, G3 to G200, instead of ``sphericity_um``
     harmonics_um: tuple[Harmonic, ...] = ()  #: (order, amplitude [µm], phase [deg])
-    U_um: Certified | None = None  #: of their coefficients
-    certificate: Label | None = None  #: which one says so: a name, no number depends on it
+    U_um: Certified | None = None  #: expanded uncertainty (k = 2) of the harmonics' coefficients
+    certificate: Label | None = None  #: name of the certificate; no number depends on it
 
     def __post_init__(self) -> None:
         if self.grade is not None:
@@ -71,7 +71,7 @@ class Ball(Shown):
 
     @property
     def stated_sphericity_um(self) -> float | None:
-        """Deviation from sphericity as certificate or grade says [µm], None where neither does."""
+        """Deviation from sphericity that certificate or grade states [µm]; None if unstated."""
         if self.grade is None:
             return self.sphericity_um
         return _SPHERICITY_BY_GRADE_UM[self.grade]
@@ -80,24 +80,26 @@ class Ball(Shown):
 @refusing("instrument")
 @dataclass(frozen=True, config=STRICT)
 class Instrument(Shown):
-    """What certificates say of balls, bar, mount, force and angle.
+    """Certified properties of balls, bar, mount, force and angle.
 
-    U are expanded uncertainties (k = 2). None: the model's.
+    Fields with U in their names are expanded uncertainties (k = 2). Where a field is None, the
+    model uses its default.
     """
 
-    work: Ball = field(default_factory=Ball)  #: ball
-    tool: Ball = field(default_factory=Ball)  #: ball
-    bar_length_error_um: Number = 0.0  #: by which readings are too large
-    bar_U_um: Certified | None = None  #: of the bar's length
-    mount_U_percent: Percent | None = None  #: of its deflection
-    force_U_percent: Percent | None = None  #: of the force's gain
-    #: largest deviation from the line, of the largest force
+    work: Ball = field(default_factory=Ball)  #: work ball
+    tool: Ball = field(default_factory=Ball)  #: tool ball
+    bar_length_error_um: Number = 0.0  #: error of the bar's length, by which readings are too large
+    bar_U_um: Certified | None = None  #: expanded uncertainty of the bar's length
+    mount_U_percent: Percent | None = None  #: expanded uncertainty of the mount's deflection
+    force_U_percent: Percent | None = None  #: expanded uncertainty of the force's gain
+    #: largest deviation of the force from a straight line, in percent of the largest force
     force_linearity_percent: Percent | None = None
-    force_random_N: Certified | None = None  #: random error of every force, one sd
-    angle_U_deg: CertifiedAngle | None = None  #: of reference and lag
-    #: which certificate says so: names, no number depends on them
+    force_random_N: Certified | None = None  #: random error of each force, one standard deviation
+    angle_U_deg: CertifiedAngle | None = None  #: expanded uncertainty of angle reference and lag
+    #: name of the bar's certificate; no number depends on it
     bar_certificate: Label | None = None
-    force_certificate: Label | None = None  #: likewise
+    #: name of the force device's certificate; no number depends on it
+    force_certificate: Label | None = None
 
     def __post_init__(self) -> None:
         require(
@@ -108,7 +110,7 @@ class Instrument(Shown):
 
     @property
     def certificates(self) -> dict[str, str]:
-        """Names of the certificates, by what they are of."""
+        """Names of the stated certificates by certified object (bar, force device, balls)."""
         name_by_object = {
             "bar": self.bar_certificate,
             "force device": self.force_certificate,

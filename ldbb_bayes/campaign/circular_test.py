@@ -28,78 +28,82 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["CENTRE", "PER_TEST", "CircularTest", "Direction", "TestFields", "distinct_forces"]
 
 Direction = Literal["CW", "CCW"]
-# Readings and arc that a test must have at least.
+# Smallest number of readings, and smallest arc [deg], of a test.
 _MINIMUM_READINGS = 9
 _MINIMUM_ARC_DEG = 180.0
-# Larger readings are in another unit [mm].
+# Readings larger than this [mm] must be in another unit.
 _LARGEST_READING_MM = 100.0
-# A gap of at most so many median steps is an ordinary one: the circle is full.
+# A circle counts as full if its largest gap between angles is at most so many median steps.
 _ORDINARY_GAP = 3.0
-# A regulator repeats a force no better than to this share of the largest.
+# Forces that differ by less than this share of the largest count as the same: a regulator repeats
+# a force no better.
 _SAME_FORCE_SHARE = 1e-3
-# Relative tolerance of equal steps of the angle, and of one turn.
+# Relative tolerance within which steps of the angle count as equal, and an arc as one turn.
 _EVEN_TOLERANCE = 1e-6
 CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TestFields(Shown):
-    """What a program, campaign.toml or a layout says of a test beside its readings.
+    """What a program, ``campaign.toml`` or a layout states of a test besides its readings.
 
-    None: not stated.
+    A field is None where it is not stated.
     """
 
     __test__ = False
 
-    name: FileName | None = None  #: one that a file may have
-    force_N: Force | None = None  #: radial, above zero
-    pressure_bar: Pressure | None = None  #: of the regulator
-    direction: Direction | None = None  #: of travel: CW or CCW
-    work_ball_deg: Number | None = None  #: how far the ball is turned in its socket
-    tool_ball_deg: Number | None = None  #: likewise
-    radius_mm: Length | None = None  #: default: the campaign's
-    plane: str | None = None  #: XY, YZ or ZX; default: the campaign's
-    centre_x_mm: Coordinate | None = None  #: of the work ball, in machine coordinates
-    centre_y_mm: Coordinate | None = None  #: likewise
-    centre_z_mm: Coordinate | None = None  #: likewise
-    #: Tests of one set-up share the tool ball's offsets.
+    name: FileName | None = None  #: name of the test, which must do as the name of a file
+    force_N: Force | None = None  #: radial force, above zero
+    pressure_bar: Pressure | None = None  #: pressure of the regulator
+    direction: Direction | None = None  #: direction of travel: CW or CCW
+    work_ball_deg: Number | None = None  #: how far the work ball is turned in its socket
+    tool_ball_deg: Number | None = None  #: how far the tool ball is turned in its socket
+    radius_mm: Length | None = None  #: radius of the circle; default: the campaign's radius
+    plane: str | None = None  #: XY, YZ or ZX; default: the campaign's plane
+    centre_x_mm: Coordinate | None = None  #: X of the work ball, in machine coordinates
+    centre_y_mm: Coordinate | None = None  #: Y of the work ball, in machine coordinates
+    centre_z_mm: Coordinate | None = None  #: Z of the work ball, in machine coordinates
+    #: number of the set-up; tests of one set-up share the tool ball's offsets
     setup: SetupNumber | None = None
-    temperature_C: Number | None = None  #: during the test
-    time_s: Number | None = None  #: of the start, on any common clock
+    temperature_C: Number | None = None  #: temperature during the test
+    time_s: Number | None = None  #: time when the test starts, on a clock common to all tests
 
 
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
-# Fields of a test that a table may hold in columns, by these very names, beside its load and
-# direction.
+# Fields of a test that a table may hold in columns of exactly these names. Load and direction of a
+# test may stand in columns of other names.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
 
 
 @refusing("test")
 @dataclass(frozen=True, eq=False)
 class CircularTest(TestFields):
-    """One circle at one force. Without readings it is a planned test.
+    """One circle at one force, with readings or, if it is planned, without.
 
-    Force or pressure must be given (the campaign's force law supplies the other), angles in one of
-    two units, readings in at most one. Angles may go any number of turns.
+    Force or pressure must be given; the campaign's force law supplies the other. Give angles in
+    degrees or in radians, and readings in µm or in mm, never in both. Angles may go any number of
+    turns.
 
     Raises
     ------
     InputError
-        For missing, non-finite, too few or unequal numbers of angles and readings, or a force that
-        is not positive.
+        For angles or readings that are missing, not finite, too few or not equally many, or a
+        force that is not positive.
     """
 
-    force_N: Force | None = None  #: radial, above zero
-    #: θ of the bar's sensitive direction from the plane's first axis, shape (n,)
+    force_N: Force | None = None  #: radial force, above zero
+    #: angle θ of the bar's sensitive direction from the plane's first axis, shape (n,)
     angle_deg: Any = None
-    reading_um: Any = None  #: ρ: actual ball distance − R, shape (n,)
-    name: FileName = field(default="", kw_only=True)  #: f036 for 36 N, repeats numbered
-    #: how far the ball is turned in its socket
+    reading_um: Any = None  #: reading ρ: actual distance of the balls − radius, shape (n,)
+    #: name of the test, such as f036 for 36 N; repeats are numbered
+    name: FileName = field(default="", kw_only=True)
+    #: how far the work ball is turned in its socket
     work_ball_deg: Number = field(default=0.0, kw_only=True)
-    #: how far the ball is turned in its socket
+    #: how far the tool ball is turned in its socket
     tool_ball_deg: Number = field(default=0.0, kw_only=True)
-    angle_rad: Any = field(default=None, kw_only=True)  #: instead of ``angle_deg``; None afterwards
-    #: instead of ``reading_um``; None afterwards
+    #: angles in radians, instead of ``angle_deg``; converted to it and then None
+    angle_rad: Any = field(default=None, kw_only=True)
+    #: readings in mm, instead of ``reading_um``; converted to it and then None
     reading_mm: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -115,7 +119,11 @@ class CircularTest(TestFields):
     def _column(
         self, name: str, other_name: str, convert: Callable[[Array], Array]
     ) -> Array | None:
-        """Return a column in its first unit, from the one of two units in which it is given."""
+        """Return angles [deg] or readings [µm], whichever of its two units the user gave.
+
+        ``name`` is the field in the unit that is kept, ``other_name`` the field in the other unit,
+        and ``convert`` turns the latter into the former. None if neither is given.
+        """
         column = getattr(self, name)
         other_column = getattr(self, other_name)
         require(
@@ -146,7 +154,7 @@ class CircularTest(TestFields):
         return array
 
     def _faults(self, angle: Array | None, reading: Array | None) -> Iterator[str]:
-        """Yield what the test must have and has not, and how to mend it."""
+        """Yield, for each thing wrong with the test, what it must have and how to mend it."""
         if angle is None:
             yield "have angles, got none. Give angle_deg (or angle_rad)."
             return
@@ -179,7 +187,7 @@ class CircularTest(TestFields):
 
     @property
     def label(self) -> str:
-        """How messages call it."""
+        """Name of the test in messages."""
         if not self.name:
             return "a circular test"
         return f"test {self.name!r}"
@@ -189,7 +197,7 @@ class CircularTest(TestFields):
         return np.deg2rad(self.angle_deg)
 
     def readings_mm(self) -> Array:
-        """Return ρ in millimetres, shape (n,); `InputError` for a planned test."""
+        """Return ρ in millimetres, shape (n,); raise an `InputError` for a planned test."""
         require(
             self.reading_um is not None,
             f"{self.label} must have readings here, got a planned test. Use a campaign, or simulate"
@@ -210,9 +218,9 @@ class CircularTest(TestFields):
 
     @property
     def step_deg(self) -> float:
-        """Step of angles in equal steps within one turn [deg], zero of others.
+        """Step of the angles [deg] if they go in equal steps within one turn, else zero.
 
-        A plan can state it.
+        A plan can then state the step instead of all angles.
         """
         steps = np.diff(self.angle_deg)
         is_even = np.allclose(steps, steps[0], rtol=_EVEN_TOLERANCE)
@@ -223,7 +231,7 @@ class CircularTest(TestFields):
     def planned(self) -> CircularTest:
         """Return the same test without readings.
 
-        Angles in unequal steps become as many in equal ones over the same arc.
+        Angles in unequal steps are replaced by as many angles in equal steps over the same arc.
         """
         if self.step_deg:
             return replace(self, reading_um=None)
@@ -239,7 +247,10 @@ class CircularTest(TestFields):
 
     @property
     def circle(self) -> Circle:
-        """Radius, centre and plane; the campaign's defaults must have been filled in."""
+        """Radius, centre and plane of the circle, zero or XY where unstated.
+
+        The campaign's defaults must have been filled in before.
+        """
         x, y, z = (float(getattr(self, key) or 0.0) for key in CENTRE)
         return Circle(float(self.radius_mm or 0.0), (x, y, z), self.plane or "XY")
 
@@ -247,7 +258,7 @@ class CircularTest(TestFields):
     def arc_deg(self) -> float:
         """Covered arc [deg]: 360° minus the largest gap between neighbouring angles.
 
-        It is 360° where that gap is an ordinary step.
+        It is 360° where that gap is no wider than three median steps.
         """
         return _arc_of(self.angle_deg.tobytes())
 
@@ -260,8 +271,8 @@ def _um_of_mm(millimetres: Array) -> Array:
 def _arc_of(angles: bytes) -> float:
     """Return the covered arc [deg].
 
-    It is kept, as the tests of a campaign, and the candidates of a design, often have the same
-    angles.
+    Results are cached, since the tests of a campaign, or the candidates of a design, often have
+    the same angles.
     """
     wrapped = np.unique(np.mod(np.frombuffer(angles), 360.0))
     if len(wrapped) < 2:
