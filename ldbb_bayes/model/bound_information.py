@@ -1,4 +1,8 @@
-"""Information of the readings about all coefficients of a bound model."""
+"""Information that readings carry about all coefficients of a bound model.
+
+A bound model is the model of one campaign. Its hyper-parameters φ are the scales of the noise and
+of the nuisances, which are effects that are modelled but not of interest.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +21,13 @@ __all__ = ["information_of", "informations_of"]
 
 @dataclass(frozen=True, eq=False)
 class _Noise:
-    """Columns that count as noise of their test, with the class name of their term."""
+    """Columns whose coefficients differ between tests: they are treated as noise of each test."""
 
     term: str
     columns: Columns | BasisNoise
 
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
-        """Return its covariance in the reduced readings of a test [mm²]."""
+        """Return the covariance of this noise in the reduced readings of a test [mm²]."""
         if isinstance(self.columns, BasisNoise):
             root = factor * self.columns.sd_at(hyper, test)
         else:
@@ -32,17 +36,17 @@ class _Noise:
 
 
 def information_of(bound: BoundModel, phi: Array) -> Information:
-    """Return the information about a bound model's coefficients at φ (h,) [mm].
+    """Return the information about a bound model's coefficients at hyper-parameters φ (h,) [mm].
 
-    What differs between tests is noise of its test.
+    Effects whose coefficients differ between tests are treated as noise of each test.
     """
     return next(informations_of(bound, phi[None]))
 
 
 def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
-    """Yield the information of `information_of` at several φ, shape (w, h) [mm].
+    """Yield the result of `information_of` for each of several φ, shape (w, h) [mm].
 
-    What φ only scales is computed once.
+    Parts that do not depend on φ, except for a scale, are computed only once.
     """
     names = list(bound.names)
     owners = [OWN] * len(bound.names)
@@ -73,10 +77,10 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
 
 
 def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Array) -> list[int]:
-    """Return for every test the first test of the same noise.
+    """Return for each test the index of the first test that has the same noise covariance.
 
-    Tests have the same noise if they are sampled at the same angles on circles of one kind and of
-    one scale.
+    The noise of two tests is the same if their angles, their circles' scales λ and their columns of
+    noise are the same.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     first_of_kind: dict[tuple[object, ...], int] = {}
@@ -94,7 +98,7 @@ def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Ar
 def _noise_covariances(
     factor: Array, noises: list[_Noise], hyper: Mapping[str, float], test: int
 ) -> dict[str, Array]:
-    """Return the covariance of a test's noise by term and of the readings' white noise [mm²]."""
+    """Return the covariances of a test's noise by term, white noise of the readings too [mm²]."""
     blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
     for noise in noises:
         covariance = noise.covariance(factor, hyper, test)

@@ -1,4 +1,7 @@
-"""The circle's basis: 1, cos θ, sin θ, …, cos 12θ, sin 12θ."""
+"""Basis functions of a circular test: 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
+
+A function of the angle θ on the circle is represented by its 25 coefficients in this basis.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ SIZE = 2 * MAX_ORDER + 1
 # Order of every basis function: 0, 1, 1, 2, 2, …, 12, 12.
 ORDERS = np.repeat(np.arange(MAX_ORDER + 1), 2)[1:]
 ORDERS.setflags(write=False)
-# Coefficients smaller than this share of the largest are rounding.
+# Coefficients smaller than this share of the largest are rounding errors and count as zero.
 _ROUNDING = 1e-13
 
 
@@ -36,17 +39,17 @@ def basis(angle_rad: Array) -> Array:
 
 
 def harmonic_index(order: int) -> tuple[int, int]:
-    """Return the positions of cos nθ and sin nθ in the basis, n ≥ 1."""
+    """Return the indices of cos nθ and sin nθ in the basis, for an order n ≥ 1."""
     return 2 * order - 1, 2 * order
 
 
 def coefficients(columns: Callable[[Array], Array]) -> Array:
-    """Return basis coefficients of trigonometric polynomials of order ≤ 12, shape (25, p).
+    """Return basis coefficients of p trigonometric polynomials of order ≤ 12, shape (25, p).
 
     Parameters
     ----------
     columns
-        Function of angles (n,) [rad] that returns the polynomials' values (n, p).
+        Function that takes angles (n,) [rad] and returns the values of the polynomials (n, p).
     """
     n = 4 * MAX_ORDER
     angle = np.arange(n) * (2 * np.pi / n)
@@ -57,7 +60,10 @@ def coefficients(columns: Callable[[Array], Array]) -> Array:
 
 
 def derivative(values: Array) -> Array:
-    """Return coefficients of the derivative with respect to the angle, shape (..., 25)."""
+    """Return coefficients of the derivative with respect to the angle, shape (..., 25).
+
+    The argument holds the coefficients of the functions, shape (..., 25).
+    """
     slopes = np.zeros_like(values)
     orders = np.arange(1, MAX_ORDER + 1)
     slopes[..., 1::2] = orders * values[..., 2::2]

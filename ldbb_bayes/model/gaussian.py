@@ -1,19 +1,22 @@
-"""Gaussian algebra in information form: ln g(x) = constant + ηᵀ x − ½ xᵀ P x.
+"""Algebra of Gaussian functions of coefficients x: ln g(x) = constant + ηᵀ x − ½ xᵀ P x.
 
-One kernel for everything that is linear and Gaussian, with leading batch axes:
+P, shape (q, q), is the precision matrix (the inverse of the covariance), η = P · mean, shape (q,),
+and q is the number of coefficients. Leading array dimensions "..." hold many such functions.
+"Whitened" rows and readings are divided by the standard deviation of the noise. One class serves
+everything that is linear and Gaussian:
 
 | what | how |
 |---|---|
-| prior, known moments | `Gaussian.of(mean, covariance or variances)` |
+| prior of known mean and covariance | `Gaussian.of(mean, covariance or variances)` |
 | likelihood of whitened rows y = J x + N(0, I) | `Gaussian.from_rows(J, y)` |
 | prior × likelihood | `prior.observe(J, y)` |
-| sums of information, possibly singular | `Gaussian(P, η, constant)`; `+` multiplies densities |
-| ∫ g, moments, p(x_i) | `log_integral`, `mean`, `sd`, `covariance`, `marginal(keep)` |
-| draws, standard coordinates, densities | `draw`, `from_standard`, `standardize`, `log_density` |
+| sums of precisions, possibly singular | `Gaussian(P, η, constant)`; `+` multiplies densities |
+| ∫ g, moments, marginal densities | `log_integral`, `mean`, `sd`, `covariance`, `marginal(keep)` |
+| random draws, standardised x, densities | `draw`, `from_standard`, `standardize`, `log_density` |
 
-A Gaussian is kept as a square root, P = S⁻¹ L Lᵀ S⁻¹ with diagonal scales S. Rows are factored by
-QR with their columns scaled; there are no normal equations, and nothing is inverted. Moments need
-P positive definite; sums do not.
+P is kept by its square root, P = S⁻¹ L Lᵀ S⁻¹, with L lower triangular and S a diagonal matrix of
+scales. Against rounding, rows are factorised by QR with scaled columns; normal equations are not
+formed and no matrix is inverted. Moments need a positive definite P; products of densities do not.
 """
 
 from __future__ import annotations
@@ -31,12 +34,13 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["Gaussian"]
 
 _LOG_2PI = float(np.log(2 * np.pi))
-# A pivot smaller than this share of the largest has at most three digits above rounding.
+# Columns count as dependent when a diagonal entry of their R factor is smaller than this share of
+# the largest one: it then has at most three correct digits.
 _DEPENDENT = 1e-13
 
 
 class _Factors(NamedTuple):
-    """Mean (..., q), lower triangular L (..., q, q) and diagonal of S (..., q)."""
+    """Mean (..., q), L (..., q, q) and diagonal of S (..., q) of P = S⁻¹ L Lᵀ S⁻¹."""
 
     mean: Array
     root: Array
@@ -44,12 +48,14 @@ class _Factors(NamedTuple):
 
 
 class Gaussian(Shown):
-    """Gaussian functions g(x) = exp(constant + ηᵀ x − ½ xᵀ P x), one for every leading index.
+    """Gaussian functions g(x) = exp(constant + ηᵀ x − ½ xᵀ P x), one for each leading index.
+
+    They need not be normalised. The vector x holds q coefficients.
 
     Parameters
     ----------
     precision
-        P, shape (..., q, q), symmetric; it may be singular as long as no moments are asked for.
+        P, shape (..., q, q), symmetric; where it is singular, there are no moments.
     shift
         η = P · mean, shape (..., q).
     log_constant
@@ -64,7 +70,7 @@ class Gaussian(Shown):
         shift: Array,
         log_constant: Array | float = 0.0,
     ) -> None:
-        # These are cached properties: what is assigned is not computed.
+        # These three are cached properties: once assigned, they are not computed.
         self.precision = precision
         self.shift = shift
         self.log_constant = np.asarray(log_constant, dtype=float)
@@ -77,18 +83,18 @@ class Gaussian(Shown):
         scale: Array,
         log_integral: Array | float = 0.0,
     ) -> Self:
-        """Return a Gaussian of known square root, P = S⁻¹ L Lᵀ S⁻¹.
+        """Return the Gaussian whose precision matrix is P = S⁻¹ L Lᵀ S⁻¹.
 
         Parameters
         ----------
         mean
-            Shape (..., q).
+            Mean, shape (..., q).
         root
             L, lower triangular, shape (..., q, q).
         scale
             Diagonal of S, shape (..., q).
         log_integral
-            ln ∫ g, shape (...).
+            ln ∫ g, shape (...); 0 when normalised.
         """
         gaussian = cls.__new__(cls)
         gaussian._factors = _Factors(mean, root, scale)
@@ -97,12 +103,12 @@ class Gaussian(Shown):
 
     @classmethod
     def of(cls, mean: Array, covariance: Array) -> Gaussian:
-        """Return N(mean, covariance).
+        """Return the Gaussian density N(mean, covariance).
 
         Parameters
         ----------
         mean
-            Shape (..., q).
+            Mean, shape (..., q).
         covariance
             Covariances, shape (..., q, q), or independent variances, shape (..., q).
 
@@ -135,9 +141,10 @@ class Gaussian(Shown):
 
     @classmethod
     def from_rows(cls, rows: Array, values: Array) -> Gaussian:
-        """Return the likelihood Π N(values; rows · x, 1) as a function of x: least squares.
+        """Return the likelihood Π N(values; rows · x, 1) as a function of x.
 
-        ``log_integral`` holds the residual sum of squares.
+        Its mean is the least-squares estimate of x. Its ``log_integral`` contains −½ times the
+        residual sum of squares.
 
         Parameters
         ----------
@@ -168,9 +175,9 @@ class Gaussian(Shown):
         return cls._from_triangle(triangle, np.zeros(q), scale, log_norm)
 
     def observe(self, rows: Array, values: Array) -> Gaussian:
-        """Return the product with the likelihood Π N(values; rows · x, 1): prior to posterior.
+        """Return the posterior: this prior times the likelihood Π N(values; rows · x, 1).
 
-        ``log_integral`` gains the log evidence.
+        Its ``log_integral`` is that of the prior plus the log evidence, ln p(values).
 
         Parameters
         ----------
@@ -202,9 +209,10 @@ class Gaussian(Shown):
         *,
         has_prior: bool = False,
     ) -> Gaussian:
-        """Return the Gaussian of the R factor of [rows · scale, values], about an origin.
+        """Return the Gaussian that belongs to the R factor of [rows · S, values − rows · origin].
 
-        With a prior its root stands below the rows, and ``constant`` counts its scales already.
+        S is the diagonal matrix of ``scale``. With a prior, the factorised matrix has also the rows
+        [Lᵀ, 0] of the prior's root L, and ``constant`` includes the prior's log determinant.
         """
         q = scale.shape[-1]
         upper = triangle[..., :q, :q]
@@ -239,13 +247,16 @@ class Gaussian(Shown):
 
     @cached_property
     def log_constant(self) -> Array:
-        """Constant ln g(0), shape (...)."""
+        """Logarithm of g at x = 0, shape (...)."""
         origin = np.zeros(self.mean.shape[-1])
         return np.asarray(self.log_integral + self.log_density(origin))
 
     @cached_property
     def log_integral(self) -> Array:
-        """Log integral ln ∫ g, shape (...): of a prior times a likelihood the log evidence."""
+        """Logarithm of ∫ g, shape (...).
+
+        For the product of a normalised prior and a likelihood it is the log evidence.
+        """
         mean, root, scale = self._factors
         q = mean.shape[-1]
         log_volume = np.log(scale).sum(axis=-1) - log_diagonal(root) + 0.5 * q * _LOG_2PI
@@ -259,25 +270,26 @@ class Gaussian(Shown):
 
     @property
     def root(self) -> Array:
-        """Lower triangular L of P = S⁻¹ L Lᵀ S⁻¹, shape (..., q, q)."""
+        """Lower triangular L of the precision matrix P = S⁻¹ L Lᵀ S⁻¹, shape (..., q, q)."""
         return self._factors.root
 
     @property
     def scale(self) -> Array:
-        """Diagonal of S, shape (..., q)."""
+        """Diagonal of the scales S of the precision matrix P = S⁻¹ L Lᵀ S⁻¹, shape (..., q)."""
         return self._factors.scale
 
     def spread(self, combinations: Array | None = None) -> Array:
-        """Return X with X Xᵀ = covariance.
+        """Return a square root X of the covariance, X Xᵀ = covariance.
 
         Parameters
         ----------
         combinations
-            Linear combinations of x, shape (m, q), whose covariance is meant; by default x itself.
+            Linear combinations of the coefficients x, one a row, shape (m, q), whose covariance is
+            meant; by default x itself.
 
         Returns
         -------
-        Shape (..., q, q), or (..., m, q) for linear combinations.
+        X, shape (..., q, q), or (..., m, q) for linear combinations.
         """
         rows = np.eye(self.scale.shape[-1]) if combinations is None else combinations
         scaled = np.swapaxes(rows * self.scale[..., None, :], -1, -2)
@@ -303,7 +315,10 @@ class Gaussian(Shown):
         )
 
     def marginal(self, keep: Sequence[int]) -> Gaussian:
-        """Return ∫ g over all coefficients but those of ``keep``, in the order of ``keep``."""
+        """Return the integral of g over all coefficients except those of the indices ``keep``.
+
+        The remaining coefficients are in the order of ``keep``.
+        """
         mean, root, scale = self._factors
         q = mean.shape[-1]
         first = q - len(keep)
@@ -316,15 +331,15 @@ class Gaussian(Shown):
         )
 
     def from_standard(self, z: Array) -> Array:
-        """Return x, shape (..., q), of standard normal coordinates z (..., q)."""
+        """Return x = mean + S L⁻ᵀ z, shape (..., q), from standard normal z (..., q)."""
         return self.mean + solve_upper(self.root, z) * self.scale
 
     def standardize(self, x: Array) -> Array:
-        """Return standard normal coordinates of x, the reverse of `from_standard`."""
+        """Return z = Lᵀ S⁻¹ (x − mean), shape (..., q): standard normal coordinates of x."""
         return np.einsum("...ij,...i->...j", self.root, (x - self.mean) / self.scale)
 
     def log_density(self, x: Array) -> Array:
-        """Return ln N(x; mean, covariance), normalised, shape (...)."""
+        """Return the log density ln N(x; mean, covariance), normalised, shape (...)."""
         z = self.standardize(x)
         log_root = log_diagonal(self.root) - np.log(self.scale).sum(axis=-1)
         return np.asarray(log_root - 0.5 * ((z**2).sum(axis=-1) + z.shape[-1] * _LOG_2PI))
@@ -334,20 +349,20 @@ class Gaussian(Shown):
         rng: np.random.Generator,
         size: tuple[int, ...] = (),
     ) -> Array:
-        """Return independent draws, shape ``(*size, ..., q)``."""
+        """Return independent random draws of x, shape ``(*size, ..., q)``."""
         return self.from_standard(rng.standard_normal((*size, *self.mean.shape)))
 
 
 def _lower_with_positive_diagonal(upper: Array) -> Array:
-    """Return the transpose of an R factor whose rows are signed to a positive diagonal."""
+    """Return the transpose of an R factor, with signs changed so that its diagonal is positive."""
     sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
     return np.swapaxes(upper * sign[..., :, None], -1, -2)
 
 
 def _column_scales(rows: Array) -> Array:
-    """Return powers of two, shape (..., q), that bring columns to a length near one.
+    """Return factors for the columns, shape (..., q), that bring their lengths near one.
 
-    Powers of two scale without rounding.
+    The factors are powers of two, so that scaling does not round.
     """
     norms = np.linalg.norm(rows, axis=-2)
     exponent = np.round(np.log2(np.where(norms > 0.0, norms, 1.0))).astype(int)

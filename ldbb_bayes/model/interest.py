@@ -1,4 +1,8 @@
-"""The parameters of interest of a campaign: compliances, their slopes and geometric errors."""
+"""The parameters of interest β of a campaign: compliances, their slopes and geometric errors.
+
+A slope is the change of a compliance with force: C(F) = C_0 + C_1 (F − F0) + C_2 (F − F0)², where
+F0 is the reference force.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +22,8 @@ from ldbb_bayes.results import Array
 __all__ = ["Group", "Parameter", "ParametersOfInterest", "compliance_rows", "physical_rows"]
 
 Group = Literal["compliance", "slope", "geometric"]
-# Slopes are in proportion to the size of their compliance. Whatever its estimate, the size is at
-# least the prior sd divided by this.
+# The prior sd of a slope is proportional to the size of its compliance. Where the size is the
+# estimate, it counts as at least the prior sd of the compliance divided by this number.
 _SD_PER_LEAST_SIZE = 20.0
 
 
@@ -31,17 +35,17 @@ class Parameter:
     unit: str
     prior_sd: float  #: infinite when the prior is flat
     group: Group
-    degree: int = 0  #: of a compliance: the power of force that it goes with
+    degree: int = 0  #: power of F − F0 that a slope is multiplied by; 0 if no slope
     prior_mean: float = 0.0  #: zero when the prior is flat
 
     @property
     def compliance(self) -> str:
-        """The compliance that a slope belongs to: C_XXX for C_XXX_1."""
+        """Name of the compliance that a slope belongs to: C_XXX for C_XXX_1."""
         return self.name.removesuffix(f"_{self.degree}") if self.degree else self.name
 
 
 class _Row(NamedTuple):
-    """A parameter before it has a prior."""
+    """A parameter of interest whose prior is not yet known."""
 
     name: str
     unit: str
@@ -51,7 +55,10 @@ class _Row(NamedTuple):
 
 @dataclass(frozen=True)
 class ParametersOfInterest:
-    """β = (C_0 …, E) of a campaign, fixed parameters included."""
+    """Parameters of interest β = (C_0, C_1, …, E) of a campaign, fixed parameters included.
+
+    C_0 are the compliances, C_1 and C_2 their slopes and E the geometric errors.
+    """
 
     degree: int
     visible: Kept  #: the compliances that the campaign's circles can separate
@@ -63,7 +70,7 @@ class ParametersOfInterest:
         return self.visible.names
 
     def with_prior(self, prior: Prior, setting: Setting) -> tuple[Parameter, ...]:
-        """Return all parameters with their prior; InputError where it names unknown ones."""
+        """Return all parameters with their prior; InputError if the prior names an unknown one."""
         rows = self._rows()
         names = [row.name for row in rows]
         check_known("prior override", prior.overrides, names)
@@ -88,7 +95,11 @@ class ParametersOfInterest:
         return rows
 
     def prior_sd(self, prior: Prior, setting: Setting) -> Array:
-        """Return the prior sd of all parameters, slopes measured against the setting's Ĉ."""
+        """Return the prior sd of all parameters, shape (parameters,).
+
+        The prior sd of a slope is proportional to the setting's least-squares estimate Ĉ of its
+        compliance, or to the prior sd of its compliance (model of the first edition).
+        """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:
             size = np.maximum(np.abs(setting.compliance_estimate), size / _SD_PER_LEAST_SIZE)
@@ -98,16 +109,18 @@ class ParametersOfInterest:
         return np.concatenate([*blocks, prior.geometric_sd(self.geometric_errors)])
 
     def compliance_sd(self, prior: Prior) -> Array:
-        """Return the prior sd of every compliance.
+        """Return the prior sd of every compliance, shape (compliances,).
 
-        Unless overridden it includes what the compliance absorbs of dropped sets.
+        The circles cannot separate some other compliances (dropped sets) from these. Unless the
+        user overrides the prior sd, it includes the contribution of those that a compliance
+        represents.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
         return np.where(overridden, prior.compliance_sd(self.compliances), with_dropped_sets)
 
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
-        """Return sizes of the compliances, with absorbed dropped sets added in quadrature."""
+        """Return sizes of the compliances; those of represented dropped sets add in quadrature."""
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):
             heads = [name for name in absorbed if name.label in self.visible.dependent]
@@ -120,7 +133,7 @@ class ParametersOfInterest:
 def compliance_rows(
     compliances: Sequence[ComplianceName], parameters: Sequence[Parameter], lever_N: float
 ) -> Array:
-    """Return the rows A with C(F) = A β, shape (compliances, p).
+    """Return the matrix A with C(F) = A β at one force F, shape (compliances, p).
 
     Parameters
     ----------
@@ -129,7 +142,7 @@ def compliance_rows(
     parameters
         The parameters β, one for each column.
     lever_N
-        F − F0.
+        F − F0, force less reference force.
     """
     labels = [name.label for name in compliances]
     rows = np.zeros((len(labels), len(parameters)))
@@ -146,21 +159,22 @@ def physical_rows(
     levers_N: Sequence[float],
     reference_force_N: float,
 ) -> Array:
-    """Return the rows A of the physical region A β ≥ 0, shape (rows, p).
+    """Return the matrix A of the physical region A β ≥ 0, shape (rows, p).
 
-    C(F) ≥ 0 holds for compliances that are a deflection under the force itself. InputError for a
-    compliance fixed at zero at F0 whose free slope would make it negative on one side of F0.
+    C(F) ≥ 0 must hold for compliances that are a deflection in the direction of the load itself.
+    InputError for a compliance that is fixed at zero while its free slope would make it negative
+    on one side of F0.
 
     Parameters
     ----------
     interest
         All parameters of interest.
     parameters
-        The free ones.
+        The parameters that are not fixed, one for each column.
     levers_N
-        F − F0 at the forces that can bind.
+        F − F0 at the forces where C(F) ≥ 0 is required.
     reference_force_N
-        F0.
+        Reference force F0.
     """
     at_forces = [compliance_rows(interest.compliances, parameters, lever) for lever in levers_N]
     # A dictionary keeps the rows in order and drops equal ones.
@@ -178,7 +192,7 @@ def physical_rows(
 def _check_slope_has_compliance(
     label: str, parameters: Sequence[Parameter], rows: Sequence[Array], reference_force_N: float
 ) -> None:
-    """Refuse a linear slope without its compliance where forces lie on both sides of F0."""
+    """Refuse a free linear slope of a fixed compliance if forces lie on both sides of F0."""
     belongs = [p.group != "geometric" and p.compliance == label for p in parameters]
     degrees = [p.degree for p, belonging in zip(parameters, belongs, strict=True) if belonging]
     if degrees != [1]:

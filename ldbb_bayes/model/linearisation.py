@@ -1,4 +1,7 @@
-"""The point about which a campaign's model is linearised: estimates Ĉ and Ê by least squares."""
+"""Point about which a campaign's model is linearised: estimates Ĉ and Ê by least squares.
+
+Ĉ are the compliances and Ê the geometric errors. For a plan, which has no readings, Ĉ is assumed.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +29,12 @@ __all__ = [
     "planned_compliances",
 ]
 
-# A direct compliance of a usual machine tool [mm/N], 20 N/µm: Ĉ where there are no readings.
+# Direct compliance of a typical machine tool [mm/N], a stiffness of 20 N/µm: the Ĉ of a plan.
 _USUAL_DIRECT_COMPLIANCE = 5e-5
 
 
 class MachineEstimate(NamedTuple):
-    """Ĉ and Ê."""
+    """Estimated compliances Ĉ (compliances,) and geometric errors Ê (geometric errors,)."""
 
     compliances: Array
     geometric_errors: Array
@@ -40,7 +43,7 @@ class MachineEstimate(NamedTuple):
 def linearise(
     setting: Setting, compliances: Sequence[ComplianceName], estimate: MachineEstimate
 ) -> Setting:
-    """Return the setting with Ĉ and the circle fitted with Ĉ and Ê."""
+    """Return the setting with Ĉ and with the readings that Ĉ and Ê predict."""
     axial = np.zeros(3)
     for name, value in zip(compliances, estimate.compliances, strict=True):
         if name.kind == "direct":
@@ -65,7 +68,7 @@ def nominal_mount_offset(setting: Setting) -> Array:
 
 
 def planned_compliances(compliances: Sequence[ComplianceName], prior: Prior) -> Array:
-    """Return Ĉ without readings: the prior mean where there is one, else a usual machine's."""
+    """Return Ĉ of a plan: the prior means, or typical values for compliances without one."""
     values = []
     for name in compliances:
         usual = _USUAL_DIRECT_COMPLIANCE if name.kind == "direct" else 0.0
@@ -76,9 +79,10 @@ def planned_compliances(compliances: Sequence[ComplianceName], prior: Prior) -> 
 def estimate_machine(
     interest: ParametersOfInterest, prior: Prior, setting: Setting, reduced: Sequence[Reduced]
 ) -> MachineEstimate:
-    """Return Ĉ and Ê: least squares at degree 0 on the whole campaign.
+    """Return Ĉ and Ê: least squares with constant compliance on the whole campaign.
 
-    Where it is not unique, the estimate is nearest to the prior mean in units of the prior sd.
+    Where the solution is not unique, it is the one nearest to the prior mean, with distances in
+    units of the prior sd.
     """
     planned = planned_compliances(interest.compliances, prior)
     proper = Prior.first() if prior.flat else prior
@@ -101,20 +105,20 @@ def estimate_machine(
 def fit_nearest(
     columns: Array, near: Array, scale: Array, reduced: Sequence[Reduced], offset: Array
 ) -> Array:
-    """Return the least-squares estimate nearest to a point, shape (p,); of a plan, the point.
+    """Return the least-squares estimate nearest to a point, shape (p,); for a plan, the point.
 
     Parameters
     ----------
     columns
-        Columns of the parameters, shape (tests, 25, p).
+        Columns of the p parameters in the circle's basis, shape (tests, 25, p).
     near
         The point, shape (p,).
     scale
-        The units in which distance from the point counts, shape (p,).
+        Unit of each parameter in the distance from the point, shape (p,).
     reduced
         The reduced readings of every test.
     offset
-        What the readings contain besides, shape (tests, 25) [mm].
+        Known part of the readings that is subtracted first, shape (tests, 25) [mm].
     """
     rows = []
     values = []

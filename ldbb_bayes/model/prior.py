@@ -1,4 +1,9 @@
-"""Priors of the parameters of interest, with units; settings of those of the hyper-parameters."""
+"""Priors of the parameters of interest, and settings of the priors of the hyper-parameters.
+
+Parameters of interest are the compliances, their slopes with force and the geometric errors.
+Hyper-parameters are the scales (standard deviations) of the noise and of the other effects, such
+as the form of the balls, and the power by which form falls with its order.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +32,10 @@ __all__ = ["EXAMPLES", "Prior", "compliance_unit", "degree_of", "geometric_unit"
 
 
 class _Kind(NamedTuple):
-    """What parameters of one kind have in common."""
+    """Unit and default prior of all parameters of one kind."""
 
     unit: str
-    sd_field: str  #: the field of `Prior` that holds one sd
+    sd_field: str  #: name of the field of `Prior` that holds their prior sd
 
 
 _COMPLIANCES: dict[ComplianceKind, _Kind] = {
@@ -46,7 +51,7 @@ _GEOMETRIC: dict[GeometricKind, _Kind] = {
     "squareness": _Kind("rad", "squareness_rad"),
     "offset": _Kind("mm", "offset_mm"),
 }
-# Names of parameters, to answer an unknown one with the nearest.
+# Names of parameters: a message about an unknown name suggests the nearest of these.
 EXAMPLES = [
     "C_XXX",
     "C_XYX",
@@ -62,11 +67,12 @@ EXAMPLES = [
     "E_Xt0",
     "E_Yt0",
 ]
-# A larger prior mean in units of the usual sd is a mistake of units.
+# A prior mean more than this many default prior sds from zero is taken for a mistake of units.
 _LARGEST_MEAN_PER_SD = 1000.0
-# The kind of a geometric error by the order in its name, where it is no squareness.
+# The kind of a geometric error by the order in its name (E_XX1 has order 1). Squareness errors
+# have no order.
 _KIND_OF_ORDER: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
-# C_XXX and C_XXX_1; E_XX1, E_Xt0 and E_Xt0_2; E_C0YX.
+# Matches names such as C_XXX, C_XXX_1 (a slope), E_XX1, E_Xt0, E_Xt0_2 (of set-up 2) and E_C0YX.
 _PARAMETER_NAME = re.compile(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)")
 
 
@@ -81,16 +87,16 @@ def geometric_unit(kind: GeometricKind) -> str:
 
 
 def parameter_to_inside(parameter: str, value: float | str, words: str) -> float:
-    """Return a value of a parameter in inside units.
+    """Return a value of a parameter in internal units (mm, N, rad).
 
     Parameters
     ----------
     parameter
         Name of the parameter.
     value
-        A number in inside units, or text with its unit, "5 nm/N".
+        A number in internal units, or text with its unit, such as "5 nm/N".
     words
-        What the value is, for messages.
+        What the value is, for error messages, such as "prior sd of".
     """
     if not isinstance(value, str):
         require(
@@ -109,7 +115,7 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
 
 
 def _kind_of(parameter: str) -> _Kind | None:
-    """Return unit and prior sd of a parameter by its name; None of what is no such name."""
+    """Return unit and prior sd of the parameter of this name; None if no parameter has it."""
     degree = degree_of(parameter)
     match = _PARAMETER_NAME.fullmatch(parameter)
     if match is None or degree > 2:
@@ -122,51 +128,63 @@ def _kind_of(parameter: str) -> _Kind | None:
 
 
 def degree_of(parameter: str) -> int:
-    """Return the power of force a compliance goes with: 1 for C_XXX_1, 0 for what is no slope."""
+    """Return the degree of a slope by its name: 1 for C_XXX_1, 2 for C_XXX_2.
+
+    The degree is 0 for every name that is not that of a slope.
+    """
     stem, _, suffix = parameter.rpartition("_")
     return int(suffix) if stem.startswith("C_") and suffix.isdigit() else 0
 
 
 @dataclass(frozen=True)
 class Prior(Shown):
-    """Gaussian priors of the parameters of interest, half-normal ones of the hyper-parameters.
+    """Gaussian priors of the parameters of interest and half-normal priors of the scales.
 
     The defaults are wide for any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm,
     a scale gain of 2e-4 is 200 µm/m. Give your own by `HybridModel.with_prior` or in TOML; every
     value may be text with its unit.
 
-    ``means`` are zero for all parameters not named; a force slope's stays zero: constant compliance
-    is the linear model with its slopes at zero. The override of a compliance named there says how
-    well it is known, no longer how large it may be: its slopes keep the sd that the kind of
-    compliance gives them.
+    The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
+    slope with force is always zero, because constant compliance is the linear model with its slopes
+    at zero. If ``means`` names a compliance, the prior sd of this compliance in ``overrides`` is
+    how well it is known, not how large it may be; its slopes therefore keep the prior sd that
+    follows from the default for its kind.
     """
 
-    direct_mm_per_N: float = 1e-4  #: one sd of C_XXX and C_YYY
-    cross_mm_per_N: float = 1e-5  #: one sd of C_XYX
-    rotation_for_force_rad_per_N: float = 1e-7  #: one sd of C_CXY and C_CYY
-    rotation_for_moment_rad_per_N_mm: float = 1e-9  #: one sd of C_CCY
-    slope_scale: float = 0.3  #: sd(C_k) = slope_scale · size / (F_max − F_min)^k
-    gain: float = 2e-4  #: one sd of E_XX1 and E_YY1
-    squareness_rad: float = 5e-5  #: one sd of E_C(0Y)X
-    straightness_per_mm: float = 1e-6  #: one sd of E_YX2 and E_XY2
-    offset_mm: float = 0.02  #: one sd of E_Xt0 and E_Yt0
-    sigma_um: float = 1.0  #: scale of the half-normal prior of white noise
-    delta_um: float = 1.0  #: likewise: set-up shift
-    kappa_um: float = 1.0  #: likewise: discrepancy
-    tau_um: float = 1.5  #: likewise: ball form at order 6
-    omega_um: float = 1.5  #: likewise: machine pattern at order 6
-    eta_um: float = 2.0  #: likewise: hysteresis
-    decay: float = 2.0  #: the power by which form falls with its order, Normal within [0.5, 3.5]
-    decay_sd: float = 0.7  #: its sd
-    #: the size is of the compliance itself, max(|Ĉ|, sd(C)/20), else sd(C) (first edition)
+    direct_mm_per_N: float = 1e-4  #: prior sd of C_XXX and C_YYY
+    cross_mm_per_N: float = 1e-5  #: prior sd of C_XYX
+    rotation_for_force_rad_per_N: float = 1e-7  #: prior sd of C_CXY and C_CYY
+    rotation_for_moment_rad_per_N_mm: float = 1e-9  #: prior sd of C_CCY
+    #: prior sd of the slope C_k of degree k: slope_scale · size / (F_max − F_min)^k, where F_max and
+    #: F_min bound the campaign's forces and ``slopes_of_estimate`` says what the size is
+    slope_scale: float = 0.3
+    gain: float = 2e-4  #: prior sd of E_XX1 and E_YY1
+    squareness_rad: float = 5e-5  #: prior sd of E_C(0Y)X
+    straightness_per_mm: float = 1e-6  #: prior sd of E_YX2 and E_XY2
+    offset_mm: float = 0.02  #: prior sd of E_Xt0 and E_Yt0
+    sigma_um: float = 1.0  #: scale of the half-normal prior of σ, white noise
+    delta_um: float = 1.0  #: scale of the half-normal prior of δ, shift between set-ups
+    kappa_um: float = 1.0  #: scale of the half-normal prior of κ, model discrepancy
+    #: scale of the half-normal prior of τ, form of the balls at order 6
+    tau_um: float = 1.5
+    #: scale of the half-normal prior of ω, the machine's own pattern at order 6
+    omega_um: float = 1.5
+    eta_um: float = 2.0  #: scale of the half-normal prior of η, hysteresis
+    #: prior mean of the power by which form falls with its order; Gaussian within [0.5, 3.5]
+    decay: float = 2.0
+    decay_sd: float = 0.7  #: prior sd of the power by which form falls with its order
+    #: the size that ``slope_scale`` multiplies: if true, max(|Ĉ|, sd(C)/20), where Ĉ is the
+    #: least-squares estimate of the compliance and sd(C) its prior sd; if false, sd(C) (model of
+    #: the first edition)
     slopes_of_estimate: bool = True
-    #: C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at tested forces: F C(F) is a deflection under the force
-    #: itself
+    #: whether C_XXX(F), C_YYY(F) and C_CCY(F) must not be negative at the tested forces F:
+    #: F · C(F) is a deflection in the direction of the load itself
     truncated: bool = True
     flat: bool = False  #: no prior on the parameters of interest (the paper's least squares)
-    #: sd by parameter, in inside units (mm, N, rad)
+    #: prior sds by name of parameter, in internal units (mm, N, rad)
     overrides: Mapping[str, float] = field(default_factory=dict)
-    means: Mapping[str, float] = field(default_factory=dict)  #: prior means, in inside units
+    #: prior means by name of parameter, in internal units (mm, N, rad)
+    means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._convert_settings()
@@ -195,7 +213,7 @@ class Prior(Shown):
                 object.__setattr__(self, name, float(number))
 
     def _convert_table(self, table: str, words: str) -> None:
-        """Convert every value of ``overrides`` or ``means`` to inside units."""
+        """Convert every value of ``overrides`` or ``means`` to internal units."""
         values = {inside_name(name): value for name, value in getattr(self, table).items()}
         for name, value in values.items():
             values[name] = parameter_to_inside(name, value, words)
@@ -217,13 +235,13 @@ class Prior(Shown):
             )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what pickle needs: a read-only mapping does not pickle."""
+        """Return plain dictionaries for pickle, which cannot store read-only mappings."""
         settings = {**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)}
         return partial(Prior, **settings), ()
 
     @classmethod
     def default(cls) -> Prior:
-        """Return the documented default."""
+        """Return the default prior."""
         return cls()
 
     @classmethod
@@ -233,7 +251,7 @@ class Prior(Shown):
 
     @classmethod
     def paper(cls) -> Prior:
-        """Return the flat, untruncated prior: least squares."""
+        """Return the flat, untruncated prior, with which estimates are those of least squares."""
         return cls(truncated=False, flat=True)
 
     def compliance_sd(self, names: Sequence[ComplianceName]) -> Array:
@@ -245,7 +263,8 @@ class Prior(Shown):
     ) -> Array:
         """Return the prior sd of every slope of one degree, shape (compliances,).
 
-        Slopes are in proportion to the sizes of their compliances.
+        The prior sd of a slope is proportional to ``size``, the size of its compliance. Degree 1 is
+        linear in force, degree 2 quadratic.
         """
         return self._overridden(
             [f"{name.label}_{degree}" for name in names],
@@ -253,9 +272,10 @@ class Prior(Shown):
         )
 
     def compliance_size(self, names: Sequence[ComplianceName]) -> Array:
-        """Return how large compliances may be, shape (compliances,).
+        """Return how large each compliance may be, shape (compliances,).
 
-        Their prior sd, but the usual one of those with a prior mean.
+        This is its prior sd; for a compliance with a prior mean of its own it is the default prior
+        sd of its kind.
         """
         has_mean = [name.label in self.means for name in names]
         return np.where(has_mean, self._usual_sd(names), self.compliance_sd(names))
@@ -277,7 +297,7 @@ class Prior(Shown):
         )
 
     def hyper(self, scales: Sequence[Scale], resolution_um: float) -> HyperPrior:
-        """Return the priors of hyper-parameters; σ is restricted to σ ≥ resolution/√12."""
+        """Return the priors of the hyper-parameters; white noise σ is at least resolution/√12."""
         prior_scales = []
         lower = []
         for scale in scales:
@@ -298,7 +318,7 @@ class Prior(Shown):
 
 
 def _check_mean(name: str, mean: float) -> None:
-    """Refuse a prior mean that is not finite, of a slope, or absurdly large."""
+    """Refuse a prior mean that is not finite, belongs to a slope, or is absurdly large."""
     require(
         bool(np.isfinite(mean)),
         f"prior mean of {name} must be a finite number, got {mean}. Correct it or leave it out.",

@@ -1,7 +1,8 @@
-"""Readings of a circular test reduced to the circle's basis.
+"""Reduction of the readings of a circular test to at most 25 numbers.
 
-Every column of the model is a polynomial in the basis, so that a test is 25 coefficients wide
-whatever its number of readings.
+The model describes readings by the 25 basis functions 1, cos θ, sin θ, …, cos 12θ, sin 12θ. By the
+QR decomposition of the basis, at most 25 numbers and one sum of squares hold all that the readings
+say about the model, however many readings there are.
 """
 
 from __future__ import annotations
@@ -18,27 +19,29 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NearUniform", "Reduced", "reduce_readings"]
 
-# Readings that are projected at once: bounded memory.
+# Number of readings that are projected at once, which limits the memory in use.
 _CHUNK = 8192
-# A departure from uniform sampling of this size changes a log density by 1e-6.
+# Departures from uniform sampling below this size change a log density by less than 1e-6.
 _LEAST_DEPARTURE = 1e-6
-# With more departures than these a circle counts as an arc.
+# A circle with more significant departures from uniform sampling than this counts as an arc.
 _MOST_DEPARTURES = 4
-# Entries of directions below this size are rounding.
+# Entries of eigenvectors below this size are rounding errors and count as zero.
 _ROUNDING = 1e-12
 
 
 class NearUniform(NamedTuple):
-    """A nearly uniform full circle: RᵀR = S (1 + V λ Vᵀ) S.
+    """A full circle sampled at nearly uniform angles: RᵀR = S (1 + V λ Vᵀ) S.
 
-    S V are those of a uniform circle where λ is zero.
+    R is the QR factor of the basis at the test's angles. S and λ are diagonal and V is orthogonal,
+    each of shape (25, 25). On an exactly uniform circle λ is zero.
     """
 
     #: Diagonal of S, the norms of the basis functions on a uniform circle, shape (25,).
     column_norms: Array
-    #: λ, the largest first, shape (25,); positive where readings lie closer than elsewhere.
+    #: Diagonal of λ, departures from uniform sampling, the largest absolute value first, shape
+    #: (25,).
     departure: Array
-    #: V, shape (25, 25).
+    #: V, whose columns belong to the departures λ, shape (25, 25).
     directions: Array
 
     @property
@@ -49,20 +52,23 @@ class NearUniform(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """One test after projection on the basis."""
+    """Readings y of one test after projection on the basis, B = Q R.
 
-    #: z = Qᵀ y [mm], m = min(n, 25) numbers; None of a planned test.
+    B, shape (n, 25), holds the basis functions at the test's n angles; Q and R are its QR factors.
+    """
+
+    #: z = Qᵀ y [mm], shape (m,) with m = min(n, 25); None for a planned test.
     projection: Array | None
-    #: R of the basis at the test's angles, B = Q R, shape (m, 25).
+    #: QR factor R of the basis at the test's angles, shape (m, 25).
     factor: Array
-    #: Sum of squares outside the basis [mm²].
+    #: Sum of squares of the part of the readings that the basis cannot describe [mm²].
     residual_ss: float
     #: Number of readings n.
     readings: int
 
     @cached_property
     def near_uniform(self) -> NearUniform | None:
-        """How the circle departs from a uniform one; None of arcs and of few readings."""
+        """Departure of the circle from a uniform one; None for arcs and fewer than 25 readings."""
         if self.readings < SIZE:
             return None
         root = np.where(ORDERS == 0, 1.0, np.sqrt(0.5))
@@ -86,7 +92,7 @@ def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
     angle_rad
         Angles, shape (n,) [rad].
     reading_mm
-        Readings, shape (n,) [mm]; None of a planned test.
+        Readings, shape (n,) [mm]; None for a planned test.
     """
     n = len(angle_rad)
     readings = np.zeros(n) if reading_mm is None else reading_mm

@@ -1,4 +1,7 @@
-"""Rivals of the slopes: terms that also explain a change of the readings with force."""
+"""Rivals of the slopes: other effects that also explain a change of the readings with force.
+
+A slope is the change of a compliance with force.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,11 @@ __all__ = ["RIVALS", "Rival", "is_rival_of_slopes"]
 
 
 class Rival(NamedTuple):
-    """A term, or the part of it that one setting switches on, that competes with slopes."""
+    """A term, or an effect that one setting of a term switches on, that resembles a slope."""
 
     term: type[Term]
-    setting: str  #: field of the term that is zero without the rival; empty: the whole term
-    stem: str  #: what the names of its coefficients begin with
+    setting: str  #: field of the term that is 0 without the rival; "": the whole term
+    stem: str  #: beginning of the names of the rival's coefficients
 
 
 RIVALS: dict[str, Rival] = {
@@ -26,5 +29,5 @@ _STEMS = tuple(rival.stem for rival in RIVALS.values())
 
 
 def is_rival_of_slopes(columns: Columns | BasisNoise) -> bool:
-    """Return whether columns explain a change with force as slopes do."""
+    """Return whether columns belong to a rival of the slopes."""
     return isinstance(columns, Columns) and columns.names[0].startswith(_STEMS)
