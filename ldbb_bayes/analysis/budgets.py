@@ -1,11 +1,16 @@
 """Uncertainty budgets of the parameters, in the form of the GUM.
 
 A budget lists the contributors to the uncertainty of one parameter: the standard uncertainty,
-sensitivity and share of each. Given the hyper-parameters φ, the estimation error of the parameters
-is a sum of independent parts, one for every source: the deviation of a nuisance coefficient from
-its prior mean, a noise of the readings, the parameters' deviations from their own priors. Their
-shares (`Information.shares`) in the variance of the draws sum to one, truncation and unknown
-hyper-parameters included; without these they are the GUM's u_s²(y) / u²(y).
+sensitivity and share of each. Nuisance coefficients are effects that are modelled but not of
+interest; hyper-parameters φ are the scales of the noise and of other effects; truncation means that
+compliances must not be negative.
+
+Given φ, the estimation error of the parameters is a sum of independent parts, one for every source:
+the deviation of a nuisance coefficient from its prior mean, a noise of the readings, or the
+deviations of the parameters from their own prior means. The shares of the sources in the posterior
+variance (`Information.shares`) sum to one. The variance is that of the posterior draws and includes
+the truncation and the uncertainty of φ; without these two, the share of source s is the GUM's
+u_s²(y) / u²(y).
 """
 
 from __future__ import annotations
@@ -32,9 +37,10 @@ __all__ = ["Budget", "Contribution", "budgets"]
 
 Kind = Literal["A", "B"]
 
-# A nuisance coefficient with a smaller share of the variance has no line of its own.
+# A nuisance coefficient with a share of the variance below this has no line of its own.
 _LISTED_SHARE = 1e-3
-# Terms of type B with more than this share of the variance count as what holds it.
+# Where terms of type B together have more than this share of the variance, the heaviest term is
+# chosen among them.
 _MAJORITY = 0.5
 
 
@@ -42,50 +48,52 @@ _MAJORITY = 0.5
 class Contribution:
     """One line of a budget."""
 
-    #: a nuisance coefficient, the rest of a term, a noise, or ``Parameters``: the parameters' own
-    #: priors
+    #: a nuisance coefficient, the small coefficients of a term together ("other …"), a noise, or
+    #: ``Parameters`` for the parameters' own priors
     source: str
-    term: str
+    term: str  #: model term that the source belongs to
     kind: Kind  #: evaluated from the readings' scatter (A), or by other means (B): GUM 2.3.2, 2.3.3
-    #: its own standard uncertainty [``unit``]; None for several coefficients together
+    #: standard uncertainty of the source [``unit``]; None for several coefficients together
     u: float | None
-    unit: str
-    #: of the parameter's estimate, per unit of the source; for noise the effective one, without
-    #: sign
+    unit: str  #: unit of the source
+    #: change of the parameter's estimate per unit of the source; for noise the contribution over
+    #: ``u``, without sign
     sensitivity: float | None
-    contribution: float  #: its part of the parameter's standard uncertainty [unit of the parameter]
-    share: float  #: of the parameter's variance
+    #: part of the parameter's standard uncertainty due to the source [unit of the parameter]
+    contribution: float
+    share: float  #: share of the source in the parameter's variance
 
 
 @dataclass(frozen=True)
 class Budget(Result):
     """The budget of one parameter.
 
-    Shares of its ``contributions``, the largest first, sum to one.
+    ``contributions`` are its lines, the largest share first; the shares sum to one.
     """
 
     parameter: str
     unit: str
-    u: float  #: posterior standard deviation
+    u: float  #: standard uncertainty of the parameter: its posterior standard deviation
     contributions: tuple[Contribution, ...]
-    #: the term with the largest share, of those of type B where these hold more than half
+    #: term with the largest share; chosen among terms of type B where these have more than half
     heaviest: str
-    #: standard uncertainty left if the heaviest term were known exactly; None for noise of the
-    #: readings and for the parameters' own priors, which nothing makes known
+    #: standard uncertainty of the parameter if the heaviest term were known exactly; None where
+    #: that term cannot be known: noise of the readings, and the parameters' own priors
     u_if_known: float | None
 
     def share(self, term: str) -> float:
-        """Return the share of a whole term."""
+        """Return the share of a whole term in the parameter's variance."""
         return sum(line.share for line in self.contributions if line.term == term)
 
 
 @dataclass(frozen=True)
 class _PosteriorVariance:
-    """The variance of all parameters of a posterior, and where it comes from.
+    """The posterior variance of all p parameters, and where it comes from.
 
-    ``covariance`` (m, m) is that of all coefficients at the mean hyper-parameters, in units of the
-    prior sd; ``shares`` (p,) by source and term; ``variance_if_known`` (p,) by term; ``phi`` the
-    mean hyper-parameters [mm].
+    ``covariance``, shape (m, m), is that of all m coefficients (parameters and nuisances) at the
+    mean hyper-parameters, in units of the prior sd. ``shares`` are the shares of each source and
+    term in the variances of the parameters, shape (p,); ``variance_if_known`` the variances of the
+    parameters if a term were known, shape (p,); ``phi`` the mean hyper-parameters [mm].
     """
 
     bound: BoundModel
@@ -97,7 +105,10 @@ class _PosteriorVariance:
 
 
 class _NoiseSource(NamedTuple):
-    """Type, standard uncertainty and unit of a noise; no uncertainty for several together."""
+    """Type, standard uncertainty and unit of a noise.
+
+    ``u`` is None where several noises are taken together.
+    """
 
     kind: Kind
     u: float | None
@@ -111,13 +122,13 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
     Parameters
     ----------
     posterior : xarray.DataTree
-        From `sample`, `load` or `average`. Sources are compared at its mean hyper-parameters; the
-        variance they share is that of the draws.
+        From `sample`, `load` or `average`. Shares of the sources are computed at its mean
+        hyper-parameters; the variance that they divide is that of its draws.
 
     Returns
     -------
     dict of Budget
-        By parameter, in inside units (mm, N, rad).
+        By parameter, in internal units (mm, N, rad).
 
     Examples
     --------
@@ -179,8 +190,8 @@ def _coefficient_line(
     information = variance.information
     row = information.interest[i]
     column = information.names.index(source)
-    # More of the nuisance than its prior mean moves the estimate the other way than their
-    # covariance.
+    # A nuisance larger than its prior mean moves the parameter's estimate in the direction opposite
+    # to the sign of their posterior covariance.
     sign = -float(np.sign(variance.covariance[row, column]))
     source_u = float(information.scale[column])
     unit = Term.owner(source).unit_of(source).inside
@@ -197,7 +208,7 @@ def _contribution(
     unit: str = "",
     sign: float = 1.0,
 ) -> Contribution:
-    """Return the line of a source with this share in the standard uncertainty u of a parameter."""
+    """Return the line of a source from its share and the standard uncertainty u of a parameter."""
     contribution = float(np.sqrt(max(share, 0.0))) * u
     sensitivity = None
     if source_u is not None:
@@ -215,7 +226,7 @@ def _contribution(
 
 
 def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
-    """Return what is known of a noise of the readings, or of the parameters' own priors."""
+    """Return type, u and unit of a noise of the readings, or of the parameters' own priors."""
     if term == NOISE:
         return _NoiseSource("A", phi["sigma"], "mm")
     columns: Sequence[Columns | BasisNoise] = ()
@@ -238,8 +249,8 @@ def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _No
 def _heaviest_term(contributions: Sequence[Contribution]) -> str:
     """Return the term with the largest share.
 
-    Where sources that all circles share hold more than half of the variance, it is one of them:
-    more circles are no help then.
+    Where terms of type B have more than half of the variance, return the largest of these: more
+    circles would not reduce them.
     """
     shares: dict[str, float] = {}
     for line in contributions:
@@ -253,7 +264,7 @@ def _heaviest_term(contributions: Sequence[Contribution]) -> str:
 def _uncertainty_if_known(
     variance: _PosteriorVariance, i: int, term: str, u: float
 ) -> float | None:
-    """Return the standard uncertainty left if a term were known; None if nothing makes it known."""
+    """Return the standard uncertainty if a term were known exactly; None if it cannot be known."""
     if term not in variance.variance_if_known:
         return None
     row = variance.information.interest[i]

@@ -1,8 +1,16 @@
 """Compare models of one campaign by their evidences.
 
-p(M | y) ∝ p(y | M) p(M), every evidence by exact quadrature. The comparison is repeated under other
-assumptions, and every test is predicted from the other tests. Models are compared on the same
-readings, with the same priors where they share parameters.
+The posterior probability of a model M given the readings y is p(M | y) ∝ p(y | M) p(M). The
+evidence p(y | M) is the density of the readings under the model, averaged over the prior of its
+parameters; it is computed by quadrature. The ratio of two evidences is the Bayes factor B; ln B is
+stated in nats (1 nat is a factor e). The comparison is repeated under other assumptions, and every
+test is predicted from the other tests. All models see the same readings, and have the same priors
+for the parameters that they share.
+
+The elpd (expected log predictive density) of a model says how well it predicts readings that it has
+not seen: here it is the sum over the tests r of ln p(y_r | y_−r), the log density of test r given
+all the other tests. β are the parameters (compliances, their slopes and geometric errors); φ are
+the hyper-parameters (the scales of the noise and of other effects).
 """
 
 from __future__ import annotations
@@ -53,24 +61,29 @@ __all__ = [
     "read_comparison",
 ]
 
-# Multiples of sd(C) over the range of force that the slopes' prior sd takes in turn.
+# Scales of the prior of the slopes: over the range of force, the prior sd of the change of a
+# compliance C is this multiple of the prior sd of C. Each scale is tried in turn.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-# An assumption with so much less evidence than the models' own is rejected [nat].
+# The readings reject an assumption whose log evidence is lower than that of the models' own
+# assumption by this much [nat].
 _REJECTED = 5.0
-# Evidences under assumptions that fall short of the best by more need be rough only [nat].
+# A rough evidence is enough for an assumption whose log evidence is lower than the best by more
+# than this [nat].
 _FAR_REJECTED = 10.0
-# Draws behind the posterior mean prediction of each model.
+# Number of posterior draws over which the prediction of each model is averaged.
 _QUALITY_DRAWS = 1000
-# Share of the weight of nodes that moments may leave out, and points for truncated ones.
+# Posterior mean and sd: share of the weight of the quadrature nodes that may be left out, and
+# number of points that account for the truncation (compliances must not be negative).
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
-# Tolerances that may be asked of evidences [nat]: a comparison has hundreds of them.
+# Smallest and largest tolerance of a log evidence that may be asked for [nat]. A comparison
+# computes hundreds of evidences, so that a finer tolerance would take too long.
 _FINEST_TOLERANCE = 1e-4
 _COARSEST_TOLERANCE = 1.0
 
 
 class Sign(StrEnum):
-    """How robust the sign of the log Bayes factor is."""
+    """Robustness of the sign of the log Bayes factor against other assumptions."""
 
     OPEN = "depends on assumptions that the readings allow"
     HELD = "holds but for assumptions that the readings reject"
@@ -87,7 +100,7 @@ class ComparedCampaign:
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """Posterior mean and sd of a parameter, in its inside unit."""
+    """Posterior mean and sd of a parameter, in its internal unit (of mm, N, rad)."""
 
     unit: str
     mean: float
@@ -96,16 +109,20 @@ class ParameterEstimate:
 
 @dataclass(frozen=True, eq=False)
 class ComparedModel:
-    """One of the models."""
+    """Evidence, fit and parameter estimates of one of the models compared."""
 
     log_evidence: float
     log_evidence_error: Finite
     posterior_probability: float
-    #: sum of the leave-one-force-out log densities [nat]; not a number for one test
+    #: sum over the tests of the log density of each test given the others [nat]; not a number for
+    #: one test
     elpd_lofo: Number
-    elpd_lofo_se: Number  #: its standard error over the tests
-    rmse_um: float  #: Eq. 34 of the posterior mean prediction, machine and shared nuisances
-    #: Eq. 34 of the paper's least squares (Eq. 31); not a number where forces do not determine it
+    elpd_lofo_se: Number  #: standard error of the sum, from the scatter over the tests
+    #: RMSE (Eq. 34 of the paper) of the posterior mean prediction, which consists of the machine's
+    #: effects and of the nuisance effects that all tests share
+    rmse_um: float
+    #: RMSE (Eq. 34) of the paper's least-squares fit (Eq. 31); not a number where the tests have
+    #: too few forces for the fit
     least_squares_rmse_um: Number
     degree: int
     parameters: dict[str, ParameterEstimate]
@@ -114,10 +131,13 @@ class ComparedModel:
 
 @dataclass(frozen=True, eq=False)
 class ComparedTest:
-    """One test, left out; p-values, worst order and flag as in `JudgedTest`."""
+    """One test predicted from the other tests.
+
+    p-values, worst order and flag are those of `JudgedTest`.
+    """
 
     force_N: float
-    lofo_log_density: dict[str, float]  #: by model: ln p(y_r | y_−r), exact [nat]
+    lofo_log_density: dict[str, float]  #: ln p(y_r | y_−r) by model [nat]
     lofo_p_value: float
     lofo_family_wise_p_value: float
     lofo_worst_order: int
@@ -126,15 +146,16 @@ class ComparedTest:
 
     @property
     def stands_out(self) -> bool:
-        """Return whether the family-wise p-value is below 2 %, flagged or not."""
+        """Return whether the family-wise p-value is below 2 %, even where there is no flag."""
         return self.lofo_family_wise_p_value < FALSE_ALARMS
 
 
 @dataclass(frozen=True)
 class ScaledSlopes:
-    """The comparison under one prior of the slopes.
+    """The log Bayes factor [nat] under one prior of the slopes.
 
-    Their prior sd is ``slope_scale`` times sd(C) over the range of force.
+    Over the range of force, the prior sd of the change of a compliance C is ``slope_scale`` times
+    the prior sd of C.
     """
 
     slope_scale: float
@@ -144,7 +165,10 @@ class ScaledSlopes:
 
 @dataclass(frozen=True)
 class Difference:
-    """A difference of elpd, and its standard error over the tests [nat]."""
+    """A difference of expected log predictive density, or a sum of log densities [nat].
+
+    ``se`` is the standard error, from the scatter over the tests.
+    """
 
     value: Number
     se: Number
@@ -152,39 +176,49 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Result):
-    """Models of one campaign compared; logarithms are natural, parameters in inside units."""
+    """The result of comparing models of one campaign.
+
+    Logarithms are natural; parameters are in internal units (mm, N, rad).
+    """
 
     campaign: ComparedCampaign
-    models: dict[str, ComparedModel]  #: by the names given
-    log_bayes_factor: dict[str, float]  #: by "model/first model"
-    log_bayes_factor_error: dict[str, Finite]  #: likewise [nat]
-    elpd_difference: dict[str, Difference]  #: by the same: leaving one force out
-    sensitivity_of: str  #: second model over the first, as both sensitivities are
+    models: dict[str, ComparedModel]  #: by the names that the caller gave
+    log_bayes_factor: dict[str, float]  #: ln B of a model over the first [nat], by "model/first"
+    log_bayes_factor_error: dict[str, Finite]  #: error of ln B [nat], by "model/first"
+    #: difference of leave-one-test-out elpd, a model minus the first, by "model/first"
+    elpd_difference: dict[str, Difference]
+    #: "second model/first model": the ratio whose ln B both sensitivities state
+    sensitivity_of: str
     prior_sensitivity: tuple[ScaledSlopes, ...]  #: ln B by the scale of the slopes' prior
     #: slope scales at which the log Bayes factor changes sign
     prior_sensitivity_crossings: tuple[float, ...]
-    #: ideas of how circles differ, the models' first, white noise alone last
+    #: ln B under each assumption about how circles differ from one another: the models' own
+    #: assumption comes first, white noise alone last
     discrepancy_sensitivity: tuple[Assumed, ...]
-    #: by compliance; empty where no model has slopes, or evidence alone was asked for
+    #: slope of each compliance; empty where no model has slopes, or evidence alone was asked for
     slopes: dict[str, VaryingSlope]
-    #: the most probable first; not all of them where there are too many
+    #: subsets of the slopes, the most probable first; only some where there are too many
     slope_subsets: tuple[SlopeSubset, ...]
-    compliance_against_force: dict[str, Curve]  #: averaged over the subsets
-    tests: dict[str, ComparedTest]  #: empty for one test
-    local_fits: Records  #: as of `local_fits`
-    #: asked of every log evidence [nat]; a tenth of a nat of assumptions that the readings reject
-    #: by ten
+    compliance_against_force: dict[
+        str, Curve
+    ]  #: C(F) by compliance, averaged over the subsets of slopes
+    tests: dict[str, ComparedTest]  #: tests by name; empty for a campaign of one test
+    local_fits: Records  #: the table that `local_fits` returns
+    #: error asked of every log evidence [nat]; 0.1 nat is enough for assumptions that fall short of
+    #: the best by 10 nat
     tolerance: float
-    largest_error: Finite  #: that was seen, of these assumptions aside
-    #: number of evidences whose weights cannot be trusted: their errors are infinite. Readers of
-    #: the JSON know it by this older name
+    #: largest error of any log evidence [nat], except of the assumptions that fall so far short
+    largest_error: Finite
+    #: number of evidences whose quadrature weights cannot be trusted, so that their errors are
+    #: infinite. The name is an older one, kept for readers of the JSON file
     by_emcee: int = 0
-    #: where the second model is the first with slopes, and has rivals of slopes
+    #: probabilities of the slopes and of what else explains a change with force; only where the
+    #: second model is the first with slopes added, and has such rival explanations
     explanations: Explanations | None = None
 
     @property
     def pair(self) -> tuple[str, str]:
-        """Return the first two models, which sensitivities compare."""
+        """Return the names of the first two models, which the sensitivities compare."""
         first, second, *_ = self.models
         return first, second
 
@@ -192,7 +226,8 @@ class Comparison(Result):
     def headline(self) -> tuple[float, float]:
         """Return ln B of the second model over the first and its error [nat].
 
-        It is averaged over rivals of slopes where there are any.
+        Where something else may explain a change with force, both are averaged over these rival
+        explanations.
         """
         if self.explanations is None:
             return (
@@ -204,17 +239,17 @@ class Comparison(Result):
 
     @property
     def within_tolerance(self) -> bool:
-        """Return whether every log evidence is as exact as was asked."""
+        """Return whether the error of every log evidence is within the tolerance."""
         return self.largest_error <= self.tolerance
 
     def gain(self, assumed: Assumed) -> float:
-        """Return how much more evidence an assumption has than the models' own [nat]."""
+        """Return the log evidence of an assumption minus that of the models' own [nat]."""
         return assumed.best - self.discrepancy_sensitivity[0].best
 
     def turning(self) -> list[Assumed]:
-        """Return assumptions that turn the sign of `headline`, the best supported first.
+        """Return assumptions that reverse the sign of `headline`, the best supported first.
 
-        White noise alone is none.
+        The assumption of white noise alone is left out.
         """
         opposite_sign = -np.sign(self.headline[0])
         turning = []
@@ -239,7 +274,10 @@ class Comparison(Result):
         return Sign.FIRM
 
     def preferred_assumption(self) -> Assumed | None:
-        """Return the assumption with most evidence, where the models' own would be rejected."""
+        """Return the assumption with the most evidence, or None.
+
+        It is None unless the models' own assumption would be rejected against it.
+        """
         best = ranked(self.discrepancy_sensitivity, lambda assumed: assumed.best)[0]
         return best if self.gain(best) > _REJECTED else None
 
@@ -259,7 +297,7 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
     Raises
     ------
     InputError
-        When the file is missing, damaged, or not one of ours.
+        When the file is missing, damaged, or not written by this package.
 
     Examples
     --------
@@ -270,11 +308,12 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
 
 @dataclass(frozen=True)
 class _Agenda:
-    """What a comparison works out.
+    """The computations that a comparison consists of.
 
-    ``slope_scales`` and ``assumptions`` are the first two models, second over the first, under
-    other priors of the slopes and other ideas of how circles differ; ``unchanged`` under the
-    models' own.
+    ``pair`` are the first two models. ``scaled_slopes`` has both of them under other priors of the
+    slopes, ``assumptions`` under other assumptions about how circles differ from one another, and
+    ``unchanged`` under the models' own assumptions. ``largest`` is the model with the most
+    parameters, and ``linear`` the same with at most linear compliance.
     """
 
     pair: dict[str, HybridModel]
@@ -290,12 +329,12 @@ class _Agenda:
 
     @property
     def slope_scales(self) -> tuple[float, ...]:
-        """Return the scales of the slopes' prior."""
+        """Return the scales of the slopes' prior, none where neither model has slopes."""
         return SLOPE_SCALES if self.scaled_slopes else ()
 
 
 class _StepCounter:
-    """Report the steps done, and their number, at every call."""
+    """Counter that reports the steps done, and the total, at every call."""
 
     def __init__(self, progress: Callable[[int, int], None], total: int) -> None:
         self.progress = progress
@@ -329,36 +368,37 @@ def compare(
     Parameters
     ----------
     models : mapping of name to HybridModel
-        At least two. Sensitivity is of the second over the first.
+        At least two. The sensitivities state ln B of the second over the first.
     campaign : Campaign
         With readings.
     evidence_only : bool
-        Only evidence and what it hangs on, three times as fast: no test left out, no slope subsets,
-        no local fits.
+        Whether to compute only evidences and how they depend on assumptions, which is three times
+        as fast: no test is left out, and there are no subsets of slopes and no local fits.
     tolerance : float
         Error asked of every log evidence [nat].
     ci_prob : float
         Probability of the bands of C(F) and of the intervals of local fits.
     seed : int
-        Seed of replicates and bands.
+        Seed of the random draws behind replicates and bands.
     progress : callable, optional
-        Called with the steps done and their number.
+        Called with the steps done and their total number.
     evidences : Evidences, optional
-        Nodes to use and to add to, of this campaign: those that `average` uses too. Their tolerance
-        is the one asked for.
+        Evidences of this campaign that are known already; new ones are added. `average` can use
+        the same. Where given, their tolerance replaces ``tolerance``.
     executor : Executor, optional
-        Works out local fits and other assumptions meanwhile, with the same result; see
+        Computes local fits and other assumptions in parallel, with the same result; see
         `process_executor`. Default: this process.
 
     Returns
     -------
     Comparison
-        In nats and inside units (mm, N, rad).
+        In nats and internal units (mm, N, rad).
 
     Raises
     ------
     InputError
-        For fewer than two models, two that are the same, an improper prior, or a plan.
+        For fewer than two models, two models that are the same, an improper prior, or a plan, which
+        has no readings.
 
     Examples
     --------
@@ -457,7 +497,7 @@ def _check_models(
 def _agenda(
     models: Mapping[str, HybridModel], campaign: Campaign, *, evidence_only: bool
 ) -> _Agenda:
-    """Return what a comparison of these models works out."""
+    """Return what to compute for a comparison of these models."""
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}
     largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
@@ -487,7 +527,7 @@ def _agenda(
 
 
 def _count_steps(agenda: _Agenda, models: int, campaign: Campaign) -> int:
-    """Return how many models are weighed in this process, other assumptions aside."""
+    """Return how many evidences this process computes, those of other assumptions not counted."""
     steps = models
     if agenda.leaves_tests_out:
         steps += models * len(campaign.tests)
@@ -503,7 +543,7 @@ def _count_steps(agenda: _Agenda, models: int, campaign: Campaign) -> int:
 def _begin_local_fits(
     agenda: _Agenda, campaign: Campaign, ci_prob: float, executor: Executor | None
 ) -> Callable[[], pd.DataFrame]:
-    """Begin local fits; return what gives their table, an empty one where they are not asked."""
+    """Begin local fits; return a function that returns their table, empty where not asked for."""
     if not agenda.fits_locally:
         return pd.DataFrame
     fit = partial(neighbouring_forces.local_fits, agenda.largest, campaign, ci_prob=ci_prob)
@@ -516,7 +556,10 @@ def _begin_assumptions(
     evidences: Evidences,
     executor: Executor | None,
 ) -> Callable[[], tuple[tuple[Assumed, ...], list[Evidence]]]:
-    """Begin to weigh the first two models under other assumptions; return what gives the result."""
+    """Begin to compute evidences of the first two models under other assumptions.
+
+    Return a function that waits for the result and returns it.
+    """
     best = max(nodes_by_model[name].evidence.log_value for name in agenda.pair)
     separate = evidences.apart()
     if executor is None:
@@ -537,16 +580,16 @@ def _weigh_assumptions(
     evidences: Evidences,
     rejected_below: float,
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
-    """Return two models under assumptions, and the evidences that are not rough.
+    """Return two models compared under each assumption, and the evidences that are exact.
 
-    They are rough where the log evidence lies below a bound.
+    Evidences are rough where the log evidences of both models lie below ``rejected_below``.
     """
     weigh = partial(evidences.unless_rejected, rejected_below)
     return sensitivity.under(names, assumptions, weigh), evidences.every
 
 
 def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evidence]:
-    """Return the evidences of all models and tests."""
+    """Return the evidences of all models with each test left out in turn."""
     evidences: list[Evidence] = []
     for nodes_by_test in left_out_nodes.values():
         evidences.extend(nodes.evidence for nodes in nodes_by_test.values())
@@ -554,7 +597,7 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 
 
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
-    """Return ln B of every model over the first and its error [nat], by "model/first model"."""
+    """Return ln B of every model over the first, and the error of ln B [nat], by "model/first"."""
     first, *other_names = nodes_by_model
     factors = {}
     for name in other_names:
@@ -565,7 +608,7 @@ def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[f
 
 
 def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[ScaledSlopes, ...]:
-    """Return the comparison under each prior of the slopes."""
+    """Return the log Bayes factor under each prior of the slopes."""
     scaled = []
     for scale, result in zip(scales, assumed, strict=True):
         scaled.append(ScaledSlopes(scale, result.log_bayes_factor, result.log_bayes_factor_error))
@@ -573,13 +616,13 @@ def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple
 
 
 def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[float, ...]:
-    """Return scales at which the log Bayes factor changes sign."""
+    """Return the scales of the slopes' prior at which the log Bayes factor changes sign."""
     log_bayes_factor = np.array([result.log_bayes_factor for result in assumed])
     return interpolate_crossings(np.array(scales), log_bayes_factor)
 
 
 def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
-    """Return where the log Bayes factor changes sign, interpolated in ln scale."""
+    """Return the scales at which the log Bayes factor changes sign, interpolated in ln(scale)."""
     x = np.log(scale)
     y = log_bayes_factor
     i = np.flatnonzero(np.sign(y[1:]) * np.sign(y[:-1]) < 0)
@@ -590,9 +633,10 @@ def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float,
 def _left_out_log_densities(
     nodes_by_model: Mapping[str, Nodes], left_out_nodes: Mapping[str, Mapping[str, Nodes]]
 ) -> dict[str, Array]:
-    """Return ln p(y_r | y_−r) of every test by model, shape (tests,); none where none is left out.
+    """Return the log density of every test r given the others, shape (tests,), by model.
 
-    ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r).
+    ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence of all tests and Z(y_−r)
+    that of all tests but r. Arrays are empty where no test is left out.
     """
     log_densities = {}
     for name, nodes in nodes_by_model.items():
@@ -603,7 +647,10 @@ def _left_out_log_densities(
 
 
 def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Difference]:
-    """Return the difference of elpd of every model and the first; none where none is left out."""
+    """Return the elpd of every model minus that of the first, by "model/first".
+
+    The dictionary is empty where no test is left out.
+    """
     first, *other_names = log_densities
     differences = {}
     for name in other_names:
@@ -614,9 +661,9 @@ def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Differenc
 
 
 def _sum_over_tests(values: Array) -> Difference:
-    """Return the sum, and its standard error from the scatter over the tests.
+    """Return the sum of values over the tests, and its standard error from their scatter.
 
-    They are not a number where there are no tests, or one.
+    The sum is not a number without tests, the standard error with fewer than two.
     """
     n = len(values)
     total = np.nan
@@ -634,7 +681,7 @@ def _compare_models(
     seed: int,
     ci_prob: float,
 ) -> dict[str, ComparedModel]:
-    """Return every model with its evidence, fit and estimates."""
+    """Return evidence, fit and parameter estimates of every model."""
     log_evidence = [nodes.evidence.log_value for nodes in nodes_by_model.values()]
     shares = probabilities(np.array(log_evidence))
     compared = {}
@@ -659,7 +706,7 @@ def _compare_models(
 
 
 def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
-    """Return the RMSE of the paper's least squares [µm], not a number with too few forces."""
+    """Return the RMSE of the paper's least-squares fit [µm], or NaN with too few forces."""
     if campaign.force_levels < model.degree + 2:
         return np.nan
     fit = least_squares(
@@ -669,7 +716,7 @@ def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
 
 
 def _parameter_estimates(nodes: Nodes) -> dict[str, ParameterEstimate]:
-    """Return posterior mean and sd of every parameter."""
+    """Return the posterior mean and sd of every parameter, by name."""
     mean, sd = nodes.moments(spare=_NEGLIGIBLE_WEIGHT, points=_MOMENT_POINTS)
     estimates = {}
     for j, parameter in enumerate(nodes.bound.parameters):
@@ -684,7 +731,7 @@ def _compare_tests(
     seed: int,
     tolerance: float,
 ) -> dict[str, ComparedTest]:
-    """Return every test against the others; none where none is left out."""
+    """Return every test compared with the others, by name; empty where no test is left out."""
     if not left_out_nodes:
         return {}
     judged_tests = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=tolerance)
