@@ -169,7 +169,8 @@ def setting_to_inside(name: str, value: Any, subject: str) -> Any:
     """Return a setting written with a unit as a number in the unit with which its name ends.
 
     For direct_mm_per_N, "60 nm/N" is 6e-5; for sd_um, "3 µm" is 3. A name without a unit is a
-    ratio: "10 %" is 0.1. Any value that is not a text is returned unchanged.
+    ratio: "10 %" is 0.1, and a text that is no number is returned unchanged. So is any value that
+    is not a text.
     """
     if not isinstance(value, str):
         return value

@@ -1,4 +1,4 @@
-"""A campaign: the tests of one machine. A plan is the same without readings."""
+"""Campaigns: the tests of one machine; a plan is a campaign without readings."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ __all__ = [
     "distinct_forces",
 ]
 
-# Fields of a campaign that only name things: no number depends on them.
+# Fields of a campaign that are only names and dates; no result depends on them.
 LABELS = (
     "machine_id",
     "date",
@@ -58,9 +58,9 @@ LABELS = (
     "ball_bar_calibrated",
     "force_device",
 )
-# Longest text that stands for a campaign [characters].
+# Longest ``repr`` of a campaign [characters].
 _LONGEST_REPR = 80
-# Fields of a test that the digest always holds …
+# Fields of a test that always enter the SHA-256 digest of a campaign.
 _DIGESTED_ALWAYS = (
     "force_N",
     "pressure_bar",
@@ -72,7 +72,8 @@ _DIGESTED_ALWAYS = (
     "centre_x_mm",
     "centre_y_mm",
 )
-# … and those that it holds where they are not as usual: digests of older versions stay valid.
+# Usual values of further fields of a test. Such a field enters the digest only if it has another
+# value, so that digests of older versions stay valid.
 _DIGESTED_UNLESS_USUAL = {
     "centre_z_mm": 0.0,
     "setup": 1.0,
@@ -82,7 +83,7 @@ _DIGESTED_UNLESS_USUAL = {
 
 
 def _as_tuple(tests: Any) -> Any:
-    """Return any iterable but a mapping or text as a tuple; others are left for the validation."""
+    """Return an iterable as a tuple; leave texts, mappings and all else to the validation."""
     if isinstance(tests, str | bytes | Mapping):
         return tests
     try:
@@ -91,38 +92,40 @@ def _as_tuple(tests: Any) -> Any:
         return tests
 
 
-# Any sequence will do in a constructor; it is stored as a tuple.
+# Tests as a constructor accepts them, in any iterable; they are stored as a tuple.
 Tests = Annotated[Sequence[CircularTest], BeforeValidator(_as_tuple)]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CampaignFields(Shown):
-    """What a program or campaign.toml says of a campaign beside its tests."""
+    """What a program or ``campaign.toml`` states of a campaign besides its tests."""
 
     topology: str = "wCAFYXZSt"  #: joints from workpiece to tool
-    plane: str = "XY"  #: of tests that state none
-    radius_mm: Length = 150.0  #: of tests that state none
-    name: Label | None = None  #: of the campaign
-    #: what tells the machines of a fleet apart; default: the serial number
+    plane: str = "XY"  #: plane of the tests that state none
+    radius_mm: Length = 150.0  #: radius of the tests that state none
+    name: Label | None = None  #: name of the campaign
+    #: name that tells the machines of a fleet apart; default: the serial number
     machine_id: Label | None = None
-    date: Date | None = None  #: ISO 8601 (2026-11-20, 2026-11-20T14:30)
-    # For the certificate; no number depends on them.
-    machine_type: Label | None = None  #: maker and type
-    serial_number: Label | None = None  #: of the machine
-    operator: Label | None = None  #: who measured
-    place: Label | None = None  #: where
-    ball_bar: Label | None = None  #: type and number
-    ball_bar_calibrated: Date | None = None  #: ISO 8601
-    force_device: Label | None = None  #: what makes or measures the force, and its certificate
-    #: By quantity, a limit with its unit: {"C_XXX": "60 nm/N"}; see `conformity`. It has no weight
-    #: in a fit either.
+    date: Date | None = None  #: date in ISO 8601 (2026-11-20, 2026-11-20T14:30)
+    # The following names are printed on the certificate; no number depends on them.
+    machine_type: Label | None = None  #: maker and type of the machine
+    serial_number: Label | None = None  #: serial number of the machine
+    operator: Label | None = None  #: person who measured
+    place: Label | None = None  #: place of the measurement
+    ball_bar: Label | None = None  #: type and number of the ball bar
+    ball_bar_calibrated: Date | None = None  #: date of the ball bar's calibration, ISO 8601
+    force_device: Label | None = None  #: device that makes or measures the force, its certificate
+    #: limits with their units, by quantity: {"C_XXX": "60 nm/N"}; see `conformity`. They do not
+    #: influence a fit.
     tolerances: Mapping[str, str] = field(default_factory=dict)
-    feed_mm_per_min: Number | None = None  #: along the circle
-    resolution_um: Positive = 0.24  #: of the readout; sets the floor σ ≥ resolution/√12
-    mount: MountCompensation = field(default_factory=MountCompensation)  #: of the work ball
-    #: used where a test has only one of force and pressure
+    feed_mm_per_min: Number | None = None  #: feed along the circle
+    #: resolution of the readout; the standard deviation of the noise is at least resolution/√12
+    resolution_um: Positive = 0.24
+    #: deflection of the work ball's mount, and whether readings are compensated for it
+    mount: MountCompensation = field(default_factory=MountCompensation)
+    #: relation of force and pressure, used where a test states only one of them
     force_law: ForceLaw = field(default_factory=ForceLaw)
-    #: Where the joints' frames stand, by axis letter; see `Machine`.
+    #: positions of the joints' frames, by axis letter; see `Machine`
     frames_mm: SkipValidation[Mapping[str, tuple[float, float, float]]] = field(
         default_factory=dict
     )
@@ -131,23 +134,23 @@ class CampaignFields(Shown):
 @refusing("campaign")
 @dataclass(frozen=True, eq=False)
 class Campaign(CampaignFields):
-    """The tests of one machine.
+    """The tests of one machine, or a plan of them.
 
     Raises
     ------
     InputError
-        For no tests, repeated names, planes the machine does not have, or tests both with and
-        without readings.
+        If there are no tests, names are repeated, the machine does not have a test's plane, or
+        only some of the tests have readings.
     """
 
-    tests: Tests  #: all with readings, or none
-    name: Label = field(default="campaign", kw_only=True)  #: of the campaign
-    #: of tests that state none
+    tests: Tests  #: tests, either all with readings or all without
+    name: Label = field(default="campaign", kw_only=True)  #: name of the campaign
+    #: centre of the circle in tests that state none
     centre_mm: tuple[Coordinate, ...] = field(default=(0.0, 0.0, 0.0), kw_only=True)
-    #: what certificates say of it
+    #: certified properties of the instrument
     instrument: Instrument = field(default_factory=Instrument, kw_only=True)
-    #: Tests that may follow: what only they can show is modelled already; their readings, if any,
-    #: are dropped.
+    #: tests that may be run later. The model already has the effects that only they can show;
+    #: readings in them are ignored.
     foreseen: Tests = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
@@ -168,7 +171,7 @@ class Campaign(CampaignFields):
         object.__setattr__(self, "machine_id", self.machine_id or self.serial_number)
 
     def _complete(self, test: CircularTest) -> CircularTest:
-        """Return the test with everything that it leaves to the campaign."""
+        """Return the test with its unstated fields filled in from the campaign."""
         completed: dict[str, Any] = {
             "radius_mm": self.radius_mm,
             "plane": self.plane,
@@ -198,17 +201,17 @@ class Campaign(CampaignFields):
         return force_N
 
     def machine(self) -> Machine:
-        """Return the machine and the planes of all tests, run or foreseen."""
+        """Return the machine with the planes of all tests, run and foreseen."""
         return Machine(self.topology, tuple(str(test.plane) for test in self.scope), self.frames_mm)
 
     @property
     def scope(self) -> tuple[CircularTest, ...]:
-        """All tests that the model knows of: those run and those foreseen."""
+        """All tests that the model includes: those run and those foreseen."""
         return (*self.tests, *self.foreseen)
 
     @property
     def is_plan(self) -> bool:
-        """True without readings."""
+        """True if the tests have no readings."""
         return self.tests[0].reading_um is None
 
     @property
@@ -218,7 +221,7 @@ class Campaign(CampaignFields):
 
     @property
     def force_levels(self) -> int:
-        """Number of distinct forces; nearer than a thousandth of the largest is the same."""
+        """Number of distinct forces; a difference within 0.1 % of the largest is none."""
         return len(distinct_forces(self.forces_N))
 
     @property
@@ -232,12 +235,12 @@ class Campaign(CampaignFields):
         return sum(len(test.angle_deg) for test in self.tests)
 
     def without(self, *names: str) -> Campaign:
-        """Return the campaign without the named tests; `InputError` for an unknown name."""
+        """Return the campaign without the named tests; an unknown name is an `InputError`."""
         check_known("test", names, [test.name for test in self.tests])
         return replace(self, tests=tuple(test for test in self.tests if test.name not in names))
 
     def select(self, names: Sequence[str]) -> Campaign:
-        """Return the campaign with only the named tests; `InputError` for an unknown name."""
+        """Return the campaign with only the named tests; an unknown name is an `InputError`."""
         check_known("test", names, [test.name for test in self.tests])
         return self.without(*(test.name for test in self.tests if test.name not in names))
 
@@ -255,9 +258,10 @@ class Campaign(CampaignFields):
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the readings and how they were taken, whatever the files' layout.
+        """SHA-256 digest of the readings and the conditions under which they were taken.
 
-        Certificates are beliefs: no part of it.
+        The digest does not depend on how the files are written, nor on certificates, which enter
+        the model as prior knowledge.
         """
         digest = hashlib.sha256()
         head: list[Any] = [
@@ -286,7 +290,7 @@ Plan = Campaign
 
 
 def check_campaign(campaign: object) -> None:
-    """Raise an `InputError` for a path, or anything else that is no campaign; None passes."""
+    """Raise an `InputError` unless the argument is a `Campaign` or None."""
     require(
         campaign is None or isinstance(campaign, Campaign),
         f"campaign must be a Campaign, got {type(campaign).__name__}. Read one with"
@@ -295,7 +299,7 @@ def check_campaign(campaign: object) -> None:
 
 
 def _digested_fields(test: CircularTest) -> list[Any]:
-    """Return what the model uses of a test beside its readings, numbers as floats."""
+    """Return the fields of a test, other than angles and readings, that enter the digest."""
     digested: list[Any] = [test.name]
     digested += [getattr(test, name) for name in _DIGESTED_ALWAYS]
     for name, usual in _DIGESTED_UNLESS_USUAL.items():
@@ -308,9 +312,9 @@ def _digested_fields(test: CircularTest) -> list[Any]:
 
 
 def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
-    """Return the tests, unnamed ones named after their force, with repeats numbered.
+    """Return the tests, those without a name named after their force, such as f036.
 
-    Given names that are repeated are refused.
+    Names for the same force are numbered. A name that the user gave twice is an `InputError`.
     """
     given_names = [test.name for test in tests if test.name]
     for name in given_names:
@@ -331,7 +335,7 @@ def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
 
 
 def _free_name(stem: str, names: set[str]) -> str:
-    """Return the stem, or the stem with the first number that makes a new name."""
+    """Return the stem if it is not in ``names``, else the stem with the first free number."""
     name = stem
     number = 1
     while name in names:

@@ -1,4 +1,7 @@
-"""Calibration certificates of bar, force device and balls: what states a field of `Instrument`."""
+"""Digital calibration certificates (DCC) of bar, force device and balls.
+
+Their numbers are turned into the fields of `Instrument`.
+"""
 
 from __future__ import annotations
 
@@ -14,31 +17,32 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["CalibrationCertificate", "CertifiedQuantity"]
 
-# What a quantity is, by patterns of its name or refType; the first that fits.
+# Patterns by role of a quantity (length, force, form, …); the first pattern found in the name or
+# refType of a quantity decides its role.
 _ROLES: dict[str, str] = DCC_WORDS["roles"]
 _METRES_PER_MICROMETRE = 1e-6
-# Quantities that a message lists.
+# Largest number of quantities that an error message lists.
 _QUANTITIES_LISTED = 12
-# Characters of a label in campaign.toml.
+# Longest label in campaign.toml [characters].
 _LONGEST_LABEL = 200
 
 
 @dataclass(frozen=True)
 class CertifiedQuantity:
-    """One number of a certificate, as it stands there."""
+    """One number of a certificate, as the certificate writes it."""
 
     name: str
-    ref_type: str
-    holders: tuple[str, ...]  #: names of what holds it, outermost first
+    ref_type: str  #: refType attribute of the quantity
+    holders: tuple[str, ...]  #: names of the elements that contain the quantity, outermost first
     value: float
-    unit: str | None  #: of the D-SI
+    unit: str | None  #: unit in the notation of the D-SI
     U: float | None  #: expanded uncertainty
-    k: float | None  #: its coverage factor
-    coverage: float | None  #: its coverage probability
+    k: float | None  #: coverage factor of U
+    coverage: float | None  #: coverage probability of U
 
     @property
     def title(self) -> str:
-        """Return its name, or that of what holds it."""
+        """Name of the quantity, else of the innermost named element around it, else its refType."""
         for text in (self.name, *reversed(self.holders), self.ref_type):
             if text:
                 return text
@@ -46,9 +50,9 @@ class CertifiedQuantity:
 
     @property
     def role(self) -> str:
-        """Return what it is, by its name or else by its holders' names.
+        """Role of the quantity, such as length or force, by its name or else its holders' names.
 
-        It is empty for what states nothing of a bar, a force device or a ball.
+        The role is empty for a quantity that concerns neither bar, force device nor ball.
         """
         own_text = f"{self.name} {self.ref_type}".lower()
         holder_text = " ".join(self.holders).lower()
@@ -60,24 +64,22 @@ class CertifiedQuantity:
 
     @property
     def dimension(self) -> str | None:
-        """Return the dimension of its unit; None for a unit that is not known."""
+        """Dimension of the quantity's unit; None for an unknown unit."""
         size = parse_unit(self.unit)
         return None if size is None else size.dimension
 
     def numbers(self, factor: float = 1.0) -> tuple[float, float]:
-        """Return value and U (k = 2).
-
-        U is 0 where none is stated.
+        """Return the value and its expanded uncertainty U (k = 2), zero where none is stated.
 
         Parameters
         ----------
         factor
-            Size of the unit of both, in SI units (bar for pressure).
+            Size of the unit of the returned numbers, in SI units (bar for pressure).
 
         Raises
         ------
         InputError
-            For a unit that is not known, and a U without coverage factor.
+            For an unknown unit, or a U without coverage factor.
         """
         size = parse_unit(self.unit)
         if size is None:
@@ -102,16 +104,16 @@ class CertifiedQuantity:
 
 
 def _without_rounding(number: float) -> float:
-    """Return a number without the last digits that the conversion of units left."""
+    """Return a number rounded to 12 digits, free of rounding errors of the unit conversion."""
     return float(f"{number:.12g}")
 
 
 @dataclass(frozen=True)
 class CalibrationCertificate(Shown):
-    """The numbers of a digital calibration certificate and its identifier.
+    """A digital calibration certificate: its identifier and its numbers.
 
-    What it states of an instrument comes with the keys that campaign.toml has for it, and is
-    refused where it states nothing of the kind.
+    The methods return what the certificate states of an instrument, by the keys of
+    ``campaign.toml``. They raise an `InputError` if it states nothing of that kind.
     """
 
     path: Path
@@ -119,7 +121,7 @@ class CalibrationCertificate(Shown):
     quantities: tuple[CertifiedQuantity, ...]
 
     def fields(self, kind: str) -> dict[str, Any]:
-        """Return what it states of a bar, a force device or a ball.
+        """Return what the certificate states of a bar, a force device or a ball.
 
         Parameters
         ----------
@@ -140,10 +142,11 @@ class CalibrationCertificate(Shown):
             return readers[kind]()
 
     def bar(self) -> dict[str, Any]:
-        """Return length_error_um and U_um of a bar.
+        """Return length_error_um, U_um and certificate of a bar.
 
-        An error of indication is taken as it is. A deviation from the nominal length, or a length
-        beside its nominal one, changes its sign: a longer bar reads too small.
+        An error of indication is used unchanged. A deviation from the nominal length, stated or
+        computed from length and nominal length, changes its sign, because a longer bar reads too
+        small.
         """
         lengths = self._quantities_by_role("m")
         quantity = self._bar_quantity(lengths)
@@ -174,9 +177,9 @@ class CalibrationCertificate(Shown):
         )
 
     def force(self) -> dict[str, Any]:
-        """Return U_percent and linearity_percent of a force device, those that are stated.
+        """Return U_percent and linearity_percent of a force device, as far as stated.
 
-        U_percent is of the gain, or else of the largest force.
+        U_percent is the uncertainty of the gain or, without a gain, of the largest force.
         """
         stated: dict[str, Any] = {}
         sources = []
@@ -199,7 +202,7 @@ class CalibrationCertificate(Shown):
         return stated | {"certificate": self._label(*sources)}
 
     def _force_scale(self) -> CertifiedQuantity | None:
-        """Return the gain, or the largest force; None where neither is stated."""
+        """Return the gain, or else the largest force; None where neither is stated."""
         gains = self._quantities_by_role("N/bar").get("gain", [])
         if gains:
             return _only(gains)
@@ -209,13 +212,13 @@ class CalibrationCertificate(Shown):
         return self._quantities_by_role("N").get("force", [])
 
     def _linearity(self) -> CertifiedQuantity | None:
-        """Return the largest linearity, as a share or in newtons; None where none is stated."""
+        """Return the largest linearity error, a ratio or in newtons; None where none is stated."""
         shares = self._quantities_by_role("").get("linearity", [])
         newtons = self._quantities_by_role("N").get("linearity", [])
         return _largest([*shares, *newtons])
 
     def _full_scale(self, linearity: CertifiedQuantity) -> float:
-        """Return what a linearity is a share of: 1, or the largest force [N]."""
+        """Return the number to divide a linearity error by: 1, or the largest force [N]."""
         if linearity.dimension == "":
             return 1.0
         largest_force = _largest(self._forces())
@@ -227,7 +230,10 @@ class CalibrationCertificate(Shown):
         return largest_force.magnitude()
 
     def ball(self) -> dict[str, Any]:
-        """Return sphericity_um of a ball: the largest deviation of form, with its U on top."""
+        """Return sphericity_um and certificate of a ball.
+
+        The sphericity is the largest sum of a stated form deviation and its U (k = 2).
+        """
         largest_bound = 0.0
         quantity = None
         for deviation in self._quantities_by_role("m").get("form", []):
@@ -246,7 +252,7 @@ class CalibrationCertificate(Shown):
         }
 
     def _quantities_by_role(self, dimension: str) -> dict[str, list[CertifiedQuantity]]:
-        """Return the quantities of a dimension, or of a unit that is not known, by role."""
+        """Return, by role, the quantities that have this dimension or an unknown unit."""
         by_role: dict[str, list[CertifiedQuantity]] = {}
         for quantity in self.quantities:
             if quantity.role and quantity.dimension in (dimension, None):
@@ -254,7 +260,7 @@ class CalibrationCertificate(Shown):
         return by_role
 
     def _label(self, *quantities: CertifiedQuantity) -> str:
-        """Return file, identifier and quantities as one line."""
+        """Return file name, identifier and quantities as one line of text."""
         titles = ", ".join(_title_with_holder(quantity) for quantity in quantities)
         text = f"{self.path.name}, DCC {self.identifier}: {titles}"
         label = ""
@@ -267,7 +273,10 @@ class CalibrationCertificate(Shown):
 
 
 def _title_with_holder(quantity: CertifiedQuantity) -> str:
-    """Return a title behind the name of the closest holder that is a name, not a refType."""
+    """Return a quantity's title, preceded by the closest holder that has no refType as name.
+
+    A name with an underscore is a refType.
+    """
     if quantity.name:
         for holder in reversed(quantity.holders):
             if "_" not in holder:
@@ -276,14 +285,14 @@ def _title_with_holder(quantity: CertifiedQuantity) -> str:
 
 
 def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | None:
-    """Return the last of the largest quantities; None of none."""
+    """Return the largest quantity, the last of equally large ones; None for an empty sequence."""
     if not quantities:
         return None
     return sorted(quantities, key=CertifiedQuantity.magnitude)[-1]
 
 
 def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
-    """Return the one quantity; several are refused."""
+    """Return the only quantity of a sequence; raise an `InputError` for several."""
     require(
         len(quantities) == 1,
         f"{_listed(quantities[:1])} must stand there once, got {_listed(quantities)}. Give the"
@@ -293,7 +302,7 @@ def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
 
 
 def _listed(quantities: Sequence[CertifiedQuantity]) -> str:
-    """Return titles and units of quantities, each once, the first twelve."""
+    """Return the first twelve distinct titles, with units, as one line of text."""
     texts = list(dict.fromkeys(f"{quantity.title!r} ({quantity.unit})" for quantity in quantities))
     listed = ", ".join(texts[:_QUANTITIES_LISTED])
     if len(texts) > _QUANTITIES_LISTED:

@@ -285,9 +285,9 @@ def _arc_of(angles: bytes) -> float:
 
 
 def distinct_forces(forces_N: ArrayLike) -> Array:
-    """Return the forces that differ, rising [N].
+    """Return the distinct forces in ascending order [N].
 
-    Those less than a thousandth of the largest above another are the same force.
+    Forces that differ by at most a thousandth of the largest count as the same.
     """
     ordered = np.unique(np.asarray(forces_N, dtype=float))
     distinct: list[float] = []

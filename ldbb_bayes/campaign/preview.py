@@ -1,4 +1,4 @@
-"""A campaign before any model is fitted: its content, remarks, and what a fit will assume."""
+"""Preview of a campaign before a fit: its tests, oddities, and what a fit will assume."""
 
 from __future__ import annotations
 
@@ -17,38 +17,40 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CampaignPreview", "Remark", "RemarkKind", "TestPreview", "preview", "resolution_of"]
 
-# Order of the Fourier fit to the path of a test.
+# Highest order of the Fourier series fitted to the readings of a test.
 _ORDER = 12
-# A circle of a smaller arc is an arc [deg].
+# A test that covers less than this [deg] is remarked as an arc.
 _FULL_DEG = 359.0
-# A gap of more than so many usual steps is remarked.
+# A gap between angles of more than so many usual steps is remarked.
 _GAP_STEPS = 10.0
-# A force that differs from the force law by more than this share of the largest is remarked.
+# A force that differs from the force law by more than this share of the largest force is remarked.
 _FORCE_LAW_SHARE = 0.02
-# Forces and radii outside these ranges may be in another unit.
+# Largest forces and radii outside these ranges may be in another unit.
 _FORCES_N = (5.0, 10_000.0)
 _RADII_MM = (10.0, 2000.0)
-# Readings whose peak to peak is below so many resolutions, or above so many µm, may be in
+# Readings whose peak-to-peak value is below so many resolutions, or above so many µm, may be in
 # another unit.
 _SMALLEST_SPAN_RESOLUTIONS = 3.0
 _LARGEST_SPAN_UM = 1000.0
-# Numbers of readings that a path is fitted to.
+# A Fourier series is fitted to tests with so many readings (35 to 200 000).
 _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
-# Scatters off the path that make a spike.
+# A reading that deviates from the Fourier series by more than so many scatters is a spike.
 _SPIKE_SCATTERS = 8.0
-# Scatters, or resolutions, between first and last reading that make an open trace.
+# A jump between first and last reading larger than so many scatters (or resolutions, if they are
+# larger) makes a trace open.
 _OPEN_SCATTERS = 10.0
-# Rounds of reweighting.
+# Largest number of rounds in which readings are reweighted or spikes found anew.
 _MAX_ROUNDS = 20
 # Standard deviation of a normal distribution per median absolute deviation.
 _SD_PER_MAD = 1.4826
-# Steps that few readings repeat: not below this size, nor in fewer values.
+# Where few readings repeat another, a step counts as resolution only from this size on, and among
+# at least so many distinct values.
 _FINEST_STEP_UM = 0.005
 _MIN_VALUES = 50
 
 
 class RemarkKind(StrEnum):
-    """Kinds of remarks: on one test, on the campaign, and on what a fit will assume of it."""
+    """Kinds of remarks: on a test, on the campaign, and on what a fit will assume."""
 
     TRAVEL = "travel"
     ARC = "arc"
@@ -77,14 +79,14 @@ class RemarkKind(StrEnum):
 
 @dataclass(frozen=True)
 class Remark:
-    """A remark, with its numbers and names."""
+    """A remark: its kind, and the numbers and names that its sentence needs."""
 
     kind: RemarkKind
     values: dict[str, Any]
 
 
 class _Remarks:
-    """Remarks as they are collected."""
+    """A list of remarks that grows while a campaign is examined."""
 
     def __init__(self) -> None:
         self._remarks: list[Remark] = []
@@ -100,7 +102,7 @@ class _Remarks:
 
 @dataclass(frozen=True)
 class TestPreview:
-    """One test at a glance; None where it cannot be told."""
+    """Summary of one test; a field is None where the test does not show it."""
 
     __test__ = False
 
@@ -108,30 +110,32 @@ class TestPreview:
     force_N: float
     pressure_bar: float
     readings: int
-    arc_deg: float  #: covered
+    arc_deg: float  #: covered arc
     largest_gap_deg: float  #: widest distance between neighbouring angles
-    direction: str | None  #: as stated
-    travel: str | None  #: as the order of the angles shows it
+    direction: str | None  #: direction of travel as stated: CW or CCW
+    travel: str | None  #: direction of travel that the order of the angles shows
     plane: str
     setup: int
     radius_mm: float
     centre_mm: tuple[float, float, float]
     work_ball_deg: float
     tool_ball_deg: float
-    #: step by which all readings differ, where enough of them repeat to see one
+    #: step of which all differences of readings are multiples; see `resolution_of`
     resolution_um: float | None
-    #: readings more than eight times the scatter off a resistant Fourier fit to order 12
+    #: number of readings that deviate by more than eight times the scatter from a Fourier series
+    #: of order 12, fitted so that spikes hardly influence it
     spikes: int
-    #: scatter left by a Fourier fit to order 12 without the spikes, of 35 to 200 000 readings
+    #: scatter about a Fourier series of order 12 fitted without the spikes; only for tests of 35
+    #: to 200 000 readings
     noise_um: float | None
-    start_end_um: float | None  #: last reading minus first, where the circle closes
+    start_end_um: float | None  #: last reading minus first, if the test goes once round the circle
     peak_to_peak_um: float | None
     remarks: tuple[Remark, ...]
 
 
 @dataclass(frozen=True)
 class CampaignPreview(Result):
-    """The tests of a campaign and the assumptions a fit would make."""
+    """Summary of a campaign's tests, with remarks and the assumptions that a fit would make."""
 
     name: str
     sha256: str
@@ -144,7 +148,7 @@ class CampaignPreview(Result):
 
 
 def preview(campaign: Campaign) -> CampaignPreview:
-    """Return a preview of a campaign or plan without fitting anything.
+    """Return a preview of a campaign or plan without fitting the model.
 
     Parameters
     ----------
@@ -154,7 +158,7 @@ def preview(campaign: Campaign) -> CampaignPreview:
     Returns
     -------
     CampaignPreview
-        Its tests, remarks, and the assumptions of a fit.
+        Its tests, remarks on what looks odd, and the assumptions of a fit.
     """
     return CampaignPreview(
         name=campaign.name,
@@ -169,12 +173,12 @@ def preview(campaign: Campaign) -> CampaignPreview:
 
 
 class _Angles(NamedTuple):
-    """The angles of a test."""
+    """What the angles of a test show."""
 
-    step_deg: float  # median
-    largest_gap_deg: float
-    usual_step_deg: float
-    travel: str | None  # as the order shows it
+    step_deg: float  # median step from one reading to the next
+    largest_gap_deg: float  # widest distance between neighbouring angles on the circle
+    usual_step_deg: float  # the median distance between neighbours, or step_deg if larger
+    travel: str | None  # direction in which the angles run: CW, CCW or None
 
 
 def _describe_angles(test: CircularTest) -> _Angles:
@@ -193,7 +197,7 @@ def _describe_angles(test: CircularTest) -> _Angles:
 
 
 class _Readings(NamedTuple):
-    """The readings of a test; None where it cannot be told."""
+    """What the readings of a test show; the fields are those of `TestPreview`."""
 
     resolution_um: float | None = None
     spikes: int = 0
@@ -247,9 +251,9 @@ def _remark_on_angles(
 
 
 def _angles_are_sorted(campaign: Campaign) -> bool:
-    """Return whether angles rise in all tests, although some are stated to run the other way.
+    """Return whether the angles increase in all tests although some are stated to run clockwise.
 
-    They are then those of a sorted table.
+    The tables were then sorted by angle, and the order shows no direction of travel.
     """
     directions = {test.direction for test in campaign.tests}
     all_rise = all(np.all(np.diff(test.angle_deg) > 0) for test in campaign.tests)
@@ -305,10 +309,10 @@ def _preview_readings(
 def _path(
     test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks
 ) -> tuple[float, int]:
-    """Return the scatter off a Fourier fit to order 12 [µm], and the number of spikes.
+    """Return the scatter about a Fourier series of order 12 [µm], and the number of spikes.
 
-    Where the circle closes, a drift linear in the angle is fitted too: last and first reading are a
-    step of the path apart.
+    If the test goes once round the circle, a drift linear in the angle is fitted too, so that a
+    jump between first and last reading can be seen and remarked.
     """
     turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
     reading = np.asarray(test.reading_um)
@@ -343,11 +347,11 @@ def _path(
 
 
 class _Fit(NamedTuple):
-    """Least squares over regular readings."""
+    """Result of a least-squares fit to the regular readings, those that are no spikes."""
 
     coefficients: Array
-    deviation: Array  # of all readings
-    scatter: float  # of the regular readings
+    deviation: Array  # deviation of every reading, spikes included, from the fit
+    scatter: float  # standard deviation of the regular readings about the fit
 
 
 def _fit(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
@@ -360,15 +364,16 @@ def _fit(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
 
 
 def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
-    """Return which readings are no spikes.
+    """Return which readings are no spikes, shape (n,).
 
-    They stand less than eight scatters off the path of least absolute deviations, then off the path
-    of least squares through the regular readings.
+    A reading is regular if it deviates from the fitted curve by at most eight scatters. The first
+    curve is a fit of least absolute deviations; further ones are least-squares fits to the
+    regular readings, until these no longer change.
     """
     deviation, p = _least_absolute_deviations(columns, reading)
     regular = np.ones(len(reading), dtype=bool)
     for _ in range(_MAX_ROUNDS):
-        # A path of least absolute deviations goes through p readings.
+        # A fit of least absolute deviations goes through p readings exactly.
         scatter = _SD_PER_MAD * float(np.median(np.sort(np.abs(deviation))[p:]))
         previous = regular
         regular = np.abs(deviation) <= _SPIKE_SCATTERS * max(scatter, 1e-9)
@@ -379,9 +384,9 @@ def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
 
 
 def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, int]:
-    """Return the deviations of the readings from the path, and the rank of the columns.
+    """Return the readings' deviations from a least-absolute-deviations fit, and the columns' rank.
 
-    By iteratively reweighted least squares.
+    The fit is computed by iteratively reweighted least squares.
     """
     basis, size, _ = np.linalg.svd(columns, full_matrices=False)
     basis = basis[:, size > 1e-9 * size[0]]
@@ -398,9 +403,10 @@ def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, i
 def resolution_of(reading_um: Array) -> float | None:
     """Return the step by which readings differ [µm].
 
-    It is the smallest difference, if all are whole multiples of it within 5 %. None where fewer
-    than a tenth of the readings repeat another and the step is below 0.005 µm: a number of digits
-    then.
+    The step is the smallest difference of readings, if all differences are multiples of it to
+    within 5 % of a step. It is None where fewer than a tenth of the readings repeat another and
+    the step is below 0.005 µm (it then shows the digits written, not the resolution) or fewer
+    than 50 values are distinct.
 
     Parameters
     ----------
@@ -410,7 +416,7 @@ def resolution_of(reading_um: Array) -> float | None:
     Returns
     -------
     float or None
-        The step.
+        Step of the readings [µm].
     """
     values = np.unique(np.round(reading_um, 6))
     if len(values) < 3:
@@ -428,7 +434,7 @@ def resolution_of(reading_um: Array) -> float | None:
 
 
 def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
-    """Return what a fit will assume."""
+    """Return remarks on what a fit will assume."""
     kinds = RemarkKind
     tests = campaign.tests
     machine = campaign.machine()
@@ -467,7 +473,7 @@ def _runs_both_ways(campaign: Campaign, plane: str) -> bool:
 
 
 def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
-    """Return what looks odd in the campaign as a whole."""
+    """Return remarks on what looks odd in the campaign as a whole."""
     kinds = RemarkKind
     remarks = _Remarks()
     remarks.add(kinds.ONE_LEVEL, campaign.force_levels == 1)
