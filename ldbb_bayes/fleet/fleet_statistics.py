@@ -1,13 +1,17 @@
-"""What many campaigns of a batch say of their machines: a Gaussian likelihood each.
+"""Gaussian likelihoods: what each campaign of a batch states about its machine.
 
 ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const
 
-c_i are chosen parameters of the machine in campaign i, compliances at one force for all; b are
-errors of the instrument (mount, force gain) that all campaigns share. Everything else (slopes,
-geometric errors not chosen, form, bar length, hyper-parameters) is integrated out, anew in each
-campaign. For campaigns of one machine or with one bar that is conservative for changes and
-differences, not for levels or the population's mean: ball form and bar length that are the same in
-all campaigns do not average out.
+y_i are the readings of campaign i. c_i are the chosen parameters of its machine, compliances at one
+reference force for all campaigns. b are the errors of the instrument (mount, force gain) that all
+campaigns share. Λ_i is a precision matrix (inverse of a covariance matrix), η_i the shift, that is,
+Λ_i times the estimate.
+
+Everything else (slopes, geometric errors not chosen, ball form, bar length, and hyper-parameters,
+the scales of the noise and of other effects) is integrated out in each campaign separately, as if
+it were independent of the other campaigns. For campaigns of one machine or with one bar this
+overstates the uncertainty of changes and differences. It understates that of levels and of a
+population's mean: ball form and bar length are the same in all campaigns and do not average out.
 """
 
 from __future__ import annotations
@@ -34,33 +38,35 @@ from ldbb_bayes.units import inside_name
 
 __all__ = ["FleetStatistics", "fleet_statistics", "reference_sd"]
 
-# Names of the slopes and curvatures of compliances with force.
+# Pattern of the names of slopes (…_1) and curvatures (…_2) of a compliance with force.
 _SLOPE = re.compile(r"(C_.+)_([12])")
 
 
 @dataclass(frozen=True, eq=False)
 class FleetStatistics:
-    """Likelihoods of n campaigns: what they say, without the priors that they were fitted with.
+    """Gaussian likelihoods of n campaigns, free of the priors used in their fits.
 
-    A campaign that was fitted without an error of the instrument took it as zero: it says nothing
-    of it, and its Λ and η have zeros there.
+    In the shapes of arrays, c is the number of parameters and s that of instrument errors. Λ is the
+    precision matrix and η the shift of a likelihood, see the module. A campaign whose model lacks
+    an instrument error took this error as zero: its Λ and η have zeros for that error.
     """
 
     campaigns: tuple[str, ...]
     machines: tuple[str, ...]
     dates: tuple[datetime | None, ...]
-    parameters: tuple[str, ...]  #: c of them
-    units: tuple[str, ...]
-    #: errors shared by all campaigns, s of them; none where each has an instrument of its own
+    parameters: tuple[str, ...]  #: names of the c parameters
+    units: tuple[str, ...]  #: internal unit (mm, N, rad) of each parameter
+    #: names of the s instrument errors that all campaigns share; empty if each campaign has an
+    #: instrument of its own
     instrument: tuple[str, ...]
-    #: (c + s,): sd of the parameters of one machine before any campaign, about zero, see
-    #: `reference_sd`; then of the instrument's errors
+    #: prior sd of the parameters of one machine, about zero (see `reference_sd`), then prior sd of
+    #: the instrument errors, shape (c + s,)
     prior_sd: Array
-    likelihood: Gaussian  #: (n, c + s): Λ and η of (c, b), in units of prior_sd
-    reference_force_N: float  #: at which compliances are meant
-    forces_N: tuple[float, float]  #: lowest and highest that was tested in all campaigns
+    likelihood: Gaussian  #: Λ and η of (c, b) in units of prior_sd, shape (n, c + s)
+    reference_force_N: float  #: force at which the compliances are stated
+    forces_N: tuple[float, float]  #: lowest and highest force of the range tested in all campaigns
     topology: str
-    #: what the chosen compliances stand for, where rows say it
+    #: sum of joint compliances that each chosen compliance stands for, where the rows state it
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -68,7 +74,7 @@ class FleetStatistics:
 
     @property
     def caveats(self) -> list[Caveat]:
-        """Return whether compliances are meant at a force not tested in every campaign."""
+        """Return a caveat if some campaign was not tested about the reference force, else none."""
         lowest, highest = self.forces_N
         if lowest <= self.reference_force_N <= highest:
             return []
@@ -86,17 +92,19 @@ def fleet_statistics(
 
     Parameters
     ----------
-    rows : of the campaigns to rely on, see `choose`.
-    parameters : those to follow; default: all constant compliances.
-    reference_force_N : at which compliances are meant; default: the median of the campaigns' own.
-    one_instrument : mount and force gain are those of one bar, so that their errors do not average
-        out; else each campaign has its own.
+    rows : rows of the campaigns to use, see `choose`.
+    parameters : names of the parameters to analyse; default: all constant compliances (those at the
+        reference force).
+    reference_force_N : force at which the compliances are stated; default: the median of the
+        reference forces of the campaigns.
+    one_instrument : True: all campaigns used the same bar, so that errors of mount and force gain
+        do not average out. False: each campaign has independent instrument errors.
 
     Raises
     ------
     InputError
-        If machines have other joints or compliances of another meaning, or an option is out of
-        range.
+        If the machines differ in their joints, compliances of the same name differ in meaning, or
+        an option is out of range.
     """
     topology = _common_topology(rows)
     chosen = _choose_parameters(rows, parameters)
@@ -143,7 +151,7 @@ def _common_topology(rows: pd.DataFrame) -> str:
 
 
 def _choose_parameters(rows: pd.DataFrame, parameters: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the parameters to follow, of those that all campaigns have."""
+    """Return the parameters to analyse; all campaigns must have them."""
     common_names = _common_parameters(rows)
     if parameters is None:
         chosen = [name for name in common_names if name.startswith("C_")]
@@ -161,7 +169,7 @@ def _choose_parameters(rows: pd.DataFrame, parameters: Sequence[str] | None) -> 
 
 
 def _common_parameters(rows: pd.DataFrame) -> list[str]:
-    """Return the parameters, slopes aside, that all campaigns have."""
+    """Return the parameters that all campaigns have, without slopes and curvatures."""
     names_by_campaign = [list(names) for names in rows["gaussian_names"]]
     common_names = []
     for name in names_by_campaign[0]:
@@ -172,7 +180,7 @@ def _common_parameters(rows: pd.DataFrame) -> list[str]:
 
 
 def _instrument_errors(rows: pd.DataFrame) -> tuple[str, ...]:
-    """Return the instrument errors of any campaign's model, in the order of terms."""
+    """Return the instrument errors that the model of at least one campaign has, in term order."""
     names = set[str]().union(*rows["gaussian_names"])
     errors = [name for name in sorted(names) if Term.owner(name) is not Term]
     terms = list(Term.kinds.values())
@@ -192,7 +200,7 @@ def _reference_force(rows: pd.DataFrame, reference_force_N: float | None) -> flo
 
 
 def _machine_names(rows: pd.DataFrame) -> tuple[str, ...]:
-    """Return the machine of every campaign; one without machine_id has the campaign's name."""
+    """Return the machine of every campaign; without machine_id, the campaign's path names it."""
     names = []
     for machine_id, campaign in zip(rows["machine_id"], rows["campaign"], strict=True):
         names.append(machine_id if isinstance(machine_id, str) else str(campaign))
@@ -202,17 +210,17 @@ def _machine_names(rows: pd.DataFrame) -> tuple[str, ...]:
 def reference_sd(
     names: Sequence[str], units: Sequence[str], prior_mean: Array, prior_sd: Array
 ) -> Array:
-    """Return the reference sd of every parameter, shape (c,), in inside units.
+    """Return the reference sd of every parameter, shape (c,), in internal units (mm, N, rad).
 
-    It is the default prior's; where fits had a wider one about zero, its median over them: a
-    compliance that stands for those of several joints is larger, and a user may know of machines
-    that are. A prior about another mean says how well a parameter is known, not how large it is,
-    and does not count.
+    The reference sd is the sd of the default prior, or, if that is larger, the median sd of the
+    priors about zero in the fits. Priors may be wider because a compliance stands for those of
+    several joints, or because the user knows of more compliant machines. Priors about another mean
+    than zero are left out: they state how well a parameter is known, not how large it may be.
 
     Parameters
     ----------
-    names, units : of the c parameters.
-    prior_mean, prior_sd : of n fits, shape (n, c).
+    names, units : names and units of the c parameters.
+    prior_mean, prior_sd : prior means and sds in n fits, each of shape (n, c).
     """
     prior = Prior.first()
     kind_by_unit = {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
@@ -230,19 +238,20 @@ def reference_sd(
 
 
 class _Likelihood(NamedTuple):
-    """What one campaign says of the wanted quantities, and the prior that was divided out."""
+    """Likelihood of one campaign for q quantities, and the prior that was divided out of it."""
 
-    precision: Array  #: Λ, shape (q, q)
-    shift: Array  #: η, shape (q,)
+    precision: Array  #: precision matrix Λ, shape (q, q)
+    shift: Array  #: shift η, shape (q,)
     prior_mean: Array  #: shape (q,)
     prior_sd: Array  #: shape (q,)
 
 
 def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> _Likelihood:
-    """Divide the prior out of a campaign's posterior moments; zeros for what it does not have.
+    """Return the likelihood of a campaign: its posterior moments with the prior divided out.
 
-    Compliances are carried along their slopes to the common force. Directions of which the
-    readings cannot add anything count as unknown.
+    Compliances are extrapolated along their slopes to the common reference force. Quantities that
+    the campaign does not have get zeros. Combinations of quantities about which the readings state
+    no more than the prior get zero precision.
     """
     names = list(row["gaussian_names"])
     mean = np.array(row["gaussian_mean"], dtype=float)
@@ -285,7 +294,10 @@ def _full_covariance(lower_triangle: Sequence[float], q: int) -> Array:
 
 
 def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: float) -> Array:
-    """Return the matrix that carries a campaign's quantities to another reference force."""
+    """Return the matrix that takes a campaign's quantities to another reference force.
+
+    A compliance there is its value plus slope times force change, plus curvature times its square.
+    """
     matrix = np.zeros((len(wanted), len(names)))
     for i, name in enumerate(wanted):
         for power, coefficient in enumerate((name, f"{name}_1", f"{name}_2")):
@@ -295,9 +307,9 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
 
 
 def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
-    """Return what every chosen compliance stands for; it must be the same in all campaigns.
+    """Return the sum of joint compliances that every chosen compliance stands for.
 
-    Rows that do not say it are taken to mean what the others do.
+    The sum must be the same in all campaigns. Rows that do not state it are taken to agree.
     """
     meanings: dict[str, Meaning] = {}
     first_campaigns: dict[str, str] = {}

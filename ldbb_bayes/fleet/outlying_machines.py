@@ -1,8 +1,14 @@
-"""Machines that do not belong to the population of the others.
+"""Detection of machines that do not belong to the population of the others.
 
-Every machine is left out in turn and compared with what the others predict of it, everything but
-their spreads integrated out exactly. (Tests of one campaign are compared in another way: see
-`outlying_tests`.)
+Every machine is left out in turn and compared with what the other machines predict for it. The
+prediction is averaged over random draws of the spreads s (standard deviations of the machines about
+the population's mean); everything else is integrated out exactly. Outlying tests within one
+campaign are found in another way, see `outlying_tests`.
+
+In the shapes of arrays, n is the number of machines, c that of parameters, q that of parameters and
+instrument errors, and k that of draws of s. μ is the mean of the population, b are the errors of
+the instrument. Precision and shift of a Gaussian are its inverse covariance and that times its
+mean. z is a difference divided by its standard deviation.
 """
 
 from __future__ import annotations
@@ -30,24 +36,25 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Draws of the spreads without a machine, where weights cannot be trusted.
+# Number of new random draws of the spreads for a machine whose weights cannot be trusted.
 _DRAWS_WITHOUT = 512
-# Machines for which spreads are drawn anew, those that stand out most first.
+# Largest number of machines for which spreads are drawn anew; those that stand out most come first.
 _MOST_REDRAWN = 200
-# Smallest p-value, so that its normal deviate is finite.
+# Smallest p-value, so that the corresponding normal deviate is finite.
 _SMALLEST_P = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
 class JudgedMachines:
-    """The n machines, each against the others."""
+    """Comparison of each of n machines with the others."""
 
-    #: at most the probability that of so many machines of one population a parameter of one stands
-    #: out so much (Bonferroni over parameters, Holm over machines), shape (n,)
+    #: p-value of each machine, corrected for the numbers of parameters (Bonferroni) and of machines
+    #: (Holm), shape (n,): upper bound on the probability that, if all belong to one population, any
+    #: machine stands out this much
     p_value: Array
-    parameter_p_value: Array  #: two-sided, of each parameter by itself, shape (n, c)
-    z: Array  #: the same as a normal deviate, shape (n, c)
-    doubtful: Array  #: whether p-values cannot be trusted (Pareto's k̂), shape (n,)
+    parameter_p_value: Array  #: two-sided p-value of each parameter, uncorrected, shape (n, c)
+    z: Array  #: normal deviate, with sign, of parameter_p_value, shape (n, c)
+    doubtful: Array  #: whether a p-value cannot be trusted (Pareto's k̂ is too high), shape (n,)
 
 
 def judge_machines(
@@ -58,18 +65,19 @@ def judge_machines(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> JudgedMachines:
-    """Compare every machine with what the others predict of it.
+    """Compare every machine with what the others predict for it.
 
-    The draws of the spreads are weighted to what they were without the machine; where these weights
-    cannot be trusted, spreads are drawn anew without it.
+    The random draws of the spreads, made with all machines, are given weights as if made without
+    the machine. Where these weights cannot be trusted, spreads are drawn anew without the machine.
 
     Parameters
     ----------
-    density : of ln s with all machines.
-    spreads : draws of it.
-    shared : (μ, b) given the draws, see `shared_quantities`.
-    seed : of new draws.
-    progress : called with the numbers of machines drawn anew, done and in all.
+    density : density of ln s with all machines.
+    spreads : random draws of s from this density.
+    shared : Gaussian of (μ, b) given each draw, see `shared_quantities`.
+    seed : seed of new draws.
+    progress : function called with the number of machines already drawn anew and the number of
+        machines to be drawn anew.
     """
     likelihood = density.likelihood
     n = len(likelihood.shift)
@@ -99,10 +107,12 @@ def judge_machines(
 
 
 class _LeftOut(NamedTuple):
-    """Every machine against the others, given k spreads."""
+    """Comparison of every machine with the others, given each of k spreads s."""
 
-    log_density: Array  #: ln p(y_m | y_−m, s), up to a constant, shape (k, n)
-    z: Array  #: its standardised difference from their prediction, shape (c, k, n)
+    #: ln p(y_m | y_−m, s), the log density of the readings of machine m given those of all others,
+    #: up to a constant, shape (k, n)
+    log_density: Array
+    z: Array  #: standardised difference of the machine from the prediction, shape (c, k, n)
 
 
 def _leave_out_each(
@@ -132,7 +142,7 @@ def _leave_out_each(
 def _draw_without(
     density: SpreadDensity, separate: Estimates, mode: Array, m: int, seed: int
 ) -> tuple[Spreads, Array]:
-    """Return spreads drawn without machine m, and its z given each of them, shape (c, k, 1)."""
+    """Return spreads drawn without machine m, and z of machine m given each, shape (c, k, 1)."""
     likelihood = density.likelihood
     stays = np.arange(len(likelihood.shift)) != m
     other_machines = Gaussian(likelihood.precision[stays], likelihood.shift[stays])
@@ -152,10 +162,11 @@ def _draw_without(
 def _compare(
     separate: Estimates, precision: Array, shift: Array, spread: Array
 ) -> tuple[Array, Array]:
-    """Return ln ∫ of (μ, b) as the other machines know them, and z of the machines left out.
+    """Return a log integral for the other machines, and z of the machines left out.
 
-    The integral, up to a constant, has shape (k, n), z (c, k, n). Precision (q, q, k, n) and shift
-    (q, k, n) are those of (μ, b) from the other machines.
+    The first result, of shape (k, n), is the logarithm of the integral, over μ and b, of the
+    Gaussian that the other machines give for (μ, b), up to a constant. Its precision (q, q, k, n)
+    and shift (q, k, n) are given. z has shape (c, k, n).
     """
     q = len(shift)
     c = spread.shape[1]
@@ -177,9 +188,10 @@ def _compare(
 
 
 def _two_sided_p_value(weights: Array, z: Array) -> tuple[Array, Array]:
-    """Return twice the smaller tail of mixtures over s, and its side (±1), each of shape (n, c).
+    """Return two-sided p-values, and on which side (±1) the machine lies, each of shape (n, c).
 
-    Weights have shape (n, k), z (c, k, n).
+    A p-value is twice the smaller tail probability, averaged over the draws of s. Weights of the
+    draws have shape (n, k), z has shape (c, k, n).
     """
     above = np.einsum("mk,jkm->mj", weights, ndtr(-z))
     below = np.einsum("mk,jkm->mj", weights, ndtr(z))

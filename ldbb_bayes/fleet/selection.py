@@ -1,4 +1,4 @@
-"""Which campaigns of a batch a trend or a population relies on, and with which caveats."""
+"""Selection of the campaigns that a trend or a population uses, with caveats on the choice."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from ldbb_bayes.results import Result
 
 __all__ = ["Caveat", "CaveatKind", "check_rows", "choose", "labels", "moment"]
 
-# What says that the model does not expect the readings of a campaign.
+# Kinds of findings which mean that the model does not expect the readings of a campaign.
 _MISFIT_KINDS: frozenset[str] = frozenset({CheckKind.ORDER, ConcernKind.TRUNCATION})
-# What says that the noise of a campaign is not white.
+# Kinds of findings which mean that the noise of a campaign is not white.
 _NOISE_KINDS: frozenset[str] = frozenset({CheckKind.NOISE, CheckKind.AUTOCORRELATION})
 
 
 class CaveatKind(StrEnum):
-    """What limits the campaigns that a result rests on, or the result itself."""
+    """Kinds of limitations: of the campaigns that a result uses, or of the result itself."""
 
     EXCLUDED = "excluded"
     BEFORE = "before"
@@ -54,22 +54,22 @@ class Caveat(Result):
     """One limitation of a result."""
 
     kind: CaveatKind
-    names: tuple[str, ...] = ()  #: of the campaigns, machines or parameters that it concerns
-    values: tuple[float, ...] = ()  #: numbers that go with it
-    text: str = ""
+    names: tuple[str, ...] = ()  #: names of the campaigns, machines or parameters concerned
+    values: tuple[float, ...] = ()  #: numbers that the sentence on the limitation states
+    text: str = ""  #: words that the sentence on the limitation quotes, such as a date
 
 
 def check_rows(rows: pd.DataFrame) -> None:
-    """Refuse what is not the table of a batch.
+    """Refuse rows that are not the table of a batch.
 
     Parameters
     ----------
-    rows : see `read_batch`.
+    rows : table of a batch, as `read_batch` returns it.
 
     Raises
     ------
     InputError
-        If a column is missing that a trend or a population needs.
+        If a column that a trend or a population needs is missing.
     """
     for name in FLEET_COLUMNS:
         if name not in rows:
@@ -87,29 +87,31 @@ def choose(
     *,
     among: pd.DataFrame | None = None,
 ) -> tuple[pd.DataFrame, list[Caveat]]:
-    """Return the rows of a batch to rely on, and what was left out and why.
+    """Return the rows of a batch that an analysis shall use, and caveats on the choice.
 
-    Readings a thousand times too large would move the mean of a population, widen its spread, and
-    hide a change of their machine. So campaigns whose readings the model does not expect are left
-    out: orders of a circle that fail their check, or readings against non-negative compliance.
+    Campaigns whose readings the model does not expect are left out: an order of a circle (Fourier
+    component of the readings) fails its check, or the readings contradict non-negative compliance.
+    Readings a thousand times too large, for example, would move the mean of a population, widen its
+    spread, and hide a change of their machine.
 
     Parameters
     ----------
-    rows : of `read_batch`.
-    exclude : campaigns (path as given, last part of it, or name) and machines (machine_id) to leave
-        out.
-    since : date (ISO 8601); earlier campaigns are left out, and those without a date.
+    rows : table of a batch, as `read_batch` returns it.
+    exclude : campaigns (file path as given, its last part, or the name) and machines (machine_id)
+        to leave out.
+    since : date (ISO 8601); campaigns that are earlier or have no date are left out.
     include_misfits : keep campaigns whose readings the model does not expect.
-    among : the whole batch, whose names ``exclude`` may give; default: ``rows``.
+    among : table of the whole batch, in which the names in ``exclude`` are looked up; default:
+        ``rows``.
 
     Returns
     -------
-    The rows to rely on, and caveats: of those left out, and of those kept.
+    The rows to use, and caveats that name the campaigns left out and the kept ones in doubt.
 
     Raises
     ------
     InputError
-        If nothing is left, a name is unknown, or a date is none.
+        If no campaign is left, a name is unknown, or ``since`` is not a date.
     """
     check_rows(rows)
     batch = rows if among is None else among
@@ -145,19 +147,19 @@ def _leave_out(
     caveats: list[Caveat],
     text: str = "",
 ) -> pd.DataFrame:
-    """Return the rows that stay; a caveat names the others."""
+    """Return the rows that are not left out, and add a caveat that names the others."""
     _note(kind, rows[is_left_out], caveats, text)
     return rows[~is_left_out]
 
 
 def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = "") -> None:
-    """Add a caveat that names the rows, if there are any."""
+    """Add a caveat that names the campaigns in the rows, unless there are no rows."""
     if not rows.empty:
         caveats.append(Caveat(kind, tuple(labels(rows)), text=text))
 
 
 def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
-    """Return whether the fit of each campaign reports one of the kinds."""
+    """Return, for each campaign, whether its fit reports a finding of one of the kinds."""
     matches = [
         reported is not None and not kinds.isdisjoint(reported) for reported in rows["kinds"]
     ]
@@ -165,11 +167,11 @@ def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
 
 
 def labels(rows: pd.DataFrame) -> list[str]:
-    """Return what campaigns are called: their names, or their paths where names are shared.
+    """Return the label of each campaign: its name if unique in the rows, else its file path.
 
     Parameters
     ----------
-    rows : of `read_batch`.
+    rows : table of a batch, as `read_batch` returns it.
     """
     paths = rows["campaign"].astype(str)
     names = rows["name"].where(rows["name"].map(_is_text), paths)
@@ -182,7 +184,7 @@ def _is_text(value: Any) -> bool:
 
 
 def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -> pd.Series[bool]:
-    """Return whether campaigns, or their machines, are to be excluded."""
+    """Return, for each campaign, whether it or its machine is to be excluded."""
     excluded = [exclude] if isinstance(exclude, str) else list(exclude)
     known_names = _names(batch)
     for name in excluded:
@@ -208,7 +210,7 @@ def _last_part(path: str) -> str:
 
 
 def _is_before(rows: pd.DataFrame, since: str | None) -> pd.Series[bool]:
-    """Return whether campaigns have no date, or one before ``since``."""
+    """Return, for each campaign, whether it has no date or one before ``since``."""
     if since is None:
         return pd.Series(False, index=rows.index, dtype=bool)
     try:
@@ -226,21 +228,21 @@ def _is_earlier(date: Any, first: datetime) -> bool:
         return True
     try:
         return moment(date) < first
-    except ValueError:  # a campaign that failed may have a date that is none
+    except ValueError:  # the row of a failed campaign may hold a date that is not valid
         return True
 
 
 def moment(date: str) -> datetime:
-    """Return a date or time in UTC, to which one without a time zone belongs.
+    """Return a date or time in UTC; without a time zone it counts as UTC.
 
     Parameters
     ----------
-    date : in ISO 8601.
+    date : date or time in ISO 8601.
 
     Raises
     ------
     ValueError
-        If it is none.
+        If the text is not a date or time in ISO 8601.
     """
     instant = datetime.fromisoformat(date)
     if instant.tzinfo is None:
