@@ -1,4 +1,8 @@
-"""∫ f of a log density on ℝ^h as a sum over weighted nodes, with an error."""
+"""Integrals ∫ f of a density f on ℝ^h as sums over n weighted nodes, with an error.
+
+The nodes are either a lattice, two regular grids moved against each other, or a random sample
+from a proposal, a density much like f. A scramble is one randomisation of a quasi-random sequence.
+"""
 
 from __future__ import annotations
 
@@ -17,47 +21,49 @@ __all__ = ["CHUNK", "LARGEST_PARETO_K", "Index", "Integral", "LogDensity", "in_c
 
 Index = NDArray[np.intp]
 LogDensity = Callable[[Array], Array]
-# Points at which a density is evaluated at once: arrays stay in the processor's cache.
+# Number of points at which a density is evaluated at once, so that arrays stay in the cache.
 CHUNK = 256
 # Largest Pareto k̂ of weights that can be trusted. Vehtari et al. (2024) allow 0.7.
 LARGEST_PARETO_K = 0.6
-# The error of a sample is so many standard errors of its scrambles,
+# The error of a sample is this multiple of the standard error from its scrambles, ...
 _STANDARD_ERRORS = 2.0
-# but no less than this share of what plain random numbers would leave.
+# ... but at least this share of the standard error of plain random numbers.
 _OF_PLAIN_ERROR = 0.5
-# Above this Pareto k̂ the error of a sample grows, ...
+# The error of a sample is enlarged where Pareto k̂ exceeds this: ...
 _HEAVY_TAIL_K = 0.4
-# ... by its own size for every such step of k̂.
+# ... by 100 % for every such step of k̂ beyond.
 _HEAVY_TAIL_STEP = 0.1
-# The integral beyond a lattice's edge is at most so many times what its edge holds.
+# The integral beyond the edge of a lattice is taken to be at most this multiple of the integral
+# over the nodes at its edge.
 _BEYOND_EDGE = 3.0
-# The error of the mean of two grids is at most this share of their difference, ...
+# The error of the mean of two grids is taken to be this share of their difference, ...
 _MEAN_OF_TWO = 0.25
-# ... and of differences up to this one [nat]; larger ones cancel in the first order.
+# ... where the difference counts up to this one [nat]; the square of a larger one takes over.
 _LARGEST_LINEAR = 0.02
-# A difference counts as no less than this share of that at the step before.
+# The difference of two grids counts as at least this share of that at the longer step before.
 _DECLINE = 0.35
-# Least share of a grid that its logarithm is taken of.
+# Smallest share of the integral in a grid, so that its logarithm is finite.
 _TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
 class Integral:
-    """∫ f of a density f on ℝ^h as a sum over n weighted nodes."""
+    """Integral ∫ f of a density f on ℝ^h as a sum over n weighted nodes."""
 
-    free: Array  #: the nodes (n, h)
-    log_density: Array  #: ln f there (n,)
-    log_volume: Array  #: ln of the volume that each stands for (n,)
-    #: to which of several estimates of the integral a node belongs: two grids, or independent
-    #: scrambles (n,)
+    free: Array  #: coordinates of the nodes, shape (n, h)
+    log_density: Array  #: ln f at the nodes, shape (n,)
+    log_volume: Array  #: ln of the volume that each node represents, shape (n,)
+    #: index of the grid of a lattice, or of the scramble of a sample, that each node belongs to,
+    #: shape (n,); every grid or scramble estimates the integral by itself
     estimate: Index
-    #: nodes of a lattice beyond which no density was evaluated (n,)
+    #: whether a node is at the edge of a lattice, beyond which f was not evaluated, shape (n,)
     edge: NDArray[np.bool_]
-    #: what a sample was drawn from, a density much like f; none of a lattice
+    #: density from which a sample was drawn; None for a lattice
     proposal: Mixture | None
-    #: at most this share of the integral is in nodes whose density was not evaluated
+    #: largest share of the integral in nodes at which f was not evaluated
     left_out: float = 0.0
-    #: difference of a lattice's two grids with the step before this [nat]; zero of the first
+    #: difference of the two grids of a lattice at the longer step before [nat]; zero at the first
+    #: step
     coarser_difference: float = 0.0
 
     @cached_property
@@ -72,7 +78,7 @@ class Integral:
 
     @property
     def log_integral(self) -> float:
-        """The integral, ln ∫ f."""
+        """Logarithm ln ∫ f of the integral."""
         return float(np.logaddexp.reduce(self._log_weight))
 
     @property
@@ -88,7 +94,7 @@ class Integral:
 
     @property
     def edge_error(self) -> float:
-        """Largest share of the integral beyond a lattice's edge."""
+        """Estimate of the largest share of the integral beyond the edge of a lattice."""
         return _BEYOND_EDGE * float(self.weight[self.edge].sum())
 
     @cached_property
@@ -101,20 +107,22 @@ class Integral:
         return self._sample_error() + self.left_out
 
     def _lattice_error(self) -> float:
-        """Return a share of the two grids' difference, and what lies beyond the edge.
+        """Return the error of ln ∫ f from a lattice [nat].
 
-        The first order of the difference cancels in the mean of the grids. As steps shorten the
-        difference may change sign: it counts as no less than a share of the one before.
+        It is a share of the difference of the two grids plus the share beyond the edge. To first
+        order the difference cancels in the mean of the grids. The difference may pass through zero
+        as the step shortens, so it counts as at least a share of that at the longer step before.
         """
         difference = max(self.grid_difference, _DECLINE * self.coarser_difference)
         of_mean = max(difference**2, _MEAN_OF_TWO * min(difference, _LARGEST_LINEAR))
         return of_mean + self.edge_error
 
     def _sample_error(self) -> float:
-        """Return twice the standard error from the scatter between independent scrambles.
+        """Return the error of ln ∫ f from a sample [nat].
 
-        No less than half of what plain random numbers would leave, as few scrambles may agree by
-        luck; more where the tail of the weights is heavy.
+        It is twice the standard error from the scatter between independent scrambles, but at least
+        half the standard error of plain random numbers, as a few scrambles may agree by luck. It is
+        enlarged where the tail of the weights is heavy.
         """
         share = np.bincount(self.estimate, self.weight)
         plain_error = np.sqrt(max(1.0 / self.ess - 1.0 / len(self.weight), 0.0))
@@ -124,9 +132,9 @@ class Integral:
 
     @cached_property
     def pareto_k(self) -> float:
-        """Shape k̂ of the tail of weights (Vehtari et al. 2024), −inf of a lattice.
+        """Shape k̂ of the tail of the weights (Vehtari et al. 2024); −inf for a lattice.
 
-        Above 0.6 neither the integral nor its error can be trusted.
+        If k̂ exceeds 0.6, neither the integral nor its error can be trusted.
         """
         if self.proposal is None:
             return -np.inf
@@ -138,19 +146,23 @@ class Integral:
         return self.pareto_k <= LARGEST_PARETO_K
 
     def heaviest(self, spare: float) -> tuple[Array, Array]:
-        """Return nodes and normalised weights but for a share ``spare`` of the integral."""
+        """Return the heaviest nodes, shape (k, h), and their normalised weights, shape (k,).
+
+        The nodes not returned hold the share ``spare`` of the integral.
+        """
         heavy = self._heavy_nodes(spare)
         return self.free[heavy], self.weight[heavy] / self.weight[heavy].sum()
 
     def _heavy_nodes(self, spare: float) -> Index:
-        """Return the indices of the heaviest nodes, all but a share ``spare``."""
+        """Return indices of the heaviest nodes; the others hold the share ``spare`` of ∫ f."""
         order = np.argsort(self.weight)
         return np.sort(order[np.cumsum(self.weight[order]) >= spare])
 
     def pick(self, size: int, rng: np.random.Generator) -> Array:
-        """Return nodes resampled by their weights, in random order, shape (size, h).
+        """Return nodes resampled in proportion to their weights, shape (size, h).
 
-        Resampling is systematic.
+        Resampling is systematic: equally spaced levels of the cumulative weight with one random
+        start. The order of the nodes returned is random.
         """
         order = np.lexsort(self.free.T)
         levels = (rng.random() + np.arange(size)) / size
@@ -158,14 +170,14 @@ class Integral:
         return rng.permutation(self.free[order][np.minimum(reached, len(order) - 1)])
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
-        """Return independent draws from a sample's proposal, shape (size, h).
+        """Return independent random draws from the proposal of a sample, shape (size, h).
 
-        A temperature above one makes them wider.
+        Scales of the proposal are multiplied by the square root of ``temperature``.
         """
         return self._sample_proposal().draw(size, rng, temperature=temperature)
 
     def log_proposal(self, free: Array) -> Array:
-        """Return the log density with which `draw` gives points (n, h), shape (n,)."""
+        """Return the log density of the proposal of a sample at points (n, h), shape (n,)."""
         return self._sample_proposal().log_density(free)
 
     def _sample_proposal(self) -> Mixture:
@@ -174,15 +186,15 @@ class Integral:
         return self.proposal
 
     def times(self, log_factor: Callable[[Index], Array], spare: float) -> Integral:
-        """Return ∫ f g, with ln g evaluated only at the nodes that count.
+        """Return the integral ∫ f g, with ln g evaluated only at the heaviest nodes.
 
         Parameters
         ----------
         log_factor : callable
-            ln g (k,) at the nodes of an index (k,).
+            Function that takes indices of nodes, shape (k,), and returns ln g there, shape (k,).
         spare : float
-            Share of ∫ f in the nodes that are left out. What they hold of ∫ f g, were g as large
-            there as anywhere, goes into the error.
+            Share of ∫ f in the nodes that are left out. Their part of ∫ f g, with g at its largest
+            value, is added to the error.
         """
         heavy = self._heavy_nodes(spare)
         values = np.full(len(self.free), -np.inf)
@@ -195,6 +207,6 @@ class Integral:
 
 
 def in_chunks(log_density: Callable[..., Array], points: Array, size: int = CHUNK) -> Array:
-    """Return a log density at any number of points, evaluated a few hundred at a time."""
+    """Return a log density at any number of points, evaluated in blocks of about ``size``."""
     chunks = np.array_split(points, max(1, -(-len(points) // size)))
     return np.concatenate([log_density(chunk) for chunk in chunks])

@@ -1,8 +1,11 @@
 """Integrals in few dimensions by the trapezoidal rule on a lattice that grows from the modes.
 
-For a smooth function that dies away on every side the rule converges geometrically in its step
-(Trefethen and Weideman, SIAM Review 56, 385-458, 2014). Two grids, the second moved by half a step
-along every axis, make one body-centred lattice: errors along single axes cancel in their mean.
+For a smooth function that falls off in every direction, the error of the rule falls very fast as
+the step shortens (Trefethen and Weideman, SIAM Review 56, 385-458, 2014). The lattice consists of
+two grids, the second moved by half a step in every direction: together they are body-centred, and
+errors along single directions cancel in the mean of the two grids. Steps are in sd: units in which
+the highest mode has unit curvature in every direction. f is the density integrated, h the number
+of dimensions, n the number of nodes.
 """
 
 from __future__ import annotations
@@ -19,18 +22,19 @@ from ldbb_bayes.results import Array
 
 __all__ = ["grow_lattice"]
 
-# From this tolerance [nat] on a lattice may be coarse.
+# A lattice may be coarse where the tolerance is at least this [nat].
 _LOOSE_TOLERANCE = 1e-2
 # First step of a coarse lattice, in sd.
 _LOOSE_STEP = 2.0
-# The step of a Gaussian's lattice is taken a little shorter than its error asks for.
+# The first step is this multiple of the step that a Gaussian density would need.
 _STEP_MARGIN = 0.93
-# How far below the highest log density a coarse lattice grows at first [nat], a fine one but for
-# the logarithm of its tolerance, and by how much either is deepened.
+# A coarse lattice grows to this depth below the highest log density [nat].
 _LOOSE_DEPTH = 9.0
+# A fine lattice grows to this depth [nat] minus the logarithm of its tolerance.
 _DEPTH = 5.5
+# The depth of a lattice is increased by this where too much lies beyond its edge [nat].
 _DEEPER = 3.0
-# Each further lattice has a step this much shorter.
+# The step of a lattice that is not fine enough is multiplied by this.
 _FINER = 0.85
 
 
@@ -42,24 +46,26 @@ def grow_lattice(
     step: float | None = None,
     max_nodes: int = 200_000,
 ) -> Integral:
-    """Return ∫ f from a lattice whose error of ln ∫ f is below the tolerance.
+    """Return ∫ f from a lattice, with an error of ln ∫ f within the tolerance.
 
-    The lattice grows from the modes until nothing that counts is left, and its step is shortened
-    as needed. At ``max_nodes`` growing and shortening stop, and the error says what was left out.
+    The lattice grows from the modes until f is negligible at its edge, and its step is shortened
+    as needed. Growing and shortening stop at ``max_nodes``; the error of the result then exceeds
+    the tolerance.
 
     Parameters
     ----------
     log_density : callable
-        ln f, (n, h) → (n,).
+        Function that returns ln f, shape (n,), at points of shape (n, h).
     modes : sequence of pairs
-        Modes (h,), highest first, and a root (h, h) of the inverse curvature at each. The axes of
-        the lattice are those of the highest.
+        Modes, shape (h,), the highest first, each with a square root, shape (h, h), of the inverse
+        of minus the Hessian of ln f there. The root at the highest mode sets the directions of the
+        lattice.
     tolerance : float
         Error asked for [nat].
     step : float, optional
         The first step, in sd.
     max_nodes : int
-        Largest number of nodes.
+        Number of nodes at which growing and shortening stop.
     """
     centre = modes[0][0]
     root = modes[0][1]
@@ -86,9 +92,10 @@ def grow_lattice(
 
 
 def _first_step(h: int, tolerance: float) -> float:
-    """Return the step, in sd, at which the two grids of a Gaussian agree to the tolerance.
+    """Return the first step, in sd, from the tolerance [nat].
 
-    They differ by 4 h exp(−2 π²/step²); a little less is allowed for.
+    For a Gaussian density the two grids differ by 4 h exp(−2 π²/step²) in ln ∫ f. The step is a
+    little shorter than this requires.
     """
     if tolerance >= _LOOSE_TOLERANCE:
         return _LOOSE_STEP
@@ -104,7 +111,10 @@ def _lattice(
     max_nodes: int,
     coarser_difference: float,
 ) -> Integral:
-    """Return ∫ f from the two grids of a lattice with this cell (h, h)."""
+    """Return ∫ f from the two grids of a lattice.
+
+    The columns of ``cell``, shape (h, h), are the steps of a grid.
+    """
     grids = [
         _grow_grid(log_density, centre, cell, starts, offset, depth, max_nodes)
         for offset in (0.0, 0.5)
@@ -126,16 +136,16 @@ def _lattice(
 
 
 def _points(centre: Array, cell: Array, places: Array) -> Array:
-    """Return the points (n, h) at places counted in cells."""
+    """Return the points, shape (n, h), at places that are counted in steps of the grid."""
     return np.asarray(centre + places @ cell.T)
 
 
 class _Grid(NamedTuple):
-    """One grid of a lattice."""
+    """One of the two grids of a lattice."""
 
-    places: Array  #: counted in cells (n, h)
-    log_density: Array  #: (n,)
-    edge: NDArray[np.bool_]  #: which nodes the grid did not grow beyond (n,)
+    places: Array  #: places of the nodes, counted in steps, shape (n, h)
+    log_density: Array  #: ln f at the nodes, shape (n,)
+    edge: NDArray[np.bool_]  #: whether a node is at the edge of the grid, shape (n,)
 
 
 def _grow_grid(
@@ -147,7 +157,10 @@ def _grow_grid(
     depth: float,
     max_nodes: int,
 ) -> _Grid:
-    """Grow one grid from its starts by the neighbours of what counts."""
+    """Grow one grid: add the neighbours of nodes until all new nodes are negligible.
+
+    A node is negligible where ln f is more than ``depth`` below its highest value.
+    """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])
     front = _first_front(starts, offset)
@@ -173,7 +186,7 @@ def _grow_grid(
 
 
 def _first_front(starts: Sequence[Array], offset: float) -> Array:
-    """Return the grid points around the starts, from which a grid grows."""
+    """Return the grid points around the starting points, from which a grid grows."""
     along_axis = [0.0]
     if offset:
         along_axis.append(-1.0)
@@ -182,7 +195,7 @@ def _first_front(starts: Sequence[Array], offset: float) -> Array:
 
 
 def _keys(index: Array) -> NDArray[np.int64]:
-    """Return one integer for each grid point (n, h)."""
+    """Return one integer that identifies each grid point, shape (n,), for points (n, h)."""
     h = index.shape[1]
     reach = 1 << 62 // h - 1
     limited = np.clip(index, -reach, reach - 1).astype(np.int64)

@@ -1,4 +1,11 @@
-"""p(φ | y), everything linear integrated out: its modes, weighted nodes, and averages over them."""
+"""Posterior p(φ | y) of the hyper-parameters: modes, weighted nodes, and averages over nodes.
+
+y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects;
+β are the p parameters: compliances, their slopes and geometric errors. β and the effects that are
+modelled but not of interest are integrated out exactly, as readings depend linearly on them.
+Truncation T restricts β to compliances that are not negative; P(T | y, φ) is the probability that
+β meets it. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower bound).
+"""
 
 from __future__ import annotations
 
@@ -25,44 +32,44 @@ from ldbb_bayes.units import value_and_uncertainty
 
 __all__ = ["Evidence", "HyperPosterior", "Nodes"]
 
-# Step of the central differences, in free coordinates.
+# Step of the central differences in free coordinates.
 _DIFFERENCE_STEP = 0.05
-# Smallest curvature that a direction counts as having.
+# Directions in which the log density curves less than this are given this curvature.
 _LEAST_CURVATURE = 0.3
-# Starting points of the search for modes; the best quarter of them is looked through
+# Number of starting points of the search for modes, and how many of the best are considered.
 _STARTS = 256
 _BEST_STARTS = _STARTS // 4
-# for so many basins, ...
+# Largest number of starting points that the search for modes climbs from.
 _BASINS = 3
-# ... whose starts, or modes, are at least this far apart.
+# Starting points, and modes, count as separate beyond this distance in free coordinates.
 _SEPARATION = 1.5
 # A mode or corner this far below the highest mode does not count [nat].
 _NEGLIGIBLE_DEPTH = 12.0
-# Corners are looked for in up to so many dimensions,
+# Largest number of hyper-parameters for which corners (see `HyperPosterior._corners`) are sought.
 _LARGEST_CORNER_DIMENSION = 5
-# this far below the mode along an axis.
+# Distance of a corner below the mode in one free coordinate.
 _BELOW_MODE = 3.0
 # Tolerance [nat] and step [sd] of the coarse nodes.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
-# The nodes left out before P(T | y, φ) is computed hold the tolerance over this ...
+# Nodes left out before P(T | y, φ) is computed hold at most the tolerance divided by this, ...
 _PARTS_OF_TOLERANCE = 20.0
-# ... and at most this share of the integral.
+# ... and never more than this share of the integral.
 _LARGEST_LEFT_OUT = 5e-4
 # P(T | y, φ) is computed to a quarter of the tolerance, but never better than this [nat].
 _FINEST_TOLERANCE = 1e-3
-# Share of the tolerance for the nodes where P(T | y, φ) takes up the other.
+# Share of the tolerance allowed to the nodes where the error of P(T | y, φ) takes up the rest.
 _NODES_SHARE = 0.7
-# Moments of β leave out nodes with this share of the weight.
+# Moments of β are computed without the lightest nodes, which hold this share of the weight.
 _SPARE = 1e-7
-# Components of the mixture whose quantiles are those of β.
+# Number of Gaussians in the mixture from which quantiles of β are computed.
 _COMPONENTS = 8192
-# Each component has at least this share of the parameter's sd.
+# Smallest sd of a Gaussian in that mixture, as a share of the sd of all their means.
 _LEAST_SD_SHARE = 1e-6
 
 
 class HyperPosterior:
-    """p(φ | y), with or without the truncation, in free coordinates.
+    """Density p(φ | y) of the hyper-parameters, with or without truncation, in free coordinates.
 
     Parameters
     ----------
@@ -87,9 +94,10 @@ class HyperPosterior:
 
     @cached_property
     def modes(self) -> list[tuple[Array, Array]]:
-        """Every mode (h,) that counts, the highest first.
+        """All modes that are not negligible, the highest first.
 
-        Each with a root (h, h) of the inverse curvature there.
+        Each is a pair: the mode, shape (h,), and a square root, shape (h, h), of the inverse of
+        minus the Hessian of the log density at the mode.
         """
         summits = []
         for start in self._starts():
@@ -110,14 +118,17 @@ class HyperPosterior:
         return self.modes[0][0]
 
     def given(self, free: Array) -> tuple[Array, ParameterConditional]:
-        """Return ln p(y | φ), shape (w,), and p(β | y, φ) at free coordinates (w, h)."""
+        """Return ln p(y | φ) and the Gaussians p(β | y, φ) at w points.
+
+        ``free`` holds the free coordinates, shape (w, h); ln p(y | φ) has shape (w,).
+        """
         return self.bound.given(self.bound.hyper_prior.phi(free))
 
     def log_density(self, free: Array, *, smooth: bool = False) -> Array:
-        """Return ln p(y, free coordinates), shape (w,).
+        """Return the joint log density of readings and free coordinates, shape (w,).
 
-        Where truncated ln P(T | y, φ) is included or, ``smooth``, its upper bound, which is cheaper
-        and smooth.
+        With truncation, ln P(T | y, φ) is added. If ``smooth``, its upper bound is added instead,
+        which is cheaper to compute and a smooth function of φ.
         """
         log_density = self.bound.hyper_prior.log_density_of_free(free)
         finite = np.isfinite(log_density)
@@ -136,9 +147,10 @@ class HyperPosterior:
         return np.asarray(log_density)
 
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
-        """Return weighted nodes of p(y, free coordinates) to this tolerance [nat].
+        """Return weighted nodes that integrate the density to this tolerance [nat].
 
-        Nodes without truncation serve the truncated density too, unless truncation moves it far.
+        With truncation, the nodes of the density without it are used first, with their weights
+        multiplied by P(T | y, φ). Nodes of their own follow only if that misses the tolerance.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -154,7 +166,7 @@ class HyperPosterior:
         return nodes
 
     def _integral(self, tolerance: float) -> Integral:
-        """Return the integral without truncation, computed once for each tolerance."""
+        """Return the integral of the smooth log density, computed once for each tolerance."""
         if tolerance not in self._integrals:
             self._integrals[tolerance] = integrate(
                 self._smooth, self.modes, tolerance=tolerance, seed=self._seed
@@ -172,17 +184,20 @@ class HyperPosterior:
         *,
         bounded: bool = False,
     ) -> Nodes:
-        """Return nodes of a density without truncation times P(T | y, φ).
+        """Return nodes of a density multiplied by P(T | y, φ).
 
         Parameters
         ----------
         integral : Integral
-            Of the density without truncation, or, ``bounded``, of that times the upper bound of
-            P(T | y, φ).
+            Integral of the density without truncation.
         tolerance : float
             Error asked for [nat].
         orthant : callable, optional
-            The problems of P(T | y, φ) at the nodes of an index, where they are known.
+            Function that takes indices of nodes and returns the `Orthant` from which P(T | y, φ)
+            is computed there. By default it is computed from the nodes.
+        bounded : bool
+            Whether ``integral`` already contains the upper bound of P(T | y, φ), which is then
+            replaced by P(T | y, φ) itself.
         """
         size = CHUNK
         if orthant is not None:
@@ -206,7 +221,7 @@ class HyperPosterior:
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
-        # Nodes share points: their errors add up.
+        # All nodes use the same quasi-random points, so that their errors add up.
         error = float(truncated.weight @ np.where(truncated.weight > 0.0, errors, 0.0))
         return Nodes(self, truncated, error)
 
@@ -219,7 +234,10 @@ class HyperPosterior:
 
     @cached_property
     def proposal(self) -> Integral:
-        """A sample whose proposal can be drawn from, with P(T | y, φ) by its bound."""
+        """Importance sample with a fitted mixture, from which further points can be drawn.
+
+        With truncation, P(T | y, φ) is replaced by its upper bound.
+        """
         modes = [*self.modes, *self._corners()]
         return importance_sample(
             self._smooth, modes, tolerance=_COARSE_TOLERANCE / 4.0, seed=self._seed
@@ -227,7 +245,7 @@ class HyperPosterior:
 
     @cached_property
     def coarse(self) -> Integral:
-        """Coarse nodes, with P(T | y, φ) by its bound."""
+        """Coarse nodes; with truncation, P(T | y, φ) is replaced by its upper bound."""
         return integrate(
             self._smooth,
             self.modes,
@@ -238,22 +256,25 @@ class HyperPosterior:
 
     @cached_property
     def coarse_truncated(self) -> Integral:
-        """The coarse nodes with P(T | y, φ) itself."""
+        """Coarse nodes with P(T | y, φ) itself instead of its upper bound."""
         return self._replace_bound(self.coarse)
 
     @cached_property
     def sample_nodes(self) -> Integral:
-        """The nodes of the proposal's sample with P(T | y, φ) itself."""
+        """Points of `proposal` with P(T | y, φ) itself instead of its upper bound."""
         return self._replace_bound(self.proposal)
 
     def _replace_bound(self, integral: Integral) -> Integral:
-        """Replace the bound of P(T | y, φ) by the probability itself."""
+        """Return an integral with P(T | y, φ) itself instead of its upper bound."""
         if not self.truncated:
             return integral
         return self.truncate(integral, _COARSE_TOLERANCE, bounded=True).integral
 
     def _starts(self) -> list[Array]:
-        """Return where to climb from: the best of many starting points, several basins tried."""
+        """Return the points from which the search for modes climbs.
+
+        They are the best of many starting points, at most three, at a distance from each other.
+        """
         if self._near is not None:
             return [self._near]
         prior = self.bound.hyper_prior
@@ -267,9 +288,11 @@ class HyperPosterior:
         return basins
 
     def _corners(self) -> list[tuple[Array, Array]]:
-        """Return where one noise vanishes and others make up for it, in the form of `modes`.
+        """Return maxima of the density with one hyper-parameter held near zero.
 
-        From there ln p falls by one for each unit.
+        Other hyper-parameters make up for the one held. The form is that of `modes`. Where a
+        hyper-parameter no longer matters, the log density falls by one per unit of its free
+        coordinate.
         """
         corners: list[tuple[Array, Array]] = []
         dimensions = len(self.mode)
@@ -286,7 +309,7 @@ class HyperPosterior:
         return corners
 
     def _derivatives_along(self, free_axes: Array) -> Callable[[Array], tuple[Array, Array]]:
-        """Return a function for gradient and Hessian along these axes, zero along the others."""
+        """Return a function for gradient and Hessian, zero except in the given coordinates."""
 
         def derivatives(point: Array) -> tuple[Array, Array]:
             gradient, hessian = self._derivatives(point)
@@ -303,30 +326,33 @@ class HyperPosterior:
 
 
 def _is_separate(point: Array, points: list[Array]) -> bool:
-    """Say whether a point is far enough from all others to be another mode or basin."""
+    """Return whether a point is far enough from all others to count as a separate one."""
     return all(np.linalg.norm(point - other) > _SEPARATION for other in points)
 
 
 def _inverse_root(hessian: Array) -> Array:
-    """Return a root (h, h) of the inverse curvature, no direction flatter than the least."""
+    """Return a square root, shape (h, h), of the inverse of minus the Hessian.
+
+    Eigenvalues of minus the Hessian below the least curvature are raised to it.
+    """
     curvature, vectors = np.linalg.eigh(-hessian)
     return np.asarray(vectors / np.sqrt(np.maximum(curvature, _LEAST_CURVATURE)))
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """ln Z of a model and a campaign."""
+    """Log evidence ln Z of a model for the readings of a campaign."""
 
-    #: ln of the density of the readings in mm; only differences between models of the same readings
-    #: count
+    #: ln Z, the log density of the readings in mm under the model; only differences between models
+    #: of the same readings have a meaning
     log_value: float
-    error: float  #: [nat]; infinite where the weights of the nodes cannot be trusted
-    nodes: int  #: of the quadrature
-    sha256: str  #: digest of the readings it is of
+    error: float  #: error of ln Z [nat]; infinite where the nodes' weights cannot be trusted
+    nodes: int  #: number of nodes of the quadrature
+    sha256: str  #: digest of the readings
 
     @property
     def trusted(self) -> bool:
-        """Whether the weights of the nodes can be trusted, and with them the value."""
+        """Whether the weights of the nodes, and so the log evidence, can be trusted."""
         return bool(np.isfinite(self.error))
 
     def __repr__(self) -> str:
@@ -337,21 +363,22 @@ class Evidence:
 class _ConditionalMoments(NamedTuple):
     """Means and variances of β given φ at w points."""
 
-    mean: Array  #: (w, p)
-    variance: Array  #: (w, p)
+    mean: Array  #: means of β, shape (w, p)
+    variance: Array  #: variances of β, shape (w, p)
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """p(φ | y) as weighted nodes, and averages over them.
+    """Weighted nodes that represent p(φ | y), and averages over them.
 
     Parameters
     ----------
     posterior : HyperPosterior
+        The density that the nodes represent.
     integral : Integral
-        The nodes.
+        The nodes and their weights.
     truncation_error : float
-        Error of the mean of P(T | y, φ) [nat].
+        Error of the log evidence from the errors of P(T | y, φ) [nat].
     """
 
     posterior: HyperPosterior
@@ -367,7 +394,8 @@ class Nodes:
     def error(self) -> float:
         """Error of the log evidence [nat].
 
-        That of the nodes and, truncated, those of P(T | y, φ) and P(T | prior).
+        The sum of the error of the nodes and, with truncation, the errors of P(T | y, φ) and of
+        P(T), the prior probability of truncation.
         """
         error = self.integral.error + self.truncation_error
         if not self.posterior.truncated:
@@ -375,9 +403,10 @@ class Nodes:
         return error + self.bound.truncation_prior[1]
 
     def suit(self, tolerance: float) -> bool:
-        """Return whether no more nodes are needed.
+        """Return whether the nodes are fine enough for this tolerance [nat].
 
-        P(T | y, φ) may leave them less than the tolerance, though not below its half.
+        Their error must not exceed the tolerance minus the error of P(T | y, φ). If the latter is
+        half the tolerance or more, the error of the nodes alone must not exceed the tolerance.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance
@@ -385,9 +414,9 @@ class Nodes:
 
     @cached_property
     def evidence(self) -> Evidence:
-        """The evidence, ln Z = ln ∫ p(y | φ) p(φ) dφ.
+        """Log evidence ln Z = ln ∫ p(y | φ) p(φ) dφ.
 
-        Truncated: ln Z + ln P(T | y) − ln P(T | prior).
+        With truncation, it is ln Z + ln P(T | y) − ln P(T), where P(T) is the prior probability.
         """
         log_value = self.integral.log_integral
         if self.posterior.truncated:
@@ -395,7 +424,10 @@ class Nodes:
         return Evidence(log_value, self.error, len(self.integral.weight), self._digest())
 
     def _digest(self) -> str:
-        """Return the SHA-256 of the readings; of fewer tests also of their names."""
+        """Return the SHA-256 of the readings.
+
+        Where tests are left out, it also covers the names of the tests that remain.
+        """
         campaign = self.bound.campaign
         names = self.bound.test_names
         if len(names) == len(campaign.tests):
@@ -403,16 +435,20 @@ class Nodes:
         return hashlib.sha256("\n".join([campaign.sha256, *names]).encode()).hexdigest()
 
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Draw β (size, p) at nodes picked by their weights, and return φ (size, h) [mm] too."""
+        """Return random draws of β, shape (size, p), and of φ [mm], shape (size, h).
+
+        φ is picked from the nodes by their weights, and β is drawn given φ.
+        """
         free = self.integral.pick(size, rng)
         beta = draw_parameters_given(self.bound, free, rng)
         return beta, self.bound.hyper_prior.phi(free)
 
     def moments(self, *, spare: float = _SPARE, points: int = 512) -> tuple[Array, Array]:
-        """Return mean and sd of β, each (p,).
+        """Return mean and sd of β, each of shape (p,).
 
-        Moments given φ, truncated from so many points, are averaged over the nodes but for a share
-        ``spare`` of the weight.
+        Moments of β given φ are averaged over the nodes, without the lightest nodes, which hold the
+        share ``spare`` of the weight. With truncation, the moments given φ are computed from
+        ``points`` quasi-random points.
         """
         free, weight = self.integral.heaviest(spare)
 
@@ -427,8 +463,9 @@ class Nodes:
     def quantiles(self, levels: Array, *, seed: int, components: int = _COMPONENTS) -> Array:
         """Return quantiles of β, shape (levels, p).
 
-        They are those of a mixture of Gaussians given φ and, truncated, given draws along the
-        directions that truncation acts on.
+        They are the quantiles of a mixture of Gaussians p(β | y, φ), with φ picked from the nodes.
+        With truncation, each Gaussian is also given a random draw along the directions that
+        truncation restricts.
         """
         rng = np.random.default_rng(seed)
 
@@ -445,9 +482,10 @@ class Nodes:
     def _moments_given(
         self, free: Array, along_axes: Callable[[Orthant], tuple[Array, Array]]
     ) -> _ConditionalMoments:
-        """Return means and variances of β given φ.
+        """Return means and variances of β given φ, for free coordinates of shape (w, h).
 
-        ``along_axes`` returns mean and covariance along the axes that truncation acts on.
+        With truncation, ``along_axes`` returns mean and covariance of the standard coordinates of β
+        along the directions that truncation restricts.
         """
         means = []
         variances = []
