@@ -150,12 +150,18 @@ class HybridModel(Result):
 
     @classmethod
     def first(cls, degree: int = 1) -> HybridModel:
-        """Return the model's first edition: form of 1/n, linear springs, one scatter of circles."""
+        """Return the model of the first edition.
+
+        In it the form of the balls falls as 1/n with its order n, and fewer effects are modelled.
+        """
         return cls(degree, first_edition(), Prior.first(), preset="first")
 
     @classmethod
     def paper(cls, degree: int = 0) -> HybridModel:
-        """Return the model without nuisances, flat, untruncated: its point estimate is Eq. 31."""
+        """Return the model whose point estimate is that of the paper (Eq. 31).
+
+        It has flat priors, no nuisances, and no truncation: compliances may be negative.
+        """
         return cls(degree, (), Prior.paper(), preset="paper")
 
     @classmethod
@@ -168,7 +174,7 @@ class HybridModel(Result):
     def with_degree(self, degree: int) -> HybridModel:
         """Return the same model with another degree.
 
-        What is fixed or overridden stays so where the new degree has it.
+        Fixed parameters and priors of parameters that the new degree does not have are dropped.
         """
         fixed = tuple(name for name in self.fixed if degree_of(name) <= degree)
         overrides = {
@@ -178,7 +184,7 @@ class HybridModel(Result):
         return replace(self, degree=degree, fixed=fixed, prior=prior)
 
     def with_slope_scale(self, scale: float) -> HybridModel:
-        """Return the same model with slopes of this prior scale; overrides change in proportion."""
+        """Return the same model with another ``slope_scale``; prior sds of slopes scale with it."""
         factor = scale / self.prior.slope_scale
         overrides = dict(self.prior.overrides)
         for name, sd in overrides.items():
@@ -187,7 +193,7 @@ class HybridModel(Result):
         return replace(self, prior=replace(self.prior, slope_scale=scale, overrides=overrides))
 
     def fixing(self, *names: str) -> HybridModel:
-        """Return the same model with the named parameters fixed at zero, their prior means too."""
+        """Return the same model with the named parameters fixed at zero (prior means are reset)."""
         fixed = {*self.fixed, *(inside_name(name) for name in names)}
         means = dict(self.prior.means)
         for name in means:
@@ -203,8 +209,8 @@ class HybridModel(Result):
         ``C_XXX=("60 nm/N", "5 nm/N")``: mean and sd of a parameter, which is free again if it was
         fixed; a slope's mean stays 0. ``tau_um="2 µm"``: a field of `Prior`. Each value is a text
         with its unit or a number in internal units (mm, N, rad). Names as the paper prints them go
-        in a mapping: ``{"E_C(0Y)X": (0, "20 µrad")}``. InputError for what is neither; names are
-        checked against the machine when the model meets a campaign.
+        in a mapping: ``{"E_C(0Y)X": (0, "20 µrad")}``. InputError for other names; names of
+        parameters are checked against the machine when the model is bound to a campaign.
         """
         new_priors = {
             inside_name(name): value for name, value in {**(priors or {}), **further_priors}.items()
@@ -237,9 +243,9 @@ class HybridModel(Result):
         return replace(self, fixed=fixed, prior=prior)
 
     def with_term(self, *terms: Term) -> HybridModel:
-        """Return the same model with these nuisances, each in place of one of the same kind.
+        """Return the same model with these nuisances, each in place of one of the same class.
 
-        ``with_term(Drift("temperature"))``.
+        Example: ``model.with_term(Drift("temperature"))``.
         """
         term_by_kind = {type(term): term for term in (*self.nuisances, *terms)}
         order = [*Term.kinds.values(), *term_by_kind]
@@ -247,14 +253,15 @@ class HybridModel(Result):
         return replace(self, nuisances=tuple(term_by_kind[kind] for kind in kinds))
 
     def including(self, *terms: Term) -> HybridModel:
-        """Return the same as `with_term`, its name since 0.2.0, with a FutureWarning."""
+        """Return `with_term` with a FutureWarning: this was its name before version 0.2.0."""
         renamed("the method", "including", {"including": "with_term"}, refused_from="0.3.0")
         return self.with_term(*terms)
 
     def without(self, *names: str) -> HybridModel:
         """Return the same model without the named terms.
 
-        Names are ``ball-form`` … ``hysteresis``, ``truncation``; InputError for others.
+        Names are those of terms, such as ``ball-form`` and ``hysteresis``, and ``truncation``, the
+        condition that compliances are not negative. InputError for other names.
         """
         check_known("term", names, (*(kind.key() for kind in Term.kinds.values()), "truncation"))
         prior = replace(self.prior, truncated=False) if "truncation" in names else self.prior
@@ -276,7 +283,7 @@ class HybridModel(Result):
         return tuple(names)
 
     def with_rivals(self, *names: str) -> HybridModel:
-        """Return the same model with no other of its `rivals` than these."""
+        """Return the same model with only these of its `rivals`."""
         model = self
         for name in self.rivals:
             if name in names:
@@ -291,14 +298,14 @@ class HybridModel(Result):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the model: σ, and those of its terms."""
+        """Hyper-parameters of the model: the sd of white noise σ and those of its terms."""
         scales = [_SIGMA]
         for term in self.nuisances:
             scales.extend(term.scales)
         return _ordered(scales)
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the hyper-parameters that act in a setting, with a scale for every circle."""
+        """Return the hyper-parameters that act in a setting, with one scale λ per circle if any."""
         scales = [_SIGMA]
         acting = {_SIGMA.name}
         for term in self.nuisances:
@@ -310,13 +317,14 @@ class HybridModel(Result):
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Names of all terms."""
+        """Class names of all terms, with Compliance and GeometricErrors first."""
         return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
     def bind(self, campaign: Campaign) -> BoundModel:
         """Return the model of this campaign or plan.
 
-        InputError for forces too few for its degree, or for flat priors.
+        InputError if the campaign has too few levels of force for the model's degree or for flat
+        priors.
         """
         return BoundModel(self, campaign)
 
@@ -347,7 +355,7 @@ class HybridModel(Result):
 
         Returns
         -------
-        The simulated campaign and its truth.
+        The simulated campaign and the true values.
 
         Raises
         ------
@@ -382,7 +390,7 @@ class HybridModel(Result):
 
 
 def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
-    """Return the different scales in the order of φ."""
+    """Return the scales without repetition, in the order of the hyper-parameters φ."""
 
     def place(scale: Scale) -> int:
         if scale.name in _HYPER_ORDER:
@@ -393,7 +401,7 @@ def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
 
 
 def _values_by_name(parameters: Mapping[str, float], names: Sequence[str]) -> Array:
-    """Return the values of parameters in the order of names, zero where none is given."""
+    """Return the values of parameters in the order of ``names``, zero for those not given."""
     values = {inside_name(name): value for name, value in parameters.items()}
     check_known("parameter", values, names)
     return np.array([values.get(name, 0.0) for name in names], dtype=float)
@@ -402,7 +410,7 @@ def _values_by_name(parameters: Mapping[str, float], names: Sequence[str]) -> Ar
 def _draw_hyper_parameters(
     bound: BoundModel, hyper_um: Mapping[str, float], rng: np.random.Generator
 ) -> dict[str, float]:
-    """Return φ by name [mm], drawn from its prior where no value [µm] is given."""
+    """Return hyper-parameters by name [mm]: given values [µm], else random draws from the prior."""
     prior = bound.hyper_prior
     check_known("hyper-parameter", hyper_um, prior.names)
     for name, value in hyper_um.items():
@@ -420,7 +428,7 @@ def _draw_hyper_parameters(
 
 @dataclass(frozen=True)
 class Simulation(Result):
-    """A simulated campaign, and the true values it was simulated with."""
+    """A simulated campaign and the true values that it was simulated with."""
 
     campaign: Campaign
     parameters: dict[str, float]  #: true values in internal units (mm, N, rad)
@@ -428,30 +436,34 @@ class Simulation(Result):
     units: dict[str, str]  #: units of the parameters
 
 
-# The reduced readings of campaigns in use: comparisons bind one campaign to hundreds of models.
+# Cache of the reduced readings of campaigns: comparisons bind one campaign to hundreds of models.
 _REDUCED_READINGS: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 
 class BoundModel(Shown):
-    """The model of one campaign: ρ = H β + nuisances + ε with all columns and priors in numbers.
+    """The model of one campaign: ρ = H β + nuisances + ε, with numerical columns and priors.
+
+    ρ are the readings, β the parameters of interest (compliances, slopes and geometric errors), H
+    their columns and ε white noise. Nuisances are effects that are modelled but not of interest.
 
     Parameters
     ----------
-    keep : names of the tests to use. F0, force range, truncation, Ĉ and the two-ball rule stay
-        those of the whole campaign.
-    pilot : of a plan: the campaign whose F0, force range and Ĉ are used instead of the plan's own.
+    keep : names of the tests to use. The reference force F0, the force range, the truncation, the
+        estimate Ĉ of the compliances and the choice of one or two ball forms stay those of the
+        whole campaign.
+    pilot : for a plan, the campaign whose F0, force range and Ĉ are used instead of the plan's own.
 
     Attributes
     ----------
     parameters, names, prior_sd, prior_mean : tuples, and ndarrays of shape (p,)
-        Compliances, their slopes degree by degree, geometric errors; infinite sd and zero mean when
-        flat.
+        Compliances, their slopes degree by degree, geometric errors. With a flat prior the sd is
+        infinite and the mean zero.
     test_names, reduced, setting : tuple of str, tuple of Reduced, Setting
     interest : ndarray, shape (tests, 25, p)
         H: columns of the parameters of interest.
     physical, truncation : Truncation
-        The region of physical compliances, C(F) ≥ 0; the same where the prior imposes it, else the
-        whole space.
+        ``physical`` is the region of physical compliances, C(F) ≥ 0. ``truncation`` is the same
+        region if the prior is truncated to it, else it imposes nothing.
     """
 
     shown = ("model", "campaign", "test_names", "names", "setting")
@@ -518,7 +530,7 @@ class BoundModel(Shown):
         return setting
 
     def _estimate_of_pilot(self, pilot: Campaign) -> MachineEstimate:
-        """Return the pilot's Ĉ and Ê; what its circles do not show is as for a plan."""
+        """Return Ĉ and Ê of the pilot; values that its circles cannot show are as for a plan."""
         bound = BoundModel(self.model, pilot)
         compliance_of = dict(zip(bound.compliances, bound.setting.compliance_estimate, strict=True))
         geometric_of = dict(zip(bound.geometric_errors, bound.geometric_estimate, strict=True))
@@ -531,7 +543,11 @@ class BoundModel(Shown):
         return MachineEstimate(np.array(compliances), np.array(geometric))
 
     def _physical_rows(self, reference_force_N: float) -> Array:
-        """Return the rows A of C(F) ≥ 0 at every tested force that can bind, shape (rows, p)."""
+        """Return the matrix A of the physical region A β ≥ 0, shape (rows, p).
+
+        A β holds C(F) at tested forces F. For compliances linear in force, the smallest and the
+        largest force suffice.
+        """
         forces = distinct_forces(self.campaign.forces_N)
         if self.model.degree == 0:
             forces = forces[:1]
@@ -541,7 +557,10 @@ class BoundModel(Shown):
         return physical_rows(self._of_interest, self.parameters, levers, reference_force_N)
 
     def _interest_columns(self) -> Array:
-        """Return H, F (F − F0)^k j_C degree by degree and j_G, shape (tests, 25, p)."""
+        """Return the columns of the free parameters of interest, shape (tests, 25, p).
+
+        These are F (F − F0)^k j_C for every degree k, then j_G.
+        """
         setting = self.setting
         lever = setting.force_N - setting.reference_force_N
         columns = []
@@ -562,13 +581,13 @@ class BoundModel(Shown):
         return self._of_interest.geometric_errors
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
-        """Return the same binding with only the named tests; campaign properties stay frozen."""
+        """Return the bound model of the named tests only; campaign properties stay as they are."""
         return BoundModel(self.model, self.campaign, keep=names, pilot=self.pilot)
 
     def with_two_balls(self) -> BoundModel:
-        """Return the same binding with a form for each ball.
+        """Return the same bound model with a separate form for each ball instead of their sum.
 
-        Other readings with the same balls need it.
+        It is needed together with other readings of the same balls.
         """
         bound = self.keeping(self.test_names)
         bound.setting = replace(bound.setting, two_balls=True)
@@ -589,13 +608,16 @@ class BoundModel(Shown):
         return tuple(name for name in self.model.terms if name not in idle)
 
     def compliance_at(self, force_N: float) -> Array:
-        """Return rows A with C(F) = C + slopes = A β at a force, shape (compliances, p)."""
+        """Return the matrix A with C(F) = A β at a force F, shape (compliances, p)."""
         lever = force_N - self.setting.reference_force_N
         return compliance_rows(self.compliances, self.parameters, lever)
 
     @cached_property
     def scale(self) -> Array:
-        """Typical size of every parameter, shape (p,): its prior sd, or the default's when flat."""
+        """Typical size of every parameter, shape (p,).
+
+        This is the prior sd, or that of the first edition's prior if the prior is flat.
+        """
         if not self.model.prior.flat:
             return self.prior_sd
         return self._of_interest.prior_sd(Prior.first(), self.setting)[self._free]
@@ -604,7 +626,7 @@ class BoundModel(Shown):
     def centre(self) -> Array:
         """Least-squares estimate about which densities are computed, shape (p,).
 
-        The prior mean for a plan.
+        For a plan, which has no readings, it is the prior mean.
         """
         return fit_nearest(
             self.interest, self.prior_mean, self.scale, self.reduced, self.known_offset
@@ -617,7 +639,7 @@ class BoundModel(Shown):
 
     @cached_property
     def columns_of(self) -> dict[type[Term], tuple[Columns | BasisNoise, ...]]:
-        """The nuisances' columns, term by term in the model's order; empty where a term is idle."""
+        """Columns of the nuisances by term; empty for a term that does not act on this campaign."""
         return {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
 
     @property
@@ -630,9 +652,9 @@ class BoundModel(Shown):
 
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
-        """Prior mean and sd of the last shared coefficients of `collapsed`.
+        """Prior mean and sd, by name, of the rivals of slopes and of the parameters.
 
-        These are the rivals of slopes and the parameters.
+        In this order they are the last coefficients of `collapsed` that are common to all tests.
         """
         priors: dict[str, tuple[float, float]] = {}
         for columns in self.nuisance_columns:
@@ -645,14 +667,17 @@ class BoundModel(Shown):
 
     @cached_property
     def given_interest(self) -> StructuredGaussian:
-        """p(y | β, φ): nuisances integrated out. Coefficients are β − centre."""
+        """Density p(y | β, φ) of the readings, with the nuisances integrated out.
+
+        Its coefficients are β − `centre`.
+        """
         return self._structured(self.nuisance_columns, self.interest)
 
     @cached_property
     def collapsed(self) -> StructuredGaussian:
-        """p(y | φ): nuisances and β integrated out, not truncated.
+        """Density p(y | φ) of the readings, with nuisances and β integrated out, not truncated.
 
-        Its last shared coefficients: rivals of slopes, β − centre.
+        The last coefficients common to all tests are the rivals of slopes and β − `centre`.
         """
         nuisances = sorted(self.nuisance_columns, key=is_rival_of_slopes)
         interest = Columns(
@@ -672,13 +697,13 @@ class BoundModel(Shown):
         )
 
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
-        """Return ln p(y | β, φ), shape (w,). φ (w, h) [mm], β (w, p)."""
+        """Return the log likelihood ln p(y | β, φ), shape (w,), at φ (w, h) [mm] and β (w, p)."""
         return self.given_interest.log_density(phi, beta - self.centre)
 
     def log_prior(self, beta: Array) -> Array:
-        """Return ln p(β), shape (...); 0 when flat.
+        """Return the log prior density ln p(β), shape (...); 0 if the prior is flat.
 
-        −inf outside the truncation, whose prior probability is divided out.
+        It is −inf where compliances are negative that must not be, and normalised over the rest.
         """
         if self.model.prior.flat:
             return np.zeros(beta.shape[:-1])
@@ -692,7 +717,8 @@ class BoundModel(Shown):
     def truncation_prior(self) -> tuple[float, float]:
         """The log probability ln P(T | prior) and its error [nat]; 0 without truncation.
 
-        Compliances that share no parameter are independent.
+        T is the event that compliances are not negative. Compliances that have no parameter in
+        common are independent, and their log probabilities add.
         """
         if not self.truncation.active:
             return 0.0, 0.0
@@ -708,13 +734,13 @@ class BoundModel(Shown):
 
     @property
     def log_prob_truncation_prior(self) -> float:
-        """The log probability ln P(T | prior)."""
+        """Log prior probability ln P(T | prior) that compliances are not negative (event T)."""
         return self.truncation_prior[0]
 
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
-        """Return ln p(y | φ), shape (w,), and p(β | y, φ).
+        """Return the log evidence ln p(y | φ), shape (w,), and the density p(β | y, φ).
 
-        The evidence lacks its normalising constant when the prior is flat.
+        If the prior is flat, the evidence lacks its normalising constant.
         """
         log_evidence, shifted = self.collapsed.conditional(phi, last=len(self.names))
         conditional = ParameterConditional.factored(
@@ -749,9 +775,10 @@ class BoundModel(Shown):
         return draws[:size]
 
     def draw_machine(self, rng: np.random.Generator) -> Array:
-        """Return β (p,) of a machine from the prior inside the truncation.
+        """Return a random machine's β (p,), drawn from the prior inside the truncation.
 
-        Its slopes are measured against its own compliances.
+        If the prior sd of slopes is proportional to the size of compliances, the size is that of
+        the drawn compliances.
         """
         prior = self.model.prior
         if not prior.slopes_of_estimate:
@@ -764,7 +791,7 @@ class BoundModel(Shown):
                 return np.asarray(beta)
 
     def linearised_at(self, beta: Array) -> Setting:
-        """Return the setting linearised about parameters (p,)."""
+        """Return the setting linearised about parameters β (p,)."""
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta
         first_geometric = len(every_parameter) - len(self.geometric_errors)
@@ -774,9 +801,9 @@ class BoundModel(Shown):
         return linearise(self.setting, self.compliances, estimate)
 
     def linearisation_error_mm(self, test: CircularTest, beta: Array) -> Array:
-        """Return the exact (Eq. 1-14) minus the linear geometric reading of one test.
+        """Return the linearisation error of the geometric reading of one test, shape (n,) [mm].
 
-        Shape (n,) [mm] at β (p,).
+        It is the exact reading (Eq. 1-14) minus the linear one, at parameters β (p,).
         """
         values = dict(zip(self.names, beta.tolist(), strict=True))
         angle = test.angles_rad()
@@ -791,7 +818,7 @@ class BoundModel(Shown):
         return exact - linear
 
     def largest_linearisation_error_mm(self, beta: Array) -> float:
-        """Return the largest absolute linearisation error over all readings [mm]."""
+        """Return the largest absolute linearisation error of all readings at β (p,) [mm]."""
         errors = []
         for test in self.campaign.tests:
             if test.name in self.test_names:
@@ -826,7 +853,7 @@ def _check_levels(model: HybridModel, campaign: Campaign) -> None:
 
 
 def _reduced_readings(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return the reduced readings of a campaign, computed once while it lives."""
+    """Return the reduced readings of a campaign, from the cache if they were computed before."""
     if campaign not in _REDUCED_READINGS:
         reduce = _reduce_plan if campaign.is_plan else _reduce_campaign
         _REDUCED_READINGS[campaign] = reduce(campaign)
@@ -838,7 +865,7 @@ def _reduce_campaign(campaign: Campaign) -> tuple[Reduced, ...]:
 
 
 def _reduce_plan(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Reduce every set of angles once: planned tests often share them."""
+    """Return the reduced tests of a plan; tests with the same angles share one result."""
     reduced_by_angles: dict[bytes, Reduced] = {}
     for test in campaign.tests:
         angles = test.angle_deg.tobytes()

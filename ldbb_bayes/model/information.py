@@ -39,9 +39,10 @@ class Information:
     scale: Array
     #: Whether the parameters have flat priors.
     flat: bool
-    #: Columns per unit of the coefficients, by block of readings, each of shape (k, m).
+    #: Columns of the m coefficients for each block of k readings, shape (k, m), per unit of each
+    #: coefficient.
     design: tuple[Array, ...]
-    #: Covariance of every independent source of noise, by block of readings, each of shape (k, k).
+    #: Covariance of every independent source of noise, shape (k, k), for each block of k readings.
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
@@ -180,17 +181,18 @@ class Information:
         self,
         covariance: Array | None = None,
     ) -> dict[tuple[str, str], Array]:
-        """Return the share of every independent source in the variance of the parameters.
+        """Return the share of every independent source in the variance of the p parameters.
 
-        With the estimate written as a linear map of prior means and readings, every source s passes
-        through it alone; with Cov_s what it leaves and C their sum, E[part_s | error] = Γ_s error
-        with Γ_s = Cov_s C⁻¹, Σ Γ_s = 1. The share in the variance of parameter i is [Γ_s V]_ii /
-        V_ii: shares sum to one.
+        Sources are the priors of the parameters, nuisance coefficients and sources of noise. The
+        estimate is a linear function of them, so that each source s alone contributes an error of
+        covariance Cov_s, shape (p, p), and the errors have the total covariance C = Σ Cov_s. The
+        share of s in the variance of parameter i is [Γ_s V]_ii / V_ii with Γ_s = Cov_s C⁻¹; the
+        shares of all sources sum to one.
 
         Parameters
         ----------
         covariance
-            V, shape (p, p); by default C.
+            V, covariance of the parameters, shape (p, p); by default the total covariance C.
 
         Returns
         -------

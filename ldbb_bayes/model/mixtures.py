@@ -1,4 +1,4 @@
-"""Moments and quantiles of mixtures of Gaussians and of weighted draws."""
+"""Means, standard deviations and quantiles of Gaussian mixtures and of weighted random draws."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["mixture_moments", "mixture_quantiles", "weighted_quantiles"]
 
-# Steps of Newton's method at most; bisection alone needs about fifty.
+# Maximum number of steps of Newton's method; bisection alone needs about fifty.
 _ITERATIONS = 100
-# The last step, in standard deviations of the mixture.
+# Newton's method ends when a step is no longer than this, in standard deviations of the mixture.
 _STEP_TOLERANCE = 1e-12
-# Numbers (components times mixtures) that are worked on at once, so that they stay in the cache.
+# Number of values (components times mixtures) processed at once, so that they stay in the cache.
 _CHUNK = 200_000
 
 
@@ -46,7 +46,7 @@ def mixture_quantiles(
 ) -> Array:
     """Return quantiles of mixtures of Gaussians, shape (levels, ...).
 
-    Newton's method on the distribution function, kept inside a bracket.
+    The distribution function is solved by Newton's method within a bracket of the quantile.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def _mixture_quantile(
     sd: Array,
     level: float,
 ) -> Array:
-    """Return one quantile of mixtures of components (k, n), shape (n,)."""
+    """Return the quantile of one level of n mixtures of k components, shape (n,)."""
     component_quantiles = mean + ndtri(level) * sd
     low = component_quantiles.min(axis=0)
     high = component_quantiles.max(axis=0)
@@ -96,8 +96,8 @@ def _mixture_quantile(
             newton_x = x - excess / density
         low = np.where(excess <= 0.0, x, low)
         high = np.where(excess >= 0.0, x, high)
-        # Newton's step is taken where it is the last, or where it stays inside the bracket and is
-        # at most half of the step before it; elsewhere the bracket is halved.
+        # Take Newton's step where it converges, or where it stays inside the bracket and is at most
+        # half as long as the step before. Elsewhere halve the bracket.
         size = np.abs(newton_x - x)
         converged = size <= _STEP_TOLERANCE * spread
         inside = (newton_x > low) & (newton_x < high)
@@ -115,18 +115,19 @@ def weighted_quantiles(
     draws: Array,
     levels: Sequence[float] | Array,
 ) -> Array:
-    """Return quantiles of weighted draws, shape (levels, ...).
+    """Return quantiles of weighted random draws, shape (levels, ...).
 
-    Linear between draws, each of which stands at the middle of its weight.
+    Quantiles are interpolated linearly between the sorted draws. The probability at each draw is
+    the sum of the weights below it plus half its own weight.
 
     Parameters
     ----------
     weight
-        Weights of the draws, shape (k,), which sum to one.
+        Weights of the random draws, shape (k,), which sum to one.
     draws
-        Shape (k, ...).
+        Random draws, shape (k, ...).
     levels
-        Probabilities.
+        Probabilities, each between zero and one.
     """
     flat = draws.reshape(len(draws), -1)
     quantiles = np.empty((len(levels), flat.shape[1]))

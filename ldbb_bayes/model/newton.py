@@ -1,4 +1,4 @@
-"""Newton's method for the mode of a log density."""
+"""Newton's method for the mode (the maximum) of a log density."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["central_differences", "newton"]
 
-# Fractions of a Newton step that are tried, in one call of the density.
+# Fractions of a Newton step that are tried in one call of the log density; the best is taken.
 _FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.03)
-# Longest step, in the coordinates of the density (logarithms of scales: a factor of 4.5).
+# Longest step, in the coordinates of the log density; for logarithms of scales a factor of 4.5.
 _LONGEST_STEP = 1.5
-# Steps at most; from a sensible start ten are enough.
+# Maximum number of steps; from a sensible start ten are enough.
 _STEPS = 60
 
 
@@ -28,9 +28,9 @@ def newton(
 ) -> Array:
     """Return a mode of a log density, shape (h,), found by damped Newton steps.
 
-    Directions of wrong curvature are turned round, and no direction counts as flatter than
-    ``least_curvature``. No step is longer than 1.5. Of several fractions of a step the best is
-    taken.
+    A step uses the absolute values of the curvatures (the eigenvalues of the negative Hessian), and
+    at least ``least_curvature``, so that it always goes uphill. No step is longer than 1.5. Several
+    fractions of a step are tried, and the best is taken.
 
     Parameters
     ----------
@@ -41,9 +41,9 @@ def newton(
     start
         Where to start, shape (h,).
     least_curvature
-        Smallest curvature that a direction counts as having.
+        Smaller curvatures are replaced by this value.
     gain
-        Steps end when the log density rises by no more than this [nat].
+        The search ends when a step raises the log density by no more than this [nat].
     """
     point = np.array(start, dtype=float)
     fractions = np.array(_FRACTIONS)
@@ -74,11 +74,11 @@ def central_differences(
     Parameters
     ----------
     function
-        Function of points (n, h) that returns values (n,); all points are handed over in one call.
+        Function of points (n, h) that returns values (n,); it is called once, with all points.
     point
         Where to differentiate, shape (h,).
     step
-        Step of the differences, the same along every axis.
+        Step of the differences, the same for every coordinate.
     """
     h = len(point)
     steps = np.eye(h) * step

@@ -155,8 +155,8 @@ class Prior(Shown):
     cross_mm_per_N: float = 1e-5  #: prior sd of C_XYX
     rotation_for_force_rad_per_N: float = 1e-7  #: prior sd of C_CXY and C_CYY
     rotation_for_moment_rad_per_N_mm: float = 1e-9  #: prior sd of C_CCY
-    #: prior sd of the slope C_k of degree k: slope_scale · size / (F_max − F_min)^k, where F_max and
-    #: F_min bound the campaign's forces and ``slopes_of_estimate`` says what the size is
+    #: prior sd of the slope C_k of degree k: slope_scale · size / (F_max − F_min)^k; F_min and
+    #: F_max are the campaign's extreme forces, and ``slopes_of_estimate`` says what the size is
     slope_scale: float = 0.3
     gain: float = 2e-4  #: prior sd of E_XX1 and E_YY1
     squareness_rad: float = 5e-5  #: prior sd of E_C(0Y)X

@@ -1,4 +1,7 @@
-"""The model as TOML, both ways, and its digest; truths to simulate from, read from TOML."""
+"""TOML files of models, and TOML files of true values ("truths") for simulations.
+
+A model is written to and read from TOML; the SHA-256 digest of its TOML identifies it.
+"""
 
 from __future__ import annotations
 
@@ -35,8 +38,8 @@ __all__ = [
 ]
 
 SCHEMA = 1
-# Tables of [prior], written only where they hold something: the digest of a model does not change
-# when a table is added here.
+# Tables within [prior]. Empty ones are not written, so that the digests of existing models stay the
+# same when a table is added here.
 _TABLES = ("overrides", "means")
 
 
@@ -52,7 +55,7 @@ class _SpecFile(BaseModel):
 
 
 def model_to_toml(model: HybridModel) -> str:
-    """Return the whole model as TOML, every prior spelled out."""
+    """Return the whole model as TOML text, with the values of all priors."""
     prior: dict[str, Any] = {
         field.name: getattr(model.prior, field.name)
         for field in fields(Prior)
@@ -72,24 +75,24 @@ def model_to_toml(model: HybridModel) -> str:
 
 
 def model_from_toml(text: str) -> HybridModel:
-    """Return a model from TOML.
+    """Return the model that TOML text describes.
 
-    What the text leaves out is the preset's; ``[terms]``, where given, lists the nuisances that are
-    on.
+    Settings that the text omits are those of its preset. If the text has ``[terms]``, the model has
+    exactly the nuisances (effects that are modelled but not of interest) listed there.
     """
     return _model_of(parse_toml(text, "model"), "model", None)
 
 
 def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> HybridModel:
-    """Return a model from a TOML file, see `model_from_toml`.
+    """Return the model that a TOML file describes, see `model_from_toml`.
 
-    It has this ``degree`` where the file names none.
+    If the file states no degree, the model has this ``degree``, or else that of the preset.
     """
     return _model_of(read_toml(Path(path)), str(path), degree)
 
 
 def model_sha256(model: HybridModel) -> str:
-    """Return the SHA-256 of the model's TOML."""
+    """Return the SHA-256 digest of the model's TOML text."""
     return hashlib.sha256(model_to_toml(model).encode()).hexdigest()
 
 
@@ -112,7 +115,7 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
 
 
 def _degree_of(spec: _SpecFile, degree: int | None) -> int:
-    """Return the degree of the file, else the one asked for, else the preset's."""
+    """Return the degree of the file, or else ``degree``, or else that of the preset."""
     if spec.degree is not None:
         return spec.degree
     if degree is not None:
@@ -121,7 +124,7 @@ def _degree_of(spec: _SpecFile, degree: int | None) -> int:
 
 
 def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) -> tuple[Term, ...]:
-    """Return the terms of the tables; settings they leave out are the model's."""
+    """Return the terms of the tables; settings that they omit are those of the model's terms."""
     check_known(
         "term",
         tables,
@@ -144,7 +147,10 @@ def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) 
 def _converted_settings(
     table: str, types: Mapping[str, type], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the settings of a table in inside units; InputError for unknown names or types."""
+    """Return the settings of a table in internal units (mm, N, rad).
+
+    InputError for unknown names or wrong types.
+    """
     check_known(f"{table} key", values, types)
     settings = {}
     for key, value in values.items():
@@ -177,18 +183,19 @@ class _TruthsFile(BaseModel):
 
 @dataclass(frozen=True)
 class Truths:
-    """What to simulate."""
+    """Plan and true values of a simulation."""
 
-    #: None when the file names no forces: the plan must then come from elsewhere
+    #: plan to simulate; None if the file states no forces and the plan must come from elsewhere
     plan: Campaign | None
-    #: true parameters in inside units; None to draw them from the prior
+    #: true parameters in internal units (mm, N, rad); None to draw them at random from the prior
     parameters: dict[str, float] | None
-    hyper_um: dict[str, float]  #: true hyper-parameters [µm]; those not named are drawn
-    exact: bool  #: whether geometric errors go through the exact forward model
+    #: true hyper-parameters [µm]; those not named are drawn at random from their priors
+    hyper_um: dict[str, float]
+    exact: bool  #: whether geometric errors use the exact forward model
 
 
 def is_truths(path: Path) -> bool:
-    """Return whether a TOML file holds truths rather than a campaign."""
+    """Return whether a file is a TOML file of true values rather than a campaign."""
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False
     with suppress(InputError):
@@ -197,7 +204,7 @@ def is_truths(path: Path) -> bool:
 
 
 def read_truths(path: Path) -> Truths:
-    """Read a TOML of truths; what is wrong is refused by the file's name and the place."""
+    """Read a TOML file of true values; InputError states the file and the place of a mistake."""
     file = validated(_TruthsFile, read_toml(path), str(path))
     with placed(path):
         plan = None if file.forces_N is None else _plan(file, path.stem)

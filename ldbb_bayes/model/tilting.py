@@ -38,34 +38,43 @@ _LEAST_UNIFORM = 1e-300
 
 
 class SaddlePoint(NamedTuple):
-    """Point x and tilt of the saddle, each (w, d); the last of each is zero."""
+    """Saddle points x and tilts μ of w problems, each of shape (w, d); the last of each is zero."""
 
     x: Array
     tilt: Array
 
 
 class Proposal(NamedTuple):
-    """Log weights (s, w) and random draws x (d, s, w) from the tilted density."""
+    """Log weights ψ (s, w) of s random draws x (d, s, w) from the tilted density."""
 
     log_weight: Array
     x: Array
 
 
 class _Interval(NamedTuple):
-    """Probability of a standard normal between two edges, and how to draw inside."""
+    """Probability that a standard normal variable is between two edges, and data for random draws.
 
-    #: ln (Φ(high) − Φ(low)).
+    Φ is the standard normal distribution function.
+    """
+
+    #: Logarithm of the probability between the edges, ln (Φ(high) − Φ(low)).
     log_mass: Array
-    #: Logarithm of the larger of the two tails beyond the edges.
+    #: Logarithm of Φ(high) if both edges are mainly left of zero (low + high < 0), else of Φ(−low).
     log_tail: Array
-    #: The smaller tail over the larger one; None where there is no upper edge.
+    #: Probability of the tail beyond the other edge divided by that of ``log_tail``; None without
+    #: an upper edge.
     tail_ratio: Array | None
-    #: −1 where the tails are to the left, else 1.
+    #: −1 where the tails are those to the left of the edges, else 1.
     direction: Array | float
 
 
 class _Merit(NamedTuple):
-    """The convex function of the saddle point, and its derivatives, of every member."""
+    """Convex function whose minimum is the saddle point, with derivatives, for w problems.
+
+    m = φ(edge) / Φ(−edge), shape (w, d), is the inverse Mills ratio of the edges; φ and Φ are the
+    standard normal density and distribution function. K, shape (w, d, d), is the matrix of products
+    of rows.
+    """
 
     #: ½ mᵀ (K − I) m − boundᵀ m + Σ (edge m + ln Φ(−edge)), shape (w,).
     value: Array
@@ -73,12 +82,12 @@ class _Merit(NamedTuple):
     gradient: Array
     #: dm / d edge, shape (w, d).
     slope: Array
-    #: Size of the gradient relative to that of its terms, shape (w,).
+    #: Largest entry of the gradient, relative to the size of its terms, shape (w,).
     error: Array
 
 
 class _Edges(NamedTuple):
-    """Edges (w, d), where they solve the problem (w,), and the convex function there (w,)."""
+    """Edges (w, d), whether they are solutions (w,), and the convex function at the edges (w,)."""
 
     edge: Array
     solved: NDArray[np.bool_]
@@ -86,19 +95,20 @@ class _Edges(NamedTuple):
 
 
 class Tilted(NamedTuple):
-    """Tilted problems of a batch of w: independent rows, tightest first, and rows beyond the rank.
+    """A batch of w tilted problems: independent rows and rows beyond the rank.
 
-    Rows are in units of their own x.
+    Independent rows are in order, the tightest constraint first, and divided by their diagonal
+    entries L_jj. Rows beyond the rank are linear combinations of the independent ones.
     """
 
-    #: L_jk / L_jj, shape (d, d, w).
+    #: Matrix L_jk / L_jj, shape (d, d, w).
     unit: Array
-    #: Bounds, shape (d, w).
+    #: Bounds of the independent rows, shape (d, w).
     bound: Array
     #: Saddle point x and its tilt, shape (d, w); the last of each is zero.
     x: Array
     tilt: Array
-    #: Rows beyond the rank as unit combinations of x, shape (k, d, w).
+    #: Coefficients of x in the k rows beyond the rank, shape (k, d, w).
     dependent: Array
     #: Means of the rows beyond the rank, shape (k, w).
     dependent_mean: Array
@@ -106,7 +116,7 @@ class Tilted(NamedTuple):
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
-        """Return the problems of some members of the batch."""
+        """Return the batch of the problems with these indices."""
         return Tilted(
             self.unit[..., members],
             self.bound[..., members],
@@ -131,7 +141,7 @@ class Tilted(NamedTuple):
         uniform
             Uniform numbers, shape (d, s, w) or (d, s, 1).
         draw_last
-            Whether the last x is drawn; weights do not depend on it.
+            Whether the last x_j is drawn; weights do not depend on it.
         """
         d, w = self.bound.shape
         x = np.zeros((d, uniform.shape[1], w))
@@ -147,7 +157,7 @@ class Tilted(NamedTuple):
         return Proposal(log_weight, x)
 
     def log_weight(self, x: Array) -> Array:
-        """Return ψ of points x (d, s, w), shape (s, w)."""
+        """Return the log weights ψ of points x (d, s, w), shape (s, w)."""
         log_mass = np.zeros(x.shape[1:])
         for j in range(len(x)):
             log_mass = log_mass + _measure_interval(*self._edges(j, x)).log_mass
@@ -159,11 +169,11 @@ class Tilted(NamedTuple):
         j: int,
         x: Array,
     ) -> tuple[Array, Array | None]:
-        """Return the edges (s, w) of x_j less its tilt, given the x before it.
+        """Return lower and upper edges (s, w) of x_j less its tilt, given x_k for all k < j.
 
-        There may be no upper edge.
+        The upper edge is None if no row beyond the rank ends at x_j.
         """
-        # The first row depends on no other: one value for all points.
+        # The first row depends on no other x: its edge is the same for all points.
         explained = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j > 0 else 0.0
         low = np.atleast_2d(self.bound[j] - explained - self.tilt[j])
         rows = np.flatnonzero((self.last == j).any(axis=1))
@@ -185,7 +195,7 @@ class Tilted(NamedTuple):
 
 
 def _measure_interval(low: Array, high: Array | None) -> _Interval:
-    """Return the probability of a standard normal between two edges."""
+    """Return the probability that a standard normal variable is between two edges."""
     if high is None:
         log_tail = log_ndtr(-low)
         return _Interval(log_tail, log_tail, None, 1.0)
@@ -200,7 +210,10 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 
 
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
-    """Return the logarithm of a uniform share of an interval's tail."""
+    """Return the logarithm of the tail probability at a random point of the interval.
+
+    ``uniform`` numbers make the point's probability uniform between those of the two edges.
+    """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:
         share = share + (1.0 - share) * interval.tail_ratio
@@ -208,21 +221,21 @@ def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
 
 
 def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
-    """Return the saddle points of a batch.
+    """Return the saddle points of a batch of w problems.
 
-    Beyond ln P = −1e7, where nothing is decided any more, the best that Newton's method reaches.
+    Where ln P is below about −1e7, too small to matter, the saddle point may be approximate.
 
     Parameters
     ----------
     unit
-        L_jk / L_jj, shape (w, d, d).
+        Matrix L_jk / L_jj, shape (w, d, d).
     bound
-        Bounds, shape (w, d).
+        Bounds of the rows, shape (w, d).
 
     Raises
     ------
     InputError
-        Where a saddle point is out of reach of double precision.
+        Where double precision does not suffice to find a saddle point.
     """
     w, d = bound.shape
     if d <= 1:
@@ -255,9 +268,9 @@ def _solve_edges(
     bound: Array,
     start: Array,
 ) -> _Edges:
-    """Solve for the edges of the saddle point by Newton's method.
+    """Return the edges of the saddle points, computed by Newton's method.
 
-    Steps are halved until the convex function or the gradient falls.
+    A step is halved until it reduces the convex function or the relative size of the gradient.
     """
     edge = np.array(start)
     current = _merit(coupling, bound, edge)
@@ -293,12 +306,15 @@ def _edges_of_nearest_point(
     unit: Array,
     bound: Array,
 ) -> Array:
-    """Return the edges (d,) at the most probable point inside, where to start from."""
+    """Return the edges (d,) at the most probable point that meets the constraints.
+
+    Newton's method starts there if it fails from the bounds.
+    """
     binding = np.flatnonzero(least_distance_forces(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
     mills = np.zeros(len(bound))
     mills[binding] = np.linalg.solve(block, bound[binding])
-    # Far out the inverse Mills ratio is its argument and 1 / argument more.
+    # For a large edge the inverse Mills ratio is about edge + 1 / edge.
     far = mills - 1.0 / np.maximum(mills, 1.0)
     return np.where(mills > 1.0, far, bound - coupling @ mills)
 
@@ -308,7 +324,7 @@ def _merit(
     bound: Array,
     edge: Array,
 ) -> _Merit:
-    """Return the convex function whose minimum is the saddle point, m the inverse Mills ratio."""
+    """Return the convex function whose minimum is the saddle point, with its derivatives."""
     mills = _inverse_mills(edge)
     pulled = np.einsum("wij,wj->wi", coupling, mills)
     value = (mills * (0.5 * pulled - bound + edge) + log_ndtr(-edge)).sum(axis=1)
@@ -321,21 +337,25 @@ def _merit(
 
 
 def _inverse_mills(edge: Array) -> Array:
-    """Return the inverse Mills ratio φ(edge) / Φ(−edge)."""
+    """Return the inverse Mills ratio φ(edge) / Φ(−edge).
+
+    φ and Φ are the density and the distribution function of the standard normal.
+    """
     with np.errstate(over="ignore"):
         return np.asarray(np.sqrt(2.0 / np.pi) / erfcx(edge / np.sqrt(2.0)))
 
 
 def least_distance_forces(unit: Array, bound: Array) -> Array:
-    """Return forces, up to a factor, that hold the point nearest to zero inside, shape (d,).
+    """Return the Lagrange multipliers of the point x nearest to zero with unit · x ≥ bound.
 
-    A least-distance problem, solved by non-negative least squares (Lawson and Hanson, Solving
-    Least Squares Problems, ch. 23).
+    They have shape (d,), are not negative and are known up to a common factor; those of constraints
+    that do not bind are zero. The problem is solved by non-negative least squares (Lawson and
+    Hanson, Solving Least Squares Problems, ch. 23).
 
     Parameters
     ----------
     unit
-        Rows of unit length, shape (d, q), of unit · x ≥ bound.
+        Rows, shape (d, q), of the constraints unit · x ≥ bound on x (q,).
     bound
         Bounds, shape (d,).
     """

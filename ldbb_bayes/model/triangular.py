@@ -1,7 +1,8 @@
 """Triangular algebra on stacks of small matrices.
 
-NumPy and SciPy solve one triangular system at a time. Here one entry of L is worked on for the
-whole stack at once, which is what makes thousands of small systems fast.
+A stack is an array of many matrices of the same size. NumPy and SciPy solve one triangular system
+at a time. Here each step is done for all matrices of the stack at once, which makes thousands of
+small systems fast.
 """
 
 from __future__ import annotations
@@ -22,21 +23,22 @@ def eliminate(
 ) -> None:
     """Factorise the first columns of stacked symmetric matrices in place (Cholesky).
 
-    P = L S Lᵀ, S = 1 unless signs are stated. What stands right of the columns (other columns of
-    P, right-hand sides) is divided by L like them. Entries are NaN where P is not definite with
-    these signs.
+    P = L S Lᵀ, where P is symmetric, L lower triangular and S a diagonal matrix of signs ±1, by
+    default the unit matrix. Further entries of the columns (the other rows of P, right-hand sides)
+    are eliminated too. Entries become NaN where P has no such factors with these signs.
 
     Parameters
     ----------
     front
-        Columns of P, shape (groups, s, n, w) with n ≥ s, the stack w last: column j of a group,
-        from its diagonal on, is ``front[group, j, j:]``.
+        Columns of P, shape (groups, s, n, w) with n ≥ s: s columns of length n in each group, for
+        w matrices. Column j of a group, from its diagonal on, is ``front[group, j, j:]``.
     links
-        Columns eliminated earlier, shape (k, n, w), whose products are subtracted first.
+        k columns of L that were computed earlier, shape (k, n, w); their products are subtracted
+        from P first.
     signs
-        Signs S of the pivots, ±1, shape (groups, s).
+        Diagonal of S, ±1, shape (groups, s).
     link_signs
-        Signs of the pivots of ``links``, shape (k,).
+        Entries of S for the columns in ``links``, shape (k,).
     """
     signed = front
     if signs is not None:
@@ -65,7 +67,7 @@ def solve_lower(
     *,
     triangular: bool = False,
 ) -> Array:
-    """Return L⁻¹ X of stacks of lower triangular matrices.
+    """Return L⁻¹ X, shape (..., q, k), for stacks of lower triangular matrices L.
 
     Parameters
     ----------
@@ -74,7 +76,7 @@ def solve_lower(
     right
         X, shape (..., q, k).
     triangular
-        Whether X is lower triangular itself, which saves half of the work.
+        Whether X is lower triangular too, which saves half of the computation.
     """
     lower, solved = _move_stack_last(lower, right, 2)
     for i in range(len(solved)):
@@ -86,7 +88,7 @@ def solve_lower(
 
 
 def solve_upper(lower: Array, right: Array) -> Array:
-    """Return L⁻ᵀ x of stacks of lower triangular matrices.
+    """Return L⁻ᵀ x, shape (..., q), for stacks of lower triangular matrices L.
 
     Parameters
     ----------
@@ -104,7 +106,10 @@ def solve_upper(lower: Array, right: Array) -> Array:
 
 
 def log_diagonal(root: Array) -> Array:
-    """Return ln det of triangular matrices (..., q, q) with positive diagonals, shape (...)."""
+    """Return the log determinant of triangular matrices (..., q, q), shape (...).
+
+    Their diagonals must be positive.
+    """
     return np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
 
 
@@ -113,9 +118,12 @@ def _move_stack_last(
     right: Array,
     right_axes: int,
 ) -> tuple[Array, Array]:
-    """Return L (q, q, ...) and a copy of the right side (q, ...) or (q, k, ...), stack last."""
+    """Return L (q, q, ...) and a copy of the right-hand side (q, ...) or (q, k, ...).
+
+    The dimensions of the stack are moved to the end of both arrays.
+    """
     stack = np.broadcast_shapes(lower.shape[:-2], right.shape[:-right_axes])
-    # Contiguous before it is broadcast: a copy of the whole stack would take its time.
+    # Make L contiguous before broadcasting it: copying it for the whole stack would be slow.
     contiguous = np.ascontiguousarray(np.moveaxis(lower, (-2, -1), (0, 1)))
     stack_first = np.moveaxis(contiguous, (0, 1), (-2, -1))
     full_lower = np.broadcast_to(stack_first, (*stack, *lower.shape[-2:]))
