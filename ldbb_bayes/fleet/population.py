@@ -1,11 +1,15 @@
-"""The population that machines of one kind come from, partially pooled.
+"""Population that machines of one kind come from (a hierarchical model).
 
 c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(spread_scale)
 
 Everything is in units of the parameters' prior sd. c_m are the parameters of machine m, the same in
-all its campaigns; b the errors of the one instrument. What the campaigns say of both is Gaussian
-(`FleetStatistics`), so that everything but s is integrated out exactly (`spread_density`). A
-machine is compared with what the others predict of it (`outlying_machines`).
+all its campaigns. μ is the mean of the population, s its spread, that is, the standard deviation of
+the machines about μ; j counts parameters. b are the errors of the one instrument.
+
+Each machine's estimate draws on all machines as far as the spread allows (partial pooling). The
+likelihoods of the campaigns are Gaussian in c_m and b (`FleetStatistics`), so that everything but s
+is integrated out exactly (`spread_density`). Each machine is compared with what the others predict
+for it (`outlying_machines`).
 """
 
 from __future__ import annotations
@@ -64,91 +68,92 @@ from ldbb_bayes.units import (
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "pool", "population"]
 
-# Machines that there must be before one is compared with the others.
+# Smallest number of machines for which each machine is compared with the others.
 _FEWEST_MACHINES = 6
-# p-value below which a machine is flagged: probability of a false alarm, over all machines.
+# p-value below which a machine is flagged; also the probability that any is flagged wrongly.
 _FALSE_ALARMS = 0.05
-# Names of constant compliances.
+# Pattern of the names of constant compliances (those at the reference force).
 _CONSTANT_COMPLIANCE = re.compile(r"C_...")
-# Where a table has nothing to state.
+# Text of a table's cell that has nothing to state.
 _NOTHING = "–"
 
 
 class _DrawLimits(NamedTuple):
-    """How many draws of s, a power of two: as many as so many pairs of draw and machine allow."""
+    """Limits from which the number of random draws of the spreads s follows."""
 
-    pairs: int
-    lowest: int
-    highest: int
+    pairs: int  #: largest product of the number of draws and the number of machines
+    lowest: int  #: smallest number of draws, whatever the product
+    highest: int  #: largest number of draws
 
     def size(self, machines: int) -> int:
-        """Return the number of draws for so many machines."""
+        """Return the number of draws, a power of two, for a number of machines."""
         count = min(max(self.pairs / machines, self.lowest), self.highest)
         return int(2 ** int(np.log2(count)))
 
 
-# Draws for the spreads themselves.
+# Number of random draws from which the spreads themselves are summarised.
 _SPREAD_DRAWS = _DrawLimits(pairs=4_000_000, lowest=2048, highest=8192)
-# Draws for every machine: the first of these.
+# Number of random draws used for every machine: the first ones of those for the spreads.
 _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 
 @dataclass(frozen=True)
 class PooledParameter(Result):
-    """One parameter over the machines."""
+    """Distribution of one parameter over the machines of a population."""
 
     unit: str
-    prior_sd: float  #: of the mean of the population, about zero, before the readings
-    mean: Summary  #: of the population
-    spread: Summary  #: standard deviation of the machines about it
-    next: Summary  #: a machine of the population that was not measured
-    #: part of the sd of the mean that comes with the one instrument: more machines do not make it
-    #: less
+    prior_sd: float  #: prior sd of the population's mean, about zero
+    mean: Summary  #: mean of the population
+    spread: Summary  #: standard deviation of the machines about the population's mean
+    next: Summary  #: prediction for a machine of the population that was not measured
+    #: part of the mean's sd that is due to the errors of the one instrument; more machines do not
+    #: reduce it
     instrument_sd: float
 
 
 @dataclass(frozen=True)
 class PooledMachine(Result):
-    """One machine of a population."""
+    """Estimates for one machine of a population, and its comparison with the other machines."""
 
     name: Annotated[str, Field(exclude=True)]
-    campaigns: int
-    estimate: dict[str, Summary]  #: with what the population says of it
-    #: from its campaigns and the prior of a fit, the instrument's errors as all campaigns know
-    #: them
+    campaigns: int  #: number of campaigns of this machine
+    estimate: dict[str, Summary]  #: estimates from its campaigns and the population, by parameter
+    #: estimates from its own campaigns with the reference prior, without the population, by
+    #: parameter; the instrument's errors are those that all campaigns together give
     alone: dict[str, Summary]
-    #: at most the probability that of so many machines of one population a parameter of one stands
-    #: out so much from the others (Bonferroni over parameters, Holm over machines); None with too
-    #: few machines
+    #: p-value corrected for the numbers of parameters (Bonferroni) and of machines (Holm): upper
+    #: bound on the probability that, if all belong to one population, any machine stands out this
+    #: much; None if there are too few machines
     p_value: float | None = None
-    flag: bool = False  #: the p-value is below 5 %
-    #: of each parameter, against what the other machines predict
+    flag: bool = False  #: whether the p-value is below 5 %
+    #: normal deviate of each parameter from what the other machines predict, by parameter
     z: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class Population(Result):
-    """Machines of one kind, partially pooled.
+    """Population of machines of one kind, and the estimates for each machine.
 
-    That none stands out means something only where all could be ``judged``.
+    That no machine stands out is a finding only if ``judged`` is true.
     """
 
-    parameters: dict[str, PooledParameter]  #: mean, spread and next machine, by name
-    machine: dict[str, PooledMachine]  #: by machine_id
-    campaigns: int  #: their number
-    reference_force_N: float  #: at which compliances are meant
-    forces_N: tuple[float, float]  #: lowest and highest tested in all campaigns
-    topology: str  #: of the machines
-    compliances: Mapping[str, Meaning]  #: what they stand for, where the batch says it
-    instrument: tuple[str, ...]  #: errors taken as common to all campaigns
-    spread_scale: float  #: prior of a spread: HalfNormal(spread_scale · prior_sd)
-    seed: int  #: of the draws
-    pareto_k: float  #: of the weights of the spreads, the lower the better
-    trusted: bool  #: whether that is low enough
-    caveats: tuple[Caveat, ...]  #: what to mind
-    ci_prob: Annotated[float, Field(exclude=True)]  #: of the intervals
+    parameters: dict[str, PooledParameter]  #: mean, spread and next machine, by parameter
+    machine: dict[str, PooledMachine]  #: estimates for each machine, by machine_id
+    campaigns: int  #: number of campaigns
+    reference_force_N: float  #: force at which the compliances are stated
+    forces_N: tuple[float, float]  #: lowest and highest force of the range tested in all campaigns
+    topology: str  #: topology of the machines
+    compliances: Mapping[str, Meaning]  #: meaning of each compliance, where the batch states it
+    instrument: tuple[str, ...]  #: instrument errors taken as common to all campaigns
+    spread_scale: float  #: scale of a spread's prior, HalfNormal(spread_scale · prior_sd)
+    seed: int  #: seed of the random draws
+    pareto_k: float  #: Pareto's k̂ of the weights of the spreads' draws: the lower the better
+    trusted: bool  #: whether Pareto's k̂ is low enough
+    caveats: tuple[Caveat, ...]  #: limitations of the result
+    ci_prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
+    #: whether every machine could be compared with the others
     judged: Annotated[bool, Field(exclude=True)]
-    #: so that no campaign takes its prior from itself
+    #: SHA-256 of the campaigns, so that no campaign can take a prior made from its own readings
     readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
 
     @property
@@ -161,7 +166,7 @@ class Population(Result):
         return max(abs(z) for z in self.machine[name].z.values())
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what population.json holds; ``next`` is what `prior_from` reads."""
+        """Return the content of population.json, from whose ``next`` `prior_from` makes a prior."""
         next_machine = {}
         for name, parameter in self.parameters.items():
             if _CONSTANT_COMPLIANCE.fullmatch(name):
@@ -180,7 +185,7 @@ class Population(Result):
         }
 
     def machines_table(self) -> pd.DataFrame:
-        """Return one row per machine, in inside units."""
+        """Return a table with one row per machine, in internal units (mm, N, rad)."""
         rows: dict[str, dict[str, Any]] = {}
         for name, machine in self.machine.items():
             rows[name] = {
@@ -211,7 +216,7 @@ def _population_record(result: Population) -> dict[str, Any]:
 
 @parts_of.register
 def _population_parts(result: Population) -> tuple[Table | str, ...]:
-    """Return a table with a row per parameter, the findings and what limits them."""
+    """Return a table with a row per parameter, the findings and their limitations."""
     heads = (
         "parameter",
         "unit",
@@ -269,27 +274,29 @@ def population(
 ) -> Population:
     """Return the population that the machines of a batch come from.
 
-    It says what the next machine may be, and which machines do not belong.
+    The result predicts the next machine and states which machines do not belong.
 
     Parameters
     ----------
-    rows : of `read_batch`: one row per campaign; campaigns without machine_id count as machines of
-        their own. Which of them count, and ``exclude``, ``since`` and ``include_misfits``: see
-        `choose`.
+    rows : table of a batch, as `read_batch` returns it, one row per campaign. Every campaign
+        without machine_id counts as a separate machine.
+    exclude, since, include_misfits
+        Which campaigns to leave out, see `choose`.
     parameters, reference_force_N, one_instrument
         See `fleet_statistics`; default: all constant compliances at the median of the campaigns'
-        forces, one bar.
-    spread_scale : prior of each spread: HalfNormal(spread_scale · default prior sd of the
+        reference forces, measured with one bar.
+    spread_scale : scale of each spread's prior, HalfNormal(spread_scale · reference sd of the
         parameter), see `reference_sd`.
-    ci_prob : of the intervals.
-    seed : of the draws.
-    progress : called with the numbers of machines left out by drawing anew: done and total.
+    ci_prob : probability of the credible intervals.
+    seed : seed of the random draws.
+    progress : function called with the number of machines for which spreads have been drawn anew
+        and the number of machines for which they are to be.
 
     Raises
     ------
     InputError
-        For rows that are no batch's, fewer than two machines, machines with other joints, or
-        options out of range.
+        If the rows are not those of a batch, there are fewer than two machines, the machines differ
+        in their joints, or an option is out of range.
     """
     check_probability(ci_prob)
     if not 0.0 < spread_scale < np.inf:
@@ -329,11 +336,11 @@ def pool(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
-    """Return the population of the machines of campaigns; see `population`.
+    """Return the population that the machines of the given campaigns come from; see `population`.
 
     Parameters
     ----------
-    statistics : of campaigns of at least two machines.
+    statistics : likelihoods of campaigns of at least two machines.
     spread_scale, ci_prob, seed, progress
         As for `population`.
     """
@@ -375,21 +382,24 @@ def pool(
 
 
 class _Moments(NamedTuple):
-    """Moments and interval of several quantities, in units of the prior sd."""
+    """Means, sds and credible intervals of several quantities, in units of the prior sd."""
 
     mean: Array  #: shape (...)
     sd: Array  #: shape (...)
-    interval: Array  #: ends, shape (2, ...)
+    interval: Array  #: lower and upper ends, shape (2, ...)
 
 
 def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _Moments:
-    """Return moments and quantiles of a mixture over draws of s."""
+    """Return moments and intervals of Gaussians averaged over the weighted draws of s."""
     mixture_mean, mixture_sd = mixture_moments(weight, mean, sd)
     return _Moments(mixture_mean, mixture_sd, mixture_quantiles(weight, mean, sd, tails))
 
 
 def _summarize(scale: Array, moments: _Moments) -> list[Summary]:
-    """Return the summary of every parameter, in inside units; moments have shape (c,)."""
+    """Return the summary of each of the c parameters, in internal units (mm, N, rad).
+
+    ``scale`` and the moments have shape (c,).
+    """
     mean = (scale * moments.mean).tolist()
     sd = (scale * moments.sd).tolist()
     low = (scale * moments.interval[0]).tolist()
@@ -406,8 +416,9 @@ def _pool_parameters(
 ) -> dict[str, PooledParameter]:
     """Return mean, spread and next machine of every parameter.
 
-    μ and the next machine are mixtures of conditional Gaussians over the first draws of s, to which
-    ``shared`` belongs; s is summarised from all its draws.
+    The distributions of the mean μ and of the next machine are averages of Gaussians over the first
+    random draws of the spreads s, for which ``shared`` holds the Gaussians of μ and the
+    instrument's errors. The spreads are summarised from all draws.
     """
     c = len(statistics.parameters)
     scale = statistics.prior_sd[:c]
@@ -440,7 +451,7 @@ def _pool_parameters(
 def _instrument_sd(
     statistics: FleetStatistics, weight: Array, shared: Gaussian, sd: Array
 ) -> Array:
-    """Return the part of the sd of μ that comes with the instrument's errors, shape (c,)."""
+    """Return the part of the sd of the mean μ that is due to instrument errors, shape (c,)."""
     c = len(statistics.parameters)
     if not statistics.instrument:
         return np.zeros(c)
@@ -458,7 +469,10 @@ def _pool_machines(
     judged: JudgedMachines | None,
     tails: tuple[float, float],
 ) -> dict[str, PooledMachine]:
-    """Return every machine with the population, alone, and against the others."""
+    """Return the estimates for every machine and its comparison with the others.
+
+    The estimates are given both with the population and from the machine's own campaigns alone.
+    """
     names = statistics.parameters
     scale = statistics.prior_sd[: len(names)]
     estimates = machine_estimates(likelihood, spreads.spread, shared)
@@ -495,9 +509,9 @@ def _estimate_machines_separately(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> _Moments:
-    """Return what each machine says by itself, shape (n, c).
+    """Return estimates from each machine's own campaigns, shape (n, c): n machines, c parameters.
 
-    The instrument's errors are as all campaigns know them.
+    The instrument's errors are those that all campaigns together give.
     """
     c = parameters
     b_mean, b_covariance = mixture_covariance(
@@ -536,7 +550,10 @@ def _caveats(
 def _instrument_caveat(
     statistics: FleetStatistics, parameters: Mapping[str, PooledParameter]
 ) -> Caveat:
-    """Name the parameter of which the instrument explains the largest share of the variance."""
+    """Return a caveat that names the parameter most affected by the instrument's errors.
+
+    This is the parameter whose mean owes the largest share of its variance to these errors.
+    """
     shares = {}
     for name, parameter in parameters.items():
         shares[name] = 100.0 * (parameter.instrument_sd / parameter.mean.sd) ** 2

@@ -1,4 +1,4 @@
-"""The prior that a population of machines gives for one more machine."""
+"""Prior for one more machine, taken from the result of a population of machines."""
 
 from __future__ import annotations
 
@@ -21,39 +21,40 @@ from ldbb_bayes.results import Shown, read_result
 
 __all__ = ["PopulationPrior", "digest_of", "prior_from"]
 
-# Relative difference of two reference forces that are still the same.
+# Largest relative difference of two reference forces that count as the same.
 _SAME_FORCE = 1e-9
 
 
 @dataclass(frozen=True)
 class PopulationPrior(Shown):
-    """What a population of machines says of the next one: C ~ N(mean, sd²).
+    """Prior of the compliances C of a population's next machine: C ~ N(mean, sd²).
 
-    It speaks of compliances alone, at the population's reference force and in inside units (mm, N,
-    rad): their slopes and the geometric errors keep the model's own priors.
+    The prior is for compliances at the population's reference force, in internal units (mm, N,
+    rad). The slopes of compliances and the geometric errors keep the priors of the model.
     """
 
-    reference_force_N: float  #: F0, at which the compliances are meant
-    machines: int  #: their number
-    campaigns: int  #: their number
-    means: Mapping[str, float]  #: by compliance
-    sds: Mapping[str, float]  #: by compliance
-    sha256: str  #: of the population
-    topology: str  #: of the machines
-    #: what they stand for; one that is missing is the campaign's
+    reference_force_N: float  #: force F0 at which the compliances are stated
+    machines: int  #: number of machines in the population
+    campaigns: int  #: number of campaigns in the population
+    means: Mapping[str, float]  #: prior means, by compliance
+    sds: Mapping[str, float]  #: prior standard deviations, by compliance
+    sha256: str  #: SHA-256 of the population's result
+    topology: str  #: topology of the machines
+    #: meaning (sum of joint compliances) of each compliance; for one that is missing, the meaning
+    #: in the campaign is taken
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
-    machine_ids: frozenset[str] = frozenset()  #: of the machines
-    readings: frozenset[str] = frozenset()  #: SHA-256 of the campaigns
-    population_doubts: tuple[str, ...] = ()  #: what limits the population, in sentences
+    machine_ids: frozenset[str] = frozenset()  #: machine_id of each machine in the population
+    readings: frozenset[str] = frozenset()  #: SHA-256 of each campaign in the population
+    population_doubts: tuple[str, ...] = ()  #: sentences on the limitations of the population
 
     def model(self, model: HybridModel) -> HybridModel:
-        """Return the model with these priors of the compliances; slopes keep their sd.
+        """Return the model with these priors for its compliances; slopes keep their prior sd.
 
-        Its compliances are meant at the population's reference force.
+        The compliances of the returned model are stated at the population's reference force.
 
         Parameters
         ----------
-        model : one with proper priors, in which the compliances are free.
+        model : model with proper (not flat) priors, in which the compliances are free.
 
         Raises
         ------
@@ -81,16 +82,16 @@ class PopulationPrior(Shown):
         return replace(model, reference_force_N=self.reference_force_N, prior=prior)
 
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
-        """Return what speaks against using the prior for a campaign, in sentences.
+        """Return sentences that state the doubts about using the prior for a campaign.
 
         Parameters
         ----------
-        campaign : or a plan.
+        campaign : campaign or plan.
 
         Raises
         ------
         InputError
-            If the population does not speak of its machine.
+            If the prior is not for the campaign's machine, or was made from the campaign itself.
         """
         check_campaign(campaign)
         self._check_machine(campaign)
@@ -137,7 +138,7 @@ class PopulationPrior(Shown):
 
 
 def _check_takes_prior(model: HybridModel, name: str) -> None:
-    """Refuse a compliance that is fixed or has a prior of its own."""
+    """Refuse a compliance that the model fixes or gives a prior of its own."""
     if name in model.fixed:
         raise InputError(
             f"{name} must be free to have the population's prior, got one fixed at zero. Free it."
@@ -150,16 +151,16 @@ def _check_takes_prior(model: HybridModel, name: str) -> None:
 
 
 def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:
-    """Return the prior for one more machine that a population gives.
+    """Return the prior that a population gives for one more machine.
 
     Parameters
     ----------
-    path : folder of a population's result, or the ``population.json`` in it, unchanged.
+    path : folder of a population's result, or the unchanged file ``population.json`` in it.
 
     Raises
     ------
     InputError
-        If there is none, or it was edited.
+        If there is no population.json, or it was edited.
     """
     return read_result(Path(path), "population", "population", _prior_of)
 
@@ -187,11 +188,11 @@ def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:
 
 
 def digest_of(record: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a population.json, its own ``sha256`` aside.
+    """Return the SHA-256 of the contents of a population.json, without its entry ``sha256``.
 
     Parameters
     ----------
-    record : as read; it counts as JSON with sorted keys.
+    record : contents of the file; the digest is that of compact JSON with sorted keys.
     """
     content = {name: value for name, value in record.items() if name != "sha256"}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))

@@ -1,12 +1,15 @@
-"""Density of the spreads of machines, the machines themselves integrated out.
+"""Posterior density of the spreads of machines, and random draws from it.
 
 c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(τ)
 
-Everything is in units of the parameters' prior sd; c_m are the parameters of machine m, b the
-instrument's errors. Given s all is Gaussian, so that c_m, μ and b are integrated exactly. ln s is
-drawn about its mode and weighted.
+Everything is in units of the parameters' prior sd. c_m are the parameters of machine m, μ the mean
+of the population, s the spreads, that is, the standard deviations of the machines about μ; b are
+the instrument's errors. Given s, everything is Gaussian, so that c_m, μ and b are integrated out
+exactly. ln s is drawn from a Student t distribution about its mode, and the draws are weighted
+(importance sampling).
 
-Sizes: k values of s, n machines, c parameters, q parameters and instrument errors.
+In the shapes of arrays, k is the number of values of s, n that of machines, c that of parameters,
+and q that of parameters and instrument errors.
 """
 
 from __future__ import annotations
@@ -38,36 +41,38 @@ __all__ = [
     "spread_slices",
 ]
 
-# Pairs of a spread and a machine that are worked on at once, so that they stay in the cache.
+# Number of pairs of a spread and a machine in one block of a computation, so that the block fits
+# into the processor's cache.
 _PAIRS_AT_ONCE = 4096
 # Degrees of freedom of the Student t from which ln s is drawn.
 _DEGREES_OF_FREEDOM = 5.0
-# Step of the differences that give the Hessian, in ln s.
+# Step in ln s of the central differences that give the Hessian.
 _DIFFERENCE_STEP = 1e-4
-# Rise of the log density below which the search for the mode ends [nat].
+# Increase of the log density in one step below which the search for the mode ends [nat].
 _MODE_GAIN = 1e-10
-# Range of ln s below ln τ and above the larger of ln τ and the mode.
+# How far ln s may lie below ln τ, and above the larger of ln τ and the mode.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# Share of the draws that are effective, above which they are not drawn a second time.
+# Ratio of the effective to the actual number of draws above which no second set is drawn.
 _EFFECTIVE_SHARE = 0.2
-# Share of the variance about the mode that is added to that of the draws.
+# Share of the covariance at the mode that is added to the covariance of the first set of draws, for
+# drawing the second set.
 _ADDED_VARIANCE = 0.05
-# Smallest curvature of the log density at the mode that counts.
+# Smallest curvature of the log density at the mode; smaller eigenvalues are replaced by it.
 _SMALLEST_CURVATURE = 1e-3
-# Distance of the quasi-random points from 0 and 1.
+# Smallest distance of the coordinates of quasi-random points from 0 and 1.
 _POINT_MARGIN = 1e-12
 
 
 def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
-    """Return the machines and the likelihood of each, shape (n, q).
+    """Return the names of the machines and the likelihood of each, shape (n, q).
 
-    Machines stand in the order in which they first appear; a machine's likelihood is the product of
-    those of its campaigns.
+    The machines are in the order of their first campaigns. A machine's likelihood is the product of
+    the likelihoods of its campaigns.
 
     Parameters
     ----------
-    statistics : of the campaigns.
+    statistics : likelihoods of the campaigns.
     """
     machines = tuple(dict.fromkeys(statistics.machines))
     place_by_name = {name: place for place, name in enumerate(machines)}
@@ -80,12 +85,14 @@ def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], G
 
 
 def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
-    """Yield slices of spreads so short that their work with all machines stays in the cache.
+    """Yield slices that divide the spreads into blocks for the processor's cache.
+
+    A block is so small that computing it for all machines fits into the cache.
 
     Parameters
     ----------
-    spread : s, shape (k, c).
-    likelihood : of the machines, shape (n, q).
+    spread : spreads s, shape (k, c).
+    likelihood : likelihoods of the machines, shape (n, q).
     """
     size = max(1, _PAIRS_AT_ONCE // len(likelihood.shift))
     for start in range(0, len(spread), size):
@@ -93,14 +100,15 @@ def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
 
 
 def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
-    """Return (μ, b) given the spreads, shape (k, q).
+    """Return the Gaussian of mean and instrument errors (μ, b) given the spreads, shape (k, q).
 
-    ``log_integral`` is ln p(y | s), up to a constant.
+    The attribute ``log_integral`` is ln p(y | s), the log density of all readings y given the
+    spreads, up to a constant.
 
     Parameters
     ----------
-    likelihood : of the machines, shape (n, q).
-    spread : s, shape (k, c).
+    likelihood : likelihoods of the machines, shape (n, q).
+    spread : spreads s, shape (k, c).
     """
     k, c = spread.shape
     q = likelihood.shift.shape[1]
@@ -119,22 +127,25 @@ def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 class MachineEstimates(NamedTuple):
-    """Moments of c_m and of z_m = (c_m − μ) / s given the spreads, each of shape (k, n, c)."""
+    """Moments of machines' parameters c_m and of z_m = (c_m − μ) / s, given the spreads s.
 
-    mean: Array  #: of c_m
-    sd: Array  #: of c_m
-    z_mean: Array
-    z_variance: Array
+    Each array has shape (k, n, c).
+    """
+
+    mean: Array  #: mean of c_m
+    sd: Array  #: standard deviation of c_m
+    z_mean: Array  #: mean of z_m
+    z_variance: Array  #: variance of z_m
 
 
 def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> MachineEstimates:
-    """Return what is known of every machine given the spreads.
+    """Return the posterior moments of every machine's parameters given the spreads.
 
     Parameters
     ----------
-    likelihood : of the machines, shape (n, q).
-    spread : s, shape (k, c).
-    shared : see `shared_quantities`.
+    likelihood : likelihoods of the machines, shape (n, q).
+    spread : spreads s, shape (k, c).
+    shared : Gaussian of (μ, b) given the spreads, see `shared_quantities`.
     """
     c = spread.shape[1]
     q = likelihood.shift.shape[1]
@@ -161,16 +172,19 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
 
 
 def _explained_variance(root: Array, response: Array) -> Array:
-    """Return the variance that comes with (μ, b), shape (c, k, n)."""
+    """Return the variance due to the uncertainty of (μ, b), shape (c, k, n).
+
+    ``root`` is a square root of the covariance of (μ, b); ``response`` the sensitivity to (μ, b).
+    """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 
 
 @dataclass(frozen=True, eq=False)
 class SpreadDensity:
-    """ln p(t | y) of t = ln s, up to a constant."""
+    """Log posterior density ln p(t | y) of t = ln s given the readings y, up to a constant."""
 
-    likelihood: Gaussian  #: of the machines, shape (n, q)
-    scale: float  #: τ, in units of the prior sd
+    likelihood: Gaussian  #: likelihoods of the machines, shape (n, q)
+    scale: float  #: scale τ of the spreads' prior, in units of the parameters' prior sd
 
     def log(self, t: Array) -> Array:
         """Return ln p(t | y), shape (k,), of t of shape (k, c)."""
@@ -181,7 +195,8 @@ class SpreadDensity:
     def gradient(self, t: Array) -> Array:
         """Return ∂ ln p(t | y) / ∂ t, shape (k, c).
 
-        It is Σ_m (E[z_m² | y, s] − 1) (Fisher's identity) and the prior's.
+        The gradient is Σ_m (E[z_m² | y, s] − 1) with z_m = (c_m − μ) / s (Fisher's identity), plus
+        the gradient of the log prior.
         """
         s = np.exp(t)
         shared = shared_quantities(self.likelihood, s)
@@ -190,7 +205,7 @@ class SpreadDensity:
         return np.asarray(of_machines + 1.0 - (s / self.scale) ** 2)
 
     def derivatives(self, t: Array) -> tuple[Array, Array]:
-        """Return the gradient (c,) and the Hessian (c, c) at one t."""
+        """Return the gradient (c,) and the Hessian (c, c) of the log density at one t."""
         c = len(t)
         step = _DIFFERENCE_STEP * np.eye(c)
         gradient = self.gradient(np.concatenate([t[None], t + step, t - step]))
@@ -198,9 +213,10 @@ class SpreadDensity:
         return gradient[0], 0.5 * (hessian + hessian.T)
 
     def mode(self, start: Array) -> tuple[Array, Array]:
-        """Return the mode of the density (c,) and the curvature there (c, c).
+        """Return the mode of the density (c,) and the curvature matrix there (c, c).
 
-        Every eigenvalue of the curvature is positive and none near zero.
+        The curvature is the negative Hessian, changed if need be so that no eigenvalue is negative
+        or near zero.
         """
         t = newton(self.log, self.derivatives, start, gain=_MODE_GAIN)
         _, hessian = self.derivatives(t)
@@ -211,27 +227,27 @@ class SpreadDensity:
 
 @dataclass(frozen=True, eq=False)
 class Spreads:
-    """Weighted draws of s, in units of the prior sd."""
+    """Weighted random draws of the spreads s, in units of the parameters' prior sd."""
 
-    spread: Array  #: shape (k, c)
-    log_weight: Array  #: ln of target over proposal, as it came, shape (k,)
-    weight: Array  #: Pareto-smoothed, summing to one, shape (k,)
-    pareto_k: float
-    good_k: float  #: above it the draws cannot be trusted
-    mode: Array  #: of ln s, shape (c,)
+    spread: Array  #: draws of s, shape (k, c)
+    log_weight: Array  #: ln (posterior density / density drawn from), not smoothed, shape (k,)
+    weight: Array  #: weights, Pareto-smoothed and of sum one, shape (k,)
+    pareto_k: float  #: Pareto's k̂, which is the larger the less the weights can be trusted
+    good_k: float  #: value of Pareto's k̂ above which the draws cannot be trusted
+    mode: Array  #: mode of the posterior density of ln s, shape (c,)
 
     @property
     def trusted(self) -> bool:
-        """Return whether Pareto's k̂ is low enough."""
+        """Return whether Pareto's k̂ is low enough for the draws to be trusted."""
         return self.pareto_k <= self.good_k
 
     @property
     def effective(self) -> float:
-        """Return the effective number of draws, 1 / Σ w²."""
+        """Return the effective number of draws, 1 / Σ w², with the weights w."""
         return 1.0 / float(np.sum(self.weight**2))
 
     def first(self, size: int) -> Spreads:
-        """Return the first draws; they are spread as evenly as all of them."""
+        """Return the first draws; as quasi-random points they too cover the range evenly."""
         log_weight = self.log_weight[:size]
         return _weight_draws(self.spread[:size], log_weight, self.mode)
 
@@ -244,17 +260,18 @@ def draw_spreads(
     size: int = 2048,
     start: Array | None = None,
 ) -> Spreads:
-    """Draw spreads from a Student t about the mode of ln s, and weight them.
+    """Draw spreads from a Student t distribution about the mode of ln s, and weight them.
 
-    They are drawn once more, about their own moments, where these fit better.
+    If the weights of these draws are poor, a second set is drawn with the mean and covariance of
+    the first set. The better set is returned.
 
     Parameters
     ----------
-    density : of ln s.
-    parameters : c.
-    seed : of the scrambled Sobol points.
+    density : posterior density of ln s.
+    parameters : number c of parameters.
+    seed : seed of the scrambled Sobol points.
     size : number of draws, a power of two.
-    start : of the search for the mode, shape (c,); default: ln τ.
+    start : ln s at which the search for the mode begins, shape (c,); default: ln τ.
     """
     if start is None:
         start = np.full(parameters, np.log(density.scale))
@@ -270,7 +287,11 @@ def draw_spreads(
 
 
 def _better(first: Spreads, second: Spreads) -> Spreads:
-    """Return the draws that can be trusted; of two such, those with more effective draws."""
+    """Return the better of two sets of draws.
+
+    A set that can be trusted is better than one that cannot. Of two trusted sets, the better has
+    the larger effective number of draws; of two others, the smaller Pareto's k̂.
+    """
     if first.trusted != second.trusted:
         second_is_better = second.trusted
     elif first.trusted:
