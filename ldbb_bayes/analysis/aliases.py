@@ -1,7 +1,10 @@
-"""Find combinations of coefficients that no reading of a campaign resolves.
+"""Find degeneracies: combinations of coefficients that no reading of a campaign resolves.
 
-They are the null space of the design, as a sparse basis: an amount of a nuisance, and the change of
-parameters that looks exactly like it. A plan has them too, since no readings are needed.
+Coefficients are the parameters of interest (compliances, their slopes and geometric errors) and the
+nuisance coefficients (effects that are modelled but not of interest). The degeneracies span the
+null space of the design matrix. The basis found is sparse, so that each degeneracy has few members:
+for example an amount of a nuisance, and the change of parameters that looks exactly like it. No
+readings are needed, so that a plan can be examined too.
 """
 
 from __future__ import annotations
@@ -22,23 +25,27 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Degeneracy", "Standing", "StandingKind", "degeneracies", "standing_degeneracies"]
 
-# Angles of each test at which patterns are compared: they have at most 12 waves per turn.
+# Largest number of angles of each test at which patterns are compared; enough, because patterns
+# have at most 12 waves per turn.
 _MOST_ANGLES = 240
-# Decimals of an angle [rad] to which repeated angles count as one.
+# Angles [rad] that agree to this number of decimals count as one.
 _ANGLE_DECIMALS = 9
-# A parameter with a smaller share of the largest effect is not named in a degeneracy.
+# A degeneracy names only parameters whose effect on the readings is more than this share of its
+# largest effect.
 _NAMED_SHARE = 0.02
-# Effects below this share of the largest are rounding.
+# Effects on the readings below this share of the largest are rounding errors.
 _ROUNDING = 1e-9
-# A pattern is a combination of others where less than this share of it remains unexplained.
+# A pattern counts as a combination of other patterns where these leave less than this share of it
+# unexplained.
 _UNEXPLAINED_SHARE = 1e-3
-# Singular values below this share of the largest count as zero in that comparison.
+# Singular values below this share of the largest count as zero where a pattern is explained by
+# others.
 _RANK_TOLERANCE = 1e-10
-# A change below this share of the readout's resolution is not seen.
+# A change of a reading below this share of the resolution of the readout cannot be seen.
 _VISIBLE_SHARE = 0.1
 # Millimetres in a micrometre.
 _MICROMETRE = 1e-3
-# Lobes of the ball form that look like rotation by a moment.
+# Number of lobes of a ball's form error that look like the rotation caused by a moment.
 _LOBES = 4
 
 
@@ -46,31 +53,33 @@ _LOBES = 4
 class Degeneracy:
     """A combination of coefficients that no reading of a campaign sees."""
 
-    #: class name of the nuisance it begins with; empty for parameters among themselves
+    #: class name of the term of its first nuisance; empty where it combines parameters alone
     term: str
-    #: changes that compensate one another in every reading; inside units (mm, N, rad), the nuisance
-    #: first
+    #: changes of coefficients, by name, that compensate one another in every reading; in internal
+    #: units (mm, N, rad), nuisances first
     combination: Mapping[str, float]
-    #: parameters of interest that do more than a fiftieth of what the nuisance does
+    #: parameters of interest whose effect is more than 2 % of the largest effect in it
     parameters: tuple[str, ...]
-    units: Mapping[str, str]  #: of all parameters in it
-    #: whether the model has the nuisance: else nothing bounds it, and the intervals ignore it
+    units: Mapping[str, str]  #: units of all parameters in ``combination``
+    #: whether the model has every nuisance in it; a nuisance left out is not bounded by anything,
+    #: and the intervals of the parameters ignore it
     modelled: bool
-    #: whether a certificate, or the model where its term was edited, says how large it is
+    #: whether the size of every nuisance in it is stated, by a certificate or by the user who
+    #: changed the term
     stated: bool
-    prior_sds: float  #: its length in units of the prior sd
-    #: largest change of a reading; 0 below 1e-9 of what its largest member does alone, which is
-    #: rounding
+    prior_sds: float  #: length of ``combination`` in units of the prior sds
+    #: largest change of a reading that ``combination`` causes [µm]; 0 where it is below 1e-9 of
+    #: what the largest member causes alone, which is rounding
     change_um: float
 
     @property
     def nuisances(self) -> tuple[str, ...]:
-        """Nuisance coefficients in it."""
+        """Names of the nuisance coefficients in the combination."""
         return tuple(name for name in self.combination if name not in self.units)
 
 
 class StandingKind(StrEnum):
-    """An effect that is no term of the model, or one that force alone separates."""
+    """Effect that is no term of the model, or that only different forces separate."""
 
     FRICTION = "friction"
     DRIFT = "drift"
@@ -80,7 +89,7 @@ class StandingKind(StrEnum):
 
 @dataclass(frozen=True)
 class Standing(Result):
-    """Parameters that look like an effect which the tests of a plan do not separate."""
+    """Parameters that look like an effect which the tests do not separate from them."""
 
     kind: StandingKind
     parameters: tuple[str, ...]
@@ -88,10 +97,11 @@ class Standing(Result):
 
 @dataclass(frozen=True)
 class _Coefficients:
-    """All parameters and shared nuisances, modelled or not.
+    """All m parameters and nuisance coefficients that tests share, modelled or not.
 
-    ``owners`` are class names of terms, empty for parameters; ``columns`` has shape (tests, 25, m),
-    ``prior_sd`` shape (m,).
+    ``owners`` are the class names of their terms, empty for parameters. ``columns``, shape
+    (tests, 25, m), are the Fourier coefficients of each test per unit of each coefficient;
+    ``prior_sd``, shape (m,), are the prior standard deviations.
     """
 
     names: tuple[str, ...]
@@ -101,7 +111,7 @@ class _Coefficients:
 
 
 def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
-    """Return the sparse null space of a design, as far as it holds parameters of interest.
+    """Return a sparse basis of the degeneracies that involve parameters of interest.
 
     Parameters
     ----------
@@ -111,7 +121,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     Returns
     -------
     tuple of Degeneracy
-        Those that begin with a nuisance first, then those of parameters among themselves.
+        Those with a nuisance come first, then those of parameters alone.
     """
     coefficients = _all_coefficients(bound)
     scaled = _effects(bound, coefficients.columns) * coefficients.prior_sd
@@ -128,7 +138,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def _without_nuisances(space: NullSpace, vector: Array) -> Array:
-    """Return a vector of parameters without its nuisances where it is as good so."""
+    """Return a vector without its nuisances, if no reading resolves it without them either."""
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)
     largest_effect = (space.largest * np.abs(parameters_only)).max()
@@ -141,7 +151,7 @@ def _without_nuisances(space: NullSpace, vector: Array) -> Array:
 def _describe_degeneracy(
     bound: BoundModel, coefficients: _Coefficients, space: NullSpace, pivot: int, vector: Array
 ) -> Degeneracy | None:
-    """Return what a vector of the null space combines, or None if no parameter has a part in it."""
+    """Describe a vector of the null space; return None if it involves no parameter."""
     names = coefficients.names
     effect = space.largest * np.abs(vector)
     members = [int(i) for i in np.flatnonzero(effect > _ROUNDING * effect.max())]
@@ -171,7 +181,7 @@ def _describe_degeneracy(
 def _rank_nuisances(
     nuisances: Sequence[int], pivot: int, effect: Array, *, is_nuisance: bool
 ) -> list[int]:
-    """Return the pivot, where it is a nuisance, then the others by their effect."""
+    """Return the nuisances' indices: the pivot if it is one, then the others by effect."""
     effects = {i: float(effect[i]) for i in nuisances if i != pivot}
     ranking = ranked(effects, effects.__getitem__)
     if is_nuisance:
@@ -180,7 +190,11 @@ def _rank_nuisances(
 
 
 def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) -> Array:
-    """Return a vector in inside units, a nuisance at its pivot scaled to one of its unit."""
+    """Return a vector in internal units (mm, N, rad).
+
+    Where the pivot is a nuisance, the vector is scaled so that the nuisance has the value one in
+    the unit that users see.
+    """
     change = np.asarray(vector * coefficients.prior_sd)
     if coefficients.owners[pivot]:
         name = coefficients.names[pivot]
@@ -190,7 +204,7 @@ def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) ->
 
 
 def _reading_change_um(space: NullSpace, prior_sds: Array) -> float:
-    """Return the largest change of a reading [µm], zero where it is rounding."""
+    """Return the largest change of a reading [µm]; zero where it is a rounding error."""
     change = np.abs(space.scaled @ prior_sds).max()
     largest_alone = (space.largest * np.abs(prior_sds)).max()
     if change <= _ROUNDING * largest_alone:
@@ -199,7 +213,7 @@ def _reading_change_um(space: NullSpace, prior_sds: Array) -> float:
 
 
 def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
-    """Return the model's term of a class name, or None if the model leaves it out."""
+    """Return the model's term with this class name, or None if the model leaves it out."""
     for term in bound.model.nuisances:
         if type(term).__name__ == owner:
             return term
@@ -207,7 +221,7 @@ def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
 
 
 def _is_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
-    """Return whether a certificate or an edited term says how large a coefficient is."""
+    """Return whether a certificate, or a term changed by the user, states a coefficient's size."""
     if term is None:
         return False
     is_edited = _edition_terms(bound).get(type(term)) != term
@@ -215,14 +229,16 @@ def _is_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
 
 
 def standing_degeneracies(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[Standing, ...]:
-    """Return degeneracies with effects that are no terms, and those that force alone separates.
+    """Return parameters that look like an effect which the tests hardly separate from them.
+
+    The effect is no term of the model, or only tests at different forces separate it.
 
     Parameters
     ----------
     bound
         Model bound to a campaign or plan.
     aliases
-        Its `degeneracies`.
+        The `degeneracies` of the bound model.
     """
     candidates = {
         StandingKind.FRICTION: _like_friction(bound),
@@ -250,8 +266,8 @@ def _modelled_terms(bound: BoundModel) -> set[str]:
 def _like_friction(bound: BoundModel) -> tuple[str, ...]:
     """Return cross compliances whose pattern looks like friction.
 
-    Friction has the pattern of a cross compliance, with the sign of the direction of travel: it is
-    hidden where that is a combination of the parameters' own patterns.
+    Friction has the pattern of a cross compliance, with a sign that changes with the direction of
+    travel. It is hidden where this pattern is a combination of the parameters' patterns.
     """
     directions = {test.name: test.direction for test in bound.campaign.tests}
     sign = np.where([directions[name] == "CCW" for name in bound.test_names], -1.0, 1.0)
@@ -279,7 +295,7 @@ def _like_drift(bound: BoundModel) -> tuple[str, ...]:
 
 
 def _like_curvature(bound: BoundModel) -> tuple[str, ...]:
-    """Return direct compliances whose slopes look like a curved mount or force law."""
+    """Return direct compliances whose slopes look like a nonlinear mount or force device."""
     direct = _compliances_of_kind(bound, "direct")
     if len(direct) > 1 and all(f"{label}_1" in bound.names for label in direct):
         return direct
@@ -287,7 +303,10 @@ def _like_curvature(bound: BoundModel) -> tuple[str, ...]:
 
 
 def _like_lobes(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return rotary compliances that only the levels of force separate from four-lobe form."""
+    """Return rotations by a moment that look like a four-lobed form error of the balls.
+
+    Only tests at different forces separate the two.
+    """
     once = not bound.setting.two_balls and len(set(bound.setting.radius_mm)) == 1
     if not once or bound.campaign.force_levels <= 1:
         return ()
@@ -304,7 +323,10 @@ def _like_lobes(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[str, 
 
 
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
-    """Return parameters and shared nuisances of the model and of its edition."""
+    """Return parameters and nuisances that tests share.
+
+    Nuisances are those of the model, and those that its preset has and the model leaves out.
+    """
     modelled = {type(term): term for term in bound.model.nuisances}
     terms = {**_edition_terms(bound), **modelled}
     names = list(bound.names)
@@ -333,7 +355,7 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
 
 
 def _edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
-    """Return the terms of the model's edition as the package ships them."""
+    """Return the nuisance terms of the model's preset, as the package ships them."""
     edition = HybridModel.first()
     if bound.model.preset == "default":
         edition = HybridModel.default()
@@ -343,7 +365,8 @@ def _edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
 def _effects(bound: BoundModel, columns: Array) -> Array:
     """Return the change of readings per unit of each coefficient, shape (k, m) [mm].
 
-    Each test has its own angles, at most ``_MOST_ANGLES`` of them.
+    There are m coefficients, and a row for each of k readings: each test at its own angles, of
+    which at most ``_MOST_ANGLES`` are used.
     """
     tests = {test.name: test for test in bound.campaign.tests}
     rows = []

@@ -1,10 +1,13 @@
-"""Average one posterior over models.
+"""Average the posterior over several models.
 
-p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the average over models, each by its exact posterior
-probability. They differ in whether compliance changes with force and in what else explains such a
-change, the rivals of slopes; every combination is as probable as another beforehand, as in
-`explanations`. A coefficient that a model lacks is zero in its draws, so that the share of zeros is
-the probability that it is not there (Hoeting, Madigan, Raftery and Volinsky 1999).
+The averaged posterior is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior under each model
+M, weighted by the posterior probability of the model given the readings y. β are the parameters
+(compliances, their slopes and geometric errors), φ the hyper-parameters (the scales of the noise
+and of other effects). The models differ in whether compliance changes with force (slopes), and in
+what else may explain such a change (rival explanations). Every combination has the same prior
+probability, as in `explanations`. A coefficient that a model lacks is zero in the draws of that
+model, so that the share of zeros is the probability that the coefficient is zero (Hoeting, Madigan,
+Raftery and Volinsky 1999).
 """
 
 from __future__ import annotations
@@ -38,18 +41,18 @@ if TYPE_CHECKING:
 
 __all__ = ["average"]
 
-# Chains into which the independent draws are divided, as diagnostics expect them.
+# Number of chains into which the independent draws are divided, because diagnostics expect chains.
 _CHAINS = 4
-# Fewest draws that say anything of an average.
+# Least number of draws that may be asked for.
 _FEWEST_DRAWS = 400
-# The error of the evidence of a less probable model does not matter.
+# The error of the evidence of a model with a posterior probability below this does not matter.
 _NEGLIGIBLE_PROBABILITY = 1e-3
 # Largest error of a log evidence at which the weights of models can be trusted [nat].
 _LARGEST_ERROR = 0.1
 
 
 class _Combination(NamedTuple):
-    """A model by the name given, and the rivals of slopes that it has."""
+    """The name of a model, and the rival explanations of slopes that it includes."""
 
     name: str
     rivals: tuple[str, ...]
@@ -57,7 +60,10 @@ class _Combination(NamedTuple):
 
 @dataclass(frozen=True)
 class _WeightedModels:
-    """Models with their posterior probabilities, and the largest of them."""
+    """Models with their posterior probabilities.
+
+    ``bound`` is the largest model, bound to the campaign.
+    """
 
     combinations: tuple[_Combination, ...]
     nodes: tuple[Nodes, ...]
@@ -71,7 +77,7 @@ class _WeightedModels:
 
     @property
     def log_evidence_error(self) -> float:
-        """Return the largest error among models that are not negligible [nat]."""
+        """Return the largest error of log evidence among models that are not negligible [nat]."""
         errors = np.array([nodes.evidence.error for nodes in self.nodes])
         return float(errors[self.probability > _NEGLIGIBLE_PROBABILITY].max())
 
@@ -90,23 +96,25 @@ def average(
     Parameters
     ----------
     models : mapping of name to HybridModel
-        For example constant and linear: the parameters of one are those of the largest, some fixed
-        at zero.
+        For example constant and linear compliance. Each must be the largest model with some
+        parameters fixed at zero.
     campaign : Campaign
         With readings.
     seed : int
         Seed of the draws.
     draws : int
-        Number of draws in four chains; each model has its share of them.
+        Number of draws in all four chains; each model has a share equal to its probability.
     evidences : Evidences, optional
-        Those that `compare` was given: the models it weighed are not worked out again.
+        Evidences that are known already, for example those that `compare` was given; they are not
+        computed again.
 
     Returns
     -------
     xarray.DataTree
-        As of `sample`, with the parameters of the largest model. ``sample_stats.model`` says which
-        model a draw is of; the record lists them (``averaged``) with rivals, log evidence and
-        probability. Priors are averaged too.
+        As returned by `sample`, with the parameters of the largest model. ``sample_stats.model``
+        is the index of the model that each draw comes from; the entry ``averaged`` of the record
+        lists the models with rival explanations, log evidence and probability. The prior draws
+        come from all models, too.
 
     Raises
     ------
@@ -199,7 +207,7 @@ def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
 
 
 def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _WeightedModels:
-    """Return every model with every subset of its rivals of slopes, and their probabilities."""
+    """Return every model with every subset of its rival explanations, and the probabilities."""
     combinations = []
     variants = []
     for name, model in models.items():
@@ -236,9 +244,9 @@ def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
 def _draw_posteriors(
     weighted: _WeightedModels, size: int, rng: np.random.Generator
 ) -> tuple[Array, list[ModelDraws]]:
-    """Return the model of every draw, and the draws of each model that has any.
+    """Return the index of the model of every draw, and the draws of each model that has any.
 
-    Each has its share of the draws, to within less than one.
+    The number of draws of a model is its probability times ``size``, to within less than one.
     """
     cumulative = np.append(0.0, np.cumsum(weighted.probability) / weighted.probability.sum())
     ends = np.floor(cumulative * size + rng.random()).astype(int)
@@ -254,7 +262,7 @@ def _draw_posteriors(
 def _draw_priors(
     weighted: _WeightedModels, draws: int, rng: np.random.Generator
 ) -> list[ModelDraws]:
-    """Return draws of each model's prior, as many of one model as of another."""
+    """Return draws of each model's prior, the same number for every model."""
     size = -(-draws // len(weighted.nodes))
     draws_of_models = []
     for bound in weighted.bounds:
@@ -264,7 +272,7 @@ def _draw_priors(
 
 
 def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tuple[Array, Array]:
-    """Return β (n, p) and φ (n, h) of all models one after the other.
+    """Return n draws of β, shape (n, p), and of φ, shape (n, h), model after model.
 
     β is zero where a model lacks a parameter.
     """
@@ -281,7 +289,7 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
 
 
 def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[str, Array]:
-    """Return the log densities of all draws, by name, in this order."""
+    """Return the log densities of all draws, by name, in the given order of the draws."""
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}
     for name in by_model[0]:
@@ -290,14 +298,18 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 
 
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
-    """Return ln P(T | y) of the most probable model, and its error [nat]."""
+    """Return ln P(T | y) of the most probable model, and its error [nat].
+
+    T is the event that no compliance is negative; P(T | y) is its probability in the posterior
+    that does not require it.
+    """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.plain.mode
     return evidence.log_prob_truncation(HyperPosterior(most_probable, truncated=True, near=near))
 
 
 def _free_coordinates(beta: Array, phi: Array) -> Array:
-    """Return the coordinates of draws (chains, draws, p + h) that are not constant."""
+    """Return β and φ, those that are not constant, shape (chains, draws, at most p + h)."""
     coordinates = np.concatenate([beta, phi], axis=2)
     return coordinates[:, :, np.ptp(coordinates, axis=(0, 1)) > 0.0]
 
@@ -305,9 +317,9 @@ def _free_coordinates(beta: Array, phi: Array) -> Array:
 def _averaged_prior(
     weighted: _WeightedModels, prior_sd: Mapping[str, float]
 ) -> dict[str, dict[str, float]]:
-    """Return prior sd and mean of every parameter over models as probable as one another.
+    """Return prior sd and mean of every parameter, averaged over equally probable models.
 
-    ``prior_sd`` is that of the largest model; hyper-parameters keep theirs.
+    ``prior_sd`` has the prior sds of the largest model; those of hyper-parameters stay the same.
     """
     names = weighted.bound.names
     moments = np.zeros((2, len(names)))
@@ -324,7 +336,10 @@ def _averaged_prior(
 
 
 def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
-    """Return every model with its probability, and the probability of each name and rival."""
+    """Return the models with their probabilities, for the record.
+
+    The probability of each name and of each rival explanation is included.
+    """
     models = []
     for combination, nodes, probability in zip(
         weighted.combinations, weighted.nodes, weighted.probability.tolist(), strict=True

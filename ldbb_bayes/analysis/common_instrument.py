@@ -1,7 +1,9 @@
-"""The difference of two campaigns run with one instrument, whose errors cancel.
+"""The difference of two campaigns that were run with the same instrument.
 
-Bar, balls, mount and force device are the same in both: their coefficients, and the prior of these,
-count once.
+Bar, balls, mount and force device are the same in both, so that their errors largely cancel in the
+difference. Their nuisance coefficients (effects that are modelled but not of interest) are common
+to both campaigns, and the prior of these coefficients counts only once. β are the parameters of
+interest; φ are the hyper-parameters (the scales of the noise and of other effects).
 """
 
 from __future__ import annotations
@@ -23,35 +25,37 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
-# Readings say something of a coefficient where they lower its variance by at least this share of
-# what they leave.
+# The readings inform about a coefficient where they lower its variance by at least this share of
+# the variance that remains.
 _LEAST_INFORMATION = 0.05
-# Hyper-parameters of the instrument: scale and decay of the form of the balls.
+# Hyper-parameters of the instrument: scale of the balls' form errors, and its decay with the
+# Fourier order.
 _INSTRUMENT_HYPERS = ("tau", "decay")
 
 
 class Conflict(NamedTuple):
-    """The coefficient of the instrument about which two campaigns disagree most."""
+    """The instrument's coefficient about which two campaigns disagree most."""
 
     coefficient: str
-    p_value: float  #: allowing for the number of coefficients
+    p_value: float  #: multiplied by the number of coefficients compared (Bonferroni)
 
 
 class JointDifference(NamedTuple):
-    """What both campaigns say together of the parameters compared."""
+    """Joint estimate of the compared parameters of both campaigns, and their difference."""
 
-    means: Array  #: of both campaigns (2, names)
-    difference: Array  #: second less first (names,)
-    sd: Array  #: of the difference (names,)
-    conflict: Conflict | None  #: None where neither campaign says anything of the instrument
+    means: Array  #: posterior means in both campaigns, shape (2, names)
+    difference: Array  #: mean of second minus first campaign, shape (names,)
+    sd: Array  #: standard uncertainty of the difference, shape (names,)
+    #: None where there is no coefficient that the readings of both campaigns inform about
+    conflict: Conflict | None
 
 
 class _Campaign(NamedTuple):
-    """One campaign at its hyper-parameters."""
+    """The coefficients of one campaign, given its hyper-parameters."""
 
     information: Information
-    names: list[str]  #: of the coefficients
-    mean: Array  #: of the coefficients
+    names: list[str]  #: names of the coefficients
+    mean: Array  #: posterior means of the coefficients
 
 
 def joint_difference(
@@ -62,11 +66,12 @@ def joint_difference(
     Parameters
     ----------
     bounds : sequence of BoundModel
-        Of both campaigns.
+        Models bound to the first and to the second campaign.
     phi : sequence of ndarray
-        Hyper-parameters of each, (h,) [mm].
+        Hyper-parameters of each campaign, shape (h,) [mm].
     rows : sequence of ndarray
-        Rows that take β of each to the parameters compared, each (names, p).
+        Matrix of each campaign, shape (names, p), that maps β, shape (p,), to the compared
+        parameters.
     """
     if _several_clockings(bounds):
         bounds = [bound.with_two_balls() for bound in bounds]
@@ -80,7 +85,7 @@ def joint_difference(
     common = _common_coefficients(first, second)
     all_names = [*first.names, *(name for name in second.names if name not in common)]
     size = len(all_names)
-    # The prior of what both have is in both posteriors and counts once.
+    # The prior of the common coefficients is in both posteriors but must count once.
     common_places = np.array([first.names.index(name) for name in common], dtype=int)
     prior_precision = np.zeros((size, size))
     prior_precision[common_places, common_places] = first.information.scale[common_places] ** -2.0
@@ -110,7 +115,7 @@ def joint_difference(
 
 
 def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
-    """Say whether the balls were turned between any two tests."""
+    """Return whether the balls were turned between any two tests."""
     clockings = set()
     for bound in bounds:
         for test in bound.campaign.tests:
@@ -119,7 +124,7 @@ def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
 
 
 def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Array]:
-    """Return hyper-parameters in which those of the instrument are the mean of both campaigns."""
+    """Return both φ with those of the instrument replaced by the mean over the campaigns."""
     shared = [values.copy() for values in phi]
     for name in _INSTRUMENT_HYPERS:
         if any(name not in bound.hyper_prior.names for bound in bounds):
@@ -132,9 +137,9 @@ def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Ar
 
 
 def _solve(bound: BoundModel, phi: Array) -> _Campaign:
-    """Return information, names and posterior mean of a campaign's coefficients."""
+    """Return information, names and posterior means of a campaign's coefficients."""
     information = information_of(bound, phi)
-    # Bar lengths are the same only of the same radius.
+    # The bar length is common to both campaigns only if their radii are the same.
     bar_length = f"bar_length_{bound.setting.radii_mm[0]:g}"
     names = []
     for name in information.names:
@@ -145,7 +150,7 @@ def _solve(bound: BoundModel, phi: Array) -> _Campaign:
 
 
 def _common_coefficients(first: _Campaign, second: _Campaign) -> list[str]:
-    """Return the instrument's coefficients that both campaigns have."""
+    """Return the names of the instrument's coefficients that both campaigns have."""
     common = []
     for name, owner in zip(first.names, first.information.owners, strict=True):
         of_instrument = owner in Term.kinds and Term.kinds[owner].instrument
@@ -157,9 +162,9 @@ def _common_coefficients(first: _Campaign, second: _Campaign) -> list[str]:
 def _places(
     campaign: _Campaign, all_names: Sequence[str], common: Sequence[str], *, is_first: bool
 ) -> list[int]:
-    """Return where a campaign's coefficients stand among those of both.
+    """Return the indices of a campaign's coefficients in the joint list of both campaigns.
 
-    Those of the first come first; the others' own follow in their order.
+    The coefficients of the first campaign come first; those that only the second has follow.
     """
     if is_first:
         return list(range(len(campaign.names)))
@@ -181,21 +186,27 @@ def worst_conflict(
     information: Sequence[Information],
     means: Sequence[Array],
 ) -> Conflict | None:
-    """Return where the readings of two campaigns disagree most about a coefficient.
+    """Return the coefficient about which the readings of two campaigns disagree most.
 
-    What they say of it beyond its prior, n ± 1/√l with l = 1/Var(ν | y) − 1/S, must be the same
-    number.
+    The readings y alone, without the prior, estimate a coefficient ν with the standard uncertainty
+    1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior variance. The estimates of both campaigns
+    must agree within their uncertainties.
 
     Parameters
     ----------
     common : sequence of str
-        Coefficients that both have.
+        Coefficients that both campaigns have.
     names : sequence of sequence of str
         All coefficients of each campaign.
     information : sequence of Information
-        Of each.
+        Information of each campaign.
     means : sequence of ndarray
-        Posterior means of each.
+        Posterior means of the coefficients of each campaign.
+
+    Returns
+    -------
+    Conflict or None
+        None where there is no coefficient that the readings of both campaigns inform about.
     """
     scales = []
     variances = []
@@ -223,9 +234,9 @@ def worst_conflict(
 
 
 def _posterior_mean(bound: BoundModel, phi: Array) -> Array:
-    """Return the posterior mean of parameters and shared nuisances at φ.
+    """Return the posterior mean of parameters and of nuisances that tests share, given φ.
 
-    The order is that of `information_of`.
+    The coefficients are in the order of `information_of`.
     """
     beta = bound.given(phi[None])[1].mean[0]
     has_shared_nuisances = any(

@@ -199,9 +199,8 @@ class Comparison(Result):
     slopes: dict[str, VaryingSlope]
     #: subsets of the slopes, the most probable first; only some where there are too many
     slope_subsets: tuple[SlopeSubset, ...]
-    compliance_against_force: dict[
-        str, Curve
-    ]  #: C(F) by compliance, averaged over the subsets of slopes
+    #: C(F) by compliance, averaged over the subsets of slopes
+    compliance_against_force: dict[str, Curve]
     tests: dict[str, ComparedTest]  #: tests by name; empty for a campaign of one test
     local_fits: Records  #: the table that `local_fits` returns
     #: error asked of every log evidence [nat]; 0.1 nat is enough for assumptions that fall short of

@@ -1,11 +1,15 @@
 """Find tests that do not belong with the others.
 
-Each test is compared with circles that the other tests expect in its place. p-values are exact
-under the models compared: replicates come from p(y_r | y_−r), the models weighted by what the other
-tests say of them. The distance of a circle is measured alike for readings and replicates, order by
-order, and the smallest p-value of a test is judged by how small the replicates' smallest are. Over
-the tests Holm's method holds the family-wise error, step by step: a flagged test is taken out
-before the remaining ones are looked at again, or it would make its neighbours look odd.
+Each test r is compared with replicates: circles simulated from p(y_r | y_−r), the distribution of
+its readings y_r given the readings y_−r of the other tests. The models take part with their
+posterior probabilities given the other tests. For each Fourier order, the p-value of a test is the
+share of replicates that lie as far out as the test. A test has 13 orders, and the smallest of its
+p-values would be small by chance; it is therefore compared with the smallest p-values of the
+replicates.
+
+Holm's method bounds the family-wise error, the probability that any test is flagged although all
+belong. A flagged test is taken out before the remaining tests are judged again, because it would
+make its neighbours look odd.
 """
 
 from __future__ import annotations
@@ -32,40 +36,40 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["FALSE_ALARMS", "JudgedTest", "belonging", "judge_circle", "judge_tests"]
 
-# Probability that any test is flagged where all belong, over all tests.
+# Family-wise error: probability that any test of a campaign is flagged although all belong.
 FALSE_ALARMS = 0.02
-# Fewest replicates of each test.
+# Least number of replicates of each test.
 _REPLICATES = 20_000
-# Replicates of each test per test of the campaign: Holm's method flags smaller p-values of larger
-# campaigns, and no p-value is below one over the number of replicates.
+# Replicates of each test per test of the campaign. In a campaign of more tests, Holm's method flags
+# only smaller p-values, and no p-value can be below one over the number of replicates.
 _REPLICATES_PER_TEST = 400
-# Replicates that share one posterior draw in the first look.
+# Number of replicates simulated from each posterior draw when a test is first judged.
 _CIRCLES_PER_DRAW = 5
-# A test with a smaller p-value is looked at again.
+# A test with a p-value below this is judged again with more replicates.
 _SMALL_P_VALUE = 0.05
-# Factor by which the second look has more replicates.
+# Factor by which the number of replicates is larger when a test is judged again.
 _MORE_REPLICATES = 2
-# Replicates that share one posterior draw in the second look: circles of one draw lie out together,
-# so that small p-values need many draws.
+# Number of replicates simulated from each posterior draw when a test is judged again. It is small
+# because circles of one draw lie out together, so that small p-values need many draws.
 _CIRCLES_PER_DRAW_AGAIN = 2
 
 
 @dataclass(frozen=True)
 class JudgedTest:
-    """One test against what the others, flagged ones aside, expect.
+    """One test compared with what the other tests predict, flagged tests not counted.
 
-    Two tests that disagree with one another have a small p-value both, and no flag: nothing says
-    which of them is wrong.
+    Where a campaign has two tests that disagree, both have small p-values and neither has a flag,
+    because nothing tells which of them is wrong.
     """
 
-    #: probability that a circle of the same machine stands out so much in any Fourier order
+    #: probability that a circle of the same machine lies as far out in any Fourier order
     p_value: float
-    family_wise_p_value: float  #: the same, allowing for all tests (Holm)
-    order_p_values: tuple[float, ...]  #: of orders 0 … 12, each by itself
-    worst_order: int
-    #: the family-wise p-value is below 2 %, and more than half of the tests agree without it
+    family_wise_p_value: float  #: p-value adjusted for the number of tests (Holm)
+    order_p_values: tuple[float, ...]  #: p-values of the Fourier orders 0 … 12, each by itself
+    worst_order: int  #: Fourier order in which the test lies farthest out
+    #: whether the family-wise p-value is below 2 % and more than half of the tests remain unflagged
     flag: bool
-    distance: float  #: in the worst order [−ln of a χ² tail]; it breaks ties of p
+    distance: float  #: −ln of the χ² tail in the worst order; ranks equal p-values
 
 
 @one_blas_thread
@@ -82,16 +86,16 @@ def belonging(
     Parameters
     ----------
     models : mapping of name to HybridModel
-        Weighted by what the other tests say of them.
+        Models take part with their posterior probabilities given the other tests.
     campaign : Campaign
         With readings of at least two tests.
     seed : int
         Seed of the replicates.
     tolerance : float
-        Error of every log evidence [nat].
+        Error allowed in every log evidence [nat].
     replicates : int, optional
-        Circles drawn in the place of each test; no p-value is below one over their number. Default
-        20,000, or more for many tests.
+        Number of circles simulated in the place of each test; no p-value is below one over this
+        number. Default: 20,000, or more for many tests.
 
     Returns
     -------
@@ -149,16 +153,17 @@ def judge_tests(
     tolerance: float,
     replicates: int | None = None,
 ) -> dict[str, JudgedTest]:
-    """Return every test against the others.
+    """Return every test compared with the others, by name.
 
     Parameters
     ----------
     nodes_by_model
-        Nodes of the posterior of all tests, by model.
+        Quadrature nodes of the posterior given all tests, by model.
     left_out_nodes
-        Nodes of the posterior of all tests but one, by model and test; as of `leave_one_out`.
+        Quadrature nodes of the posterior given all tests but one, by model and by the test left
+        out, as returned by `leave_one_out`.
     seed, tolerance, replicates
-        As of `belonging`.
+        As in `belonging`.
     """
     rng = np.random.default_rng(seed)
     names = _any_nodes(nodes_by_model).bound.test_names
@@ -185,17 +190,17 @@ def judge_tests(
 
 
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
-    """Return the nodes of the first model, for what all models share."""
+    """Return the nodes of the first model, for the properties that all models share."""
     return next(iter(nodes_by_model.values()))
 
 
 def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
-    """Return the test with the smallest p-value; of equal ones that with the largest distance."""
+    """Return the test with the smallest p-value; among equals, that with the largest distance."""
     return min(judged, key=lambda name: (judged[name].p_value, -judged[name].distance))
 
 
 def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[str, JudgedTest]:
-    """Return tests with family-wise p-values by Holm's method, none below those flagged before."""
+    """Set family-wise p-values by Holm's method, none below ``lowest``, that of flagged tests."""
     p_values = np.array([judged_test.p_value for judged_test in judged.values()])
     family_wise = np.maximum(holm(p_values), lowest)
     adjusted = {}
@@ -211,9 +216,9 @@ def _judge_left_out(
     size: int,
     rng: np.random.Generator,
 ) -> JudgedTest:
-    """Return one test against circles that the others expect in its place.
+    """Return one test compared with circles that the other tests predict in its place.
 
-    There is a closer look where few circles lie as far out.
+    Where few circles lie as far out, the test is judged again with more of them.
     """
     bound = _any_nodes(nodes_by_model).bound
     r = bound.test_names.index(name)
@@ -240,9 +245,10 @@ def _replicates(
     circles_per_draw: int,
     rng: np.random.Generator,
 ) -> Array:
-    """Return harmonics of circles in the place of a test, shape (about size, 25) [mm].
+    """Return Fourier coefficients of replicates of a test, shape (about size, 25) [mm].
 
-    Models have their share of them by what the other tests say.
+    The number of replicates from each model is in proportion to the posterior probability of the
+    model given the other tests.
     """
     log_evidence = [by_test[name].evidence.log_value for by_test in left_out_nodes.values()]
     counts = np.round(probabilities(np.array(log_evidence)) * size).astype(int)
@@ -262,14 +268,14 @@ def _replicates(
 
 
 def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
-    """Return a circle against replicates, other tests not yet allowed for.
+    """Return a circle compared with its replicates, not yet adjusted for the number of tests.
 
     Parameters
     ----------
     observed
-        Harmonics of the circle, shape (25,).
+        Fourier coefficients of the circle, shape (25,).
     replicates
-        Harmonics of the replicates, shape (n, 25).
+        Fourier coefficients of the n replicates, shape (n, 25).
     """
     n = len(replicates)
     centre = replicates.mean(axis=0)
@@ -289,7 +295,8 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # The replicates that have in any order as many others nearer as the circle in its worst order.
+    # In its worst order the circle lies farther out than ``most_nearer`` replicates. Count the
+    # replicates that lie farther out than that many others in any order.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:
@@ -306,12 +313,16 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
 
 
 def _squared_distance(harmonics: Array, root: Array) -> Array:
-    """Return squared Mahalanobis distances of (n, k), shape (n,)."""
+    """Return squared Mahalanobis distances of n circles from their mean, shape (n,).
+
+    ``harmonics`` are k Fourier coefficients of each, shape (n, k); ``root`` is the Cholesky factor
+    of their covariance, shape (k, k).
+    """
     return np.asarray((np.linalg.solve(root, harmonics.T) ** 2).sum(axis=0))
 
 
 def _minus_log_tail(squared_distance: float, components: int) -> float:
-    """Return −ln of the tail of χ² with one or two degrees of freedom."""
+    """Return −ln of the upper tail of χ² with one or two degrees of freedom."""
     if components == 2:
         return 0.5 * squared_distance
     return -float(special.log_ndtr(-np.sqrt(squared_distance)) + np.log(2.0))
