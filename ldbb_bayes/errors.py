@@ -1,4 +1,4 @@
-"""The one error a user can cause, and the one wording for unknown names."""
+"""`InputError`, the error for unusable input, and functions that raise or word it."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import NamedTuple
 
 __all__ = ["InputError", "check_known", "nearest", "placed", "plain_reason", "renamed", "require"]
 
-# Longest message [characters]: it may quote a file.
+# Longest message of an error [characters]; a message may quote a file.
 LONGEST_MESSAGE = 1200
 
 
 class InputError(ValueError):
     """Input that cannot be used.
 
-    The message says in one line what must hold, what was found, and how to mend it. Of what is
-    longer than 1200 characters, a file's own text, the middle is left out.
+    The message states in one line what must hold, what was found, and how to mend it. The middle
+    of a message longer than 1200 characters is left out.
     """
 
     def __init__(self, message: str) -> None:
@@ -36,7 +36,7 @@ def require(condition: object, message: str) -> None:
 
 @contextmanager
 def placed(place: object) -> Iterator[None]:
-    """Put the place in front of the message of an `InputError` raised inside."""
+    """Put the place in front of the message of an `InputError` raised in the ``with`` block."""
     try:
         yield
     except InputError as error:
@@ -44,7 +44,7 @@ def placed(place: object) -> Iterator[None]:
 
 
 class _Similarity(NamedTuple):
-    """How alike two names are, the most important first."""
+    """Measures of how alike two names are, the most important first."""
 
     ratio: float
     same_letters: bool
@@ -52,9 +52,10 @@ class _Similarity(NamedTuple):
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the known name most like ``name``.
+    """Return the known name that is most similar to ``name``.
 
-    Of several that are equally like it, one of the same letters, or one that begins like it.
+    Among equally similar names, prefer one of the same letters, then one with the longer first
+    matching part.
     """
     lower_name = name.lower()
 
@@ -76,13 +77,13 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
     Parameters
     ----------
     kind
-        What the names are of.
+        Kind of thing that has these names, for the message.
     names
-        As a user gives them.
+        Names that a user gave.
     known
-        All that would do; the message lists them and suggests the nearest.
+        All valid names; the message lists them and suggests the most similar.
     more
-        What else may help, appended to the message.
+        Further advice, appended to the message.
 
     Raises
     ------
@@ -103,25 +104,25 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
 def renamed(
     kind: str, name: str, new_names: Mapping[str, str], *, refused_from: str, stacklevel: int = 3
 ) -> str:
-    """Return what ``name`` is called now, with a FutureWarning where it is an old name.
+    """Return the current form of a name that may be an old one, which gives a FutureWarning.
 
     Parameters
     ----------
     kind
-        What the name is of.
+        Kind of thing that has this name, for the warning.
     name
-        Old or new.
+        Old or current name.
     new_names
-        New names by old ones.
+        Current names by old names.
     refused_from
-        The version from which the old name is refused.
+        Version of the program that will refuse the old name.
     stacklevel
-        Of the warning.
+        Stack level of the warning.
 
     Returns
     -------
     str
-        The new name.
+        The current name.
     """
     if name not in new_names:
         return name
@@ -136,9 +137,9 @@ def renamed(
 
 
 def plain_reason(error: BaseException) -> str | None:
-    """Return a message of one line for an error that input, files or the numbers can cause.
+    """Return a one-line message for an error that the user's input, files or numbers caused.
 
-    None for others, which are faults of the program.
+    Return None for any other error, which is a fault of the program.
     """
     if isinstance(error, InputError):
         return str(error)

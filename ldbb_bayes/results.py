@@ -1,4 +1,4 @@
-"""Results: frozen findings that go to JSON and back, and that show themselves."""
+"""Results of analyses: they can be written as JSON, read back, and displayed."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ __all__ = [
 
 T = TypeVar("T")
 Array: TypeAlias = NDArray[Any]
-# A result's file is never larger.
+# Largest file of a result [bytes].
 _LARGEST_BYTES = 200_000_000
-# Characters of the longest repr.
+# Longest ``repr`` of an object [characters].
 _LONGEST_REPR = 80
-# Characters of the longest value in one.
+# Longest value of a field in a ``repr`` [characters].
 _LONGEST_VALUE = 56
-# Entries of the longest collection that is written out.
+# A collection with more entries is displayed by its size only.
 _MOST_ENTRIES = 12
 
 
@@ -76,7 +76,7 @@ def _to_list(array: Array) -> Any:
 
 
 def _to_frame(rows: Any) -> pd.DataFrame:
-    """Return a frame as it is; else make one of rows by name, or of a list of rows."""
+    """Return a frame unchanged, or a frame made of rows by name or of a list of rows."""
     if isinstance(rows, pd.DataFrame):
         return rows
     if isinstance(rows, dict):
@@ -94,13 +94,13 @@ def _to_records(frame: pd.DataFrame) -> list[dict[Any, Any]]:
 
 
 Finite = Annotated[float, BeforeValidator(_infinite_if_null), PlainSerializer(_null_unless_finite)]
-"""A number that may be infinite, which JSON writes as null."""
+"""A number that may be infinite; an infinite one is null in JSON."""
 
 Number = Annotated[float, BeforeValidator(_nan_if_null), PlainSerializer(_null_unless_finite)]
-"""A number that may be missing, not a number then, which JSON writes as null."""
+"""A number that may be missing (NaN); a missing one is null in JSON."""
 
 Numbers = Annotated[np.ndarray, BeforeValidator(np.asarray), PlainSerializer(_to_list)]
-"""An array, in JSON nested lists."""
+"""An array; nested lists in JSON."""
 
 if TYPE_CHECKING:
     ByRow: TypeAlias = pd.DataFrame
@@ -114,10 +114,10 @@ else:
 
 
 def entries_of(source: Any) -> dict[str, Any]:
-    """Return what an object shows of itself.
+    """Return the entries of an object that its display shows, by name.
 
-    What its class names in ``shown``, else the fields of a dataclass or pydantic model; nothing of
-    anything else.
+    They are the attributes that its class lists in ``shown``, or else the fields of a dataclass or
+    pydantic model. Other objects have none.
     """
     kind = type(source)
     names = getattr(kind, "shown", ())
@@ -131,8 +131,9 @@ def entries_of(source: Any) -> dict[str, Any]:
 def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
     """Return a value on one line of at most so many characters.
 
-    Arrays, tables and long collections are shown by their size. An object shows what is not empty,
-    a long one what is not at its default, as far as there is room.
+    Arrays, tables and long collections are displayed by their size. An object is displayed by its
+    non-empty entries; if these are too long, by those that differ from their defaults, as far as
+    there is room.
     """
     kind = type(value).__name__
     if getattr(value, "shape", ()):
@@ -186,9 +187,9 @@ def _is_default(kind: type, name: str, entry: Any) -> bool:
 
 
 class Shown:
-    """Base of what users have in hand.
+    """Base class of objects that users handle.
 
-    It has a repr of one line; print and a notebook show tables and sentences.
+    The ``repr`` is one line; ``print`` and notebooks show tables and sentences.
     """
 
     shown: ClassVar[tuple[str, ...]] = ()
@@ -209,16 +210,16 @@ class Shown:
 
 
 class Result(Shown):
-    """Base of the frozen dataclasses that analyses return.
+    """Base class of the frozen dataclasses that analyses return.
 
-    They hold numbers, names and enums only: `ldbb_bayes.report.wording` writes the sentences, and
-    nothing decides by reading them.
+    Results hold only numbers, names and enum members; `ldbb_bayes.report.wording` writes the
+    sentences about them. No decision of the program depends on a sentence.
     """
 
     __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the findings for JSON, in inside units (mm, N, rad)."""
+        """Return the result for JSON, in internal units (mm, N, rad)."""
         findings: dict[str, Any] = _adapter(type(self)).dump_python(
             self, mode="json", by_alias=True
         )
@@ -226,9 +227,9 @@ class Result(Shown):
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Return the findings that `as_dict` wrote.
+        """Return the result from a dictionary that `as_dict` wrote.
 
-        Keys that are no findings (sentences, provenance) are passed over.
+        Keys that are no fields of the result, such as sentences and provenance, are ignored.
         """
         result: Self = _adapter(cls).validate_python(values)
         return result
@@ -244,7 +245,7 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
 
 
 class ByName(Shown, dict[str, T]):
-    """Results by name, shown as one table."""
+    """Results by name, displayed as one table."""
 
     def __repr__(self) -> str:
         kind = type(next(iter(self.values()), None)).__name__
@@ -252,15 +253,15 @@ class ByName(Shown, dict[str, T]):
 
 
 Passage: TypeAlias = Table | str | tuple[str, ...]
-"""A table, a paragraph, or a list."""
+"""Part of a displayed result: a table, a paragraph (a text) or a list (a tuple of texts)."""
 
 
 @singledispatch
 def parts_of(result: Any) -> tuple[Passage, ...]:
-    """Return a result as tables, sentences and lists, in the order they are read.
+    """Return a result as tables, sentences and lists, in reading order.
 
-    A result is a table of its fields, unless a function is registered for its class with
-    ``@parts_of.register``: `ldbb_bayes.report.text` and the fleet's modules do so.
+    By default it is one table of the result's fields. Other modules, such as
+    `ldbb_bayes.report.text`, register a function for a class with ``@parts_of.register``.
     """
     rows = [(name, brief(value)) for name, value in entries_of(result).items()]
     if not rows:
@@ -286,12 +287,12 @@ def lines_of(passages: Iterable[Passage], width: int = 120) -> str:
 
 
 def text_of(result: Any, width: int = 120) -> str:
-    """Return a result for a terminal or a log."""
+    """Return a result as plain text for a terminal or a log."""
     return lines_of(parts_of(result), width)
 
 
 def html_of(result: Any) -> str:
-    """Return a result for a notebook; everything is escaped."""
+    """Return a result as HTML for a notebook, with all its texts escaped."""
     blocks: list[str] = []
     for passage in parts_of(result):
         if isinstance(passage, Table):
@@ -305,23 +306,23 @@ def html_of(result: Any) -> str:
 def read_result(
     path: str | os.PathLike[str], name: str, command: str, read: Callable[[dict[str, Any]], T]
 ) -> T:
-    """Read what a command wrote.
+    """Return a result from the JSON file that a command of ``ldbb-bayes`` wrote.
 
     Parameters
     ----------
     path : path
-        Of the file, or of the folder with ``name``.json.
+        Path of the file, or of the folder that contains ``name``.json.
     name : str
-        Of the result.
+        Name of the result.
     command : str
-        That wrote it.
+        Name of the command that wrote the file.
     read : callable
-        Takes its JSON to the result.
+        Function that makes the result from the content of the JSON file.
 
     Raises
     ------
     InputError
-        For a file that is missing, damaged, or not one of ours.
+        For a file that is missing, damaged, or not written by that command.
     """
     source = Path(path)
     if source.is_dir():
@@ -349,7 +350,7 @@ def read_result(
 
 
 def _reason_of(error: Exception) -> str:
-    """Return what an error says, of pydantic's only the first complaint."""
+    """Return the message of an error, of a pydantic error only its first entry."""
     if not isinstance(error, ValidationError):
         return str(error)
     first = error.errors()[0]
@@ -358,6 +359,6 @@ def _reason_of(error: Exception) -> str:
 
 
 def json_text(result: Mapping[str, Any]) -> str:
-    """Return a result as JSON; numbers that are not finite become null."""
+    """Return a dictionary as JSON text; NaN and infinite numbers become null."""
     text = to_json(result, indent=2, inf_nan_mode="null", fallback=_to_list)
     return text.decode() + "\n"

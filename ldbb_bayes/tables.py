@@ -1,4 +1,4 @@
-"""One kind of table, as it is read: in a terminal, in a notebook, on the page."""
+"""Tables for display in a terminal, in a notebook and on the report's page."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from ldbb_bayes.units import display_unit, typeset
 
 __all__ = ["ReadableFrame", "Table", "readable", "table_of", "terminal_width", "wrapped"]
 
-# Rows of a frame that are shown; of longer ones the first and the last.
+# Largest number of rows displayed; of longer frames, the first and last rows are displayed.
 _MOST_ROWS = 60
-# Characters of the narrowest and of the widest line; 80 where there is no terminal.
+# Smallest and largest width of lines [characters]; without a terminal the smallest is used.
 _NARROWEST = 80
 _WIDEST = 120
 _TERMINAL_LINES = 24
-# Least widths of a head that is broken into lines, tried in turn.
+# Smallest widths to which a column's head is broken into lines, tried one after another.
 _HEAD_WIDTHS = (12, 9, 7, 1)
-# Spaces between columns.
+# Number of spaces between columns.
 _GAP = 2
-# Columns of a frame whose values are in the unit that their row names.
+# Columns of a frame whose values are in the unit that the column "unit" of their row states.
 _IN_UNIT_OF_ROW = frozenset(
     (
         "mean",
@@ -51,9 +51,9 @@ _IN_UNIT_OF_ROW = frozenset(
         "baseline_sd",
     )
 )
-# Columns that name the row of a frame whose rows are numbered.
+# Columns whose texts name the rows of a frame that has row numbers only; the first one present.
 _NAMING = ("parameter", "quantity", "source")
-# Units, before which a line is not broken.
+# Units before which a line is not broken.
 _UNIT = r"%|°|bar\b|[nµm]?m\b|k?N\b|[nµm]?rad\b|per kN|nats?\b|times\b|u\b"
 # Spaces at which a line is not broken: before units, brackets and "per kN", beside signs.
 _UNBREAKABLE = "|".join(
@@ -66,22 +66,23 @@ _UNBREAKABLE = "|".join(
         r"(?<= [=±→≤≥<>·−]) (?=[\w(−+.])",
     )
 )
-# Brackets so short that they are not broken.
+# Short texts in brackets, within which a line is not broken.
 _SHORT_BRACKETS = r"[(\[][^()\[\]]{1,16}[)\]]"
 _NO_BREAK = "\xa0"
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table as it is read, and as it is filed.
+    """A table for display and for files.
 
-    A number is shown with four digits, None as a dash, all else as it is.
+    Floating-point numbers are displayed with four significant digits, None as a dash, and all
+    else unchanged.
     """
 
     caption: str
-    heads: tuple[str, ...]  #: of the columns, with their units: force (N)
-    numeric: tuple[bool, ...]  #: of the columns; numbers stand flush right
-    rows: tuple[tuple[Any, ...], ...]  #: the first cell names the row
+    heads: tuple[str, ...]  #: heads of the columns, with their units: force (N)
+    numeric: tuple[bool, ...]  #: whether each column holds numbers, which are aligned right
+    rows: tuple[tuple[Any, ...], ...]  #: rows of cells; the first cell names the row
 
     @classmethod
     def of(
@@ -92,25 +93,25 @@ class Table:
         *,
         text: Collection[str] = (),
     ) -> Self:
-        """Return a table of numbers, but for the first column and those named in ``text``."""
+        """Return a table whose columns are numeric except the first and those in ``text``."""
         numeric = tuple(position > 0 and head not in text for position, head in enumerate(heads))
         return cls(caption, tuple(heads), numeric, tuple(tuple(row) for row in rows))
 
     def shown(self) -> tuple[tuple[str, ...], ...]:
-        """Return the rows as they are read."""
+        """Return the rows as texts for display."""
         return tuple(_typeset_row(row) for row in self.rows)
 
     def text(self, width: int = 120) -> str:
-        """Return the table as lines of at most ``width`` characters, no number or phrase broken.
+        """Return the table as lines of at most ``width`` characters.
 
-        Where it is too wide, heads are broken into lines; then what is the same in every row is
-        said once, at the end; then columns go beneath their row, text before numbers, the last
-        first.
+        If the table is too wide, column heads are broken into lines. If it still is, columns with
+        the same value in every row are stated once below the table. Then further columns are
+        moved beneath their rows, text before numbers, beginning with the last.
         """
         return _TextLayout(self, width).text()
 
     def html(self) -> str:
-        """Return the table as HTML; everything is escaped."""
+        """Return the table as HTML, with all its texts escaped."""
         head_tags = ['th scope="col"'] * len(self.heads)
         row_tags = ['th scope="row"', *["td"] * (len(self.heads) - 1)]
         head = self._html_row(head_tags, self.heads)
@@ -129,7 +130,7 @@ class Table:
 
 
 class _TextLayout:
-    """Columns of a table that are fitted to a width."""
+    """Layout of a table as text lines of a given width."""
 
     def __init__(self, table: Table, width: int) -> None:
         self._caption = typeset(table.caption)
@@ -137,11 +138,12 @@ class _TextLayout:
         self._numeric = table.numeric
         self._rows = table.shown()
         self._width = width
-        # Columns beside one another, said once at the end, and beneath their row.
+        # Indices of the columns that stand side by side, that are stated once below the table, and
+        # that stand beneath their rows.
         self._columns = list(range(len(self._heads)))
         self._constant: list[int] = []
         self._beneath: list[int] = []
-        # Of each column the lines of its head; a unit may have its own.
+        # Lines of each column's head; a unit has its own line.
         self._head_lines = [head.replace(" (", "\n(").split("\n") for head in self._heads]
 
     def text(self) -> str:
@@ -160,7 +162,7 @@ class _TextLayout:
         return "\n".join(lines)
 
     def _fit(self) -> None:
-        """Break heads, take out constant columns, put columns beneath, as far as needed."""
+        """Make the table fit the width: break heads, take out constant columns, move others."""
         self._break_heads(1)
         if self._is_too_wide() and len(self._rows) > 1:
             self._constant = [column for column in self._columns[1:] if self._is_constant(column)]
@@ -176,7 +178,7 @@ class _TextLayout:
                 self._break_heads(least_width)
 
     def _importance(self, column: int) -> tuple[bool, bool]:
-        """Rank columns that may go beneath: text before numbers, the unit at the end."""
+        """Return a sort key by which columns move beneath rows: text, then numbers, unit last."""
         return self._heads[column] == "unit", self._numeric[column]
 
     def _is_constant(self, column: int) -> bool:
@@ -191,12 +193,12 @@ class _TextLayout:
         return self._width_with(column, self._head_lines[column])
 
     def _width_with(self, column: int, head_lines: Sequence[str]) -> int:
-        """Return the width of a column under such a head."""
+        """Return the width of a column whose head has these lines."""
         cells = [row[column] for row in self._rows]
         return max(len(text) for text in [*head_lines, *cells])
 
     def _break_heads(self, least_width: int) -> None:
-        """Break the heads at their words, into lines no longer than the column needs."""
+        """Break the heads between words, into lines no longer than the column is wide anyway."""
         for column in self._columns:
             words = _glued(self._heads[column]).split(" ")
             line_width = max(least_width, self._width_with(column, words))
@@ -255,7 +257,7 @@ def _cell(value: Any) -> str:
 
 
 class ReadableFrame(pd.DataFrame):
-    """A frame that is shown as a `Table`."""
+    """A data frame that is displayed as a `Table`."""
 
     @property
     def _constructor(self) -> type[pd.DataFrame]:
@@ -271,10 +273,10 @@ class ReadableFrame(pd.DataFrame):
 def readable(
     frame: pd.DataFrame, caption: str = "", units: Mapping[str, str] | None = None
 ) -> pd.DataFrame:
-    """Return a frame whose print has every column within 80 characters.
+    """Return a frame that is displayed in full width, with a caption and display units.
 
-    A notebook shows it under its caption; ``units`` of columns stand in their heads. What rows have
-    in an inside unit is printed in the one for reading, and kept as it is.
+    ``units`` gives units of columns, which are displayed in their heads. Values of rows that state
+    an internal unit are displayed in the display unit; the stored values do not change.
     """
     copy = ReadableFrame(frame)
     copy.attrs = {**frame.attrs, "caption": caption, "units": dict(units or {})}
@@ -282,15 +284,15 @@ def readable(
 
 
 def terminal_width() -> int:
-    """Return the width of the terminal, within 80 and 120, 80 where there is none."""
+    """Return the width of the terminal, limited to 80 to 120; 80 without a terminal."""
     columns = shutil.get_terminal_size((_NARROWEST, _TERMINAL_LINES)).columns
     return min(max(columns, _NARROWEST), _WIDEST)
 
 
 def table_of(frame: pd.DataFrame) -> Table:
-    """Return a frame as it is read: numbers converted to the display unit of their row.
+    """Return a frame as a `Table`, with numbers in the display unit of their row.
 
-    Of a long one the first and last rows.
+    Of a long frame, return the first and last rows.
     """
     caption = frame.attrs.get("caption", "")
     frame = _with_named_rows(frame)
@@ -313,7 +315,7 @@ def table_of(frame: pd.DataFrame) -> Table:
 
 
 def _with_named_rows(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a frame whose numbered rows are named by the column for that, if there is one."""
+    """Return a frame whose row numbers are replaced by a column of names, if it has one."""
     if frame.index.name is not None or frame.index.dtype != int:
         return frame
     for name in _NAMING:
@@ -338,7 +340,7 @@ def _row_label(label: Hashable) -> Hashable:
 
 
 def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
-    """Return a row's cells in the display unit; None where a number is missing."""
+    """Return the cells of a row in its display unit, with None for missing numbers."""
     factor = 1.0
     unit = dict(zip(names, values, strict=True)).get("unit")
     with suppress(InputError):  # no unit, or one that is displayed as it is
@@ -360,8 +362,8 @@ def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
 def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:
     """Return a text as lines of at most ``width`` characters.
 
-    A number keeps sign and unit, a word or path stays whole. ``first`` and ``then`` indent the
-    first line and the others.
+    Lines are not broken between a number and its sign or unit, nor within words and file paths.
+    ``first`` is put in front of the first line and ``then`` in front of the others.
     """
     lines = textwrap.wrap(
         _glued(text),
@@ -375,7 +377,7 @@ def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]
 
 
 def _glued(text: str) -> str:
-    """Return the text with spaces made unbreakable that must not end a line."""
+    """Return the text with no-break spaces where a line must not be broken."""
     text = re.sub(_UNBREAKABLE, _NO_BREAK, text)
     return re.sub(_SHORT_BRACKETS, _without_breaks, text)
 

@@ -404,9 +404,9 @@ def resolution_of(reading_um: Array) -> float | None:
     """Return the step by which readings differ [µm].
 
     The step is the smallest difference of readings, if all differences are multiples of it to
-    within 5 % of a step. It is None where fewer than a tenth of the readings repeat another and
-    the step is below 0.005 µm (it then shows the digits written, not the resolution) or fewer
-    than 50 values are distinct.
+    within 5 % of a step, and else None. Where fewer than a tenth of the readings repeat another,
+    it is also None for a step below 0.005 µm (which shows the digits written, not the
+    resolution) and for fewer than 50 distinct readings.
 
     Parameters
     ----------

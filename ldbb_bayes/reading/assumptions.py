@@ -1,4 +1,4 @@
-"""What was assumed or found out while files were read, each with the option that changes it."""
+"""Log of the assumptions made while files are read, each with the option that changes it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ __all__ = ["Assumption", "AssumptionLog"]
 
 @dataclass(frozen=True)
 class Assumption:
-    """What was assumed, where, and why."""
+    """One assumption: where it was made, on what, and why."""
 
-    place: str  #: file, sheet or test, or the number of places; empty: everywhere
-    what: str  #: was assumed of
-    value: str  #: that was taken
-    because: str  #: of this evidence
-    option: str  #: that changes it
+    #: file, sheet or test of the assumption, or the number of places; empty: everywhere
+    place: str
+    what: str  #: subject of the assumption, such as "separator"
+    value: str  #: value that was assumed
+    because: str  #: evidence for the value
+    option: str  #: command-line option that changes the value
 
 
 class _Entry(NamedTuple):
@@ -32,18 +33,22 @@ class _Entry(NamedTuple):
 
 @dataclass
 class AssumptionLog:
-    """Assumptions in the order they are made; the same one of several places is kept once."""
+    """Log of assumptions in the order they are made.
+
+    An assumption that is made in several places is kept once. The log also keeps the layout fields
+    found in each sheet.
+    """
 
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
     _layout_values: dict[str, list[Any]] = field(default_factory=dict)
 
     def add(self, place: str, subject: str, value: str, reason: str, option: str) -> None:
-        """Note that the subject was taken to be the value in a place."""
+        """Note that this value was assumed for a subject in a place."""
         entry = _Entry(subject, value, reason, option)
         self._places.setdefault(entry, []).append(place)
 
     def keep(self, **fields: Any) -> None:
-        """Keep fields of the layout as found out in one sheet; None: the sheet states it itself."""
+        """Keep layout fields found in one sheet; None for what the sheet itself states."""
         for key, value in fields.items():
             self._layout_values.setdefault(key, []).append(value)
 
@@ -58,9 +63,9 @@ class AssumptionLog:
         return tuple(assumptions)
 
     def layout(self, stated: Layout) -> Layout:
-        """Return the stated layout with what was found out the same in all sheets.
+        """Return the stated layout, completed by the fields that are the same in all sheets.
 
-        What the sheets say of the tests is left to them.
+        Fields that differ between sheets stay as stated.
         """
         common = {}
         for key, values in self._layout_values.items():

@@ -1,4 +1,7 @@
-"""How tables are to be read, as a user states it: a layout in TOML, with options before it."""
+"""Layout of tables to be read, as a user states it in a TOML file or by options.
+
+Options take precedence over the TOML file.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +22,9 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["Layout", "TestLayout", "layout_to_toml", "read_layout"]
 
-# Separators by the names that options use.
+# Signs of the separators, by the names that options and layouts may use for them.
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
-# Lists of loads in the layout, and the field of a test that each gives.
+# Fields of the layout that list loads of all tests, with the field of a test that each fills.
 _LOAD_LISTS = {"forces_N": "force_N", "pressures_bar": "pressure_bar"}
 
 
@@ -29,14 +32,15 @@ _LOAD_LISTS = {"forces_N": "force_N", "pressures_bar": "pressure_bar"}
 class TestLayout(TestFields):
     """Fields of one test that its table does not state.
 
-    ``file`` is the name of its file, of its sheet, or its label in the column of tests.
+    The test is found by ``file``: the name of its file or sheet, or its label in the column that
+    names tests.
     """
 
     file: str
     start_deg: Number | None = None
 
     def stated(self) -> dict[str, Any]:
-        """Return the fields that it states, the file's name included."""
+        """Return the fields that are not None, ``file`` included."""
         return {key: value for key, value in vars(self).items() if value is not None}
 
 
@@ -59,41 +63,47 @@ def _separator_sign(separator: str) -> str:
     return _SEPARATORS[separator]
 
 
-# Header or number of a column; of readings there may be several.
+# A column as header or number (from 1); for readings, there may be a list of several columns.
 _Column = str | int | list[str | int]
 
 
 class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
-    """How tables are read. What is None is found out from each file, and noted."""
+    """How tables are read; a field that is None is determined from each file, and noted."""
 
     schema_: Literal[1] = Field(default=1, alias="schema")
     encoding: Annotated[str, AfterValidator(_check_encoding)] | None = None
     separator: Annotated[str, AfterValidator(_separator_sign)] | None = None
     decimal: Literal[".", ","] | None = None
-    #: 0: there is none, columns then go by number from 1
+    #: line of the header; 0 if there is no header, columns are then named by number from 1
     header_line: int | None = Field(default=None, ge=0)
     sheets: list[str] = Field(default_factory=list)
-    #: by role: header or number; several of the reading, each a test
+    #: header or number of the column, by role; several columns of readings are one test each
     columns: dict[str, _Column] = Field(default_factory=dict)
-    #: Of the tests, in the order they stand in files, sheets and rows; before what a [[test]] says.
+    #: forces of all tests, in the order of files, sheets and rows; ``force_N`` of a [[test]] is
+    #: then ignored
     forces_N: list[Number] = Field(default_factory=list)
+    #: pressures of all tests, in the same order as ``forces_N``
     pressures_bar: list[Number] = Field(default_factory=list)
     reading_unit: str | None = None
     angle_unit: str | None = None
     time_unit: str | None = None
     force_unit: str | None = None
     pressure_unit: str | None = None
-    #: readings are deviations from the radius, or distances of the balls
+    #: whether readings are deviations from the radius or distances of the balls
     zero: Literal["deviation", "distance"] | None = None
-    sign: Literal[1, -1] = 1  #: −1 where the instrument counts a longer bar as negative
-    angle_sign: Literal[1, -1] = 1  #: −1 where the file counts clockwise
-    #: of the plane's first axis, as the file counts: θ = angle_sign · (angle − angle_offset_deg)
+    sign: Literal[1, -1] = 1  #: −1 if the instrument counts a longer bar as negative
+    angle_sign: Literal[1, -1] = 1  #: −1 if the file counts angles clockwise
+    #: angle that the file has on the plane's first axis; θ = angle_sign · (angle −
+    #: angle_offset_deg)
     angle_offset_deg: float = 0.0
-    start_deg: float | None = None  #: of a log over time: where the circle begins
-    overshoot_deg: float | None = Field(default=None, ge=0.0)  #: likewise: run-in before it
-    feed_mm_per_min: float | None = Field(default=None, gt=0.0)  #: likewise: along the circle
+    start_deg: float | None = None  #: angle at which the circle begins in a log over time
+    #: angle of the run-in before the circle in a log over time
+    overshoot_deg: float | None = Field(default=None, ge=0.0)
+    #: feed along the circle in a log over time
+    feed_mm_per_min: float | None = Field(default=None, gt=0.0)
     direction: Literal["CW", "CCW"] | None = None
-    laps: Literal["keep", "average"] | None = None  #: of a recording longer than a turn
+    #: whether the laps of a recording longer than a turn are kept or averaged
+    laps: Literal["keep", "average"] | None = None
     test: list[TestLayout] = Field(default_factory=list)
 
     @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")
@@ -129,10 +139,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
         return columns
 
     def with_given(self, options: dict[str, Any]) -> Layout:
-        """Return the layout with options put before what it states.
+        """Return the layout with the options in place of the layout's own fields.
 
-        Options that are None change nothing. What an option states of all tests goes from the
-        [[test]] entries.
+        Options that are None change nothing. A field that an option states for all tests is
+        removed from the [[test]] entries.
         """
         stated = {key: value for key, value in options.items() if value is not None}
         keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()
@@ -149,7 +159,7 @@ def _without(fields: dict[str, Any], keys: set[str]) -> dict[str, Any]:
 
 
 def layout_to_toml(layout: Layout) -> str:
-    """Return a layout as TOML, so that the next import of the same files assumes nothing."""
+    """Return a layout as TOML, with which the same files can be read without assumptions."""
     content = layout.model_dump(by_alias=True, exclude_none=True)
     tests = content.pop("test")
     content = {key: value for key, value in content.items() if value not in ([], {})}
@@ -165,7 +175,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Parameters
     ----------
     path
-        The file, in the format of ``import.toml``.
+        Path of the file, in the format of ``import.toml``.
 
     Returns
     -------
@@ -174,7 +184,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Raises
     ------
     InputError
-        For what does not fit; the message names its place.
+        For an entry that a layout cannot have; the message names its place.
     """
     layout = validated(Layout, read_toml(Path(path)), str(path))
     check_known(f"{path}: columns key", layout.columns, ROLES)
