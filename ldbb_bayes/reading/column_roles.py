@@ -1,4 +1,7 @@
-"""Which column of a table is what: names and units of headers, and the roles that they play."""
+"""Roles of the columns of a table, found by the names in their headers; units of headers.
+
+A role is what a column holds: angle, reading, time, force, pressure, direction or test.
+"""
 
 from __future__ import annotations
 
@@ -33,36 +36,37 @@ __all__ = [
     "unit_of",
 ]
 
-# Beside the word for a test in the header of the column that names it.
+# Words that may stand beside "test" in the header of the column that names the tests.
 _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
-# Words of at most this many letters have to stand alone: "t", "dir".
+# Words of at most this many letters must be whole words of a header: "t", "dir".
 _SHORT_WORD = 3
 BRACKET = re.compile(r"[\[({<]")
 _INSIDE_BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
-# A range before a unit of angle: 0-360°.
+# Pattern of a range before a unit of angle: 0-360°.
 _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
-# What scales the unit behind it: 10-3 mm, x 10 µm, 0.1 µm.
+# Pattern of a factor before a unit: 10-3 mm, x 10 µm, 0.1 µm.
 _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
-# One or two digits number the column; ten scales.
+# Pattern of a number of a column: one or two digits. A text that begins with 10 is a factor.
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
-# A cell that underlines a header.
+# Pattern of a cell that underlines a header.
 RULE = re.compile(r"[-=+_|: ]*")
 
 
 class Header(NamedTuple):
-    """What a header names."""
+    """Name and unit that a header states."""
 
     name: str
-    unit: str  #: ours; what is no unit stands as it is; empty where none is named
+    #: this package's name of the unit; an unknown unit unchanged; empty where none is stated
+    unit: str
 
 
 def unit_of(header: str) -> Header:
     """Return a header's name and unit: ``Angle [°]`` → ("Angle", "deg").
 
-    What stands in brackets or after "in" and is no unit comes back as it is, to be refused where
-    the column is used.
+    An unknown unit, in brackets or after "in", is returned unchanged; it is refused only if the
+    column is used.
     """
     header = header.strip().lstrip("#").strip()
     if len(header) > LONGEST_NAME:
@@ -84,7 +88,10 @@ def unit_of(header: str) -> Header:
 
 
 def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
-    """Return the unit that texts in brackets or after "in" name, or the texts."""
+    """Return the one unit that texts in brackets or after "in" name.
+
+    If they name no unit, several, or one with a factor, return the texts, which are no known unit.
+    """
     is_german_angle = comparable(name).startswith("winkel")
     if is_german_angle and len(texts) == 1 and comparable(texts[0]) == "grad":
         return "deg"  # elsewhere a grad is a gon
@@ -115,7 +122,7 @@ def _unit_at_end(header: str) -> Header:
 
 
 def has_role(name: str, role: str) -> bool:
-    """Return whether the name of a column has a word for the role."""
+    """Return whether the name of a column contains a word for the role."""
     name_words = re.findall(r"[^\W\d_]+", comparable(name[:LONGEST_NAME]))
     role_words = ROLES[role]
     if role in ("force", "pressure") and OTHER_QUANTITY.search(" ".join(name_words)):
@@ -131,15 +138,15 @@ def has_role(name: str, role: str) -> bool:
 
 
 def names_any_role(cell: str) -> bool:
-    """Return whether a cell names a column."""
+    """Return whether a cell is a header that names any role."""
     name = unit_of(cell).name
     return any(has_role(name, role) for role in ROLES)
 
 
 def names_columns(cells: Sequence[str]) -> bool:
-    """Return whether a row has two words or more and no number.
+    """Return whether a row names columns: it has two words or more, and no number.
 
-    Beside numbers, two of the words have to name what every table has.
+    A row with numbers also names columns if its words name two of angle, reading and time.
     """
     words = [cell for cell in cells if _is_word(cell)]
     if len(words) < 2:
@@ -166,20 +173,21 @@ def count_numbers(cells: Sequence[str]) -> int:
 
 @dataclass
 class ColumnRoles:
-    """Which column plays which role."""
+    """Columns of a table by the roles they play."""
 
-    columns: dict[str, int] = field(default_factory=dict)  #: by role, counted from 0
-    #: All columns of readings, each of a test of its own where there are several.
+    #: index of the column that plays each role, counted from 0
+    columns: dict[str, int] = field(default_factory=dict)
+    #: indices of all columns of readings; each of several columns is a test of its own
     readings: list[int] = field(default_factory=list)
 
 
 def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRoles:
-    """Return which column is what: as the layout says, else by the words of the headers.
+    """Return the roles of the columns, as the layout states them or else by their headers.
 
     Raises
     ------
     InputError
-        For a column that is not there, and where several may play a role.
+        For a stated column that does not exist, and for several columns that may play one role.
     """
     roles = _stated_columns(place, layout, headers)
     if not any(headers):
@@ -200,7 +208,10 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
 
 
 def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:
-    """Drop a time beside an angle; without both take time_s, a field of tests, for the time."""
+    """Drop the role of time if there is an angle, unless the layout states the time's column.
+
+    If there is neither, the column time_s, otherwise a field of tests, plays the role of time.
+    """
     if "angle" in roles.columns:
         if "time" not in layout.columns:
             roles.columns.pop("time", None)
@@ -209,7 +220,7 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 
 
 def _settle_readings(roles: ColumnRoles) -> None:
-    """Take columns of readings from other roles, and the one column of the role as the readings."""
+    """Remove other roles from columns of readings, and fill ``readings`` if it is empty."""
     for role, column in list(roles.columns.items()):
         if role != "reading" and column in roles.readings:
             del roles.columns[role]
@@ -235,7 +246,7 @@ def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> Colum
 
 
 def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> ColumnRoles:
-    """Return the stated columns, or the first two as angle and reading."""
+    """Return the stated columns; if none is stated, the two columns as angle and reading."""
     has_abscissa = "angle" in roles.columns or "time" in roles.columns
     if "reading" not in roles.columns or not has_abscissa:
         require(
@@ -250,12 +261,12 @@ def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> Colum
 
 
 def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]) -> None:
-    """Add the column whose header names the role, if there is one."""
+    """Give the role to the column whose header names it, if there is such a column."""
     assigned = set(roles.columns.values())
     free = [column for column in range(len(headers)) if column not in assigned]
     candidates = _candidates(role, free, headers)
     if role == "reading":
-        # Columns may be called by the load of their test: 36 N [mm], reading 238 N.
+        # Columns of readings may be named after the load of their test: 36 N [mm], reading 238 N.
         loaded = [column for column in free if load_in_name([headers[column]]) is not None]
         if len(loaded) > 1 and set(candidates) <= set(loaded):
             roles.readings = loaded
@@ -277,9 +288,10 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
 
 
 def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> list[int]:
-    """Return the columns whose headers name a role.
+    """Return the indices of the columns whose headers name a role.
 
-    A column called exactly like a field of a test is that field, unless there is no other.
+    A column with exactly the name of a field of a test holds that field; it is returned only if no
+    other column names the role.
     """
     candidates = []
     for column in columns:
@@ -291,7 +303,7 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
 
 
 def _column_index(place: str, role: str, reference: str | int, headers: Sequence[str]) -> int:
-    """Return the column of a number, or of a header with or without its unit."""
+    """Return the index of a column stated by its number, or by its header with or without unit."""
     if isinstance(reference, int):
         require(
             1 <= reference <= len(headers),

@@ -1,4 +1,4 @@
-"""The table in a sheet: where its numbers begin, its header, and the lines above."""
+"""Location of the table in a sheet: its first row of numbers, its header, and the lines above."""
 
 from __future__ import annotations
 
@@ -26,34 +26,35 @@ from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, comparable, uni
 
 __all__ = ["Heading", "NoTableError", "find_heading", "note_heading"]
 
-# Rows of numbers, equally wide, that make a table.
+# A table begins with at least so many rows that hold numbers and have equally many cells.
 _BLOCK_ROWS = 9
-# A text in brackets, which a row of units may hold.
+# Pattern of a cell that is a text in brackets, as a row of units may hold.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
-# Characters of a cell without a known unit in a row of units.
+# Longest cell in a row of units that is no known unit [characters].
 _LONGEST_UNIT = 4
-# Cells, and characters of each, and of a row, that a message shows.
+# A message shows so many cells of a row, characters of each cell, and characters of a whole row.
 _CELLS_SHOWN = 6
 _CELL_SHOWN = 30
 _ROW_SHOWN = 60
 
 
 class NoTableError(InputError):
-    """A sheet of words alone."""
+    """Error for a sheet that holds no table of numbers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Heading:
-    """The columns of one sheet."""
+    """Header and columns of the table in one sheet."""
 
-    line: int  #: of the header in the file; 0 where there is none
-    first_row: int  #: index into the sheet's rows of the first row of numbers
-    headers: list[str]  #: as the file has them
-    units: list[str]  #: that each header names, or empty
-    roles: dict[str, int]  #: column of each role, counted from 0
-    lines_above: list[tuple[int | str, str]]  #: the header, with their numbers
-    readings: list[int]  #: columns of readings; of several each is of a test of its own
-    label: str = ""  #: of one of several such tests
+    line: int  #: line number of the header in the file; 0 without a header
+    first_row: int  #: index of the first row of numbers among the sheet's rows
+    headers: list[str]  #: header of each column, as the file writes it
+    units: list[str]  #: unit that each header names; empty for none
+    roles: dict[str, int]  #: index of the column that plays each role, counted from 0
+    lines_above: list[tuple[int | str, str]]  #: lines above the header, each with its number
+    #: indices of the columns of readings; each of several columns is a test of its own
+    readings: list[int]
+    label: str = ""  #: name of the test, if several columns of readings are tests of their own
 
     def column_title(self, role: str, column: int) -> str:
         """Return the role of a column with the column's name or number, for messages."""
@@ -73,19 +74,19 @@ class Heading:
 
 
 class _HeaderRows(NamedTuple):
-    """The rows between the lines above a table and its numbers."""
+    """The rows of a table's header: names, units and underlines, above the numbers."""
 
-    line: int  # of the header in the file; 0 where there is none
-    start: int  # index of the first of these rows
+    line: int  # line number of the header in the file; 0 without a header
+    start: int  # index of the first header row among the sheet's rows
     end: int  # index of the first row of numbers
-    headers: list[str]
-    units: list[str]
+    headers: list[str]  # name of each column, as the file writes it
+    units: list[str]  # unit of each column; empty for none
 
 
 def find_heading(sheet: Sheet, layout: Layout) -> Heading:
-    """Return where the table in a sheet begins, and what its columns are.
+    """Return the heading of the table in a sheet: where the table begins, and its columns.
 
-    The rows below the header are not checked here.
+    Whether all further rows hold numbers is not checked here.
 
     Raises
     ------
@@ -122,7 +123,7 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
 
 
 def _unit_of_reading(header: str) -> str:
-    """Return the unit of readings in a header that may hold the load of their test: 36 N [mm]."""
+    """Return the unit of readings from a header that may also state a load: 36 N [mm]."""
     without_load = LOAD_IN_NAME.sub("", header[:LONGEST_TEXT])
     return unit_of(f"reading {without_load}").unit
 
@@ -149,7 +150,7 @@ def _read_header(sheet: Sheet, header_row: int, block: int) -> _HeaderRows:
 
 
 def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> list[str]:
-    """Return the unit of every column by the row of units below the header."""
+    """Return the unit of each column from the row of units below the header."""
     units = []
     for column, header in enumerate(headers):
         unit = ""
@@ -162,7 +163,10 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
 
 
 def _find_block(sheet: Sheet, layout: Layout) -> int:
-    """Return the index of the first of nine rows of numbers, equally wide, below the header."""
+    """Return the index of the row that begins the first block of numbers below the header.
+
+    A block is nine rows with equally many cells, at least two of which are numbers.
+    """
     rows = sheet.rows
     header_line = layout.header_line or 0
     if header_line and header_line not in [row.line for row in rows]:
@@ -186,7 +190,10 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
 
 
 def _is_block(sheet: Sheet, start: int) -> bool:
-    """Return whether nine rows from here on have equally many cells and two numbers or more."""
+    """Return whether the nine rows from ``start`` on have equally many cells and two numbers each.
+
+    More than two numbers in a row will do as well.
+    """
     width = len(sheet.rows[start].cells)
     for row in sheet.rows[start : start + _BLOCK_ROWS]:
         if count_numbers(row.cells) < 2 or len(row.cells) != width:
@@ -204,9 +211,10 @@ def _middle_row(sheet: Sheet) -> str:
 
 
 def _first_row_without_header(sheet: Sheet, block: int) -> int:
-    """Return the first row of a table without a header.
+    """Return the index of the first row of a table without a header.
 
-    Above the good rows those belong to it that have as many cells, some of them numbers.
+    Rows directly above ``block`` belong to the table too if they have as many cells, at least one
+    of them a number. Raise an `InputError` if other rows above hold numbers.
     """
     rows = sheet.rows
     width = len(rows[block].cells)
@@ -230,7 +238,10 @@ def _first_row_without_header(sheet: Sheet, block: int) -> int:
 
 
 def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
-    """Return the index of the header: as stated, or the last row of words above the numbers."""
+    """Return the index of the header row, as stated or as found; None without a header.
+
+    The header is found as the last row of words above the numbers that is not a row of units.
+    """
     if layout.header_line == 0:
         return None
     rows = sheet.rows
@@ -266,9 +277,9 @@ def _stated_header_row(sheet: Sheet, line: int) -> int:
 
 
 def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
-    """Return one name for every column.
+    """Return one name for every column, empty where the header has none.
 
-    Where blanks separate, a unit in brackets belongs to the word before it.
+    If blanks separate the cells, a unit in brackets belongs to the name before it.
     """
     row = sheet.rows[header_row]
     names = list(row.cells)
@@ -290,7 +301,7 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
 
 
 def _join_units(words: Sequence[str]) -> list[str]:
-    """Return words with each word in brackets joined to the one before it."""
+    """Return the words, with each word in brackets joined to the word before it."""
     joined: list[str] = []
     for word in words:
         if joined and BRACKET.match(word):
@@ -301,7 +312,7 @@ def _join_units(words: Sequence[str]) -> list[str]:
 
 
 def _row_of_units(cells: Sequence[str]) -> list[str]:
-    """Return the units in a row that holds nothing else; empty where it holds names."""
+    """Return the units in a row of units; an empty list for any other row."""
     units = []
     for cell in cells:
         text = cell.strip("[](){} ")
@@ -313,7 +324,11 @@ def _row_of_units(cells: Sequence[str]) -> list[str]:
 
 
 def _holds_only_units(cells: Sequence[str]) -> bool:
-    """Return whether a row has a known unit, and hardly anything that may be none."""
+    """Return whether a row is a row of units.
+
+    At least one cell must be a known unit, and two must be known units or texts in brackets (fewer
+    in a row of fewer filled cells). All other filled cells must be short.
+    """
     n_known = 0
     n_bracketed = 0
     uncertain = []
@@ -334,7 +349,7 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Note how a sheet is written, which column was taken for what, and what was not used."""
+    """Note a sheet's format, which column was assumed to play which role, and unused columns."""
     _note_format(sheet, heading, layout, log)
     _note_columns(sheet, heading, layout, log)
     unused = _unused_headers(heading)
@@ -349,7 +364,7 @@ def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: Assumption
 
 
 def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Note which column was taken for what, where the layout does not state it."""
+    """Note which columns were assumed to play the roles that the layout does not state."""
     columns: dict[str, Any] = {}
     for role, column in heading.roles.items():
         if role not in layout.columns:
@@ -367,7 +382,7 @@ def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: Assumptio
 
 
 def _unused_headers(heading: Heading) -> list[str]:
-    """Return the headers of columns without a role that are no field of a test."""
+    """Return the headers of columns that neither play a role nor hold a field of a test."""
     columns_in_use = {*heading.roles.values(), *heading.readings}
     unused = []
     for column, header in enumerate(heading.headers):
@@ -377,7 +392,7 @@ def _unused_headers(heading: Heading) -> list[str]:
 
 
 def _note_format(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Note encoding, separator and header line, where the layout does not state them."""
+    """Note the encoding, separator and header line that the layout does not state."""
     if sheet.encoding and layout.encoding is None:
         log.keep(encoding=sheet.encoding)
         if sheet.encoding != "utf-8":
