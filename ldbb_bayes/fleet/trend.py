@@ -1,13 +1,14 @@
 """Trend of one machine: whether a parameter has changed, which, when and by how much.
 
-The model of a change stands in `change_point`. The Bayes factor B of a change has expectation 1
-where there is none, so that B > x has probability 1 / x at most (Markov): a change called above the
-threshold p* is a false alarm with probability (1 − p*) / p* · p / (1 − p) at most, p that before
-the readings.
+The model of a change is stated in `change_point`. A change is reported if its posterior probability
+exceeds a threshold p*. Without a change, the Bayes factor B of a change has expectation 1, so that
+B > x has a probability of at most 1 / x (Markov's inequality). Hence a false alarm has a
+probability of at most (1 − p*) / p* · p / (1 − p), with p the prior probability of a change.
 
-Truncation is not modelled here. Parameters not chosen are integrated out anew in each campaign, as
-ball form and bar length are, though one machine and one bar keep theirs: that is conservative for
-changes, above all of geometric errors, but not for levels.
+That compliances must not be negative (truncation) is not modelled here. Parameters not chosen, ball
+form and bar length are integrated out in each campaign separately, as if they were independent of
+the other campaigns, although they are the same for one machine and one bar. This overstates the
+uncertainty of changes, above all of geometric errors, but understates that of levels.
 """
 
 from __future__ import annotations
@@ -59,31 +60,34 @@ from ldbb_bayes.units import (
 
 __all__ = ["ParameterChange", "Trend", "Visit", "trend"]
 
-# Probability of a change below which the table does not state its size: its three decimals show no
-# less.
+# Probability of a change below which the table does not state its size. The table shows
+# probabilities to three decimals, so that smaller ones appear as zero.
 _UNLIKELY = 5e-4
-# Standard uncertainties that a level must be away from zero before a change is stated in per cent
-# of it: the level's own uncertainty, which is neglected there, is then at most a fifth.
+# Ratio of a level to its standard uncertainty above which a change is stated in per cent of the
+# level. The level's own uncertainty, which that percentage neglects, is then at most a fifth.
 _KNOWN_LEVEL = 5.0
-# Columns of `Trend.estimates` that are in the unit of the parameter.
+# Columns of `Trend.estimates` whose values have the unit of the parameter.
 _SIZED_COLUMNS = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
-# Where a table has nothing to state.
+# Text of a table's cell that has nothing to state.
 _NOTHING = "–"
 
 
 @dataclass(frozen=True)
 class ParameterChange(Result):
-    """The step of one parameter, in inside units."""
+    """Step change of one parameter, in internal units (mm, N, rad)."""
 
     unit: str
-    probability: float  #: that it is this parameter that changed
-    place: int  #: campaign (from 0) just before which it most probably did, if it did
-    change: Summary  #: given that it did, whenever
-    percent: float | None  #: of the level before; None where that is not known to a fifth
-    level_before: float
-    #: at the last campaign, averaged over hypotheses; the errors of the instrument are in it
+    probability: float  #: probability that this parameter is the one that changed
+    place: int  #: campaign (from 0) just before which the parameter most probably changed, if ever
+    change: Summary  #: size of the step, given that this parameter changed, at whatever time
+    #: step in per cent of the level before it; None if that level is uncertain by more than a fifth
+    percent: float | None
+    level_before: float  #: mean level before the step, given that this parameter changed
+    #: level at the last campaign, averaged over all hypotheses of a change; its uncertainty
+    #: includes the errors of the instrument
     level_now: Summary
-    #: what these add to the level of all campaigns together; in no point and no limit
+    #: uncertainty (sd) that the instrument's errors add to all campaigns alike; neither the points
+    #: nor the limits of the control chart include it
     common_sd: float
 
 
@@ -93,49 +97,57 @@ def _isoformat(date: datetime | None) -> str | None:
 
 @dataclass(frozen=True)
 class Visit(Result):
-    """A campaign in the trend of a machine."""
+    """One campaign in the trend of a machine."""
 
-    campaign: str  #: what it is called
+    campaign: str  #: label of the campaign: its name or file path
     date: Annotated[datetime | None, PlainSerializer(_isoformat)]
-    change_just_before: float  #: probability that a parameter changed just before it
+    change_just_before: float  #: probability that a parameter changed just before this campaign
 
 
 @dataclass(frozen=True, eq=False)
 class Trend(Result):
-    """Parameters of one machine over time.
+    """Parameters of one machine over time, and whether one of them has changed.
 
-    ``estimates`` has a row per campaign and parameter, inside units: campaign, date, parameter,
-    unit, estimate, sd, ci_low, ci_high (of this campaign alone), limit_low, limit_high (99.7 % from
-    the campaigns before, no change), outside, change_here, change_by_here (probabilities). The
-    instrument's errors are at their posterior mean throughout. Not in JSON.
+    The table ``estimates`` has one row per campaign and parameter, in internal units (mm, N, rad).
+    Its columns are: campaign, date, parameter, unit; estimate, sd, ci_low and ci_high, from this
+    campaign alone; limit_low and limit_high, the 99.7 % control limits that the campaigns before
+    predict if nothing changes; outside, whether the estimate is outside these limits; change_here
+    and change_by_here, the probabilities that the parameter changed just before this campaign, and
+    then or earlier. The instrument's errors are fixed at their posterior mean throughout the table.
+    The JSON record does not contain the table.
     """
 
-    machine: str | None  #: machine_id
-    reference_force_N: float  #: at which compliances are meant
-    #: change_scale, repeatability (in the prior's sd), probability, threshold, ci, one_instrument
+    machine: str | None  #: machine_id of the machine, if the campaigns state one
+    reference_force_N: float  #: force at which the compliances are stated
+    #: assumptions by name: change_scale and repeatability (in units of the prior's sd),
+    #: probability, threshold, ci, one_instrument
     assumptions: Mapping[str, Any]
-    #: that one parameter has changed once
+    #: posterior probability that one parameter has changed once
     probability: Annotated[float, Field(alias="probability_of_change")]
-    changed: bool  #: whether that is above the threshold
-    false_alarm: float  #: at most the probability of calling a change where there was none
-    campaigns: tuple[Visit, ...]  #: in order of time
-    parameters: Mapping[str, ParameterChange]  #: the step of each
-    most_probable: str  #: the parameter that most probably changed
-    caveats: tuple[Caveat, ...]  #: what to mind
+    changed: bool  #: whether the probability of a change is above the threshold
+    false_alarm: float  #: upper bound on the probability of reporting a change where there is none
+    campaigns: tuple[Visit, ...]  #: campaigns in order of time
+    parameters: Mapping[str, ParameterChange]  #: step of each parameter, by name
+    most_probable: str  #: name of the parameter that most probably changed
+    caveats: tuple[Caveat, ...]  #: limitations of the result
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
-    #: by quantity with a tolerance and campaign, each alone, normal
+    #: conformity by quantity with a tolerance, then by campaign; from each campaign alone, with a
+    #: normal distribution of the estimate
     conformity: Mapping[str, Mapping[str, Conformity]]
-    limits_probability: float = LIMITS  #: of the control limits
+    limits_probability: float = LIMITS  #: probability of the control limits
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the findings for JSON, in inside units; intervals have names like ci95."""
+        """Return the findings for JSON, in internal units (mm, N, rad).
+
+        The names of credible intervals state their probability, such as ci95.
+        """
         record: dict[str, Any] = keyed(super().as_dict(), self.assumptions["ci"])
         return record
 
 
 @parts_of.register
 def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
-    """Return a table with a row per parameter, conformity, the findings and what limits them."""
+    """Return a table with a row per parameter, conformity, the findings and their limitations."""
     heads = ("parameter", "level now", "U, common", "P(changed)", "change, if it did", "of level")
     rows = [_table_row(name, change) for name, change in trend.parameters.items()]
     machine = f"{trend.machine}, " if trend.machine else ""
@@ -207,27 +219,29 @@ def trend(
 
     Parameters
     ----------
-    rows : of `read_batch`; which of them count, and ``exclude``, ``since`` and ``include_misfits``:
-        see `choose`.
-    machine : needed where the rows are of several.
+    rows : table of a batch, as `read_batch` returns it.
+    machine : machine_id of the machine; required if the rows are of several machines.
+    exclude, since, include_misfits
+        Which campaigns to leave out, see `choose`.
     parameters, reference_force_N, one_instrument
         See `fleet_statistics`; default: all constant compliances at the median of the campaigns'
-        forces, one bar.
-    tolerances : limits of parameters and stiffnesses, see `conformity`; default: those of the
-        newest campaign.
-    change_scale : standard deviation of a change, in units of the parameter's default prior sd:
-        2e-5 mm/N of C_XXX.
-    repeatability : scale of the half-normal density of r, what the machine changes from campaign to
-        campaign, in the same units: 1e-6 mm/N of C_XXX, 2 % of a usual 5e-5 mm/N.
-    probability : of a change, before the readings.
-    threshold : probability above which a change counts as found.
-    ci_prob : of the intervals.
+        reference forces, measured with one bar.
+    tolerances : limits of parameters and stiffnesses, see `conformity`; default: those stated by
+        the newest campaign.
+    change_scale : prior standard deviation of a change, in units of the parameter's reference sd
+        (see `reference_sd`); the default is 2e-5 mm/N for C_XXX.
+    repeatability : scale of the half-normal prior of r, in the same units, where r is the standard
+        deviation of the machine's own scatter from campaign to campaign; the default is 1e-6 mm/N
+        for C_XXX, which is 2 % of a usual 5e-5 mm/N.
+    probability : prior probability of a change.
+    threshold : posterior probability above which a change is reported.
+    ci_prob : probability of the credible intervals.
 
     Raises
     ------
     InputError
-        For fewer than two campaigns, several machines and none chosen, dates of some campaigns
-        only, options out of range.
+        If there are fewer than two campaigns, the rows are of several machines and none is chosen,
+        only some campaigns have dates, or an option is out of range.
     """
     check_probability(ci_prob)
     _check_option("change_scale", change_scale)
@@ -297,7 +311,7 @@ def _check_option(name: str, value: float, *, below_one: bool = False) -> None:
 
 
 class _MachineCampaigns(NamedTuple):
-    """A batch's rows of one machine, its machine_id, and what limits the choice."""
+    """Rows of one machine in a batch, its machine_id, and caveats on the choice of rows."""
 
     rows: pd.DataFrame
     machine: str | None
@@ -328,7 +342,7 @@ def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _Machi
 
 
 def _order_in_time(statistics: FleetStatistics) -> list[int]:
-    """Return the order of campaigns by date, or as given where there are none."""
+    """Return the indices of campaigns in order of date, or as given if none has a date."""
     dates = zip(statistics.campaigns, statistics.dates, strict=True)
     undated = [name for name, date in dates if date is None]
     if undated and len(undated) < len(statistics):
@@ -352,7 +366,7 @@ def _caveats_of_series(statistics: FleetStatistics) -> list[Caveat]:
 def _visits(
     names: Sequence[str], dates: Sequence[datetime | None], step_probabilities: Array
 ) -> tuple[Visit, ...]:
-    """Return the campaigns in order of time; nothing can have changed before the first."""
+    """Return the campaigns with the probability of a change just before each; 0 for the first."""
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
 
@@ -382,7 +396,11 @@ def _parameter_change(
     chart: ChartPoints,
     ci_prob: float,
 ) -> ParameterChange:
-    """Return the step of parameter j, from its probabilities (r, n − 1) by r and by time."""
+    """Return the step of parameter j.
+
+    ``step_probabilities``, of shape (r, n − 1), holds the probability of a step of this parameter
+    for each node of the scatter r and just before each of the n campaigns but the first.
+    """
     scale = float(statistics.prior_sd[j])
     total = float(step_probabilities.sum())
     weight = np.full(step_probabilities.size, 1.0 / step_probabilities.size)
@@ -412,7 +430,7 @@ def _parameter_change(
 
 
 def _change(weight: Array, mean: Array, sd: Array, ci_prob: float) -> Summary:
-    """Return the mixture of a change over hypotheses, in units of the prior's sd."""
+    """Return the size of a change averaged over hypotheses, in units of the prior's sd."""
     mean = mean.ravel()
     sd = sd.ravel()
     counts = weight > 0.0
@@ -439,7 +457,7 @@ def _estimates(
     step_probabilities: Array,
     ci_prob: float,
 ) -> pd.DataFrame:
-    """Return one row per campaign and parameter, as `Trend.estimates` has them."""
+    """Return the table `Trend.estimates`, with one row per campaign and parameter."""
     n, p = chart.estimate.shape
     reach = float(ndtri(0.5 + 0.5 * ci_prob)) * chart.sd
     low, high = chart.limits
@@ -470,9 +488,11 @@ def _conformities(
     tolerances: Mapping[str, str | Tolerance] | None,
     newest_tolerances: Any,
 ) -> dict[str, dict[str, Conformity]]:
-    """Return the conformity of every campaign alone, what the instrument adds to all included.
+    """Return the conformity from every campaign alone, by quantity, then by campaign.
 
-    Without ``tolerances`` those count that the newest campaign states (JSON) of what is followed.
+    The uncertainty includes the part that the instrument's errors add to all campaigns alike. If
+    ``tolerances`` is empty, those that the newest campaign states (as JSON) for quantities of the
+    trend are used.
     """
     followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
     wanted: Mapping[str, str | Tolerance] = tolerances or {}
@@ -498,7 +518,7 @@ def _conformities(
 
 
 def _parameter_of(quantity: str, parameters: Sequence[str]) -> int:
-    """Return the place of the parameter that a quantity is, or whose inverse it is."""
+    """Return the index of the parameter that a quantity equals, or whose inverse it is."""
     for j, name in enumerate(parameters):
         if quantity == name or (is_direct(name) and quantity == f"stiffness_{name[2]}"):
             return j

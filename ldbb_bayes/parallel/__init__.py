@@ -1,4 +1,4 @@
-"""Independent jobs in this process, in processes of this machine or on a Dask cluster."""
+"""Running independent jobs: in this process, in several processes, or on a Dask cluster."""
 
 from ldbb_bayes.parallel.blas_threads import ONE_THREAD, one_blas_thread
 from ldbb_bayes.parallel.dask_workers import dask_executor

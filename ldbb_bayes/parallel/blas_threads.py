@@ -1,4 +1,8 @@
-"""One BLAS thread a process: matrices here are small, and waiting threads cost far more."""
+"""Limiting BLAS (the linear algebra behind NumPy) to one thread per process.
+
+The matrices of this package are small: threads that wait for each other cost more time than they
+save.
+"""
 
 from __future__ import annotations
 
@@ -13,20 +17,20 @@ __all__ = ["ONE_THREAD", "one_blas_thread"]
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Environment of a process whose BLAS shall start with one thread.
+# Environment variables for a process whose BLAS shall start with one thread.
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """Return the same function, during which BLAS has one thread.
+    """Return the function such that BLAS has one thread during each call.
 
     Parameters
     ----------
-    function : whatever computes with small matrices.
+    function : function that computes with small matrices.
 
     Returns
     -------
-    The function; afterwards BLAS has as many threads as before.
+    The decorated function. After each call BLAS has as many threads as before.
     """
 
     @functools.wraps(function)

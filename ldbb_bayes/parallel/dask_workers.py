@@ -1,8 +1,8 @@
-"""Workers of Dask, on this machine or on a cluster.
+"""Executor that runs jobs in workers of Dask, on this computer or on a cluster.
 
-`distributed.Client.get_executor()` cannot be used: a result that is lost between its arrival and
-its use reaches the caller as a ValueError (raised while the outcome is unpacked), which looks like
-an error of the job, so that such a job could not be run again.
+`distributed.Client.get_executor()` cannot be used. If a result is lost after it arrived and before
+it is used, that executor raises a ValueError. This looks like an error raised by the job itself, so
+that the job could not be run again.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from ldbb_bayes.parallel.versions import versions
 
 __all__ = ["ANSWER_S", "dask_executor", "dask_setup"]
 
-# Seconds until a scheduler that does not answer counts as missing.
+# Time after which a scheduler that does not answer counts as missing [s].
 ANSWER_S = 10.0
-# Threads that wait for results: jobs in flight at once.
+# Number of threads that wait for results, which is the number of jobs submitted at once.
 _WAITING_THREADS = 64
-# What these log is raised as an exception as well.
+# Loggers that are silenced: what they report is also raised as an exception.
 _LOGGERS = (
     "distributed",
     "distributed.client",
@@ -40,19 +40,20 @@ _LOGGERS = (
     "distributed.core",
 )
 _WORKER_ENVIRONMENT: dict[str, Any] = {
-    # Dask has workers give freed memory back, to be fetched again page by page: stacks of small
-    # matrices take more than twice as long. These thresholds keep the memory.
+    # Dask's defaults make workers return freed memory to the operating system and request it again
+    # later, so that stacks of small matrices take more than twice as long. These thresholds let
+    # workers keep the memory.
     "MALLOC_TRIM_THRESHOLD_": 1 << 26,
     "MALLOC_MMAP_THRESHOLD_": 1 << 25,
-    # What a worker logs of connections that close is of no use to the user.
+    # Messages of workers about closed connections are of no use to the user.
     "DASK_LOGGING__DISTRIBUTED": "critical",
     **ONE_THREAD,
 }
 _DASK_OPTIONS: dict[str, Any] = {
-    # A job whose worker was killed is not begun again at once, but by `done`, last.
+    # Dask shall not repeat a job whose worker was killed: `done` does so after all other jobs.
     "distributed.scheduler.allowed-failures": 0,
     "distributed.comm.timeouts.connect": ANSWER_S,
-    # A worker's profile of itself grows with the jobs that it has run.
+    # The profile that a worker records of its own run times would grow with every job.
     "distributed.worker.profile.enabled": False,
     "distributed.worker.preload": [__name__],
     "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
@@ -63,31 +64,32 @@ _CLUSTER_OPTIONS: dict[str, Any] = {
     "memory_limit": 0,
     "silence_logs": logging.CRITICAL,
     "dashboard_address": None,
-    # Any free port: without a dashboard the scheduler would still ask for 8787, and warn where
-    # another cluster has it.
+    # Port 0 means any free port. Even without a dashboard the scheduler would otherwise ask for
+    # port 8787, and warn if another cluster uses it.
     "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
 }
 
 
 def dask_setup(_: Any) -> None:
-    """Prepare a worker of this machine; Dask calls this when it starts."""
+    """Prepare a worker process on this computer; Dask calls this when the worker starts."""
     ignore_interruption()
 
 
 @contextmanager
 def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Executor]:
-    """Yield an executor of Dask's workers, one process and one BLAS thread each.
+    """Yield an executor that runs jobs in Dask workers, each a process with one BLAS thread.
 
     Parameters
     ----------
-    scheduler : address of a scheduler (tcp://10.0.0.1:8786); None: a cluster on this machine, which
-        ends with the context.
-    workers : number of workers of a cluster on this machine; 0: one per core.
+    scheduler : address of a scheduler (tcp://10.0.0.1:8786); None: start a cluster on this
+        computer, which ends with the ``with`` block.
+    workers : number of workers of a cluster on this computer; 0: one per core.
 
     Raises
     ------
     InputError
-        If Dask is not installed, no scheduler answers, or its workers do not fit.
+        If Dask is not installed, no scheduler answers, or a worker has several threads or other
+        versions of the libraries.
     """
     refuse_to_nest()
     try:
@@ -122,7 +124,7 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
 
 
 class _DaskExecutor(Executor):
-    """Threads, each of which waits for one job of Dask."""
+    """Executor of threads, each of which waits for the result of one job in a Dask worker."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
@@ -130,11 +132,11 @@ class _DaskExecutor(Executor):
         self.workers = _WAITING_THREADS
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Return the future of a call in one of the workers."""
+        """Submit a call to one of the workers and return its future."""
         return self._threads.submit(self._call_in_worker, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more jobs; by default wait for those submitted."""
+        """Accept no more jobs; by default wait for those already submitted."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
 
     def _call_in_worker(self, call: Callable[[], Any]) -> Any:
@@ -143,15 +145,16 @@ class _DaskExecutor(Executor):
             return dask_future.result()
         except BaseException as error:
             if dask_future.status == "error":
-                raise  # the job's own
+                raise  # the job itself raised the error
             raise BrokenExecutor(str(error)) from error
 
 
 @contextmanager
 def _local_cluster(workers: int) -> Iterator[Any]:
-    """Yield a cluster on this machine.
+    """Yield a Dask cluster on this computer.
 
-    One that closes slowly, because a worker died, is left to do so: all results are there.
+    A cluster may close slowly because a worker died. It is not waited for beyond a time limit,
+    since all results have arrived by then.
     """
     from distributed import LocalCluster  # an optional dependency
 
@@ -167,7 +170,7 @@ def _local_cluster(workers: int) -> Iterator[Any]:
 
 
 def _check_workers(client: Any, scheduler: str) -> None:
-    """Refuse workers that would fail at every job, or give other numbers than this process."""
+    """Refuse workers that would fail at every job or give other results than this process."""
     versions_by_worker = client.run(partial(versions, python=True), on_error="return")
     if not versions_by_worker:
         warnings.warn(
@@ -185,7 +188,10 @@ def _check_workers(client: Any, scheduler: str) -> None:
 
 
 def _check_versions(address: str, worker_versions: Any) -> None:
-    """Compare the versions of a worker, or the exception that it raised, with those here."""
+    """Refuse a worker whose library versions differ from those of this process.
+
+    A worker that raised an exception when asked for its versions is refused too.
+    """
     if not isinstance(worker_versions, dict):
         worker_versions = {}
     for name, version_here in versions(python=True).items():

@@ -1,4 +1,4 @@
-"""The executor that the options of a command ask for."""
+"""Executors that run jobs in other processes, chosen by the options of a command."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ldbb_bayes.parallel.process_pool import process_executor, usable_cores
 
 __all__ = ["EXECUTORS", "executor_named", "second_process"]
 
-# Values of --executor.
+# Possible values of the command-line option --executor.
 EXECUTORS = ("process", "dask")
 
 
 @contextmanager
 def second_process() -> Iterator[Executor | None]:
-    """Yield an executor of one process beside this one; None where there is one core."""
+    """Yield an executor with one process in addition to this one; None if there is one core."""
     if usable_cores() == 1:
         yield None
     else:
@@ -35,17 +35,17 @@ def executor_named(
     Parameters
     ----------
     kind : "process" or "dask".
-    workers : their number; 0: one per core.
+    workers : number of worker processes; 0: one per core.
     scheduler : address of a Dask scheduler.
 
     Returns
     -------
-    The executor; None where there is one process only, so that jobs run here.
+    The executor; None if one process would do all jobs, so that they run in this process.
 
     Raises
     ------
     InputError
-        If an option is unknown, out of range, or does not go with another.
+        If an option is unknown, out of range, or cannot be combined with another.
     """
     check_known("--executor", [kind], EXECUTORS)
     if workers < 0:

@@ -1,4 +1,4 @@
-"""Independent jobs: every result once, whatever workers die."""
+"""Running independent jobs so that each gives one result, even if worker processes die."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ __all__ = ["Lost", "ahead", "done"]
 R = TypeVar("R")
 T = TypeVar("T")
 
-# Jobs that wait for each worker, so that none is idle while results are handed out.
+# Number of jobs submitted per worker, so that no worker is idle while results are handed out.
 _JOBS_PER_WORKER = 4
-# Jobs that are submitted to an executor whose number of workers is not known.
+# Number of jobs submitted at once to an executor whose number of workers is not known.
 _JOBS_IN_FLIGHT = 64
-# Threads of one process share BLAS and the filters of warnings, so they take turns.
-# It is re-entrant because a job may have jobs of its own.
+# Lock that lets jobs in threads of one process run one at a time, because these threads share
+# BLAS and the filters of warnings. It is re-entrant because a job may itself run jobs.
 _TURN = threading.RLock()
 
 
 @dataclass(frozen=True)
 class Lost:
-    """Result of a job whose worker died twice."""
+    """Result that replaces that of a job whose worker died twice."""
 
     reason: str = (
         "its worker died twice, the second time with no other job at work (killed, or out of"
@@ -44,7 +44,7 @@ class Lost:
 
 @dataclass(frozen=True)
 class _Attempt(Generic[T]):
-    """One run of a job; ``index`` counts jobs from 0."""
+    """One attempt at a job; ``index`` is the number of the job, counted from 0."""
 
     index: int
     job: T
@@ -54,25 +54,27 @@ class _Attempt(Generic[T]):
 def done(
     function: Callable[[T], R], jobs: Iterable[T], executor: Executor | None = None
 ) -> Iterator[tuple[int, R | Lost]]:
-    """Yield the index (from 0) and the result of every job, as they come.
+    """Yield the index (from 0) and the result of every job, in the order in which jobs finish.
 
     Each job has one BLAS thread. A job whose worker dies (killed, out of memory) is tried once more
-    when all others are done, with no other job at work; then it is `Lost`. Threads of one process
-    take turns, so processes are faster. Other processes import the function; jobs, read as far as
-    needed, and results are pickled. When the iterator is closed, pending jobs are cancelled.
+    after all other jobs, alone; if its worker dies again, its result is `Lost`. Jobs in threads of
+    one process run one at a time, so processes are faster. For processes, the function must be
+    importable, and jobs and results are pickled. Jobs are taken from the iterable only as needed.
+    When the iterator is closed, pending jobs are cancelled.
 
     Parameters
     ----------
-    function : called with each job.
-    jobs : what it is called with.
-    executor : where it is called; None: here, one job after the other.
+    function : function called with each job as its argument.
+    jobs : arguments, one for each call.
+    executor : executor that makes the calls; None: this process, one job after the other.
 
     Raises
     ------
     Exception
-        Of the first job that raises, with a note that says which job; pending jobs are cancelled.
+        The exception of the first job that raises one, with a note that states the job's index;
+        pending jobs are cancelled.
     InputError
-        If the executor gave up its jobs.
+        If the executor stopped before all jobs were done.
     """
     indexed_jobs = enumerate(jobs)
     limit = _limit_in_flight(executor)
@@ -118,16 +120,18 @@ def done(
 
 
 def ahead(call: Callable[[], R], executor: Executor | None) -> Callable[[], R]:
-    """Begin a call on an executor and return what waits for its result.
+    """Begin a call on an executor and return a function that waits for its result.
 
     Parameters
     ----------
-    call : what to compute.
-    executor : where; None: here, when the result is asked for.
+    call : function without arguments to be called.
+    executor : executor that makes the call; None: it is made in this process when the result is
+        asked for.
 
     Returns
     -------
-    A function that returns the result. It computes here what failed there.
+    A function that returns the result. If the call failed on the executor, this function repeats it
+    in this process.
     """
     if executor is None:
         return call
@@ -171,5 +175,8 @@ def _error_of(future: Future[R]) -> BaseException | None:
 
 
 def _is_death_of_worker(error: BaseException) -> bool:
-    """Return whether a worker died; Dask, which need not be installed, raises a KilledWorker."""
+    """Return whether an error means that a worker died.
+
+    Dask's KilledWorker is recognised by its name, because Dask need not be installed.
+    """
     return isinstance(error, WorkerDiedError) or type(error).__name__ == "KilledWorker"

@@ -1,10 +1,10 @@
-"""Processes of this machine, each behind a pipe of its own.
+"""Executor of worker processes on this computer, each with a communication pipe of its own.
 
-One that dies, even while it sends a result, takes no other job with it and leaves nobody waiting.
+If a worker dies, even while it sends a result, no other job fails and the executor does not hang.
 The pools of the standard library and of loky (3.7, which joblib uses) share one pipe for all
-results, and fail here in three ways: a worker that dies breaks the whole pool, so that all jobs in
-flight fail; the pool waits for ever for the rest of a result whose sender was killed, also with a
-single worker; and workers stay behind when the process that started them is killed.
+results. They have three faults: a worker that dies breaks the whole pool, so that all running jobs
+fail; the pool waits for ever for the rest of a result whose sender was killed, even with a single
+worker; and workers keep running when the process that started them is killed.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ __all__ = [
     "usable_cores",
 ]
 
-# What to tell the author of a script without a main guard: its workers end while they import it.
+# Message for the author of a script without ``if __name__ == "__main__":``. Workers import the
+# script and, without this line, end while doing so.
 UNGUARDED_SCRIPT = (
     "worker processes must be able to start, got some that ended at once. A script must do its work"
     ' under `if __name__ == "__main__":`, because every worker imports it.'
@@ -42,14 +43,14 @@ UNGUARDED_SCRIPT = (
 
 
 class WorkerDiedError(RuntimeError):
-    """The process of one job ended; the others go on."""
+    """Error of a job whose worker process ended; other jobs are not affected."""
 
 
 @contextmanager
 def process_executor(workers: int = 0) -> Iterator[Executor]:
-    """Yield an executor of processes on this machine, one BLAS thread each.
+    """Yield an executor of processes on this computer, with one BLAS thread each.
 
-    An interruption or an error stops them.
+    If the ``with`` block is interrupted or raises an error, the processes are killed.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def process_executor(workers: int = 0) -> Iterator[Executor]:
     Raises
     ------
     InputError
-        If a process cannot start, when the first job is asked for.
+        When the result of a job is asked for whose process cannot start.
     """
     refuse_to_nest()
     pool = _ProcessPool(workers or usable_cores())
@@ -77,13 +78,20 @@ def usable_cores() -> int:
 
 
 def refuse_to_nest() -> None:
-    """End a worker that is still importing an unguarded script; its parent says what is wrong."""
+    """End this process if it is a worker that is still importing the user's script.
+
+    Such a script starts workers without ``if __name__ == "__main__":``; the process that started
+    the worker reports this to the user.
+    """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         sys.exit(1)
 
 
 def ignore_interruption() -> None:
-    """Leave Ctrl-C, which reaches all processes of a terminal, to the first of them."""
+    """Make this worker ignore Ctrl-C, which the process that started it handles.
+
+    A terminal sends Ctrl-C to all of its processes.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -95,7 +103,7 @@ class _Answer(NamedTuple):
 
 
 class _ProcessPool(Executor):
-    """Threads, each of which hands its jobs to a process of its own."""
+    """Executor of threads, each of which passes its jobs to a worker process of its own."""
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
@@ -105,15 +113,15 @@ class _ProcessPool(Executor):
         self._killed = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Return the future of a call in one of the processes."""
+        """Submit a call to one of the worker processes and return its future."""
         return self._threads.submit(self._call_in_process, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more jobs; by default wait for those submitted."""
+        """Accept no more jobs; by default wait for those already submitted."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
 
     def kill(self) -> None:
-        """End the processes now, whatever they work on."""
+        """Kill the worker processes at once, even if they are working on jobs."""
         self._killed = True
         for process in self._processes:
             if process.pid is not None:
@@ -159,7 +167,7 @@ class _ProcessPool(Executor):
 
 
 def _serve(connection: Connection) -> None:
-    """Do jobs until the other end is closed: when the pool ends, or its process is killed."""
+    """Do jobs in a worker process until the pool closes the pipe, or the pool's process dies."""
     ignore_interruption()
     os.environ.update(ONE_THREAD)
     try:
@@ -174,7 +182,7 @@ def _serve(connection: Connection) -> None:
 
 
 def _next_answer(connection: Connection) -> _Answer | None:
-    """Return the outcome of the next job, or None where no more will come."""
+    """Return the outcome of the next job, or None if the pipe is closed."""
     try:
         call = connection.recv()
         return _Answer(True, call())

@@ -1,4 +1,4 @@
-"""Versions of what numbers come from."""
+"""Versions of this package and of the libraries on which its results depend."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import ldbb_bayes
 
 __all__ = ["versions"]
 
-# Packages on which the last digits of a result depend.
+# Names of the packages on whose version the last digits of a result may depend.
 _PACKAGES = ("numpy", "scipy", "emcee")
 
 
 @cache
 def versions(*, python: bool = False) -> dict[str, str]:
-    """Return the versions of this package and of the libraries that its numbers depend on.
+    """Return the versions of this package and of the libraries on which its results depend.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def versions(*, python: bool = False) -> dict[str, str]:
 
     Returns
     -------
-    Versions by package, of the process that is asked.
+    Version of each package in the process that calls this function, by package name.
     """
     by_package = {"ldbb-bayes": ldbb_bayes.__version__}
     for name in _PACKAGES:
