@@ -1,6 +1,8 @@
-"""The log evidence of a model by quadrature over the hyper-parameters, and Bayes factors.
+"""Log evidence of a model by quadrature over the hyper-parameters, and Bayes factors.
 
-Everything linear is integrated out exactly.
+The evidence is the density of the readings y under the model. The hyper-parameters are the scales
+of the noise and of other effects; all other unknowns enter the readings linearly and are integrated
+out exactly. Truncation T restricts compliances to values that are not negative.
 """
 
 from __future__ import annotations
@@ -26,30 +28,30 @@ __all__ = [
     "warn_of_untrusted_weights",
 ]
 
-# ln P(T | y) this far above zero [nat], beyond its error, is an error of rounding.
+# If ln P(T | y) exceeds zero by more than this plus its error, rounding has spoilt it [nat].
 _LARGEST_LOG_PROBABILITY = 0.1
 
 
 @one_blas_thread
 def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1e-3) -> Evidence:
-    """Return the exact log evidence, truncation included.
+    """Return the log evidence of a model, truncation included, with its error.
 
-    Where the weights of the nodes cannot be trusted the error of the result is infinite, and a
-    warning says so.
+    If the weights of the nodes cannot be trusted, warn and return an infinite error.
 
     Parameters
     ----------
     model : HybridModel
-        With a proper prior.
+        Model with a proper prior.
     campaign : Campaign
-        With readings.
+        Campaign with readings.
     tolerance : float
-        Error asked for [nat]; ``error`` of the result says what was reached.
+        Error asked for [nat]; the error reached is ``error`` of the result.
 
     Raises
     ------
     InputError
-        For a flat prior, whose evidence is undefined, a plan, or a tolerance that is not positive.
+        For a flat prior, under which the evidence is undefined, for a plan (a campaign without
+        readings), or for a tolerance that is not positive.
     """
     check_comparable(model, campaign)
     require(
@@ -63,7 +65,10 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
 
 
 def warn_of_untrusted_weights(nodes: Nodes) -> None:
-    """Warn where the weights of nodes cannot be trusted, and name the sampler that needs none."""
+    """Warn if the weights of the nodes cannot be trusted.
+
+    The warning names the sampler that needs no weights.
+    """
     if not nodes.integral.trusted:
         warnings.warn(
             "weights of the nodes over the hyper-parameters must have a Pareto k of at most"
@@ -76,7 +81,7 @@ def warn_of_untrusted_weights(nodes: Nodes) -> None:
 
 
 def check_comparable(model: HybridModel, campaign: Campaign) -> None:
-    """Refuse what has no evidence: improper priors, and plans."""
+    """Raise an `InputError` for a flat prior or a plan, which have no evidence."""
     require(
         not model.prior.flat,
         "a model must have a proper prior to have an evidence, got a flat one. Use the default"
@@ -90,17 +95,17 @@ def check_comparable(model: HybridModel, campaign: Campaign) -> None:
 
 
 def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]:
-    """Return ln of the Bayes factor of a model over an ``other``, and its error [nat].
+    """Return the log Bayes factor of a model over another model, and its error [nat].
 
     Parameters
     ----------
     evidence, other : Evidence
-        Of two models and the same readings.
+        Evidences of the two models for the same readings.
 
     Raises
     ------
     InputError
-        When the two are of different readings.
+        If the two evidences are of different readings.
     """
     require(
         evidence.sha256 == other.sha256,
@@ -112,10 +117,11 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 
 
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
-    """Return ln P(T | y) of the posterior without truncation, and its error [nat].
+    """Return ln P(T | y) and its error [nat].
 
-    It comes from the same nodes with and without truncation or, where truncation moves the
-    posterior too far, from nodes of each.
+    P(T | y) is the probability, under the posterior without truncation, that no compliance is
+    negative. It is the ratio of the integrals with and without truncation. Both use the same nodes
+    unless truncation moves the posterior too far.
     """
     plain = truncated.plain.nodes(tolerance)
     inside = truncated.nodes(tolerance)
@@ -131,9 +137,9 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
 
 
 def probabilities(log_evidence: Array) -> Array:
-    """Return posterior probabilities of models from their log evidences, shape (n,).
+    """Return posterior probabilities of n models from their log evidences, shape (n,).
 
-    Prior probabilities are equal.
+    The models have equal prior probabilities.
     """
     weight = np.exp(log_evidence - log_evidence.max())
     return np.asarray(weight / weight.sum())

@@ -1,7 +1,10 @@
-"""Evidences of many models of one campaign, and of a campaign without one test.
+"""Evidences of many models of one campaign, and of the campaign without one test.
 
-ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), campaign properties frozen. A test is what can be left out:
-readings of one circle share their set-up shift and discrepancy and are not independent facts.
+The evidence Z(y) is the density of the readings y under a model. Without test r the readings are
+y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) says how well the other tests predict test r; the
+properties of the campaign stay those of all tests. Whole tests are left out, as the readings of one
+circle share their set-up shift and discrepancy and are not independent. φ are the hyper-parameters,
+the scales of the noise and of other effects. Nodes are weighted points that represent p(φ | y).
 """
 
 from __future__ import annotations
@@ -21,12 +24,12 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Evidences", "leave_one_out"]
 
-# Tolerance [nat] that suffices for models that the readings reject.
+# Tolerance of log evidences that suffices to reject a model [nat].
 _ROUGH_TOLERANCE = 0.1
 
 
 def _silent() -> None:
-    """Report no progress; unlike a lambda it goes to other processes."""
+    """Report no progress; unlike a lambda this function can be sent to other processes."""
 
 
 class Evidences(Shown):
@@ -62,7 +65,7 @@ class Evidences(Shown):
         self._modes: dict[tuple[Hyper, ...], Array] = {}
 
     def of_campaign(self, campaign: Campaign) -> Evidences:
-        """Return these evidences, or refuse where they are of other readings."""
+        """Return these evidences; raise an `InputError` if the campaign has other readings."""
         require(
             campaign.sha256 == self.campaign.sha256,
             f"evidences must be of the campaign {campaign.name or ''}, got those of"
@@ -73,7 +76,8 @@ class Evidences(Shown):
     def of(self, *models: HybridModel) -> list[Nodes]:
         """Return the nodes of each model.
 
-        Models that are one Gaussian given φ get theirs from the nodes of the largest of them.
+        Models that differ only in slopes, their rivals and truncation share one calculation: their
+        nodes follow from those of the largest model among them.
         """
         models_by_key = {model_to_toml(model): model for model in models}
         for key in sorted(models_by_key, key=lambda key: _largest_first(models_by_key[key])):
@@ -83,9 +87,10 @@ class Evidences(Shown):
         return [self._nodes[key] for key in models_by_key]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
-        """Return the nodes of each model, coarse ones where all log evidences are below a bound.
+        """Return the nodes of each model, computed coarsely if all models are rejected.
 
-        Coarse nodes do not appear in `every`.
+        Models are rejected if all their log evidences are below the bound ``below``. Evidences from
+        coarse nodes do not appear in `every`.
         """
         if all(model_to_toml(model) in self._nodes for model in models):
             return self.of(*models)
@@ -97,16 +102,20 @@ class Evidences(Shown):
         return rough
 
     def apart(self, tolerance: float | None = None) -> Evidences:
-        """Return evidences of the same readings, without models as yet.
+        """Return new evidences of the same readings, with no model computed yet.
 
-        They look for modes near those found here.
+        Their search for modes starts from the modes found here. The tolerance [nat] is the same by
+        default.
         """
         return self._with_modes(tolerance or self.tolerance, self._keep, self._modes)
 
     def without_test(
         self, test: str, tests: Sequence[str], modes: Mapping[tuple[Hyper, ...], Array]
     ) -> Evidences:
-        """Return evidences of all but one of these tests, with modes to look near."""
+        """Return evidences of all but one of the tests named.
+
+        The search for modes starts from ``modes``, given by the hyper-parameters of a model.
+        """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)
 
@@ -141,19 +150,22 @@ class Evidences(Shown):
 
     @property
     def every(self) -> list[Evidence]:
-        """All evidences so far."""
+        """All evidences computed so far, without those from coarse nodes."""
         return [nodes.evidence for nodes in self._nodes.values()]
 
 
 def _largest_first(model: HybridModel) -> list[int]:
-    """Return a key that sorts models from the largest: degree, fixed parameters, rivals."""
+    """Return a key by which models sort from the largest to the smallest.
+
+    The largest has the highest degree, then the fewest fixed parameters, then the most rivals.
+    """
     return [-model.degree, len(model.fixed), -len(model.rivals)]
 
 
 def _family(model: HybridModel) -> str:
-    """Return what models that are one Gaussian given φ have in common.
+    """Return what a model has apart from slopes, their rivals and truncation, as TOML.
 
-    All but slopes, their rivals and truncation.
+    Models for which this is equal can share the calculation of their nodes.
     """
     constant = model.without("truncation").with_slope_scale(1.0).with_degree(0)
     return model_to_toml(constant.with_rivals())
@@ -165,12 +177,14 @@ def leave_one_out(
     tolerance: float = 1e-2,
     progress: Callable[[], object] = _silent,
 ) -> dict[str, dict[str, Nodes]]:
-    """Return the nodes of every model without each test in turn, for at least two tests.
+    """Return the nodes of every model with each test left out in turn.
+
+    The campaign must have at least two tests.
 
     Parameters
     ----------
     weighed : mapping of str to Nodes
-        Nodes of all tests, by the model's name.
+        Nodes of each model from all tests, by the name of the model.
     tolerance : float
         Error asked of every log evidence [nat].
     progress : callable
@@ -179,7 +193,7 @@ def leave_one_out(
     Returns
     -------
     dict of str to dict of str to Nodes
-        By the model's name, then by the name of the test left out.
+        Nodes by the name of the model, then by the name of the test left out.
     """
     models = {name: nodes.bound.model for name, nodes in weighed.items()}
     modes = {}

@@ -1,4 +1,10 @@
-"""How well a model fits, and what to mind before its numbers are used."""
+"""How well a model fits, and what to mind before its numbers are used.
+
+β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+hyper-parameters, the scales of the noise and of other effects. y are the readings. Truncation T
+restricts β to compliances that are not negative. u is the standard uncertainty of a parameter, the
+sd of its posterior. Draws are random draws from the posterior.
+"""
 
 from __future__ import annotations
 
@@ -31,26 +37,28 @@ __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 
 # Power-scaling sensitivity above which a posterior moves with the prior (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
-# A failing check matters where leaving its test out changes a parameter by more than so many u ...
+# A failing check of an order matters if leaving its test out changes a parameter by more than this
+# [u].
 _LARGEST_SHIFT = 0.5
-# ... or where the noise it finds widens an interval by more than this share.
+# A failing check of noise matters if the noise found widens an interval by more than this share.
 _LARGEST_WIDENING = 0.1
-# Draws by which the quality of the fit is computed.
+# Number of draws from which the quality of the fit is computed.
 _QUALITY_DRAWS = 1000
-# Draws by which the posterior predictive checks are computed.
+# Number of draws from which the posterior predictive checks are computed.
 _CHECKED_DRAWS = 500
 # ln P(T | y) below which the readings speak against non-negative compliance.
 _IMPROBABLE = float(np.log(1e-3))
-# Prior probability below which a hyper-parameter is expected.
+# A hyper-parameter is expected to lie below the quantile of its prior at this probability.
 _EXPECTED_HYPER = 0.999
-# A mean farther from its stated prior mean, in sd of what the prior expects, is a concern.
+# A parameter is a concern if its mean lies farther than this from its stated prior mean, in units
+# of the sd that the prior expects of this distance.
 _LARGEST_PRIOR_DISTANCE = 3.0
-# Share of the prior variance that the data are taken to explain at least.
+# Smallest share of the prior variance that the readings are taken to explain.
 _SMALLEST_VARIANCE_SHARE = 0.05
 
 
 class State(StrEnum):
-    """Whether the numbers of a fit can be used: not at all where the sampler missed its target."""
+    """Whether the numbers of a fit can be used; see `Fit.state`."""
 
     USABLE = "usable"
     DOUBTFUL = "doubtful"
@@ -58,7 +66,7 @@ class State(StrEnum):
 
 
 class ConcernKind(StrEnum):
-    """What a fit has to say besides its numbers."""
+    """Kind of a warning that a fit gives besides its numbers; see `Concern`."""
 
     NOT_CONVERGED = "not-converged"
     TRUNCATION = "truncation"
@@ -70,14 +78,18 @@ class ConcernKind(StrEnum):
 
 @dataclass(frozen=True)
 class Concern(Result):
-    """One thing to mind, with ``value`` and ``limit``.
+    """Warning that a fit gives, with the numbers ``value`` and ``limit``.
 
-    NOT_CONVERGED: steps, and the ESS they were to reach. TRUNCATION: ln P(T | y), and the least
-    expected. FORCES: force levels, and how many the degree needs. HYPER: median [mm] of the
-    hyper-parameter ``name``, and its prior's quantile at 99.9 %. CENTRE: the p-value of no shift of
-    the circle's centre along the axis ``name`` in proportion to force. PRIOR: distance of the mean
-    of the parameter ``name`` from its stated prior mean, and the largest expected, in sd of what
-    the prior lets one expect.
+    What ``value`` and ``limit`` are depends on ``kind``:
+
+    - NOT_CONVERGED: number of steps of the sampler; effective sample size asked for.
+    - TRUNCATION: ln P(T | y); the smallest value expected.
+    - FORCES: number of force levels; number that the degree of the model needs.
+    - HYPER: median of the hyper-parameter ``name`` [mm]; quantile of its prior at 99.9 %.
+    - CENTRE: p-value of no shift of the circle's centre along the machine axis ``name`` in
+      proportion to force; p-value below which such a shift is named.
+    - PRIOR: distance of the mean of the parameter ``name`` from its stated prior mean; the largest
+      distance expected. Both are in units of the sd that the prior expects of this distance.
     """
 
     kind: ConcernKind
@@ -88,41 +100,43 @@ class Concern(Result):
 
 @dataclass(frozen=True)
 class Fit(Result):
-    """How well a model fits, and what to mind."""
+    """How well a model fits, and the warnings that it gives."""
 
-    rmse_um: float  #: Eq. 34 over all readings
-    #: Eq. 35, by test; not a number where its readings are all the same
+    rmse_um: float  #: root-mean-square residual over all readings [µm] (Eq. 34)
+    #: fitness of each test [%] (Eq. 35), by its name; NaN if its readings are all equal
     fitness_percent: dict[str, float]
-    log_prob_truncation: float  #: ln P(T | y) of the untruncated posterior
-    log_prob_truncation_error: Finite  #: [nat]
-    log_prob_truncation_prior: float  #: ln P(T) of the prior
+    log_prob_truncation: float  #: ln P(T | y) of the posterior without truncation
+    log_prob_truncation_error: Finite  #: error of ln P(T | y) [nat]
+    log_prob_truncation_prior: float  #: ln P(T) of the prior without truncation
     linearisation_error_um: float  #: largest difference of the linear model from the exact geometry
-    concerns: tuple[Concern, ...]
-    predictive_checks: dict[str, TestChecks]
-    #: by power-scaling of prior, hyper_prior and likelihood, of each parameter
+    concerns: tuple[Concern, ...]  #: warnings, each with a value and a limit
+    predictive_checks: dict[str, TestChecks]  #: posterior predictive checks, by name of the test
+    #: sensitivity of the posterior of each variable to power-scaling, by name of the variable, then
+    #: by what is scaled: ``prior``, ``hyper_prior`` or ``likelihood``
     sensitivity: dict[str, dict[str, float]]
-    #: Of tests with an order of the circle that is not expected: the largest change of a parameter,
-    #: in its u, when the test is left out; not of flat priors.
+    #: largest change of a parameter, in units of its u, when a test is left out, by name of the
+    #: test; only for tests with an unexpected order of the circle, and not for flat priors
     shift: dict[str, float]
-    #: By which share an interval grows at most with noise as strong as what tests do not share at
-    #: the orders 13 to 16, where the checks of noise and of its autocorrelation fail.
+    #: largest share by which an interval grows if the noise is as strong as that seen at the orders
+    #: 13 to 16; zero unless a check of noise or of its autocorrelation fails
     widening: float
 
     @property
     def checks(self) -> list[Check]:
-        """Return the posterior predictive checks, the smallest p first."""
+        """Return the posterior predictive checks of all tests, the smallest p-value first."""
         return all_checks(self.predictive_checks)
 
     @property
     def unexpected(self) -> tuple[Check, ...]:
-        """Return the checks that fail at 1 %, allowing for their number, worst first."""
+        """Return the checks that fail at 1 % after allowing for their number, the worst first."""
         return failing_checks(self.checks)
 
     @property
     def misfits(self) -> tuple[Check, ...]:
-        """Return the failing checks for which intervals would move.
+        """Return the failing checks that matter for the credible intervals.
 
-        By half a u without the test, or by a tenth of their width.
+        A check of an order matters if a parameter changes by more than half its u without the test.
+        A check of noise matters if an interval would grow by more than a tenth.
         """
         return tuple(check for check in self.unexpected if self._moves_intervals(check))
 
@@ -133,7 +147,7 @@ class Fit(Result):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of concerns and of checks that fail, each once."""
+        """Return the kinds of all concerns and of the checks in `misfits`, each kind once."""
         concerns = [str(concern.kind) for concern in self.concerns]
         misfits = [str(check.kind) for check in self.misfits]
         return tuple(dict.fromkeys(concerns + misfits))
@@ -142,8 +156,8 @@ class Fit(Result):
     def state(self) -> State:
         """Return whether the numbers can be used.
 
-        Unusable: not converged. Doubtful: readings that the model does not expect, or against
-        non-negative compliance.
+        They are unusable if the sampler did not converge. They are doubtful if the model does not
+        expect the readings, or if the readings speak against non-negative compliance.
         """
         kinds = {concern.kind for concern in self.concerns}
         if ConcernKind.NOT_CONVERGED in kinds:
@@ -166,7 +180,7 @@ class Fit(Result):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the names in ``sensitivity`` but for the hyper-parameters."""
+        """Return the names in ``sensitivity`` without those of hyper-parameters."""
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 
 
@@ -179,23 +193,25 @@ def assess_fit(
     rng: np.random.Generator,
     prior_level: Array | float = 0.0,
 ) -> Fit:
-    """Return how well one model or several fit.
+    """Return how well one model, or an average of several models, fits.
 
     Parameters
     ----------
     bound : BoundModel
-        With the parameters of all models.
+        Model with the parameters of all models averaged.
     draws_by_model : sequence of ModelDraws
-        The draws of ``groups``, model by model.
+        The draws in ``groups``, separately for each model.
     groups : mapping
-        Groups posterior, log_prior and sample_stats of the tree.
+        Groups ``posterior``, ``log_prior`` and ``sample_stats`` of the posterior tree.
     truncation : pair
         ln P(T | y) and its error.
     concerns : sequence of Concern
-        Of the sampler.
+        Warnings from the sampler.
     rng : Generator
+        Generator of the random draws of new circles.
     prior_level : float or array
-        Mean of ln p(β) in the prior of each draw's model, which scaling the prior must not count.
+        Mean of ln p(β) under the prior, for the model of each draw. It is subtracted before the
+        prior is scaled, so that scaling does not count differences between models.
 
     Returns
     -------
@@ -229,7 +245,7 @@ def assess_fit(
 
 
 def _quality(bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Array) -> FitQuality:
-    """Return the quality of the mean prediction of all models."""
+    """Return the quality of fit of the mean prediction, averaged over models by their shares."""
     predictions = []
     for share, draws in zip(shares, draws_by_model, strict=True):
         thinned = draws.thinned(int(np.ceil(share * _QUALITY_DRAWS)))
@@ -242,7 +258,7 @@ def _quality(bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Ar
 def _average_checks(
     draws_by_model: Sequence[ModelDraws], shares: Array, rng: np.random.Generator
 ) -> dict[str, TestChecks]:
-    """Return the posterior predictive checks, averaged over models."""
+    """Return the posterior predictive checks of each test, averaged over models by their shares."""
     checks = []
     for share, draws in zip(shares, draws_by_model, strict=True):
         thinned = draws.thinned(int(np.ceil(share * _CHECKED_DRAWS)))
@@ -251,14 +267,14 @@ def _average_checks(
 
 
 def _stack(group: Mapping[str, Array], names: Sequence[str]) -> Array:
-    """Return variables side by side, shape (chains, draws, variables)."""
+    """Return the named variables in one array, shape (chains, draws, variables)."""
     return np.stack([group[str(name)] for name in names], axis=-1)
 
 
 def _log_densities(
     bound: BoundModel, groups: Mapping[str, Mapping[str, Array]], prior_level: Array | float
 ) -> dict[str, Array]:
-    """Return the log densities that power-scaling scales, each (chains, draws)."""
+    """Return the log densities to which power-scaling applies, each of shape (chains, draws)."""
     phi = _stack(groups["posterior"], bound.hyper_prior.names)
     log_prior = groups["log_prior"]["parameters"]
     log_hyper_prior = groups["log_prior"]["hyper"]
@@ -275,7 +291,10 @@ def _log_densities(
 def _concerns(
     bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float
 ) -> Iterator[Concern]:
-    """Yield what to mind of a posterior, from draws of φ (n, h) [mm] and β (n, p)."""
+    """Yield the warnings that a posterior gives.
+
+    They are computed from n draws of φ [mm], shape (n, h), and of β, shape (n, p).
+    """
     if log_prob_truncation < _IMPROBABLE:
         yield Concern(ConcernKind.TRUNCATION, log_prob_truncation, _IMPROBABLE)
     levels = bound.campaign.force_levels
@@ -289,7 +308,7 @@ def _concerns(
 
 
 def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
-    """Yield the hyper-parameters whose median is beyond their prior."""
+    """Yield a warning for each hyper-parameter with a median above the 99.9 % prior quantile."""
     prior = bound.hyper_prior
     limits = prior.quantile(np.full(phi.shape[1], _EXPECTED_HYPER))
     medians = np.median(phi, axis=0)
@@ -301,10 +320,11 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
 
 
 def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
-    """Yield the parameters whose mean is far from their stated prior mean."""
+    """Yield a warning for each parameter with a mean far from its stated prior mean."""
     stated = {*bound.model.prior.overrides, *bound.model.prior.means}
     prior_variance = bound.prior_sd**2
-    # By the prior, the data move a mean by a draw of N(0, sd0² − u²).
+    # If the prior is right, the distance of the posterior mean from the prior mean is a random draw
+    # from N(0, sd0² − u²), with sd0 the prior sd and u the posterior sd.
     expected_variance = np.maximum(
         prior_variance - beta.var(axis=0), _SMALLEST_VARIANCE_SHARE * prior_variance
     )

@@ -1,4 +1,10 @@
-"""Independent draws from the posterior by rejection from a fitted proposal."""
+"""Independent random draws from the posterior by rejection from a fitted proposal.
+
+y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects;
+β are the p parameters: compliances, their slopes and geometric errors. Truncation T restricts β to
+compliances that are not negative; β that meet it are inside. Free coordinates are φ transformed to
+be unbounded.
+"""
 
 from __future__ import annotations
 
@@ -15,44 +21,45 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# Chunks of proposals for each chunk of draws before the sampler gives up.
+# Largest number of blocks of proposals per block of draws before the sampler gives up.
 _MOST_ROUNDS = 50
-# Draws of β for each φ from which P(T | y) is estimated.
+# Number of random draws of β for each φ from which P(T | y) is estimated.
 _SHARE_TRIES = 64
-# Below this P(T | y) draws without truncation are too rarely inside: β is drawn by tilting.
+# If P(T | y) is below this, too few draws of β without truncation are inside. β is then drawn from
+# a density tilted towards the inside.
 _SMALLEST_SHARE_INSIDE = 0.02
-# So many draws of β inside the truncation are expected for each φ.
+# Expected number of draws of β inside the truncation for each φ.
 _EXPECTED_INSIDE = 4.0
-# The envelope is so many times the proposal scaled to the integral.
+# The envelope of the rejection is this multiple of the proposal scaled to the integral.
 _ENVELOPE = 2.0
-# Least estimate of P(T | y), where no draw fell inside.
+# Smallest estimate of P(T | y), used where no draw was inside the truncation.
 _LEAST_SHARE = 1e-9
 
 
 class TooRoughError(Exception):
-    """The weights of the hyper-parameters' proposal cannot be trusted: use the joint sampler."""
+    """Error raised if the proposal is too rough for rejection; use the joint sampler instead."""
 
 
 class JointDraws(NamedTuple):
-    """Independent draws of the posterior."""
+    """Independent random draws from the posterior of φ and β."""
 
-    free: Array  #: free coordinates of the hyper-parameters (size, h)
-    beta: Array  #: parameters (size, p)
-    acceptance: float  #: share of proposals used
+    free: Array  #: free coordinates of the hyper-parameters φ, shape (size, h)
+    beta: Array  #: parameters β, shape (size, p)
+    acceptance: float  #: number of draws accepted divided by the number proposed
 
 
 def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator) -> JointDraws:
-    """Draw free coordinates and β independently by rejection from the proposal of a sample.
+    """Return independent random draws of φ and β by rejection from a fitted proposal of φ.
 
-    Truncated, several β are drawn for each φ without truncation, and φ counts by how many are
-    inside: exact, as that share is P(T | y, φ) on average. Where few are, φ is drawn by
-    P(T | y, φ) itself, and β by tilting. A φ whose weight is above the envelope is used several
-    times, each with another β.
+    With truncation, several β are drawn for each φ without truncation, and φ is weighted by the
+    share of them inside. This is exact, as the share is P(T | y, φ) on average. If too few β are
+    inside, φ is weighted by P(T | y, φ) itself and β is drawn by tilting. A φ whose weight exceeds
+    the envelope is used several times, each time with another β.
 
     Raises
     ------
     TooRoughError
-        When the weights of the sample cannot be trusted, or almost nothing is accepted.
+        If the weights of the proposal cannot be trusted, or almost no draw is accepted.
     """
     share_inside = 1.0
     if posterior.truncated:
@@ -87,7 +94,10 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
 def _propose_tilted(
     posterior: HyperPosterior, proposal: Integral, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Accept φ of one chunk by their density inside the truncation; draw β by tilting."""
+    """Return accepted draws of φ and β from one block of proposals, with β drawn by tilting.
+
+    φ is accepted by its density with truncation.
+    """
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)
     log_weight = -proposal.log_proposal(free) - log_scale
@@ -98,7 +108,10 @@ def _propose_tilted(
 def _propose_untruncated(
     posterior: HyperPosterior, proposal: Integral, share_inside: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Accept φ of one chunk by how many of their β, drawn without truncation, are inside."""
+    """Return accepted draws of φ and β from one block of proposals, with β drawn directly.
+
+    With truncation, φ is accepted by the share of its β, drawn without truncation, that are inside.
+    """
     tries = 1
     if posterior.truncated:
         tries = int(np.ceil(_EXPECTED_INSIDE / share_inside))
@@ -120,7 +133,10 @@ def _propose_untruncated(
 
 
 def _accept(log_weight: Array, rng: np.random.Generator) -> Index:
-    """Return the index of the proposals accepted, each as often as its weight says on average."""
+    """Return the indices of accepted proposals.
+
+    Each index occurs as often, on average, as the weight of the proposal.
+    """
     weight = np.exp(log_weight)
     rounded_up = rng.random(len(weight)) < weight % 1.0
     return np.repeat(np.arange(len(weight)), (np.floor(weight) + rounded_up).astype(int))
@@ -133,9 +149,10 @@ def _draw_standard(
     *,
     truncated: bool = True,
 ) -> tuple[Array, Array]:
-    """Draw standard coordinates of β without truncation, (w, tries, p), those inside it first.
+    """Return standard coordinates of random draws of β, and how many draws are inside.
 
-    The second array says how many of them are inside, (w,).
+    β is drawn without truncation at w values of φ. The coordinates have shape (w, tries, p), with
+    the draws inside the truncation first; the numbers inside have shape (w,).
     """
     z = rng.standard_normal((len(conditional.mean), tries, conditional.mean.shape[1]))
     rows = conditional.physical.rows
@@ -149,7 +166,7 @@ def _draw_standard(
 
 
 def _estimate_share_inside(posterior: HyperPosterior, rng: np.random.Generator) -> float:
-    """Estimate P(T | y) by the share of draws without truncation that are inside."""
+    """Return an estimate of P(T | y): the share of draws without truncation that are inside."""
     nodes = posterior.plain.proposal.pick(CHUNK, rng)
     conditional = posterior.given(nodes)[1]
     count = _draw_standard(conditional, _SHARE_TRIES, rng)[1]

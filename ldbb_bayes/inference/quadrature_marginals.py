@@ -1,4 +1,8 @@
-"""Marginals of the posterior by quadrature over the hyper-parameters."""
+"""Marginals of the posterior by quadrature over the hyper-parameters.
+
+The hyper-parameters are the scales of the noise and of other effects. Parameters are compliances,
+their slopes and geometric errors.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,7 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["marginals"]
 
-# Draws behind the quantiles of the hyper-parameters.
+# Number of random draws from which quantiles of the hyper-parameters are computed.
 _DRAWS = 16_384
 
 
@@ -32,33 +36,33 @@ def marginals(
     tolerance: float = 1e-3,
     seed: int = 1,
 ) -> pd.DataFrame:
-    """Return the posterior's marginals by quadrature.
+    """Return means, sd and quantiles of the posterior by quadrature.
 
-    Where weights cannot be trusted a warning says so.
+    Warn where the weights of the nodes, or of the draws behind the quantiles, cannot be trusted.
 
     Parameters
     ----------
     model : HybridModel
     campaign : Campaign
-        With readings.
+        Campaign with readings.
     ci_prob : float
         Probability of the equal-tailed credible interval.
     tolerance : float
         Relative error of the integrals behind means and standard deviations.
     seed : int
-        Seed of the points behind the quantiles; where a compliance is bounded their standard error
-        is 0.5 % of probability.
+        Seed of the random points from which quantiles are computed. Where compliances must not be
+        negative, the standard error of a quantile is 0.5 % in probability.
 
     Returns
     -------
     DataFrame
-        Columns unit, mean, sd, median, ci_low, ci_high; one row per parameter and hyper-parameter,
-        in mm, N, rad.
+        Columns unit, mean, sd, median, ci_low and ci_high, with one row for each parameter and
+        hyper-parameter, in mm, N and rad.
 
     Raises
     ------
     InputError
-        For a plan, or a probability or tolerance out of range.
+        For a plan (a campaign without readings), or a probability or tolerance out of range.
     """
     require(
         not campaign.is_plan,
@@ -92,7 +96,10 @@ def marginals(
 
 
 def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
-    """Draw free coordinates; by resampling, with a warning, where the proposal is too rough."""
+    """Return random draws of the hyper-parameters in unbounded coordinates, shape (draws, h).
+
+    If the weights of the rejection sampler cannot be trusted, warn and resample nodes instead.
+    """
     rng = np.random.default_rng(seed)
     try:
         return draw_jointly(posterior, _DRAWS, rng).free
