@@ -45,9 +45,9 @@ __all__ = [
     "to_units",
 ]
 
-# Groups without which a file is no posterior.
+# Groups that a file must have to be a posterior.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
-# Dimensions of variables that are not draws of numbers.
+# Dimensions of the arrays that are not random draws.
 _DIMENSIONS = {
     "force_N": ["test"],
     "pressure_bar": ["test"],
@@ -70,22 +70,22 @@ _UNITS = {
 }
 # Fields of a test that are arrays, kept in the group constant_data.
 _ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
-# A foreseen circle has no angles of its own; these stand for them.
+# Angles given to a foreseen test, which has no angles of its own.
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
-# A sound file holds at most so many numbers' bytes for each of its own ...
+# A file counts as damaged if its arrays are larger than this multiple of the size of the file ...
 _LARGEST_EXPANSION = 20
-# ... and so many bytes beyond.
+# ... plus this number of bytes.
 _SMALL_FILE_BYTES = 2**20
-# Characters quoted of a library's error.
+# Largest number of characters quoted from the error message of a library.
 _LONGEST_REASON = 120
 
 
 def build_tree(
     groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, record: Mapping[str, Any]
 ) -> xr.DataTree:
-    """Return a DataTree of groups of arrays, the sampled ones (chain, draw, …).
+    """Return a DataTree with groups of arrays, and a record as JSON in the group ``provenance``.
 
-    ``record`` is kept as JSON in the group ``provenance``.
+    Arrays of random draws have the shape (chains, draws, …).
     """
     coordinates: dict[str, Array] = {"test": np.array(bound.test_names)}
     if "observed_data" in groups:
@@ -104,19 +104,19 @@ def build_tree(
 
 
 def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
-    """Write the tree to one netCDF file (h5netcdf), whole or not at all.
+    """Write a posterior to one netCDF file (h5netcdf), whole or not at all.
 
     Parameters
     ----------
     tree : DataTree
-        From `sample` or `load`.
+        Posterior from `sample` or `load`.
     path : path
-        Of the file.
+        Name of the file to write.
 
     Returns
     -------
     Path
-        Of the file.
+        Name of the file written.
     """
     target = Path(path)
     tree = tree.copy()
@@ -129,7 +129,10 @@ def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
 
 
 def _no_lock_of_dask() -> AbstractContextManager[Any]:
-    """Keep xarray from asking a cluster of Dask for a lock on what is in this process's memory."""
+    """Return a context in which xarray asks no cluster of Dask for a lock.
+
+    None is needed, as the file is first written to the memory of this process.
+    """
     try:
         import dask.config  # an optional dependency
     except ImportError:
@@ -143,17 +146,18 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     Parameters
     ----------
     path : path
-        Of the file, or of a folder with a posterior.nc.
+        Name of the file, or of a folder that contains ``posterior.nc``.
 
     Returns
     -------
     DataTree
+        The posterior.
 
     Raises
     ------
     InputError
-        For a file that is missing, damaged (its digest tells), not one of ours, or of an earlier
-        edition.
+        For a file that is missing, that is damaged (its digest then differs), that this package did
+        not write, or that an earlier edition of it wrote.
     """
     source = Path(path)
     if source.is_dir():
@@ -180,7 +184,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
 
 
 def _read_tree(source: Path) -> xr.DataTree:
-    """Read the tree in a file; raise an `InputError` for whatever a damaged file makes happen."""
+    """Return the tree in a file; raise an `InputError` for any failure to read it."""
     with _silent_finalizers(), warnings.catch_warnings(action="ignore"):
         try:
             with xr.open_datatree(source, engine="h5netcdf") as tree:
@@ -201,7 +205,7 @@ def _read_tree(source: Path) -> xr.DataTree:
 
 @contextmanager
 def _silent_finalizers() -> Iterator[None]:
-    """Silence a file opened in vain, which complains once more when it is dropped."""
+    """Silence errors raised when Python deletes the object of a file that could not be opened."""
     hook = sys.unraisablehook
     sys.unraisablehook = _ignore_unraisable
     try:
@@ -216,7 +220,7 @@ def _ignore_unraisable(_: sys.UnraisableHookArgs) -> None:
 
 
 def _digest(tree: xr.DataTree) -> str:
-    """Return the SHA-256 of every number, name, unit and record in a tree."""
+    """Return the SHA-256 of all numbers, names and units in a tree, and of its record."""
     digest = hashlib.sha256(str(tree["provenance"].attrs["json"]).encode())
     for node in sorted(tree.subtree, key=_path_of):
         for name in sorted(map(str, node.variables)):
@@ -236,7 +240,10 @@ def _path_of(node: xr.DataTree) -> str:
 
 
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
-    """Return what the record keeps of a campaign; readings and angles are in constant_data."""
+    """Return the entry for a campaign in the record of a posterior.
+
+    It lacks readings and angles, which are in the group ``constant_data``.
+    """
     campaign_fields = _fields(campaign, "name", "tests", "foreseen")
     for name in ("mount", "force_law", "instrument"):
         campaign_fields[name] = asdict(getattr(campaign, name))
@@ -258,7 +265,10 @@ def _fields(source: Campaign | CircularTest, *excluded: str) -> dict[str, Any]:
 
 
 def record_of(posterior: xr.DataTree) -> dict[str, Any]:
-    """Return the JSON in the group ``provenance``: what was fitted, how, and how well."""
+    """Return the record of a posterior: what was fitted, how, and how well.
+
+    The record is kept as JSON in the group ``provenance``.
+    """
     if "provenance" not in posterior.children:
         raise InputError(
             "the posterior must be one of sample or load, got one in units for reading (to_units)."
@@ -269,7 +279,7 @@ def record_of(posterior: xr.DataTree) -> dict[str, Any]:
 
 
 def fit_of(posterior: xr.DataTree) -> Fit:
-    """Return how well the model fits, and what to mind; refuse one of an earlier edition."""
+    """Return how well the model fits; raise an `InputError` for a fit by another edition."""
     try:
         return Fit.from_dict(record_of(posterior)["fit"])
     except ValidationError as error:
@@ -281,7 +291,7 @@ def fit_of(posterior: xr.DataTree) -> Fit:
 
 
 def campaign_of(posterior: xr.DataTree) -> Campaign:
-    """Return the campaign, readings included."""
+    """Return the campaign of a posterior, readings included."""
     record = record_of(posterior)["campaign"]
     constants = posterior["constant_data"].dataset
     test_index = constants["test_index"].values
@@ -302,19 +312,22 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
 
 
 def model_of(posterior: xr.DataTree) -> HybridModel:
-    """Return the model."""
+    """Return the model of a posterior."""
     return model_from_toml(record_of(posterior)["model"]["toml"])
 
 
 def bound_of(posterior: xr.DataTree) -> BoundModel:
-    """Return the model bound to the campaign, as it was sampled."""
+    """Return the model of a posterior, bound to its campaign as it was when sampled."""
     return model_of(posterior).bind(campaign_of(posterior))
 
 
 def draws_of(
     posterior: xr.DataTree, bound: BoundModel, size: int | None = None
 ) -> tuple[Array, Array]:
-    """Return posterior draws of β (size, p) and φ (size, h) [mm], evenly picked; default: all."""
+    """Return posterior draws of parameters β, shape (size, p), and hyper-parameters φ, (size, h).
+
+    φ is in mm. At most ``size`` draws are picked, evenly spaced; by default all are returned.
+    """
     group = posterior["posterior"].dataset
     beta = _stack_draws(group, bound.names)
     phi = _stack_draws(group, bound.hyper_prior.names)
@@ -325,16 +338,17 @@ def draws_of(
 
 
 def _stack_draws(group: Any, names: tuple[str, ...]) -> Array:
-    """Return draws of variables side by side, shape (chains × draws, variables)."""
+    """Return draws of the named variables in one array, shape (chains × draws, variables)."""
     return np.stack([group[str(name)].values.ravel() for name in names], axis=1)
 
 
 def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[ModelDraws]:
-    """Return posterior draws as `draws_of`, those of an average by model.
+    """Return the posterior draws that `draws_of` returns, separately for each model of an average.
 
-    Models of an average differ in the rivals of slopes that they have, and what these add to the
-    readings follows from β and φ of that model alone. Every item has all parameters, zero where
-    its model has none.
+    The models of an average differ in the rivals of slopes: effects that readings can mistake for
+    slopes. The effect of a rival on the readings follows from the parameters β and hyper-parameters
+    φ of its own model only. Each item of the list has all parameters of the average; a parameter
+    that its model lacks is zero.
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, size)
@@ -356,9 +370,10 @@ def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[Mode
 def curves_of(
     posterior: xr.DataTree, force_N: Array, size: int | None = None, *, seed: int = 0
 ) -> Array:
-    """Return C(F) of every kept compliance at forces (n,), shape (draws, n, compliances).
+    """Return the compliances C(F) at n forces, shape (draws, n, compliances).
 
-    See `compliance_curves`; the draws of an average are in the order of `model_draws_of`.
+    See `compliance_curves` for the compliances returned. Draws of an average have the order of
+    `model_draws_of`.
     """
     rng = np.random.default_rng(seed)
     curves = [
@@ -369,20 +384,21 @@ def curves_of(
 
 
 def to_units(posterior: xr.DataTree) -> xr.DataTree:
-    """Return the draws in units for reading: nm/N, nrad/N, µrad, µm/m, µm and so on.
+    """Return a posterior with its draws in units that are easy to read: nm/N, nrad/N, µrad, µm.
 
-    For plots and summaries of other libraries; analyses take the posterior itself. Each variable
-    has its attribute ``units``. Readings, forces and angles stay as they are.
+    The result is for plots and summaries by other libraries; the analyses of this package need the
+    posterior itself. The unit of each variable is in its attribute ``units``. Readings, forces and
+    angles are not converted.
 
     Parameters
     ----------
     posterior : DataTree
-        From `sample`, `load` or `average`.
+        Posterior from `sample`, `load` or `average`.
 
     Returns
     -------
     DataTree
-        Without the group ``provenance``.
+        Converted posterior, without the group ``provenance``.
     """
     converted = {}
     for path, node in posterior.children.items():

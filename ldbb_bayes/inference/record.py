@@ -1,4 +1,8 @@
-"""What a posterior keeps: its groups of arrays, and the record of campaign, model and sampler."""
+"""Contents of a posterior: its groups of arrays, and the record of campaign, model and sampler.
+
+β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+hyper-parameters, the scales of the noise and of other effects.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,11 @@ __all__ = ["densities_of", "groups_of", "prior_draws_of", "record_from"]
 
 
 def densities_of(draws: ModelDraws) -> dict[str, Array]:
-    """Return the log density of each draw, and those of its priors, (n,) each."""
+    """Return the log posterior and log prior densities of n draws, each of shape (n,).
+
+    Key ``lp`` is the log posterior density in the coordinates of the sampler (see `JointDensity`),
+    ``parameters`` that of the prior of β, and ``hyper`` that of the prior of φ.
+    """
     bound, phi, beta = draws
     density = JointDensity(bound)
     points = density.join(beta, bound.hyper_prior.free(phi))
@@ -37,9 +45,10 @@ def densities_of(draws: ModelDraws) -> dict[str, Array]:
 
 
 def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draw β (size, p) from the prior inside the truncation, and φ (size, h) [mm].
+    """Return random draws of β, shape (size, p), and φ [mm], shape (size, h), from the prior.
 
-    There are no draws of β where its prior is flat.
+    β is drawn under the truncation, which restricts compliances to values that are not negative. If
+    the prior of β is flat, its array has the shape (0, 0).
     """
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:
@@ -54,16 +63,18 @@ def groups_of(
     prior: tuple[Array, Array],
     densities: Mapping[str, Array],
 ) -> dict[str, dict[str, Array]]:
-    """Return the arrays of the posterior, by group.
+    """Return the arrays of a posterior, by group and by name.
 
     Parameters
     ----------
     bound : BoundModel
-    beta, phi : array, shape (chains, draws, …)
+        The model bound to its campaign.
+    beta, phi : array, shapes (chains, draws, p) and (chains, draws, h)
+        Random draws from the posterior.
     prior : pair of arrays
-        From `prior_draws_of`.
+        Random draws from the prior, as `prior_draws_of` returns them.
     densities : mapping
-        From `densities_of`, each of shape (chains, draws).
+        Log densities as `densities_of` returns them, but each of shape (chains, draws).
     """
     by_name = {test.name: test for test in bound.campaign.tests}
     tests = [by_name[name] for name in bound.test_names]
@@ -91,7 +102,10 @@ def groups_of(
 
 
 def _by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
-    """Return draws (…, p) and (…, h) by the names of parameters and hyper-parameters."""
+    """Return draws by the names of parameters and hyper-parameters.
+
+    β has the shape (chains, draws, p), φ the shape (chains, draws, h).
+    """
     arrays = {}
     for column in range(beta.shape[2]):
         arrays[bound.names[column]] = beta[..., column]
@@ -103,7 +117,7 @@ def _by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
 def record_from(
     bound: BoundModel, sampler: Mapping[str, Any], fit: Fit, seed: int, started: datetime
 ) -> dict[str, Any]:
-    """Return what the group ``provenance`` keeps of a posterior."""
+    """Return the record that is kept in the group ``provenance`` of a posterior."""
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return {
         "schema": 1,
@@ -121,7 +135,7 @@ def record_from(
 
 
 def _model_record(bound: BoundModel) -> dict[str, Any]:
-    """Return what the record keeps of a model."""
+    """Return the entry for a model in the record of a posterior."""
     model = bound.model
     prior_sd: dict[str, float | None] = {}
     prior_mean = {}
@@ -151,9 +165,9 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
 
 
 def _has_preset_priors(model: HybridModel) -> bool:
-    """Return whether the priors are those of the model's preset.
+    """Return whether a model has the priors of its preset.
 
-    A drift may be added, and the truncation switched off or on.
+    Two changes are allowed: a drift added, and truncation switched on or off.
     """
     preset = HybridModel.from_preset(model.preset, model.degree)
     preset_terms = {type(term): term for term in preset.nuisances}
