@@ -1,4 +1,4 @@
-"""Angles along a recording: from time, over whole turns and laps, and which way they run."""
+"""Angles along a recording: from times, over whole turns and laps, and their direction."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def angles_from_time(
     overshoot_deg: float,
     sense: int,
 ) -> Array:
-    """Return the angle of every reading of a log over time, not modulo 360°.
+    """Return the angle of every reading of a log over time, not reduced modulo 360°.
 
-    The axes run at constant feed F along the circle of radius R:
+    The machine moves at constant feed F along the circle of radius R, and so the angle at time t is
     θ(t) = start + sense · (F (t − t0) / R − overshoot), with t0 the time of the first reading.
-    Acceleration at the ends is inside the overshoot, or neglected.
+    Accelerations at both ends are assumed to lie within the overshoot, and are otherwise neglected.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def angles_from_time(
     start_deg
         Angle at which the circle begins [deg].
     overshoot_deg
-        Angle of the run-in before it [deg].
+        Angle of the run-in before the circle begins [deg].
     sense
         1 counter-clockwise, −1 clockwise.
 
@@ -50,7 +50,7 @@ def angles_from_time(
     Raises
     ------
     InputError
-        For a log that covers less than the overshoot and half a turn.
+        For a log that covers less than the overshoot plus half a turn.
     """
     degrees_per_second = np.rad2deg(feed_mm_per_min / 60.0 / radius_mm)
     travelled = degrees_per_second * (time_s - time_s[0])
@@ -64,15 +64,15 @@ def angles_from_time(
 
 
 def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[np.bool_]:
-    """Return which readings of a log lie on the circle, without run-in and run-out.
+    """Return which readings of a log lie on the circle, outside run-in and run-out.
 
-    The circle goes from its start over whole turns. A turn may lack its closing reading. A log that
-    ends before a turn is complete is an arc, kept to its end.
+    The circle begins at its start angle and goes over whole turns; the last reading of a turn may
+    be missing. A log that ends before the first turn is complete is an arc, kept to its end.
 
     Parameters
     ----------
     angle_deg
-        Angles that run in one direction, shape (n,) [deg].
+        Angles that run in one direction, not reduced modulo 360°, shape (n,) [deg].
     start_deg
         Angle at which the circle begins [deg].
     sense
@@ -92,18 +92,19 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
 
 
 def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
-    """Return angles and mean readings of the whole laps, at the angles of the first.
+    """Return the readings averaged over all whole laps, with the angles of the first lap.
 
-    Later laps are interpolated; readings beyond the last whole lap are left out.
+    Readings of later laps are interpolated at these angles; readings after the last whole lap are
+    left out.
 
     Parameters
     ----------
     angle_deg, reading_um
-        Angles [deg] and readings [µm] of two laps or more, shape (n,).
+        Angles [deg] and readings [µm] of two laps or more, shape (n,) each.
 
     Returns
     -------
-    Angles [deg] and mean readings [µm] of one lap, shape (m,).
+    Angles [deg] and mean readings [µm] of one lap, shape (m,) each.
 
     Raises
     ------
@@ -134,17 +135,17 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
 
 
 def direction_run(angle_deg: Array) -> str | None:
-    """Return CW or CCW, as the angles run; None for less than half a turn.
+    """Return the direction in which the angles run, CW or CCW; None for half a turn or less.
 
     Parameters
     ----------
     angle_deg
-        Angles, not modulo 360°, shape (n,) [deg].
+        Angles, not reduced modulo 360°, shape (n,) [deg].
 
     Raises
     ------
     InputError
-        For angles that run there and back: these are two tests.
+        For angles that run forth and back, which make two tests.
     """
     travelled = angle_deg - angle_deg[0]
     farthest = float(travelled[np.argmax(np.abs(travelled))])

@@ -1,4 +1,4 @@
-"""Load, radius and plane that the name of a file, sheet, column or test states."""
+"""Loads, radii and planes that are part of a name of a file, sheet, column or test."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ __all__ = [
     "radius_in_name",
 ]
 
-# A number with a unit of force or pressure: 238N, 2.5 bar.
+# Pattern of a number with a unit of force or pressure: 238N, 2.5 bar.
 LOAD_IN_NAME = re.compile(
     rf"(?<![\d.,A-Za-z])({NUMBER_IN_TEXT})[ _-]?"
     r"(kN|daN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
     re.IGNORECASE,
 )
-# A decimal mark that a file name cannot hold (3_5bar), marks between thousands (1 238 N; there is
-# no force of 10 236 N).
+# Pattern of a load that may be two numbers or one: a substitute for a decimal point (3_5bar), or a
+# blank between thousands (1 238 N). Forces of 10 236 N do not occur.
 _AMBIGUOUS_LOAD = re.compile(
     r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)"
     r"|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])"
@@ -33,42 +33,44 @@ _AMBIGUOUS_LOAD = re.compile(
     r"|(?<![a-zA-Z\d])[1-5][ ']\d{3}[ _]?k?N(?![a-z])",
     re.IGNORECASE,
 )
-# A force without its unit, of three digits at most: F2000 is a feed.
+# Pattern of a force without its unit, of two or three digits: F238. F2000 is a feed.
 _FORCE_AFTER_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
-# A radius from 50 mm on: R10 numbers a run.
+# Pattern of a radius of at least 50 mm: R100. R10 is the number of a run.
 _RADIUS_AFTER_R = re.compile(
     r"(?<![a-zA-Z0-9])R(?:adius)?[ _=]?([5-9]\d|[1-9]\d{2,3})(?:[ _]?mm)?(?![a-zA-Z\d.,])"
 )
 _PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ)(?![a-zA-Z])")
-# Planes named the other way round.
+# Usual names of planes whose letters are in the other order.
 _PLANE_NAMES = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
 
 
 class NamedLoad(NamedTuple):
-    """A load that a name states."""
+    """A load, force or pressure, that a name states."""
 
     key: str  #: force_N or pressure_bar
-    value: float  #: in the unit of its key
-    name: str  #: that states it
+    value: float  #: value of the load, in the unit of ``key``
+    name: str  #: name that states the load
 
 
 class _WrittenLoad(NamedTuple):
-    """A number and a unit as they stand in a name."""
+    """A load as it is written in a name: a number with a unit."""
 
-    key: str
-    text: str
-    unit_size: float
+    key: str  # force_N or pressure_bar
+    text: str  # the number as written
+    unit_size: float  # size of the written unit in N or bar
 
 
 def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
-    """Return the load of the first name that states exactly one: ``238N``, ``2.5 bar``, ``f238``.
+    """Return the load that the first name with exactly one load states; None if there is none.
+
+    Names state a load like ``238N``, ``2.5 bar`` or ``f238``.
 
     Parameters
     ----------
     names
-        Names of test, column, sheet and file, the most telling first.
+        Names of test, column, sheet and file; the first that states a load counts.
     key
-        force_N or pressure_bar; empty for either.
+        Kind of load, force_N or pressure_bar; empty for either.
     """
     for name in names:
         text = name[:LONGEST_TEXT]
@@ -86,7 +88,7 @@ def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
 
 
 def _written_loads(text: str) -> list[_WrittenLoad]:
-    """Return all numbers with a unit, the forces first."""
+    """Return all numbers in a text that have a unit of force or pressure, forces first."""
     forces = []
     pressures = []
     for digits, word in LOAD_IN_NAME.findall(text):
@@ -99,12 +101,15 @@ def _written_loads(text: str) -> list[_WrittenLoad]:
 
 
 def load_is_ambiguous(names: Sequence[str]) -> bool:
-    """Return whether the number before a unit may be the rest of another: ``1 238 N``."""
+    """Return whether a number before a unit may be only part of the load: ``1 238 N``."""
     return any(_AMBIGUOUS_LOAD.search(name) for name in names)
 
 
 def radius_in_name(names: Sequence[str]) -> float | None:
-    """Return the radius [mm] of the first name that states exactly one: ``R100``."""
+    """Return the radius [mm] that the first name with exactly one radius states: ``R100``.
+
+    Return None if no name states a radius.
+    """
     for name in names:
         radii = set(_RADIUS_AFTER_R.findall(name[:LONGEST_TEXT]))
         if len(radii) == 1:
@@ -113,7 +118,10 @@ def radius_in_name(names: Sequence[str]) -> float | None:
 
 
 def plane_in_name(names: Sequence[str]) -> str | None:
-    """Return the plane of the first name that states exactly one; ``XZ`` is ``ZX``."""
+    """Return the plane that the first name with exactly one plane states; ``XZ`` is ``ZX``.
+
+    Return None if no name states a plane.
+    """
     for name in names:
         planes = set()
         for plane in _PLANE.findall(name[:LONGEST_TEXT]):

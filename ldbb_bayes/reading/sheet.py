@@ -1,4 +1,4 @@
-"""The text cells of one file, or of one sheet of a workbook."""
+"""Sheets: the text cells of one text file, or of one sheet of a workbook."""
 
 from __future__ import annotations
 
@@ -13,41 +13,45 @@ __all__ = ["Sheet"]
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Text cells of one file, or of one sheet of a workbook."""
+    """Text cells of one text file, or of one sheet of a workbook."""
 
-    path: Path
-    name: str  #: of the sheet; empty for a text file
-    rows: list[Row]  #: without empty lines
-    encoding: str = ""  #: of a text file
-    separator: str = ""  #: of a text file
-    is_only_table: bool = False  #: of its file, so that the table bears the file's name
+    path: Path  #: path of the file
+    name: str  #: name of the sheet; empty for a text file
+    rows: list[Row]  #: rows of cells, without empty lines
+    encoding: str = ""  #: encoding of a text file; empty for a workbook
+    separator: str = ""  #: separator of cells in a text file; empty for a workbook
+    #: whether the file holds no other table, so that the table is named after the file
+    is_only_table: bool = False
 
     @property
     def name_in_file(self) -> str:
-        """Return what distinguishes the sheet in its file; empty for the only table of a file."""
+        """Name of the sheet if its file holds several tables; empty for a file's only table."""
         if self.is_only_table:
             return ""
         return self.name
 
     @property
     def title(self) -> str:
-        """Return the sheet's name in its file, or the file's name."""
+        """Name of the sheet if its file holds several tables, else name of the file."""
         return self.name_in_file or self.path.stem
 
     @property
     def place(self) -> str:
-        """Return what a message calls the sheet."""
+        """Name of the sheet in messages: path of the file, and name of the sheet."""
         if self.name:
             return f"{self.path}, sheet {self.name!r}"
         return str(self.path)
 
     def texts(self, rows: Iterable[Row]) -> Iterator[tuple[int, str]]:
-        """Return rows as lines of text, with their numbers."""
+        """Yield the line number and the text of each row."""
         for row in rows:
             yield row.line, self.text_of(row.cells)
 
     def text_of(self, cells: Iterable[str]) -> str:
-        """Return cells as one line; of a workbook those that are filled, with semicolons."""
+        """Return cells joined to one line of text.
+
+        Cells of a text file are joined by its separator, filled cells of a workbook by semicolons.
+        """
         if self.separator:
             return self.separator.join(cells)
         return ";".join(cell for cell in cells if cell)

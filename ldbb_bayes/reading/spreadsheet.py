@@ -1,4 +1,4 @@
-"""Files as they are found into text cells: workbooks, and text of any encoding and separator."""
+"""Reading of foreign files into text cells: workbooks and texts of any encoding and separator."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ from ldbb_bayes.reading.workbook import WORKBOOK_SUFFIXES, read_workbook
 
 __all__ = ["read_sheets"]
 
-# How PDF and pictures begin, which hold no table whatever they show.
+# First bytes of PDF files and pictures, which hold no table that can be read.
 _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
-# Bytes of a text that are looked at for zeros, which tell UTF-16.
+# So many bytes at the beginning of a text are searched for zeros, which indicate UTF-16.
 _HEAD_BYTES = 4096
-# In UTF-16 at least this share of the head is zero, on one side of each pair of bytes.
+# A text is UTF-16 if more than this share of the bytes searched are zeros in the same place of
+# their byte pairs.
 _SHARE_OF_ZEROS = 0.2
-# Signs that may separate cells, in order of preference: first those that are no decimal mark.
+# Signs that may separate cells, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
-# Lines by which a separator is judged.
+# A separator is judged by so many lines.
 _SAMPLE_LINES = 200
-# By so much a separator's score has to be better than that of one before it.
+# The score of a separator must exceed the scores of preferred ones by more than this.
 _SCORE_MARGIN = 0.02
 
 
@@ -49,14 +50,14 @@ def read_sheets(
     path
         A workbook (XLSX, XLS, ODS) or a text file. PDF and pictures give one sheet without rows.
     encoding, separator
-        Of a text file; None to find them out.
+        Encoding and separator of a text file; None if they are to be found.
     sheets
-        Names of the sheets to read from a workbook; empty for all that hold anything.
+        Names of the sheets to read from a workbook; empty for all that are not empty.
 
     Raises
     ------
     InputError
-        For what can be read as neither, and for a name that no sheet has.
+        For a file that is neither a workbook nor a text, and for a name that no sheet has.
     """
     raw = table_bytes(path)
     require(
@@ -82,9 +83,10 @@ def read_sheets(
 
 
 def _find_encoding(raw: bytes) -> str:
-    """Return the encoding of a text by its byte-order mark, its zeros, or what decodes.
+    """Return the encoding of a text, found by its byte-order mark or its zero bytes.
 
-    Libraries that detect languages take Windows-1252 with few signs above ASCII for others.
+    Without either it is UTF-8 if the text can be decoded so, else Windows-1252. Libraries that
+    detect encodings often mistake Windows-1252 with few non-ASCII characters for others.
     """
     for encoding, mark in BYTE_ORDER_MARKS.items():
         if raw.startswith(mark):
@@ -101,7 +103,10 @@ def _find_encoding(raw: bytes) -> str:
 
 
 def _find_separator(lines: Sequence[str]) -> str:
-    """Return the sign that splits most lines below the head into equally many cells."""
+    """Return the separator that splits most lines into equally many cells.
+
+    The first third of the lines, which may precede the table, is not considered.
+    """
     sample = [line for line in lines if line.strip()]
     sample = sample[len(sample) // 3 :][:_SAMPLE_LINES]
     best_separator = ","
@@ -117,7 +122,10 @@ def _find_separator(lines: Sequence[str]) -> str:
 
 
 def _separator_score(sample: Sequence[str], separator: str) -> float:
-    """Return the share of lines of the usual width, more where the cells are numbers."""
+    """Return a separator's score: the share of lines with the usual number of cells.
+
+    The share is multiplied by 1 plus the share of numbers among the filled cells.
+    """
     widths = []
     n_filled = 0
     n_numbers = 0

@@ -1,8 +1,8 @@
-"""Load, radius, feed and direction of a test, from all that states them.
+"""Load, radius, feed and direction of a test, from all sources that state them.
 
-A column and what a user states are certain: what contradicts them is noted. Lines above a table
-and names are evidence: they are noted where they are used, and refused where they contradict each
-other.
+Values that a user or a column states are certain; a source that contradicts them is noted. Lines
+above a table and names are uncertain evidence: their use is noted, and they are refused if they
+contradict each other.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from ldbb_bayes.reading.words import UNITS, WORDS
 
 __all__ = ["direction_of", "loads_of", "quantity_of", "unit_size"]
 
-# Share by which a value in a line may be rounded.
+# Relative rounding that is allowed for a value in a line above a table.
 _ROUNDED_IN_LINE = 1e-3
-# Share by which a value in a name may be rounded.
+# Relative rounding that is allowed for a value in a name.
 _ROUNDED_IN_NAME = 0.02
-# Share by which the rows of a column may differ that holds one value.
+# Relative tolerance within which the rows of a column count as one value.
 _CONSTANT = 1e-9
-# Characters of a text from a file that a message shows.
+# A message shows so many characters of a text, and of a unit, from a file.
 _TEXT_SHOWN = 60
 _UNIT_SHOWN = 40
 
 
 class _Evidence(NamedTuple):
-    """A value of a quantity and where it stands."""
+    """A stated value of a quantity, and the source that states it."""
 
-    value: float
+    value: float  # NaN where the number can be read in two ways
     source: str
-    tolerance: float  # share by which it may be rounded
+    tolerance: float  # relative rounding that is allowed for the value
 
 
 def quantity_of(recording: Recording, key: str, column_value: float | None = None) -> float | None:
@@ -53,14 +53,16 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
     recording
         The test.
     key
-        The field: force_N, pressure_bar, radius_mm, feed_mm_per_min, start_deg or overshoot_deg.
+        Field of the quantity: force_N, pressure_bar, radius_mm, feed_mm_per_min, start_deg or
+        overshoot_deg.
     column_value
-        The value in its column, in the unit of the field; None where there is no column.
+        Value in the column of the quantity, in the unit of the field; None without such a column.
 
     Raises
     ------
     InputError
-        For lines and names that contradict each other, and a mark that may be of thousands.
+        For lines and names that contradict each other, and for a number whose mark may be decimal
+        or stand between thousands.
     """
     certain = _certain_evidence(recording, key, column_value)
     uncertain = _uncertain_evidence(recording, key)
@@ -95,7 +97,7 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
 
 
 def _agrees(evidence: _Evidence, value: float) -> bool:
-    """Return whether evidence is not clear, or is the value but for rounding."""
+    """Return whether evidence equals the value up to rounding, or is no clear number."""
     if math.isnan(evidence.value):
         return True
     return bool(np.isclose(evidence.value, value, rtol=evidence.tolerance))
@@ -104,7 +106,7 @@ def _agrees(evidence: _Evidence, value: float) -> bool:
 def _certain_evidence(
     recording: Recording, key: str, column_value: float | None
 ) -> list[_Evidence]:
-    """Return what a user and the column state; of a radius the column comes first."""
+    """Return what a user and the column state, the user first, but for a radius the column."""
     sources = [(recording.stated_value(key), "as given"), (column_value, "its column")]
     if key == "radius_mm":
         sources.reverse()
@@ -116,7 +118,7 @@ def _certain_evidence(
 
 
 def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
-    """Return what the lines above the table and the names state."""
+    """Return what the lines above the table and the names state, lines first."""
     evidence = []
     for statement in recording.statements.get(key, ()):
         source = f"line {statement.line}"
@@ -133,7 +135,13 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 
 
 def loads_of(recording: Recording) -> dict[str, float]:
-    """Return force_N, pressure_bar, or both."""
+    """Return the loads of a test that are stated: force_N, pressure_bar, or both.
+
+    Raises
+    ------
+    InputError
+        If no load is stated.
+    """
     is_stated = any(recording.stated_value(key) is not None for key in LOAD_ROLES)
     loads = {}
     for key in LOAD_ROLES:
@@ -154,7 +162,7 @@ def loads_of(recording: Recording) -> dict[str, float]:
 
 
 def _constant_load(recording: Recording, key: str) -> float | None:
-    """Return the one value of a column of loads; None where there is no such column."""
+    """Return the value of a column of loads, which must be constant; None without the column."""
     role = LOAD_ROLES[key]
     unit = UNITS_SHOWN[key]
     if role not in recording.numbers:
@@ -175,21 +183,21 @@ def _constant_load(recording: Recording, key: str) -> float | None:
 def unit_size(
     recording: Recording, role: str, usual: str, reason: str = "no unit in the header"
 ) -> float:
-    """Return the size of a column's unit in ours.
+    """Return the size of a column's unit in the package's own unit.
 
-    It is the unit that a user states, else the one that the header names, else the usual one, which
-    is noted.
+    The unit is the one that a user states, else the one that the header names, else the usual
+    unit, which is noted as an assumption.
 
     Parameters
     ----------
     recording
         The test.
     role
-        Of the column.
+        Role of the column.
     usual
-        The unit where none is named.
+        Unit that is assumed if none is stated.
     reason
-        Why the usual unit is taken.
+        Evidence for the usual unit, for the note.
     """
     header_line = recording.heading.line
     header_unit = recording.heading.units[recording.heading.roles[role]]
@@ -225,16 +233,16 @@ _SENSES_BY_WORD = _senses_by_word()
 
 
 def _sense_of(word: str) -> str:
-    """Return CW or CCW, or the word itself in capitals."""
+    """Return CW or CCW for a word that means either, else the word itself in capitals."""
     letters = re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", word.upper())
     return _SENSES_BY_WORD.get(letters, word.upper())
 
 
 def direction_of(recording: Recording) -> str | None:
-    """Return CW or CCW; None where nothing states it.
+    """Return the direction of a test, CW or CCW; None where nothing states it.
 
-    A user's word comes before the column, the column before lines above the table and names, and
-    these before sheets without a table.
+    The first of these sources that states a direction counts: the user, the column of directions,
+    lines above the table and names, sheets without a table.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

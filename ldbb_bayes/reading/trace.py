@@ -1,4 +1,4 @@
-"""The trace of one test: angles and readings in our units, from what its columns hold."""
+"""Traces: the angles [deg] and readings [µm] of one test, made from its columns."""
 
 from __future__ import annotations
 
@@ -21,37 +21,39 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Trace", "trace_of"]
 
-# A wider span of angles is in degrees.
+# Angles without a unit that span more than this are in degrees.
 _LARGEST_SPAN_RAD = 7.0
-# Readings whose median is the radius within this are distances of the balls: a bar measures no
-# more.
+# Readings whose median is within this of the radius are distances of the balls: deviations that a
+# bar can measure are no larger.
 _LARGEST_DEVIATION_MM = 1.5
-# Readings whose median is the radius within this share are in mm.
+# Readings without a unit whose median is within this share of the radius in mm are in mm.
 _NEAR_RADIUS = 0.05
-# Readings below this are in mm where no unit is named.
+# Readings without a unit that are all smaller than this are in mm.
 _LARGEST_IN_MM = 0.5
-# Readings with a larger median that scatter by less than this share of it are distances.
+# Readings whose median is larger than this [mm], and whose scatter is below this share of the
+# median, are distances of the balls.
 _SMALLEST_RADIUS_MM = 20.0
 _SMALLEST_SCATTER = 0.01
-# A recording of more turns holds laps, or run-in and run-out.
+# A recording of more than so many turns holds several laps, or run-in and run-out.
 _MORE_THAN_A_TURN = 1.02
-# Characters of a list of columns that a message shows.
+# A message shows so many characters of a list of columns.
 _LIST_SHOWN = 200
 
 
 class Trace(NamedTuple):
     """Angles and readings of one test."""
 
-    angle_deg: Array  #: as the plane counts them, not modulo 360°, shape (n,)
-    reading_um: Array  #: actual distance of the balls − R, shape (n,)
-    direction: str | None  #: CW or CCW; of a log over time never None
+    #: angles from the plane's first axis, counter-clockwise, not reduced modulo 360°, shape (n,)
+    angle_deg: Array
+    reading_um: Array  #: actual distance of the balls − radius, shape (n,)
+    direction: str | None  #: CW, CCW or None for unknown; always known for a log over time
 
 
 class _Log(NamedTuple):
-    """Angles of a log over time."""
+    """Angles computed for a log over time."""
 
-    angle_deg: Array  # of the readings on the circle, shape (m,)
-    on_circle: NDArray[np.bool_]  # which readings these are, shape (n,)
+    angle_deg: Array  # angles of the m readings on the circle, shape (m,)
+    on_circle: NDArray[np.bool_]  # which of all n readings lie on the circle, shape (n,)
     direction: str
 
 
@@ -96,7 +98,7 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
 
 
 def _angles_of_column(recording: Recording) -> Array:
-    """Return the angle of every reading as the plane counts it, shape (n,) [deg]."""
+    """Return the angle of every reading, from the plane's first axis, shape (n,) [deg]."""
     raw = recording.numbers.get("angle")
     if raw is None:
         raise _missing_column(recording, "angle", "angle, or the time")
@@ -111,7 +113,7 @@ def _angles_of_column(recording: Recording) -> Array:
 
 
 def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
-    """Return the angles of a log over time, on the circle."""
+    """Return the angles of a log over time, for its readings on the circle."""
     feed = quantity_of(recording, "feed_mm_per_min")
     if feed is None or not feed > 0.0:
         raise InputError(
@@ -151,7 +153,7 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
 
 
 def _angle_or_zero(recording: Recording, key: str) -> float:
-    """Return an angle of a log over time; zero, which is noted, where nothing states it."""
+    """Return a stated angle of a log over time, or else zero, which is noted as an assumption."""
     value = quantity_of(recording, key)
     if value is None:
         recording.note(key, "0°", "nothing says otherwise", option_for(key))
@@ -160,7 +162,7 @@ def _angle_or_zero(recording: Recording, key: str) -> float:
 
 
 def _deviations(recording: Recording, raw: Array) -> Array:
-    """Return actual distance of the balls − R, shape (n,) [µm]."""
+    """Return the readings as actual distance of the balls − radius, shape (n,) [µm]."""
     require(
         np.ptp(raw) > 0.0,
         f"{recording.place}: the reading must change from row to row, got {raw[0]:g} in all. Say"
@@ -178,9 +180,9 @@ def _deviations(recording: Recording, raw: Array) -> Array:
 
 
 def _zero_of(recording: Recording, reading_um: Array) -> str:
-    """Return whether readings are deviations from the radius or distances of the balls."""
+    """Return "deviation" for deviations from the radius, "distance" for distances of the balls."""
     radius_mm = recording.radius_mm
-    # Distances on another radius are no deviations of this one.
+    # Distances of the balls on another radius must not be taken for deviations from this one.
     median_mm = float(np.median(reading_um)) * 1e-3
     scatter_mm = float(np.median(np.abs(reading_um - 1e3 * median_mm))) * 1e-3
     is_near = abs(median_mm - radius_mm) < _LARGEST_DEVIATION_MM
@@ -212,7 +214,10 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
 
 
 def _handle_laps(recording: Recording, trace: Trace) -> Trace:
-    """Return the trace with its laps kept or averaged; a contradicting direction is noted."""
+    """Return the trace with its laps kept or averaged, as the layout states.
+
+    A stated direction that contradicts the order of the angles is noted.
+    """
     angle = trace.angle_deg
     if len(angle) < 2:
         return trace
@@ -224,7 +229,7 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
             f"the angles run {run}: taken as sorted",
             "--direction",
         )
-    # A full circle whose last reading stands one step before the first is one turn.
+    # A full circle whose last reading is one step before the first counts as one turn.
     step = np.median(np.abs(np.diff(angle)))
     n_laps = float(abs(angle[-1] - angle[0]) + step) / TURN_DEG
     if n_laps < _MORE_THAN_A_TURN or recording.layout.laps == "keep":

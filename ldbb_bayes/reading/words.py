@@ -1,4 +1,7 @@
-"""Words and units by which files name what they hold, in English, German and some others."""
+"""Words and units that files use for what they hold, in English, German and other languages.
+
+The words themselves are in ``words.toml``.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +23,11 @@ __all__ = [
     "unit_named",
 ]
 
-# Characters of a line that are looked at.
+# A line is examined up to so many characters.
 LONGEST_TEXT = 300
-# Characters of a header that are looked at.
+# A header is examined up to so many characters.
 LONGEST_NAME = 200
-# Characters of a unit; a longer text is none.
+# Longest unit [characters]; a longer text is no unit.
 _LONGEST_UNIT = 40
 
 WORDS: Mapping[str, Any] = tomllib.loads(
@@ -33,26 +36,30 @@ WORDS: Mapping[str, Any] = tomllib.loads(
 
 
 def _role_words() -> dict[str, list[str]]:
-    """Return, by role, the words by which a header names it."""
+    """Return the words by which a header names a role, by role."""
     role_words = {}
     for role, words in WORDS["roles"].items():
         role_words[role] = words.split()
     return role_words
 
 
-# Words by which a header names each role, in the order in which the roles are tried.
+# Words by which a header names a role, by role, in the order in which the roles are tried.
 ROLES: Mapping[str, Sequence[str]] = _role_words()
-# Quantities that are no load and no radius of a test: a maximum, the ambient temperature, …
+# Pattern of words for quantities that are neither load nor radius of a test: a maximum, an ambient
+# pressure, …
 OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
 
 
 def comparable(text: str) -> str:
-    """Return a text for comparing: one sign for micro, no capitals, no blanks or dots around it."""
+    """Return a text in the form in which texts are compared.
+
+    It has one sign for micro, no capitals, and no blanks, dots or colons at its ends.
+    """
     return unicodedata.normalize("NFKC", text).casefold().strip(" .:")
 
 
 def _unit_sizes() -> dict[str, dict[str, float]]:
-    """Return, by role, the size of every unit in ours."""
+    """Return the size of every known unit in the package's own unit, by role and unit."""
     sizes: dict[str, dict[str, float]] = {}
     for role, units in WORDS["units"].items():
         sizes[role] = {unit: float(entry[0]) for unit, entry in units.items()}
@@ -60,7 +67,7 @@ def _unit_sizes() -> dict[str, dict[str, float]]:
 
 
 def _units_by_word() -> dict[str, str]:
-    """Return our name of a unit by every word that people use for it."""
+    """Return the package's name of a unit, by every word that files use for the unit."""
     units_by_word: dict[str, str] = {}
     for units in WORDS["units"].values():
         for unit, (_, *synonyms) in units.items():
@@ -74,7 +81,7 @@ _UNITS_BY_WORD = _units_by_word()
 
 
 def unit_named(text: str) -> str:
-    """Return our name of a unit; empty where the text names none."""
+    """Return the package's name of the unit that a text names; empty if it names no unit."""
     if len(text) > _LONGEST_UNIT:
         return ""
     return _UNITS_BY_WORD.get(comparable(text), "")
