@@ -1,9 +1,12 @@
 """Integrals in many dimensions by importance sampling with an adapted proposal.
 
-Points are quasi-random. The proposal, a mixture of split Student-t along the axes of the modes, is
-fitted round by round to where the weights are (Geweke, Econometrica 57, 1317-1339, 1989). What a
-round finds is weighted by the proposal it was drawn from, never by one fitted to it: such weights
-are too small, by 0.1 nat in 45 dimensions.
+The integral of a density f over h dimensions is the mean of the weights f / proposal at points
+drawn from the proposal. Points are quasi-random: a Sobol sequence, randomised independently several
+times (scrambles). The proposal is a mixture of split Student-t distributions, whose two sides
+differ (Geweke, Econometrica 57, 1317-1339, 1989). In every round it is fitted to the weighted
+points of the rounds before. The points of a round are weighted by the proposal from which they were
+drawn. With a proposal fitted to these same points, ln ∫ f would be too small, by 0.1 nat in 45
+dimensions. ESS is the effective sample size of the weights.
 """
 
 from __future__ import annotations
@@ -21,22 +24,24 @@ from ldbb_bayes.results import Array
 
 __all__ = ["importance_sample"]
 
-# Distances from a mode, in sd, at which the density is evaluated along every axis.
+# Distances from a mode, in sd, at which the density is evaluated along every direction.
 _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
-# Independent scrambles of the Sobol sequence: their scatter gives the error.
+# Number of independent scrambles of the Sobol sequence; their scatter gives the error.
 _SCRAMBLES = 8
-# Points of a scramble in the first round: at least so many, and so many a dimension.
+# Smallest number of points of a scramble in the first round, in all and per dimension.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# Each round has so many times the points of the one before.
+# Factor by which each round has more points than the round before.
 _GROWTH = 4
-# Rounds of fitting the proposal.
+# Largest number of rounds.
 _ROUNDS = 5
-# A round is continued rather than fitted again where the ESS is above this share of its points.
+# A round is extended by more points if its ESS exceeds this share of its points; otherwise the
+# proposal is fitted anew.
 _EFFICIENT = 0.4
-# Weights are evened out until their ESS is a third of the points, or so many a dimension.
+# Weights are raised to a power below one until their ESS is a third of the points, or this number
+# per dimension.
 _FITTED_PER_DIMENSION = 40.0
-# Each time weights are evened out their power is multiplied by this, down to the least power.
+# That power is multiplied by this factor until the ESS suffices or the least power is reached.
 _EVENING = 0.8
 _LEAST_POWER = 0.02
 
@@ -52,26 +57,27 @@ def importance_sample(
 ) -> Integral:
     """Return ∫ f from quasi-random points, to the tolerance and with weights that can be trusted.
 
-    Where that is not reached the result is the best of five rounds; its ``trusted`` says whether
-    its weights can be used. A round draws from the mixture fitted to all rounds before it, the
-    first round from one fitted to the density along the axes of every mode. Where the weights are
-    even enough a round is continued with as many points again instead of fitting anew. Where no
-    weights can be trusted another seed is tried: a round may miss a tail by luck.
+    If no round achieves both, the best round is returned; its ``trusted`` states whether its
+    weights can be trusted. The proposal of the first round is fitted to f along directions through
+    every mode, that of a later round to the points of all rounds before. If the weights of a round
+    are even enough, the round is extended by as many points again. If no round has weights that can
+    be trusted, another seed is tried, as a round may miss a tail of f by chance.
 
     Parameters
     ----------
     log_density : callable
-        ln f, (n, h) → (n,).
+        Function that returns ln f, shape (n,), at points of shape (n, h).
     modes : sequence of pairs
-        Modes (h,), highest first, and a root (h, h) of the inverse curvature at each.
+        Modes, shape (h,), the highest first, each with a square root, shape (h, h), of the inverse
+        of minus the Hessian of ln f there.
     tolerance : float
-        Error asked for [nat].
+        Error of ln ∫ f asked for [nat].
     seed : int
         Seed of the scrambles.
     max_points : int
         Largest number of points of a round.
     tries : int
-        How many seeds are tried.
+        Largest number of seeds tried.
     """
     best = _best_of_rounds(log_density, modes, tolerance, seed, max_points)
     if best.trusted or tries < 2:
@@ -96,7 +102,10 @@ def _best_of_rounds(
     seed: int,
     max_points: int,
 ) -> Integral:
-    """Return the first round that reaches the tolerance, or the best; the first is never used."""
+    """Return the earliest round that reaches the tolerance, or else the best round.
+
+    The first round only serves to fit the proposal and is never returned.
+    """
     rng = np.random.default_rng(seed)
     components = tuple(_fit_along_axes(log_density, mode, root) for mode, root in modes)
     proposal = Mixture(components, np.full(len(modes), 1.0 / len(modes)))
@@ -129,9 +138,10 @@ def _draw_round(
     tolerance: float = np.inf,
     max_points: int = 0,
 ) -> Integral:
-    """Draw ``size`` points a scramble, and double them while that pays and the tolerance asks.
+    """Return a round with ``size`` points per scramble, doubled until the tolerance is reached.
 
-    A round is not continued where twice its points would be more than ``max_points``.
+    Doubling stops early if the weights are too uneven or cannot be trusted, or if the round would
+    have more than ``max_points`` points.
     """
     count = np.maximum(np.rint(size * proposal.share), 1.0).astype(int)
     proposal = replace(proposal, share=count / count.sum())
@@ -155,7 +165,10 @@ def _extend_sample(
     count: Index,
     earlier: Integral | None,
 ) -> Integral:
-    """Add ``count`` points of every component to every scramble of an earlier sample."""
+    """Return an earlier sample, if any, with new points added to every scramble.
+
+    ``count`` is the number of points that each component of the proposal adds to each scramble.
+    """
     points = []
     for component, scrambles, size in zip(proposal.components, engines, count, strict=True):
         for engine in scrambles:
@@ -173,16 +186,16 @@ def _extend_sample(
 
 
 def _draw_uniform(engine: qmc.Sobol, count: int) -> Array:
-    """Draw the next points of a Sobol sequence, shape (count, h)."""
+    """Return the next points of a Sobol sequence, shape (count, h)."""
     with warnings.catch_warnings():
-        # SciPy warns of counts that are no powers of two: shares of a mixture rarely are.
+        # SciPy warns if a count is no power of two; counts from shares of a mixture rarely are.
         warnings.filterwarnings("ignore", message="The balance properties", category=UserWarning)
         return np.asarray(engine.random(count))
 
 
 def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
-    """Fit a split t to the density along every axis through a mode."""
-    # The root that turns the coordinates least: what is independent stays so.
+    """Return a split t fitted to the density along h directions through a mode."""
+    # The symmetric root turns the coordinates least: independent coordinates stay independent.
     variance, vectors = np.linalg.eigh(root @ root.T)
     root = vectors * np.sqrt(variance) @ vectors.T
     z = np.concatenate([-_ALONG_AXIS[::-1], [0.0], _ALONG_AXIS])
@@ -195,9 +208,9 @@ def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT
 
 
 def _fit_to_rounds(rounds: Sequence[Integral]) -> Mixture:
-    """Fit the last proposal to the points of all rounds.
+    """Return the proposal of the last round, refitted to the points of all rounds.
 
-    Points are weighted by the mixture of all the rounds' proposals.
+    The weight of a point is f divided by the mixture of the proposals of all rounds.
     """
     points = np.concatenate([sample.free for sample in rounds])
     values = np.concatenate([sample.log_density for sample in rounds])
@@ -210,7 +223,10 @@ def _fit_to_rounds(rounds: Sequence[Integral]) -> Mixture:
 
 
 def _even_out(log_weight: Array, h: int) -> Array:
-    """Return normalised weights, raised to a power below one while few points would carry all."""
+    """Return normalised weights of points in h dimensions, evened out if too few points dominate.
+
+    Weights are evened out by raising them to a power below one.
+    """
     sufficient = min(len(log_weight) / 3.0, _FITTED_PER_DIMENSION * (h + 1.0))
     power = 1.0
     while True:

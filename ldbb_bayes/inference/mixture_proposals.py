@@ -1,7 +1,8 @@
-"""Mixtures of split Student-t distributions: proposals of importance sampling, and their fit.
+"""Mixtures of split Student-t distributions, fitted to weighted points for importance sampling.
 
-Every component is a product of split t along axes of its own (Geweke, Econometrica 57, 1317-1339,
-1989), fitted to weighted points.
+A proposal is the density from which points are drawn. A split t is a Student-t distribution with
+different scales and degrees of freedom on its two sides (Geweke, Econometrica 57, 1317-1339, 1989).
+A component of a mixture is a product of split t along h directions of its own, in h dimensions.
 """
 
 from __future__ import annotations
@@ -16,48 +17,48 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Mixture", "Random", "SplitT", "fit_split_t", "refit_mixture"]
 
-# emcee hands its moves a RandomState.
+# Generators of random numbers; emcee passes a RandomState to its moves.
 Random = np.random.Generator | np.random.RandomState
 
 # Degrees of freedom that are tried, the heaviest tails first.
 _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
-# Light tails are fitted in many dimensions only: in few they gain little and leave corners of the
-# density in the tail. In up to so many dimensions ...
+# Light tails are fitted only in more dimensions than this: in few dimensions they gain little, and
+# corners of the density would lie in the tails of the proposal. In few dimensions, ...
 _FEW_DIMENSIONS = 5
-# ... only the first so many degrees of freedom are tried.
+# ... only this number of the degrees of freedom above is tried.
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit starts.
 _FIRST_FREEDOM = 9.0
-# Where the two sides may meet, in units of the axis.
+# Places at which the two sides of a split t may meet, in the coordinate z of `SplitT`.
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
-# Alternations between scales and degrees of freedom, and EM steps of the scales in each.
+# Number of alternations between fitting scales and fitting degrees of freedom, and number of
+# expectation-maximisation (EM) steps for the scales in each alternation.
 _ALTERNATIONS = 2
 _EM_STEPS = 3
-# Smallest and largest scale, in units of the axis.
+# Smallest and largest scale of a split t, in the coordinate z of `SplitT`.
 _SMALLEST_SCALE = 0.05
 _LARGEST_SCALE = 20.0
-# A proposal is made this much wider than its fit: too narrow a proposal is the worse error.
+# Factor by which a proposal is made wider than its fit: too narrow is worse than too wide.
 _WIDER = 1.05
-# More points than this are resampled to this number before tails are fitted.
+# Largest number of points to which tails are fitted; more are resampled to this number.
 _FITTED_POINTS = 4096
-# A component of a smaller share is not refitted, and none gets less.
+# Smallest share of a component in a mixture; a component with a smaller mass is not refitted.
 _SMALLEST_SHARE = 0.02
-# Correlations are shrunk towards zero as by this many points a dimension.
+# Correlations are shrunk towards zero as if by this many uncorrelated points per dimension.
 _SHRINKAGE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class SplitT:
-    """x = centre + root z, every z an independent split Student-t.
+    """Distribution of x = centre + root z, where all h elements of z are independent split t.
 
-    Each z has a scale and degrees of freedom for each side of zero: ``scale`` and ``freedom`` are
-    (2, h), below and above. The density is continuous: both sides have the same height at zero.
+    The density is continuous, as both sides of a split t have the same height at z = 0.
     """
 
-    centre: Array
-    root: Array
-    scale: Array
-    freedom: Array
+    centre: Array  #: value of x at z = 0, shape (h,)
+    root: Array  #: matrix from z to x, shape (h, h)
+    scale: Array  #: scales of each z below and above zero, shape (2, h)
+    freedom: Array  #: degrees of freedom of each z below and above zero, shape (2, h)
 
     def log_density(self, points: Array) -> Array:
         """Return the log density of points (n, h), shape (n,)."""
@@ -70,7 +71,7 @@ class SplitT:
         return np.asarray(-log_mass - np.linalg.slogdet(self.root)[1] - tails)
 
     def transform(self, uniform: Array) -> Array:
-        """Return points from uniform numbers (n, h)."""
+        """Return points, shape (n, h), from uniform random numbers between 0 and 1, (n, h)."""
         masses = _side_masses(self.scale, self.freedom)
         share = masses / masses.sum(axis=0)
         below = uniform < share[0]
@@ -83,36 +84,42 @@ class SplitT:
 
 
 def _side_masses(scale: Array, freedom: Array) -> Array:
-    """Return ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) over one side."""
+    """Return ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) dz over one side of zero."""
     log_height = gammaln(freedom / 2.0) - gammaln((freedom + 1.0) / 2.0)
     return np.asarray(0.5 * scale * np.sqrt(freedom * np.pi) * np.exp(log_height))
 
 
 def _log_tail(square: Array, scale: Array, freedom: Array | float) -> Array:
-    """Return minus the log of the unnormalised density at squared distances from zero."""
+    """Return minus the log of the density of z, which is scaled to 1 at z = 0.
+
+    ``square`` is z².
+    """
     return np.asarray(0.5 * (freedom + 1.0) * np.log1p(square / (freedom * scale**2)))
 
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """A mixture of split Student-t, each with its share (k,)."""
+    """Mixture of k components, each a `SplitT`."""
 
-    components: tuple[SplitT, ...]
-    share: Array
+    components: tuple[SplitT, ...]  #: the k components
+    share: Array  #: probabilities of the components, shape (k,)
 
     def log_density(self, points: Array) -> Array:
         """Return the log density of points (n, h), shape (n,)."""
         return np.asarray(np.logaddexp.reduce(self.by_component(points), axis=0))
 
     def by_component(self, points: Array) -> Array:
-        """Return ln of share times density, shape (k, n)."""
+        """Return ln(share × density) of each component at points (n, h), shape (k, n)."""
         rows = []
         for share, component in zip(self.share, self.components, strict=True):
             rows.append(np.log(share) + component.log_density(points))
         return np.stack(rows)
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
-        """Return independent draws, shape (size, h), with scales √temperature as wide."""
+        """Return independent random draws, shape (size, h).
+
+        Scales are multiplied by the square root of ``temperature``.
+        """
         limits = np.cumsum(self.share)[:-1]
         picked = np.searchsorted(limits, rng.uniform(size=size), side="right")
         uniform = rng.uniform(size=(size, len(self.components[0].centre)))
@@ -124,9 +131,11 @@ class Mixture:
 
 
 def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
-    """Return the mixture with every component that counts refitted to its share of the points.
+    """Return a mixture with each component refitted to weighted points.
 
-    Points (n, h), their weights (n,) sum to one.
+    Points have the shape (n, h); their weights, shape (n,), sum to one. Each point is shared among
+    the components in proportion to their densities there. Components that receive next to no
+    weight stay as they are.
     """
     by_component = proposal.by_component(points)
     weights = weight * np.exp(by_component - np.logaddexp.reduce(by_component, axis=0))
@@ -141,9 +150,9 @@ def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
 
 
 def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
-    """Move, turn and stretch a component to mean, covariance and tails of weighted points.
+    """Return a component fitted to the mean, covariance and tails of weighted points.
 
-    Correlations are shrunk towards zero where few points carry them.
+    Correlations are shrunk towards zero, the more so the fewer points carry the weight.
     """
     z = np.linalg.solve(component.root, (points - component.centre).T).T
     ess = 1.0 / (weight**2).sum()
@@ -171,25 +180,26 @@ def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
 
 
 class _AxisFit(NamedTuple):
-    """Split t fitted along each of h axes."""
+    """Split t fitted along each of h directions."""
 
-    offset: Array  #: where the two sides meet (h,)
-    scale: Array  #: (2, h)
-    freedom: Array  #: (2, h)
-    log_likelihood: Array  #: mean over the weights (h,)
+    offset: Array  #: place along each direction where the two sides meet, shape (h,)
+    scale: Array  #: scales below and above the offset, shape (2, h)
+    freedom: Array  #: degrees of freedom below and above the offset, shape (2, h)
+    log_likelihood: Array  #: weighted mean of the log density, shape (h,)
 
 
 def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
-    """Return the split t that is most likely along every axis.
+    """Return the split t of greatest likelihood along every direction.
 
-    Scales come from EM steps; degrees of freedom and where the sides meet from a few candidates.
+    Scales are found by expectation-maximisation (EM) steps. Degrees of freedom, and the place where
+    the two sides meet, are picked from a few candidates.
 
     Parameters
     ----------
     centre, root : ndarray, shapes (h,) and (h, h)
-        x = centre + root z.
+        The transformation x = centre + root z to the coordinates x of the density.
     z, weight : ndarray, shape (n, h)
-        Places along the axes, and weights that sum to one along every axis.
+        Places along the h directions, and weights that sum to one along each direction.
     """
     h = z.shape[1]
     freedoms = _FREEDOMS
@@ -209,7 +219,7 @@ def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
 
 
 def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _AxisFit:
-    """Fit scales and degrees of freedom with the two sides meeting at an offset."""
+    """Return a split t for each direction, fitted with its two sides meeting at an offset."""
     h = z.shape[1]
     square = (z - offset) ** 2
     above = z > offset
@@ -229,7 +239,7 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
 
 
 def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array) -> Array:
-    """Improve the scales (2, h) by a few EM steps."""
+    """Return scales, shape (2, h), improved by a few expectation-maximisation (EM) steps."""
     for _ in range(_EM_STEPS):
         pull = (freedom[:, None] + 1.0) / (freedom[:, None] + square / scale[:, None] ** 2)
         moment = (side_weights * pull * square).sum(axis=1)
@@ -242,7 +252,11 @@ def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array)
 def _best_freedom(
     side: int, square: Array, side_weights: Array, scale: Array, freedom: Array, freedoms: Array
 ) -> Array:
-    """Return the likeliest candidate of the degrees of freedom of one side, shape (h,)."""
+    """Return the degrees of freedom of one side, the likeliest of the candidates, shape (h,).
+
+    ``side`` is 0 below and 1 above the place where the two sides meet; ``freedoms`` holds the
+    candidates.
+    """
     other_mass = _side_masses(scale, freedom)[1 - side]
     costs = []
     for candidate in freedoms:

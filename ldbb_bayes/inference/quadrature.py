@@ -1,7 +1,4 @@
-"""Integrals of a density with known modes: a lattice in few dimensions, a sample in many.
-
-Nothing here knows of circles.
-"""
+"""Integrals of a density with known modes: by a lattice in few dimensions, by sampling in many."""
 
 from __future__ import annotations
 
@@ -14,9 +11,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["integrate"]
 
-# Most dimensions in which a lattice needs fewer nodes than a sample.
+# Largest number of dimensions in which a lattice needs fewer nodes than importance sampling.
 LARGEST_LATTICE_DIMENSION = 5
-# A sample gets this share of the tolerance: what is averaged over its nodes adds errors.
+# Share of the tolerance allowed to importance sampling; averages over its nodes add errors.
 _OF_TOLERANCE = 0.8
 
 
@@ -28,22 +25,23 @@ def integrate(
     step: float | None = None,
     seed: int = 0,
 ) -> Integral:
-    """Return ∫ f: a lattice in up to five dimensions, importance sampling in more.
+    """Return ∫ f from a lattice in up to five dimensions, from importance sampling in more.
 
-    Where the weights of the sample cannot be trusted the result says so: its error is infinite.
+    If the weights of a sample cannot be trusted, the error of the result is infinite.
 
     Parameters
     ----------
     log_density : callable
-        ln f, (n, h) → (n,).
+        Function that returns ln f, shape (n,), at n points in h dimensions, shape (n, h).
     modes : sequence of pairs
-        Modes (h,), highest first, and a root (h, h) of the inverse curvature at each.
+        Modes, shape (h,), the highest first, each with a square root, shape (h, h), of the inverse
+        of minus the Hessian of ln f there.
     tolerance : float
         Error of ln ∫ f asked for [nat].
     step : float, optional
         The first step of a lattice, in sd.
     seed : int
-        Seed of a sample.
+        Seed of importance sampling.
     """
     if len(modes[0][0]) <= LARGEST_LATTICE_DIMENSION:
         return grow_lattice(log_density, modes, tolerance=tolerance, step=step)
