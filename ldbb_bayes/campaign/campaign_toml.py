@@ -1,4 +1,4 @@
-"""Reading of campaign.toml: its tables, the tests that it names, and the certificates."""
+"""Reading of campaign.toml, of the CSV files it names, and of the certificates it names."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from ldbb_bayes.files import read_toml, validated
 
 __all__ = ["LARGEST_PLAN", "CampaignContent", "read_campaign_toml"]
 
-# Readings of a planned test that states no number.
+# Number of readings of a planned test that states none.
 _PLANNED_READINGS = 720
-# Readings of a plan at most.
+# Largest number of readings of a plan.
 LARGEST_PLAN = 2_000_000
-# Keys of planned tests only.
+# Keys that only planned tests may have.
 _PLAN_KEYS = ("readings", "start_deg", "arc_deg")
 _STRICT = ConfigDict(extra="forbid", defer_build=True)
 
@@ -40,7 +40,8 @@ class _TestFile(TestFields):
     arc_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
 
 
-# Certificates: a key of a table is the field of `Instrument` called after both.
+# Tables of certified values: key U_um of the table [bar] is the field bar_U_um of `Instrument`, and
+# likewise for other keys.
 @dataclass(frozen=True, config=_STRICT)
 class _Balls:
     work: Ball = field(default_factory=Ball)
@@ -89,14 +90,14 @@ class _CampaignFile(CampaignFields):
 
 
 class CampaignContent(NamedTuple):
-    """What a campaign.toml says."""
+    """Content of a campaign.toml: tests, and the other fields of the campaign."""
 
     tests: tuple[CircularTest, ...]
-    fields: dict[str, Any]  # the other fields of the campaign
+    fields: dict[str, Any]  # fields of the campaign other than its tests
 
 
 def read_campaign_toml(path: Path) -> CampaignContent:
-    """Return the tests of a campaign.toml, and the other fields of its campaign."""
+    """Return the tests and the other fields of the campaign in a campaign.toml."""
     content = read_toml(path)
     _fill_from_certificates(path, content)
     file = validated(_CampaignFile, content, str(path))
@@ -117,7 +118,10 @@ def read_campaign_toml(path: Path) -> CampaignContent:
 
 
 def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
-    """Put what the DCCs say in place of their names."""
+    """Replace each key ``dcc``, which names a certificate file, by what the certificate states.
+
+    DCC means digital calibration certificate.
+    """
     tables = {"bar": content.get("bar"), "force": content.get("force")}
     balls = content.get("balls", {})
     if isinstance(balls, dict):
@@ -141,7 +145,10 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
 
 
 def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> MountCompensation:
-    """Return the mount; a stiffness is a deflection per bar by the slope of the force law."""
+    """Return the mount's compensation.
+
+    A stated stiffness is converted to a deflection per bar by the slope of the force law.
+    """
     stated = content.get("mount", {}).keys()
     require(
         not {"stiffness_N_per_um", "deflection_um_per_bar"} <= stated,
@@ -155,7 +162,7 @@ def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> Mo
 
 
 def _instrument_of(path: Path, file: _CampaignFile) -> Instrument:
-    """Return what certificates say."""
+    """Return the instrument with the certified values of all tables."""
     tables = {"bar": file.bar, "mount": file.mount, "force": file.force_law, "angle": file.angle}
     stated: dict[str, Any] = {"work": file.balls.work, "tool": file.balls.tool}
     for table_name, table in tables.items():
@@ -195,7 +202,10 @@ def _planned_angles(plan: Mapping[str, Any]) -> Any:
 
 
 def _path_inside(toml: Path, place: str, file: str) -> Path:
-    """Return the referenced file, which must lie inside the campaign's folder, links followed."""
+    """Return the path of a file that campaign.toml names.
+
+    After links are followed, the file must lie inside the campaign's folder.
+    """
     folder = toml.parent
     root = folder.resolve()
     subject = f"{toml}, {place} must"

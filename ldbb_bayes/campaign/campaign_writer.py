@@ -17,9 +17,9 @@ from ldbb_bayes.errors import require
 __all__ = ["TOML_NAME", "write_campaign_into"]
 
 TOML_NAME = "campaign.toml"
-# Version of the format.
+# Version of the format of campaign.toml.
 _SCHEMA = 1
-# Relative tolerance of a full turn.
+# Relative tolerance within which an arc counts as a full turn.
 _TURN_TOLERANCE = 1e-6
 
 
@@ -42,7 +42,7 @@ def _write_readings(test: CircularTest, path: Path) -> None:
 
 
 def _campaign_tables(campaign: Campaign) -> dict[str, Any]:
-    """Return the content of campaign.toml without its tests."""
+    """Return the content of campaign.toml without the tests."""
     tables: dict[str, Any] = {"schema": _SCHEMA}
     for name in ("topology", "plane", "radius_mm", "name", *LABELS):
         tables[name] = getattr(campaign, name)
@@ -58,7 +58,7 @@ def _campaign_tables(campaign: Campaign) -> dict[str, Any]:
 
 
 def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
-    """Add what certificates say: of a field, the table and its key."""
+    """Add certified values: field bar_U_um becomes key U_um of table [bar], and so on."""
     stated = asdict(instrument)
     balls = {}
     for ball in ("work", "tool"):
@@ -73,7 +73,7 @@ def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
 
 
 def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
-    """Return a [[test]] of campaign.toml, without what is as usual."""
+    """Return a [[test]] of campaign.toml, without fields that have their default values."""
     usual = {
         "radius_mm": campaign.radius_mm,
         "plane": campaign.plane,
@@ -95,7 +95,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
 
 
 def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
-    """Return number, start and arc of the angles of a planned test."""
+    """Return number, start and arc of a planned test's angles, as keys of its [[test]]."""
     readings = len(test.angle_deg)
     step_deg = test.step_deg
     require(

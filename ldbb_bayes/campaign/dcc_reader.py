@@ -1,7 +1,6 @@
-"""Digital calibration certificates (DCC, schema 2 and 3) read from XML.
+"""Reading of digital calibration certificates (DCC, schema 2 and 3) from XML.
 
-The file comes from elsewhere and is not trusted: document types, and with them entities, are
-refused.
+The XML file is not trusted: document types, and with them entities, are refused.
 """
 
 from __future__ import annotations
@@ -23,9 +22,9 @@ __all__ = ["read_dcc"]
 _DCC = "{https://ptb.de/dcc}"
 _SI = "{https://ptb.de/si}"
 _LARGEST_BYTES = 32 * 2**20
-# Characters of a tag that a message shows.
+# A message shows so many characters of a tag.
 _TAG_SHOWN = 80
-# Elements whose numbers are no results.
+# Elements that contain no results of the calibration.
 _NO_RESULTS = (
     "usedMethods",
     "usedSoftware",
@@ -35,9 +34,9 @@ _NO_RESULTS = (
 )
 # Elements that hold one number or a list of them.
 _NUMBER_ELEMENTS = ("real", "realListXMLList", "hybrid/*")
-# Elements of an expanded uncertainty, and of the number in them, of D-SI 2 and 1.
+# Elements for an expanded uncertainty, each with the element of its number, in D-SI 2 and D-SI 1.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
-# Likewise of a standard uncertainty.
+# Elements for a standard uncertainty, each with the element of its number.
 _STANDARD_UNCERTAINTIES = {
     "standardMU": "valueStandardMU",
     "coverageIntervalMU": "valueStandardMU",
@@ -47,12 +46,12 @@ _T = TypeVar("_T")
 
 
 def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
-    """Return the numbers among the results of a digital calibration certificate.
+    """Return a digital calibration certificate (DCC) with the numbers of its results.
 
     Parameters
     ----------
     path
-        An XML file.
+        Path of the XML file.
 
     Returns
     -------
@@ -61,7 +60,7 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
     Raises
     ------
     InputError
-        For what is no DCC; the message names the file.
+        For a file that is no DCC; the message names the file.
     """
     path = Path(path)
     raw = bytes_of(path, _LARGEST_BYTES, what="a digital calibration certificate (XML)")
@@ -87,7 +86,7 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
 def _quantities_in(
     holder: ElementTree.Element, holders: tuple[str, ...]
 ) -> Iterator[CertifiedQuantity]:
-    """Yield all quantities in an element, with the names of what holds them."""
+    """Yield all quantities in an element, with the names of the elements that contain them."""
     for element in holder:
         name = _name_of(element)
         ref_type = element.get("refType", "")
@@ -101,7 +100,7 @@ def _quantities_in(
 
 
 def _name_of(element: ElementTree.Element) -> str:
-    """Return the name of an element, in all its languages, each wording once."""
+    """Return the name of an element in all languages, without repeated wordings."""
     wordings = []
     for content in element.iterfind(f"{_DCC}name/{_DCC}content"):
         wording = " ".join((content.text or "").split())
@@ -112,7 +111,7 @@ def _name_of(element: ElementTree.Element) -> str:
 
 @dataclass
 class _Uncertainty:
-    """Uncertainties of one number or of a list, with coverage factors and probabilities."""
+    """Uncertainties U, coverage factors k and coverage probabilities of one or several numbers."""
 
     U: list[float] = field(default_factory=list)
     k: list[float] = field(default_factory=list)
@@ -122,7 +121,10 @@ class _Uncertainty:
 def _quantities_of(
     element: ElementTree.Element, name: str, ref_type: str, holders: tuple[str, ...]
 ) -> Iterator[CertifiedQuantity]:
-    """Yield the finite numbers of si:real or si:realListXMLList; a list of one holds for all."""
+    """Yield the finite numbers of an element si:real or si:realListXMLList.
+
+    A single unit or uncertainty holds for all numbers of a list.
+    """
     units = _words(element, "unit")
     uncertainty = _uncertainty_of(element, name)
     values = _numbers(element, "value", name)
@@ -141,7 +143,7 @@ def _quantities_of(
 
 
 def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
-    """Return the uncertainty that is stated last; a standard uncertainty has k = 1."""
+    """Return the last uncertainty in an element; a standard uncertainty is one with k = 1."""
     uncertainty = _Uncertainty()
     for inner in element.iter():
         tag = inner.tag.removeprefix(_SI).removesuffix("XMLList")
@@ -157,14 +159,14 @@ def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
 
 
 def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | None:
-    """Return the length of the shortest list of several entries; None where there is none."""
+    """Return the length of the shortest list with several entries; None without such a list."""
     lists = (units, uncertainty.U, uncertainty.k, uncertainty.coverage)
     lengths = [len(entries) for entries in lists if len(entries) > 1]
     return min(lengths, default=None)
 
 
 def _entry(entries: Sequence[_T], k: int) -> _T | None:
-    """Return entry k of a list; the one entry of a list of one; None of an empty list."""
+    """Return entry k of a list, or its only entry; None for an empty list."""
     if not entries:
         return None
     if len(entries) == 1:
@@ -173,7 +175,7 @@ def _entry(entries: Sequence[_T], k: int) -> _T | None:
 
 
 def _words(element: ElementTree.Element, tag: str) -> list[str]:
-    """Return the words of an element or of its list."""
+    """Return the words in the subelement ``tag``, or in the list of that name."""
     text = element.findtext(_SI + tag) or element.findtext(f"{_SI}{tag}XMLList") or ""
     return text.split()
 

@@ -1,4 +1,7 @@
-r"""Units of the D-SI, as digital calibration certificates write them: ``\newton\bar\tothe{-1}``."""
+r"""Units of the D-SI (Digital SI), as calibration certificates write them.
+
+Newton per bar is ``\newton\bar\tothe{-1}`` or ``\newton\per\bar``.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from typing import Any, NamedTuple
 
 __all__ = ["DCC_WORDS", "UnitSize", "parse_unit"]
 
-# Prefixes, units and words of certificates.
+# Prefixes, units and words that certificates use, from ``dcc.toml``.
 DCC_WORDS: Mapping[str, Any] = tomllib.loads(
     (Path(__file__).parent / "dcc.toml").read_text(encoding="utf-8")
 )
@@ -24,12 +27,12 @@ _FACTOR = re.compile(r"\\([a-zA-Z]+)(?:\\tothe\{([-+]?\d)\})?")
 class UnitSize(NamedTuple):
     """Size and dimension of a unit."""
 
-    factor: float  #: in SI units, with bar for pressure
-    dimension: str  #: m, N, N/bar, …; empty for a number
+    factor: float  #: size of the unit in SI units, with bar for pressure
+    dimension: str  #: dimension of the unit as m, N, N/bar, …; empty for a ratio
 
 
 def parse_unit(unit: str | None) -> UnitSize | None:
-    r"""Return size and dimension of a D-SI unit; None for what is not known.
+    r"""Return size and dimension of a D-SI unit; None for an unknown unit.
 
     Parameters
     ----------
@@ -60,7 +63,7 @@ def parse_unit(unit: str | None) -> UnitSize | None:
 
 
 def _dimension_text(powers: Mapping[str, int]) -> str:
-    """Return a dimension as text, numerators first: N/bar."""
+    """Return a dimension, given as powers of units, as a text such as N/bar."""
     numerators = ""
     denominators = ""
     for dimension, power in powers.items():

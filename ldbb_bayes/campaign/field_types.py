@@ -1,4 +1,4 @@
-"""Types of the fields that a user fills: numbers, lengths, forces, names and dates, with limits."""
+"""Types of fields that a user fills: numbers, lengths, forces, names and dates with limits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = [
 
 # Largest number of a set-up.
 _LARGEST_SETUP = 1000
-# Unknown fields are refused.
+# Configuration of pydantic by which unknown fields are refused.
 STRICT = ConfigDict(extra="forbid")
 
 
@@ -45,7 +45,7 @@ def _require_printable(text: str) -> str:
 
 
 def _iso_date(when: Any) -> str:
-    """Return a date, or its text, as ISO 8601."""
+    """Return a date, given as date or as text, in ISO 8601."""
     if isinstance(when, date):
         return when.isoformat()
     try:
@@ -67,18 +67,18 @@ def _require_file_name(name: str) -> str:
 Number = Annotated[float, BeforeValidator(_refuse_text), Field(allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0.0)]
 Percent = Annotated[Number, Field(gt=0.0, le=100.0)]
-# [N]
+# Force [N].
 Force = Annotated[Number, Field(gt=0.0, le=1e6)]
-# [bar]
+# Pressure [bar].
 Pressure = Annotated[Number, Field(ge=0.0)]
-# [mm]
+# Length [mm].
 Length = Annotated[Number, Field(gt=0.0, le=1e5)]
-# [mm]
+# Coordinate [mm].
 Coordinate = Annotated[Number, Field(ge=-1e5, le=1e5)]
-# Of a certificate, in µm, N or degrees: what is larger is in another unit.
+# Certified values in µm or N, and in degrees; larger values must be in another unit.
 Certified = Annotated[Number, Field(gt=0.0, le=1e3)]
 CertifiedAngle = Annotated[Number, Field(gt=0.0, le=10.0)]
-# Order, amplitude [µm] and phase [deg].
+# Harmonic of a ball's form: order, amplitude [µm] and phase [deg].
 Harmonic = tuple[
     Annotated[int, BeforeValidator(_refuse_text), Field(ge=2, le=12)],
     Annotated[Number, Field(ge=0.0)],
@@ -88,5 +88,5 @@ SetupNumber = Annotated[int, BeforeValidator(_refuse_text), Field(ge=1, le=_LARG
 Label = Annotated[str, AfterValidator(_require_printable)]
 # A name that a file may have.
 FileName = Annotated[str, AfterValidator(_require_file_name)]
-# ISO 8601.
+# Date in ISO 8601.
 Date = Annotated[str, BeforeValidator(_iso_date)]

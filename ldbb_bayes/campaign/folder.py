@@ -1,4 +1,4 @@
-"""Campaign folders and tidy tables: read into a campaign or plan, and written."""
+"""Reading and writing of campaign folders, and reading of tidy CSV files of all tests."""
 
 from __future__ import annotations
 
@@ -32,27 +32,28 @@ __all__ = [
     "write_campaign_into",
 ]
 
-# Files beside campaign.toml: the truth of a simulation, and how foreign files were read.
+# Further files of a campaign folder: the true parameters of a simulation, and the layout by which
+# foreign files were read.
 TRUTH_NAME = "truth.json"
 IMPORT_NAME = "import.toml"
-# Longest name, machine_id or date that is a label [characters].
+# Longest name, machine_id or date that `labels_of` returns [characters].
 _LONGEST_LABEL = 200
 
 
 def read_campaign(
     path: str | os.PathLike[str], *, certificates: Mapping[str, Any] | None = None, **options: Any
 ) -> Campaign:
-    """Return the campaign, or the plan, of a campaign folder, a campaign.toml, or one tidy CSV.
+    """Return the campaign or plan in a campaign folder, a campaign.toml or one tidy CSV.
 
     Parameters
     ----------
     path
-        Of the folder or file.
+        Path of the folder or file.
     certificates
-        Fields of `Instrument`, before what campaign.toml says of them.
+        Fields of `Instrument` that replace those stated in campaign.toml.
     **options
-        For a tidy CSV only, what campaign.toml would say (``radius_mm=150``,
-        ``mount=MountCompensation(...)``, …).
+        Fields of the campaign, for a tidy CSV only, which has no campaign.toml that states them
+        (``radius_mm=150``, ``mount=MountCompensation(...)``, …).
 
     Returns
     -------
@@ -62,7 +63,7 @@ def read_campaign(
     Raises
     ------
     InputError
-        Names the file, what is wrong and how to mend it.
+        For anything that cannot be read; the message names the file, the fault and the remedy.
     """
     path = Path(path)
     if path.is_dir():
@@ -93,9 +94,9 @@ def read_campaign(
 
 
 def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) -> Instrument:
-    """Return the instrument with other certified fields.
+    """Return the instrument with some certified fields replaced.
 
-    A certificate that is named for what they replace is no longer named.
+    The name of the certificate that stated a replaced field of bar or force is removed.
     """
     changes: dict[str, Any] = {}
     for name in certificates:
@@ -108,16 +109,16 @@ def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) 
 def write_campaign(
     campaign: Campaign, folder: str | os.PathLike[str], *, force: bool = False
 ) -> Path:
-    """Write a campaign (or plan) folder, whole or not at all, and return its path.
+    """Write a campaign or plan into a folder, completely or not at all, and return its path.
 
-    Numbers are written so that they read back to the same doubles.
+    Numbers are written with all digits, so that reading them returns the same numbers.
 
     Parameters
     ----------
     campaign
         A campaign or plan.
     folder
-        Where to write it.
+        Path of the folder to write.
     force
         Whether an existing campaign folder is replaced.
 
@@ -133,7 +134,7 @@ def write_campaign(
 
 
 def files_of(folder: Path) -> set[str]:
-    """Return the names in a folder that may go when its campaign is replaced."""
+    """Return the names of files that may be deleted when the campaign in a folder is replaced."""
     try:
         tests = read_toml(folder / TOML_NAME).get("test", [])
         listed = {str(entry.get("file", "")) for entry in tests}
@@ -143,9 +144,10 @@ def files_of(folder: Path) -> set[str]:
 
 
 def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Return name, machine_id and date [ISO 8601] of a campaign folder or campaign.toml.
+    """Return name, machine_id and date (ISO 8601) of a campaign, as far as they are stated.
 
-    Those that are there; the machine_id is by default the serial number. A tidy CSV has none.
+    By default the machine_id is the serial number. ``path`` is a campaign folder or campaign.toml;
+    a tidy CSV states none of the three.
     """
     file = Path(path)
     if os.path.isdir(path):
@@ -166,22 +168,22 @@ def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
 
 
 def embedded_campaign(name: str = "recovered_experiment") -> Path:
-    """Return the folder of an embedded campaign.
+    """Return the folder of a campaign that comes with the package.
 
     Parameters
     ----------
     name
-        Of the campaign.
+        Name of the campaign.
 
     Returns
     -------
     pathlib.Path
-        In the installed wheel or in the checkout.
+        Path of the folder, in the installed package or in the source repository.
 
     Raises
     ------
     InputError
-        If it is not installed.
+        If there is no such campaign.
     """
     package = Path(str(files("ldbb_bayes")))
     for folder in (package / "_data" / name, package.parent / "data" / name):

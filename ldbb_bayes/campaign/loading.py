@@ -1,4 +1,4 @@
-"""What the regulator's pressure does: the force of the bar, and the deflection of the mount."""
+"""Force of the bar and deflection of the work ball's mount, by the regulator's pressure."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ __all__ = ["ForceLaw", "MountCompensation"]
 @refusing("force law ([force])")
 @dataclass(frozen=True, config=STRICT)
 class ForceLaw(Shown):
-    """Force as a function of the regulator's pressure, F = slope · P + offset.
+    """Force F of the bar as a function of the regulator's pressure P, F = slope · P + offset.
 
-    The default is that of the paper's bar.
+    The default values are those of the bar in the paper.
     """
 
     slope_N_per_bar: Positive = 126.04  #: force per pressure
@@ -37,7 +37,8 @@ class ForceLaw(Shown):
 @refusing("mount ([mount])")
 @dataclass(frozen=True, config=STRICT)
 class MountCompensation(Shown):
-    """Deflection of the work ball's mount per bar (Eq. 32), and whether readings are free of it."""
+    """Deflection of the work ball's mount (Eq. 32), and whether readings are compensated for it."""
 
-    deflection_um_per_bar: Annotated[Number, Field(ge=0.0, le=1e3)] = 2.33  #: nominal
-    compensated: bool = True  #: whether the readings are free of it
+    #: nominal deflection of the mount per pressure
+    deflection_um_per_bar: Annotated[Number, Field(ge=0.0, le=1e3)] = 2.33
+    compensated: bool = True  #: whether the readings are compensated for the deflection

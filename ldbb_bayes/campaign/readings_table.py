@@ -1,4 +1,4 @@
-"""Tables of readings: one CSV per test, or one tidy CSV of all tests."""
+"""Reading of tables of readings: a CSV of one test, or a tidy CSV of all tests."""
 
 from __future__ import annotations
 
@@ -15,29 +15,31 @@ from ldbb_bayes.results import Array
 
 __all__ = ["read_readings", "tests_of_table"]
 
-# Columns that a table may have at most.
+# Largest number of columns of a table.
 _LARGEST_COLUMNS = 1000
-# Characters of a column's name that a message shows.
+# A message shows so many characters of a column's name.
 _SHOWN_NAME = 60
 _ANGLES = ("angle_deg", "angle_rad")
 _READINGS = ("reading_um", "reading_mm")
-# Columns of a tidy CSV that must be the same in all rows of a test.
+# Columns of a tidy CSV that must hold the same value in all rows of a test.
 _TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
 _TEXT_COLUMNS = ("test", "direction", "plane")
-# Angles of a smaller span in degrees are radians, those of a larger one in radians are degrees.
+# Angles said to be in degrees that span less than the first number must be in radians; angles said
+# to be in radians that span more than the second must be in degrees.
 _SMALLEST_SPAN_DEG = 7.0
 _LARGEST_SPAN_RAD = 8.0 * np.pi
 
 
 def read_readings(path: Path) -> dict[str, Array]:
-    """Return angles and readings of one test from its CSV, by the names of the columns."""
+    """Return the columns of angles and readings in the CSV of one test, by name."""
     return _angles_and_readings(path, _read_columns(path, (*_ANGLES, *_READINGS)))
 
 
 def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
-    """Return the tests of a tidy CSV.
+    """Return the tests of a tidy CSV, which has one row per reading.
 
-    Its columns are test, force_N (or pressure_bar), angle_deg, reading_um, optionally others.
+    The columns are test, force_N (or pressure_bar), angle_deg (or angle_rad) and reading_um (or
+    reading_mm); further fields of a test are optional.
     """
     columns = _read_columns(path, ("test", *_ANGLES, *_READINGS, *_TEST_COLUMNS))
     require(
@@ -58,7 +60,7 @@ def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
 
 
 def _single_value(path: Path, test: str, column: str, values: Any) -> str | float | None:
-    """Return the value that all rows of a test must share; None for an empty text."""
+    """Return the value of a column, which must be the same in all rows; None for an empty text."""
     require(
         len(set(values.tolist())) == 1,
         f"{path}: {column} must be the same in all rows of a test, got {values.min()} to"
@@ -70,9 +72,9 @@ def _single_value(path: Path, test: str, column: str, values: Any) -> str | floa
 
 
 def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
-    """Return the columns of a CSV by name: numbers, or texts.
+    """Return the columns of a CSV by name, as arrays of numbers or of texts.
 
-    Where semicolons or tabs separate and no point stands, commas are decimal.
+    If semicolons or tabs separate the cells and no number has a point, commas are decimal marks.
     """
     rows, separator = read_strict_table(path)
     names = [""]
@@ -129,7 +131,7 @@ def _check_rows(path: Path, rows: Sequence[Row], width: int) -> None:
 
 
 def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
-    """Return whether a point stands in a column of numbers."""
+    """Return whether any cell in a column of numbers has a decimal point."""
     for name, cells in cells_by_name.items():
         if name not in _TEXT_COLUMNS and any("." in cell for cell in cells):
             return True
@@ -137,9 +139,9 @@ def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
 
 
 def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
-    """Return the columns of angles and readings.
+    """Return the columns of angles and readings by name.
 
-    A span that contradicts the angle's unit is refused.
+    Angles whose span contradicts their unit raise an `InputError`.
     """
     angle = _one_of(path, columns, _ANGLES)
     reading = _one_of(path, columns, _READINGS)
@@ -160,7 +162,7 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
 
 
 def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
-    """Return the one of two names that is a column."""
+    """Return the name that is a column; raise an `InputError` unless exactly one of two is."""
     present = [name for name in names if name in columns]
     if len(present) != 1:
         number = "both" if present else "neither"

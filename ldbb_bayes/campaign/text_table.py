@@ -1,8 +1,7 @@
-"""Tables as text: bytes into text, text into rows of cells, cells into columns of numbers.
+"""Reading of text tables: bytes to text, text to rows of cells, cells to columns of numbers.
 
 The tables of a campaign folder are read strictly, by `read_strict_table` and `strict_numbers`.
-Files as they are found use the same steps, with encoding, separator and decimal mark found out
-first.
+Foreign files use the same steps after their encoding, separator and decimal mark are determined.
 """
 
 from __future__ import annotations
@@ -37,37 +36,37 @@ __all__ = [
     "table_bytes",
 ]
 
-# Cells of a table at most.
+# Largest number of cells in a table.
 LARGEST_TABLE = 4_000_000
-# Characters of a line at most.
+# Longest line [characters].
 _LONGEST_LINE = 100_000
-# Characters of a cell that a message shows.
+# A message shows so many characters of a cell.
 LONGEST_CELL_SHOWN = 60
-# How the encodings with a byte-order mark begin.
+# Byte-order marks at the beginning of a file, by encoding.
 BYTE_ORDER_MARKS = {
     "utf-8": b"\xef\xbb\xbf",
     "utf-16-le": b"\xff\xfe",
     "utf-16-be": b"\xfe\xff",
 }
-# How a zip archive begins (XLSX, ODS).
+# First bytes of a zip archive (XLSX, ODS).
 ARCHIVE_SIGNATURE = b"PK\x03\x04"
-# How a compound file begins (XLS, or a workbook with a password).
+# First bytes of a compound file (XLS, or a workbook with a password).
 COMPOUND_SIGNATURE = b"\xd0\xcf\x11\xe0"
-# End of file in old text files.
+# End-of-file character in old text files.
 _CONTROL_Z = b"\x1a"
 
 
 class Row(NamedTuple):
     """One line of a table."""
 
-    line: int  #: as the file counts it, from 1
+    line: int  #: line number in the file, from 1
     cells: list[str]
 
 
 def read_strict_table(path: Path) -> tuple[list[Row], str]:
-    """Return the rows of a table in UTF-8 whose first line is its header, and its separator.
+    """Return the rows of a UTF-8 table with its header in the first line, and the separator.
 
-    The separator is a comma, a semicolon or a tab.
+    The separator is whichever of comma, semicolon and tab is most frequent in the header.
     """
     text = decode_text(path, table_bytes(path), "utf-8")
     header = text.partition("\n")[0]
@@ -76,7 +75,7 @@ def read_strict_table(path: Path) -> tuple[list[Row], str]:
 
 
 def table_bytes(path: Path) -> bytes:
-    """Return the bytes of a file that is not empty."""
+    """Return the bytes of a file; an empty file raises an `InputError`."""
     raw = bytes_of(path, LARGEST_TABLE_BYTES, what="a file")
     require(
         raw.strip(b" \t\r\n\0"),
@@ -91,7 +90,7 @@ def decode_text(path: Path, raw: bytes, encoding: str) -> str:
     Raises
     ------
     InputError
-        For a workbook, for bytes that the encoding does not have, and for control characters.
+        For a workbook, for bytes that are invalid in the encoding, and for control characters.
     """
     require(
         not raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE)),
@@ -118,7 +117,7 @@ def decode_text(path: Path, raw: bytes, encoding: str) -> str:
 
 
 def rows_of_text(path: Path, text: str, separator: str) -> list[Row]:
-    """Return the lines of a text that are not empty, each with its cells."""
+    """Return the non-empty lines of a text as rows of cells."""
     if text.count("\n") + text.count(separator) > LARGEST_TABLE:
         raise InputError(f"{path} must hold at most {LARGEST_TABLE} cells, got more. Split it.")
     rows = []
@@ -134,7 +133,10 @@ def rows_of_text(path: Path, text: str, separator: str) -> list[Row]:
 
 
 def _split_line(path: Path, line: int, content: str, separator: str) -> list[str]:
-    """Return cells without the blanks around them; quotes close on the line they open on."""
+    """Return the cells of a line, without blanks at their ends.
+
+    A quoted cell must end on the same line.
+    """
     if separator == " ":
         return content.split()
     if '"' not in content:
@@ -150,7 +152,7 @@ def _split_line(path: Path, line: int, content: str, separator: str) -> list[str
 
 
 def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:
-    """Return lines and columns of rows that are equally wide."""
+    """Return the line numbers and the columns of rows, which must all have ``width`` cells."""
     for row in rows:
         if len(row.cells) < width or any(row.cells[width:]):
             raise InputError(
@@ -167,7 +169,10 @@ def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], 
 def strict_numbers(
     place: str, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str
 ) -> Array:
-    """Return one column of finite numbers that have no marks between thousands, shape (n,)."""
+    """Return the numbers of a column, shape (n,); marks between thousands are not allowed.
+
+    A cell that is no finite number raises an `InputError`.
+    """
     values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):
         with suppress(ValueError):
@@ -182,7 +187,7 @@ def strict_numbers(
 def number_error(
     place: str, line: int, name: str, cell: str, remedy: str = "Correct or remove the line."
 ) -> InputError:
-    """Return the error of a cell that is no finite number."""
+    """Return the `InputError` for a cell that is no finite number."""
     content = "nothing"
     if cell:
         content = repr(cell[:LONGEST_CELL_SHOWN])
