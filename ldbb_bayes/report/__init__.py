@@ -1,4 +1,4 @@
-"""What one shows: numbers, figures, pages."""
+"""Presentation of results: tables, figures, reports and certificates."""
 
 import lazy_loader
 

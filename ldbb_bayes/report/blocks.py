@@ -1,4 +1,4 @@
-"""What a sheet is made of, on the page and on paper alike."""
+"""Building blocks of the certificate's sheets, the same for the HTML page and for paper."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from ldbb_bayes.results import Table
 
 __all__ = ["Banner", "Block", "Fields", "Pair", "ReportSheet"]
 
-_WIDE = 1.6  # width over height of a figure that needs the full width of a sheet
+_WIDE = 1.6  # ratio of width to height above which a figure needs the full width of a sheet
 
 
 @dataclass(frozen=True)
 class Fields:
-    """Entries with their names.
+    """Form fields: texts with their names.
 
     Parameters
     ----------
     entries
-        Name and text of each; an empty text is a line to write on.
+        Name and text of each field; an empty text leaves a blank line for handwriting.
     tall
-        Whether there is room for signatures.
+        Whether the fields are tall enough for signatures.
     """
 
     entries: tuple[tuple[str, str], ...]
@@ -31,14 +31,14 @@ class Fields:
 
 @dataclass(frozen=True)
 class Banner:
-    """Whether the numbers can be used, in one sentence.
+    """Banner that states in one sentence whether the numbers can be used.
 
     Parameters
     ----------
     kind
-        ``usable``, ``reserved`` or ``unusable``.
+        ``usable``, ``reserved`` (usable with reservations) or ``unusable``.
     sentence
-        With the gravest reasons.
+        Statement with its most serious reasons.
     """
 
     kind: str
@@ -47,16 +47,16 @@ class Banner:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A figure, and a list beside it.
+    """A figure with a list beside or below it.
 
     Parameters
     ----------
     picture
         The figure.
     heading
-        Of the list.
+        Heading of the list.
     beside
-        Its items.
+        Items of the list.
     """
 
     picture: Picture
@@ -65,31 +65,31 @@ class Pair:
 
     @property
     def wide(self) -> bool:
-        """Whether the figure needs the full width, so that the list comes below."""
+        """Whether the figure needs the full width, so that the list is placed below it."""
         width, height = self.picture.figure.get_size_inches()
         return bool(width > _WIDE * height)
 
 
 Block: TypeAlias = str | Fields | Banner | Table | Pair | Picture
-"""A note, or what its name says."""
+"""One piece of a sheet's content; a plain string is a note."""
 
 
 @dataclass(frozen=True)
 class ReportSheet:
-    """One page of A4.
+    """One sheet of the certificate, which fills one page of A4.
 
     Parameters
     ----------
     key
-        Its anchor on the page.
+        Anchor of the sheet in the HTML page.
     title
-        Of the sheet.
+        Title of the sheet.
     line
-        Below the title: which sheet, of what.
+        Line below the title: the number of the sheet and the name of the campaign.
     blocks
-        Its content from top to bottom.
+        Content from top to bottom.
     scale
-        Size of its letters, 1 where there is room.
+        Relative size of the letters; less than 1 if the content would not fit otherwise.
     """
 
     key: str

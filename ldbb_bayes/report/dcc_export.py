@@ -1,6 +1,6 @@
-"""A fit for programs that read calibration certificates.
+"""Export of a fit for programs that read digital calibration certificates (DCC).
 
-D-SI numbers in the format of a digital calibration certificate (DCC schema 3.3.0, D-SI 2.2.1).
+Values are written in D-SI notation (Digital SI); the versions are DCC schema 3.3.0 and D-SI 2.2.1.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ _DIGEST_LENGTH = 32  # hexadecimal digits of the identifier
 
 
 def dsi_unit(*units: str) -> str:
-    r"""Return a product of inside units in D-SI notation.
+    r"""Return a product of internal units (mm, N, rad) in D-SI notation.
 
     Parameters
     ----------
     *units
-        For example ``mm/N``.
+        Units of the factors, for example ``mm/N``.
 
     Returns
     -------
     str
-        For example ``\milli\metre\newton\tothe{-1}``.
+        Unit in D-SI notation, for example ``\milli\metre\newton\tothe{-1}``.
     """
     powers: Counter[str] = Counter()
     for unit in units:
@@ -64,16 +64,16 @@ def dsi_unit(*units: str) -> str:
 def write_dcc(
     posterior: xr.DataTree, path: str | os.PathLike[str], *, ci_prob: float = 0.95
 ) -> Path:
-    """Write what a fit says of a machine as XML in the format of a DCC.
+    """Write the results of a fit as XML in the format of a digital calibration certificate.
 
-    Every compliance and geometric error in inside units (mm, N, rad), the numbers of ``fit
-    --json``: mean, U (k = 2), interval and covariance. The file says that it is unsigned and no
-    calibration certificate.
+    The file holds mean, U (k = 2), interval and covariance of every compliance and geometric error
+    in internal units (mm, N, rad), the same numbers as ``fit --json``. It states that it is
+    unsigned and is not a calibration certificate.
 
     Parameters
     ----------
     posterior
-        From `sample`, `load` or `average`.
+        Posterior from `sample`, `load` or `average`.
     path
         File to write.
     ci_prob
@@ -87,7 +87,7 @@ def write_dcc(
     Raises
     ------
     InputError
-        ``ci_prob`` is no probability.
+        ``ci_prob`` is not a probability.
 
     Examples
     --------
@@ -119,7 +119,7 @@ def write_dcc(
 
 
 def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[float, str]]]:
-    """Return the columns of a covariance, every entry with its unit."""
+    """Return the columns of a covariance matrix, every entry with its unit."""
     columns = []
     for j, column_unit in enumerate(units):
         column = []
@@ -130,9 +130,9 @@ def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[
 
 
 def _coverage_factor(draws: Array, covariance: Array, probability: float) -> float:
-    """Return the factor of the ellipsoid that holds this share of the draws.
+    """Return the coverage factor of the ellipsoid that holds a given share of the random draws.
 
-    A parameter that is the same in all draws has no part in it.
+    Parameters that are the same in all draws do not contribute.
     """
     sd = np.sqrt(np.diag(covariance))
     scale = np.where(sd > 0.0, sd, 1.0)
@@ -145,7 +145,10 @@ def _coverage_factor(draws: Array, covariance: Array, probability: float) -> flo
 def _parameter_entries(
     posterior: xr.DataTree, entries: Mapping[str, Mapping[str, Any]], draws: Array, interval: str
 ) -> list[dict[str, Any]]:
-    """Return what the file says of every parameter; ``within``: share of draws in mean ± U."""
+    """Return the entries of the file for every parameter.
+
+    Entry ``within`` is the share of random draws that lie in mean ± U.
+    """
     verdict_by_name = verdicts(posterior)
     parameters = []
     for (name, entry), parameter_draws in zip(entries.items(), draws, strict=True):

@@ -1,4 +1,4 @@
-"""All that a report shows of one fit."""
+"""Collection of everything that a report shows about one fit."""
 
 from __future__ import annotations
 
@@ -32,32 +32,32 @@ if TYPE_CHECKING:
 __all__ = ["Beside", "Compared", "Findings", "Recommended", "find"]
 
 Compared: TypeAlias = "Comparison | str"
-"""A comparison, or why there is none."""
+"""A comparison of models, or the reason why there is none, in words."""
 
 Recommended: TypeAlias = "Design | str"
-"""A design, or why there is none."""
+"""A design of the next tests, or the reason why there is none, in words."""
 
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """All that a report shows of one posterior.
+    """Everything that a report shows about one posterior.
 
-    What the fit did not store is computed when it is first asked for.
+    Quantities that the fit did not store are computed on first use.
 
     Parameters
     ----------
     posterior
-        The fit.
+        Posterior of the fit.
     ci_prob
-        Probability of the intervals.
+        Probability of the credible intervals.
     comparison
-        Of constant and linear compliance, or why there is none.
+        Comparison of constant and linear compliance, or the reason why there is none.
     recommended
-        Gives the tests to run next, or why there are none.
+        Function that returns a design of the next tests, or the reason why there is none.
     averaged
-        The average over models, which the sheets state.
+        Posterior averaged over models, whose numbers the sheets state.
     tolerances
-        By quantity; default: those of the campaign.
+        Tolerances by quantity; default: those of the campaign.
     """
 
     posterior: xr.DataTree
@@ -69,44 +69,47 @@ class Findings:
 
     @property
     def numbers(self) -> xr.DataTree:
-        """What the sheets state: averaged over the models where that was computed."""
+        """Posterior whose numbers the sheets state: the average over models, if computed."""
         return self.posterior if self.averaged is None else self.averaged
 
     @cached_property
     def probabilities(self) -> Mapping[str, float]:
-        """Of the models that were averaged over, and of rivals of slopes; empty without average."""
+        """Posterior probabilities of the models averaged over, and of rival explanations of slopes.
+
+        The mapping is empty if no average was computed.
+        """
         averaged = record_of(self.numbers).get("averaged", {})
         probabilities: dict[str, float] = averaged.get("probability", {})
         return probabilities
 
     @property
     def varying(self) -> float:
-        """Probability that compliance changes with force; one where that is what was fitted."""
+        """Probability that compliance changes with force; 1 if no average over models was made."""
         return 1.0 - self.probabilities.get(DEGREES[0], 0.0)
 
     @cached_property
     def design(self) -> Recommended:
-        """The tests to run next."""
+        """Design of the tests to run next, or the reason why there is none."""
         return self.recommended()
 
     @cached_property
     def result(self) -> dict[str, Any]:
-        """The JSON of the fit."""
+        """Results of the fit, as ``fit --json`` states them."""
         return fit_tables.full_result(self.posterior, self.ci_prob)
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """The JSON of the fit as a table, with diagnostics of the draws."""
+        """Table of the results of the fit, with diagnostics of the random draws."""
         return summarize(self.posterior, ci_prob=self.ci_prob)
 
     @cached_property
     def seen(self) -> CampaignPreview:
-        """What can be said of the campaign without a model."""
+        """Preview of the campaign: what its readings show without a model."""
         return preview(campaign_of(self.posterior))
 
     @cached_property
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
-        """What the readings tell of every parameter."""
+        """Verdict on every parameter: how far the readings determine it."""
         return verdicts(self.posterior)
 
     @cached_property
@@ -116,7 +119,7 @@ class Findings:
 
     @cached_property
     def path(self) -> pd.DataFrame:
-        """Circular-test quantities of the machine."""
+        """Circular-test quantities of the machine's tool path."""
         return circularity(self.posterior, ci_prob=self.ci_prob)
 
     def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
@@ -131,16 +134,16 @@ class Findings:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """Another campaign beside the first.
+    """Another campaign that a report compares with the first one.
 
     Parameters
     ----------
     name
-        Of the campaign.
+        Name of the other campaign.
     result
-        The JSON of its fit.
+        Results of its fit, as ``fit --json`` states them.
     differences
-        To the first, as of `ldbb_bayes.differences`.
+        Differences from the first campaign, see `ldbb_bayes.differences`.
     """
 
     name: str
@@ -158,12 +161,12 @@ def find(
     averaged: xr.DataTree | None = None,
     tolerances: Mapping[str, Any] | None = None,
 ) -> Findings:
-    """Return what a report shows of a fit.
+    """Return everything that a report shows about a fit.
 
     Parameters
     ----------
     posterior, ci_prob, tests, comparison, recommended, averaged, tolerances
-        As of `ldbb_bayes.write_report`.
+        As for `ldbb_bayes.write_report`.
 
     Returns
     -------
@@ -172,7 +175,7 @@ def find(
     Raises
     ------
     InputError
-        Comparison or design are of other readings.
+        The comparison or the design was made from other readings.
     """
     campaign = campaign_of(posterior)
     _check_readings("comparison", getattr(comparison, "campaign", None), campaign)
@@ -210,9 +213,9 @@ def _design_next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended
 
 
 def _compare_degrees(posterior: xr.DataTree) -> Compared:
-    """Compare constant with linear compliance by evidence alone.
+    """Compare constant and linear compliance by evidence alone.
 
-    Also with quadratic compliance, where that was fitted.
+    If quadratic compliance was fitted, it is included in the comparison.
     """
     model = model_of(posterior)
     largest = model.with_degree(max(model.degree, 1))

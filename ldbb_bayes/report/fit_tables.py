@@ -1,4 +1,7 @@
-"""The JSON of a fit as tables, with what a look at the readings adds to it."""
+"""Results of a fit as tables and sentences, with remarks on the readings.
+
+Nuisance coefficients are effects that are modelled but not of interest.
+"""
 
 from __future__ import annotations
 
@@ -42,10 +45,10 @@ __all__ = [
     "two_digits",
 ]
 
-# Scales λ of single circles are shown from this median on: the noise of the circle is as many times
-# that of the others.
+# Median from which on the scale λ of a single circle is shown. λ is the ratio of the noise of this
+# circle to that of the others.
 _ODD_CIRCLE = 2.5
-# Remarks of a preview that a fit makes itself.
+# Kinds of remarks that are left out of a preview because the fit itself states them.
 _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
 
 
@@ -55,9 +58,9 @@ def two_digits(value: float | None, factor: float = 1.0) -> str:
     Parameters
     ----------
     value
-        None or infinite: a dash is returned.
+        The number; None or a number that is not finite gives a dash.
     factor
-        From the unit of the value to that for reading.
+        Factor from the unit of the value to the unit shown.
 
     Returns
     -------
@@ -70,7 +73,7 @@ def two_digits(value: float | None, factor: float = 1.0) -> str:
 
 
 def three_digits(value: float) -> str:
-    """Return a number with three significant digits, or to the unit where it is larger."""
+    """Return a number with three significant digits; from 1000 on, as a whole number."""
     return f"{value:.3g}" if value < 1000.0 else f"{value:.0f}"
 
 
@@ -78,19 +81,19 @@ def three_digits(value: float) -> str:
 
 
 def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
-    """Return the JSON of a fit, with nuisances, warnings and decisions on tolerances.
+    """Return all results of a fit, with nuisance coefficients, warnings and conformity decisions.
 
     Parameters
     ----------
     posterior
-        The fit.
+        Posterior of the fit.
     ci_prob
-        Probability of the intervals.
+        Probability of the credible intervals.
 
     Returns
     -------
     dict
-        As ``fit --json``.
+        The record that ``fit --json`` prints.
     """
     result = result_json(posterior, ci_prob=ci_prob)
     result["nuisances"] = nuisances(posterior).to_dict(orient="index")
@@ -102,7 +105,7 @@ def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
 
 
 class FitWords(Shown, dict[str, Any]):
-    """A fit in words, by key; printed as the verdict and what to mind."""
+    """State, verdict, misfits and warnings of a fit in words; it prints as sentences."""
 
     def __repr__(self) -> str:
         return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
@@ -144,7 +147,7 @@ def fit_in_words(posterior: xr.DataTree) -> FitWords:
 
 
 def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
-    """Return remarks on a campaign that a fit does not make itself."""
+    """Return those remarks on a campaign that the sentences on its fit do not contain."""
     return [
         wording.remark_words(remark)
         for remark in campaign_preview.remarks
@@ -156,12 +159,12 @@ def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
 
 
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
-    """Return the JSON of a fit as tables and sentences, but for effects of the instrument.
+    """Return the results of a fit as tables and sentences, without effects of the instrument.
 
     Parameters
     ----------
     result
-        As of `full_result`.
+        Results of the fit, see `full_result`.
 
     Returns
     -------
@@ -198,7 +201,7 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     Parameters
     ----------
     decisions
-        The JSON of `conformity`.
+        Decisions by quantity, each as a dictionary; see `conformity`.
 
     Returns
     -------
@@ -226,14 +229,15 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def parameter_table(result: Mapping[str, Any]) -> Table:
-    """Return mean, sd and interval of the posterior, and mean and sd of the prior.
+    """Return a table of mean, sd and interval of the posterior, and mean and sd of the prior.
 
-    Means of the prior stand there where one is not zero, scales λ of circles where these are odd.
+    The prior means are left out if all are zero. The noise scale λ of a circle is shown only if the
+    circle is much noisier than the others.
 
     Parameters
     ----------
     result
-        The JSON of a fit.
+        Results of a fit, see `full_result`.
 
     Returns
     -------
@@ -281,17 +285,17 @@ def results_table(
     *,
     shares: bool = True,
 ) -> Table:
-    """Return value, u, U, interval, stiffness and verdict of every parameter.
+    """Return a table of value, u, U, interval, stiffness and verdict of every parameter.
 
     Parameters
     ----------
     result
-        The JSON of a fit.
+        Results of a fit, see `full_result`.
     verdicts
-        Of its parameters.
+        Verdicts on its parameters.
     shares
-        Whether verdicts say the share of the variance that every partner holds; without a budget
-        beside it they should.
+        Whether the verdict on a confounded parameter states the share of the variance due to each
+        effect that it is confounded with; False where an uncertainty budget shows this.
 
     Returns
     -------
@@ -331,17 +335,17 @@ def results_table(
 
 
 def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
-    """Return the nuisance coefficients that lie more than 2 u off zero, or that none does.
+    """Return a table of the nuisance coefficients that differ from zero by more than 2 u.
 
     Parameters
     ----------
     entries
-        By coefficient, from the JSON of a fit.
+        Mean, sd and prior sd by coefficient, from the results of a fit.
 
     Returns
     -------
     Table or str
-        Mean, u, prior sd and unit.
+        Table of mean, u, prior sd and unit; a sentence if no coefficient differs that much.
     """
     rows = []
     for name, entry in entries.items():

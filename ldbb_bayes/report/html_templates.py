@@ -1,4 +1,4 @@
-"""Templates of the page and of the DCC."""
+"""Templates of the HTML page and of the digital calibration certificate (DCC)."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ def _full_precision(value: float) -> str:
 
 
 def template_of(name: str) -> jinja2.Template:
-    """Return a template; all text that it shows is escaped.
+    """Return a Jinja template that escapes all text inserted into it.
 
     Parameters
     ----------
     name
-        File in the folder of templates.
+        Name of the file in the folder of templates.
 
     Returns
     -------
     Template
-        A name that is not given is an error.
+        The template. Rendering it raises an error if a variable is missing.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("ldbb_bayes.report"),

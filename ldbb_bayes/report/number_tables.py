@@ -1,6 +1,6 @@
-"""All numbers of a report as tables for files.
+"""Tables of all numbers of a report, to be written to CSV files.
 
-Inside units (mm, N, rad); µm and µm/m for circular-test quantities.
+Values are in internal units (mm, N, rad); circular-test quantities are in µm and µm/m.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ _SUFFIX_OF_UNIT = {"µm": "_um", "µm/m": "_um_per_m"}
 
 
 def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
-    """Return everything in numbers, by the name of its file.
+    """Return all numbers of a report as tables, by the name of the file that a table is for.
 
     Parameters
     ----------
     findings
-        Of the fit.
+        Findings of the fit.
     others
-        Campaigns beside it.
+        Other campaigns that the report compares with the first one.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def _results(findings: Findings) -> pd.DataFrame:
 
 
 def _budget(findings: Findings) -> pd.DataFrame:
-    """Return the contributions to the uncertainty of every parameter."""
+    """Return the uncertainty budgets: one row per parameter and contribution."""
     columns = {"kind": "type", "unit": "u_unit"}
     rows = []
     for name, budget in findings.budgets.items():
@@ -105,9 +105,9 @@ def _budget(findings: Findings) -> pd.DataFrame:
 
 
 def _averaged(findings: Findings) -> pd.DataFrame:
-    """Return what the sheets state, but for slopes.
+    """Return the numbers averaged over models, as the sheets state them, without slopes.
 
-    Slopes are exactly zero in some of the models: no mean and U describe them.
+    In some of the models slopes are exactly zero, so that mean and U do not describe them.
     """
     averaged = findings.numbers
     summary = summarize(averaged, ci_prob=findings.ci_prob)
@@ -121,13 +121,13 @@ def _averaged(findings: Findings) -> pd.DataFrame:
 
 
 def _with_reading_units(summary: pd.DataFrame) -> pd.DataFrame:
-    """Add the unit for reading of every row, and the factor to it."""
+    """Add columns with the unit in which each row is shown, and the factor to this unit."""
     factors, labels = zip(*map(display_unit, summary["unit"]), strict=True)
     summary = summary.assign(reading_unit=labels, reading_factor=factors)
     return summary.rename_axis("parameter")
 
 
 def _with_unit_suffixes(frame: pd.DataFrame) -> pd.DataFrame:
-    """Rename columns that stand for a quantity so that they carry its unit."""
+    """Append the unit to the name of every column that holds a quantity."""
     names = {name: f"{name}{_SUFFIX_OF_UNIT[unit]}" for name, unit in frame.attrs["units"].items()}
     return frame.rename(columns=names)

@@ -1,4 +1,4 @@
-"""The report as one page: sheets and sections, written as HTML with its numbers beside it."""
+"""The report: sheets and sections on one HTML page, and files with its numbers beside the page."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ class Document(Shown):
     Parameters
     ----------
     title
-        Of the page.
+        Title of the page.
     lines
-        Under the title: what it is of.
+        Lines under the title: machine, tests and fit that the report is about.
     alerts
-        What a reader must know before any number.
+        Warnings that a reader must see before any number.
     sections
-        In their order.
+        Sections in the order of the page.
     sheets
-        For signing.
+        Sheets of the certificate, to be signed.
     annex
-        Whether the sections are printed too.
+        Whether the sections are printed in addition to the sheets.
     language
-        Of the sheets.
+        Language of the sheets.
     """
 
     title: str
@@ -73,13 +73,13 @@ class Document(Shown):
 
     @property
     def state(self) -> str:
-        """Whether the numbers can be used, in one sentence."""
+        """Sentence that states whether the numbers can be used."""
         banners = [block for block in self._blocks() if isinstance(block, Banner)]
         return banners[0].sentence
 
     @property
     def pictures(self) -> Iterator[Picture]:
-        """All figures in their order."""
+        """All figures of the report in order."""
         for block in self._blocks():
             if isinstance(block, Pair):
                 yield block.picture
@@ -101,16 +101,16 @@ def compose(
     force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
-    """Return sheets and sections in their order.
+    """Return a report with its sheets and sections.
 
     Parameters
     ----------
     findings
-        Of the fit.
+        Findings of the fit.
     others
-        Campaigns to set beside it.
+        Other campaigns to compare with the first one.
     same_instrument, language, annex, force_N, progress
-        As of `write_report`.
+        As for `write_report`.
 
     Returns
     -------
@@ -146,11 +146,11 @@ def compose(
 
 
 def _ignore(done: int, total: int) -> None:
-    """Tell nobody."""
+    """Do nothing in place of a progress function."""
 
 
 def _lines(findings: Findings) -> tuple[str, str, str]:
-    """Return what the report is of."""
+    """Return lines that state the machine, the tests, the fit and the annex of the report."""
     result = findings.result
     seen = findings.seen
     forces_N = [test.force_N for test in seen.tests]
@@ -165,7 +165,7 @@ def _lines(findings: Findings) -> tuple[str, str, str]:
 
 
 def _alerts(findings: Findings, others: Sequence[Beside]) -> Iterator[str]:
-    """Yield what a reader must know before any number."""
+    """Yield the warnings that a reader must see before any number."""
     yield from wording.alert_sentences(fit_of(findings.posterior), findings.result)
     name = str(findings.result["campaign"]["name"])
     for other in others:
@@ -175,10 +175,10 @@ def _alerts(findings: Findings, others: Sequence[Beside]) -> Iterator[str]:
 
 
 def html_page(document: Document) -> str:
-    """Return the page as HTML.
+    """Return the report as an HTML page.
 
-    It has no script and makes no request, figures are inline SVG, all text is escaped, and a policy
-    forbids loading anything.
+    The page has no scripts and loads nothing, which a security policy in it enforces. Figures are
+    inline SVG; all text is escaped.
 
     Parameters
     ----------
@@ -199,12 +199,13 @@ def check_folder(folder: Path) -> None:
     Parameters
     ----------
     folder
-        Of the report.
+        Folder for the report.
 
     Raises
     ------
     InputError
-        Its tables hold files that no report has written, or it is no folder.
+        The path is not a folder, or its subfolder ``tables`` holds files that no report has
+        written.
     """
     target = folder / "tables" if folder.is_dir() else folder
     check_target(target, force=True, ours=TABLE_FILES)
@@ -229,53 +230,54 @@ def write_report(
 ) -> Document:
     """Write the report of a fit into a folder.
 
-    It consists of report.html, report.pdf (its two sheets), dcc.xml (their numbers), report.json
-    and tables (CSV).
+    The report consists of report.html, report.pdf (the two sheets of the certificate), dcc.xml (the
+    numbers of the sheets), report.json, and the folder ``tables`` of CSV files.
 
     Parameters
     ----------
     posterior : DataTree
-        From `sample` or `load`.
+        Posterior from `sample` or `load`.
     folder : path
-        Made where it is missing; other files in it stay.
+        Folder for the report; it is made if missing, and other files in it are kept.
     beside_it : mapping of name to DataTree, optional
-        Other campaigns to set beside this one.
+        Posteriors of other campaigns to compare with this one.
     same_instrument : bool
-        Whether these were run with the same bar, balls, mount and force device.
+        Whether the other campaigns used the same bar, balls, mount and force device.
     ci_prob : float
         Probability of the credible intervals.
     tests : int, optional
-        Circles to recommend. Default: as many as the campaign has.
+        Number of circles to recommend. Default: as many as the campaign has.
     comparison : Comparison, optional
-        From `compare` on the same readings. Default: the evidence of constant and linear compliance
-        is computed.
+        Result of `compare` for the same readings. Default: the evidences of constant and linear
+        compliance are computed.
     recommended : Design, or callable that returns one, optional
-        From `design` or `read_design` after the same readings. Default: as many circles as
-        ``tests``, of the forces tested.
+        Result of `design` or `read_design` for the same readings. Default: a design with as many
+        circles as ``tests``, at the forces tested.
     averaged : DataTree, optional
-        From `average`: what the sheets state. Default: the posterior itself, and the sheets say so.
+        Result of `average`, whose numbers the sheets state. Default: the sheets state the numbers
+        of ``posterior`` and say so.
     tolerances : mapping of quantity to Tolerance, optional
-        That the sheets are to state conformity with.
+        Tolerances for which the sheets state conformity. Default: those of the campaign.
     language : str
-        Of the sheets: en or de.
+        Language of the sheets: en or de.
     annex : bool
-        Whether all that follows the sheets is printed too.
+        Whether everything after the sheets is printed too.
     force_N : float, optional
-        At which the sheets state stiffness and circular deviation [N]. Default: the reference
+        Force at which the sheets state stiffness and circular deviation [N]. Default: the reference
         force.
     progress : callable, optional
-        Called with the number of sections done and of all.
+        Function called with the number of finished sections and the number of all sections.
 
     Returns
     -------
     Document
-        What was written; its pictures hold the figures.
+        The report as written; its pictures hold the figures.
 
     Raises
     ------
     InputError
-        The comparison is of other readings, results are of other machines, or the folder cannot be
-        written.
+        The comparison or design was made from other readings, the campaigns are of different
+        machines, or the folder cannot be written.
 
     Examples
     --------
@@ -336,7 +338,7 @@ def write_report(
 def _record(
     findings: Findings, document: Document, frames: Mapping[str, pd.DataFrame]
 ) -> dict[str, Any]:
-    """Return all tables as one record, with what they are of."""
+    """Return the content of report.json: all tables, the campaign, the model and the analyses."""
     records = {
         name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()
     }
@@ -353,7 +355,7 @@ def _record(
 
 
 def _analysis_record(result: Any) -> dict[str, Any]:
-    """Return the JSON of an analysis, or why it is missing."""
+    """Return the JSON record of an analysis, or the reason why it is missing."""
     if isinstance(result, str):
         return {"missing": result}
     return wording.with_words(result)
