@@ -1,7 +1,9 @@
 """Simulation-based calibration: ranks of true values among their posterior draws.
 
-Hyper-parameters and parameters are drawn from their priors, readings are simulated, the posterior
-is drawn from, and the true values are ranked among the draws (Talts et al. 2018).
+In every replicate, true values of the parameters and hyper-parameters (the scales of the noise and
+of other effects) are drawn at random from their priors, readings are simulated, posterior draws are
+computed, and the true values are ranked among these draws. If the posterior is computed correctly,
+the ranks are uniformly distributed (Talts et al. 2018).
 """
 
 from __future__ import annotations
@@ -41,35 +43,38 @@ class Validation(Result):
     """Ranks of true values among their posterior draws."""
 
     names: tuple[str, ...]  #: parameters, hyper-parameters, and ``log_likelihood``
-    ranks: Numbers  #: 0 … draws, shape (replicates, quantities); uniform when calibrated
-    draws: int  #: of each replicate
-    sampler: str  #: joint or independent
-    prob: float  #: of the band, simultaneous over ranks and quantities
-    #: what went wrong in replicates that gave no draws; these are not among the ranks
+    #: ranks of the true values, 0 … ``draws``, shape (replicates, quantities); uniformly
+    #: distributed if the posterior is calibrated
+    ranks: Numbers
+    draws: int  #: number of posterior draws of each replicate
+    sampler: str  #: method of drawing from the posterior: joint or independent
+    prob: float  #: probability that all ranks of all quantities lie inside their bands
+    #: error messages of replicates that gave no draws; these replicates have no ranks
     failures: tuple[str, ...]
-    #: rows for which emcee took over, the weights of independent draws not to be trusted
+    #: indices of the rows of ``ranks`` whose draws come from the sampler emcee, because the weights
+    #: of independent draws could not be trusted
     by_emcee: tuple[int, ...] = ()
 
     @property
     def replicates(self) -> int:
-        """Replicates with ranks."""
+        """Number of replicates with ranks."""
         return len(self.ranks)
 
     @cached_property
     def band(self) -> tuple[Array, Array]:
-        """The band of `ecdf` for one quantity, shape (draws,) each.
+        """Lower and upper limit of `ecdf` for one quantity, shape (draws,) each.
 
-        The bands of all quantities hold together with probability ``prob``.
+        If calibrated, all quantities stay inside their bands together with probability ``prob``.
         """
         prob_of_one = self.prob ** (1.0 / len(self.names))
         return simultaneous_band(self.replicates, self.draws, prob_of_one)
 
     @property
     def pit(self) -> xr.DataTree:
-        """The ranks as shares of the draws in ArviZ's group ``prior_sbc``.
+        """The ranks scaled to 0 … 1 in ArviZ's group ``prior_sbc``, for ``plot_ecdf_pit``.
 
-        For ``arviz_plots.plot_ecdf_pit``. A replicate stands where ArviZ expects a draw; a share is
-        (rank + ½) / (draws + 1).
+        A scaled rank is (rank + ½) / (draws + 1). Each replicate takes the place of a draw in
+        ArviZ's layout.
         """
         shares = (self.ranks + 0.5) / (self.draws + 1.0)
         data = {
@@ -85,18 +90,18 @@ class Validation(Result):
         Parameters
         ----------
         name
-            Of the quantity.
+            Name of the quantity.
 
         Returns
         -------
         Array
-            Shares of ranks at most k, k = 0 … draws − 1.
+            Share of replicates whose rank is at most k, for k = 0 … draws − 1.
         """
         return ecdf(self.ranks[:, self.names.index(name)], self.draws)
 
     @cached_property
     def outside(self) -> tuple[str, ...]:
-        """Quantities whose ranks leave the band."""
+        """Names of the quantities whose ranks leave the band."""
         lower, upper = self.band
         outside = []
         for name in self.names:
@@ -116,8 +121,9 @@ class Validation(Result):
         Returns
         -------
         pandas.DataFrame
-            One row per quantity. Columns 50, 80, 95 (what the interval claims, in per cent) and
-            u50, u80, u95 (binomial standard errors if calibrated).
+            One row per quantity. Columns 50, 80 and 95, named by the nominal probability of the
+            interval in per cent, have the shares; u50, u80 and u95 their binomial standard errors
+            if calibrated.
         """
         distance = np.abs(2 * self.ranks - self.draws)
         table = pd.DataFrame(index=list(self.names))
@@ -168,28 +174,28 @@ def validate(
 ) -> Validation:
     """Return the ranks of true values among posterior draws of simulated campaigns.
 
-    In every replicate hyper-parameters and parameters are drawn from their priors.
+    In every replicate, true parameters and hyper-parameters are drawn from their priors.
 
     Parameters
     ----------
     model
-        With proper priors.
+        Model whose posterior is validated, with proper priors.
     plan
-        Forces, angles, clockings; readings are ignored.
+        Campaign whose forces, angles and clockings are simulated; its readings are ignored.
     replicates, draws
-        Simulated campaigns, and independent posterior draws of each.
+        Number of simulated campaigns, and number of independent posterior draws of each.
     sampler : {"independent", "joint"}
-        How the posterior is drawn from.
+        Method of drawing from the posterior.
     generator
-        What the readings are drawn from; default ``model``. Another one shows what a wrong model
-        does.
+        Model that simulates the readings; default: ``model``. Another one shows the effect of an
+        analysis with a wrong model.
     prob
-        Probability of the band, simultaneous over ranks and quantities.
+        Probability that all ranks of all quantities lie inside their bands, if calibrated.
     seed
-        Of all random numbers.
+        Seed of all random numbers.
     executor
-        Runs the replicates, one BLAS thread each; default: here, one after the other. The result
-        does not depend on it.
+        Runs the replicates in parallel, one BLAS thread each; default: this process, one after the
+        other. The result does not depend on it.
     progress
         Called with the number of replicates done and their total.
 
@@ -252,7 +258,7 @@ def validate(
 
 
 class _Study(NamedTuple):
-    """What all replicates have in common."""
+    """Settings that all replicates have in common."""
 
     model: HybridModel
     generator: HybridModel
@@ -262,14 +268,14 @@ class _Study(NamedTuple):
 
 
 class _Ranks(NamedTuple):
-    """Outcome of one replicate."""
+    """Ranks in one replicate."""
 
-    ranks: Array  # of the true values, (quantities,)
-    by_emcee: bool  # whether emcee took over from independent draws
+    ranks: Array  # ranks of the true values, shape (quantities,)
+    by_emcee: bool  # whether the sampler emcee replaced independent draws
 
 
 def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> _Ranks | str:
-    """Return the ranks of the truth in one simulated campaign, or why there are none."""
+    """Return the ranks of true values in one simulated campaign, or an error message."""
     simulation_seed, sampling_seed = seed.spawn(2)
     simulation = study.generator.simulate(
         study.plan, seed=int(simulation_seed.generate_state(1)[0])

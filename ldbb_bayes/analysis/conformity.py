@@ -1,8 +1,10 @@
-"""Conformity with tolerances, p = P(lower ≤ η ≤ upper | y) of JCGM 106, decided after ISO 14253-1.
+"""Conformity with tolerances.
 
-A machine conforms where p is at least the confidence, for a normal posterior where the estimate
-lies inside each limit by the guard band; it does not conform where 1 − p is; in between nothing is
-decided.
+The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106, for a quantity η with
+tolerance limits ``lower`` and ``upper``, given the readings y. The decision follows ISO 14253-1:
+the quantity conforms where p is at least the confidence asked for, does not conform where 1 − p is
+at least the confidence, and in between nothing is decided. For a normal posterior and one limit,
+conformance means that the estimate lies inside the limit by at least the guard band.
 """
 
 from __future__ import annotations
@@ -33,16 +35,17 @@ from ldbb_bayes.units import is_direct
 
 __all__ = ["Conformity", "Decision", "conformity", "draws_at", "normal_conformity"]
 
-# Fewer draws than this beyond a limit, or within it, are too few to count: the normal tail is used.
+# Where fewer posterior draws than this lie beyond a limit, or within it, the probability is that of
+# the tail of a normal distribution instead of a share of draws.
 _FEWEST_DRAWS = 10
-# Draws of the machine's path.
+# Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
-# Least sd that a distance is divided by.
+# Lower bound of a standard deviation, to avoid a division by zero.
 _LEAST_SD = 1e-300
 
 
 class Decision(StrEnum):
-    """What follows from a tolerance at the confidence asked for."""
+    """Decision on a tolerance at the confidence asked for."""
 
     CONFORMS = "conforms"
     DOES_NOT_CONFORM = "does not conform"
@@ -51,24 +54,25 @@ class Decision(StrEnum):
 
 @dataclass(frozen=True)
 class Conformity(Result):
-    """A quantity and its tolerance, in inside units."""
+    """A quantity, its tolerance and the decision, in internal units (mm, N, rad)."""
 
-    unit: str  #: of all that follow
-    force_N: float | None  #: at which it is stated; None of geometric errors and slopes
-    lower: float | None  #: limit
-    upper: float | None  #: limit
-    mean: float  #: estimate
-    sd: float  #: its standard uncertainty
-    probability: float  #: of conformance
-    #: how far the estimate must lie inside a limit so that the machine conforms; as far outside, it
-    #: does not
+    unit: str  #: unit of the quantity, its limits, mean, sd and guard band
+    #: force at which the quantity is stated; None for geometric errors and slopes
+    force_N: float | None
+    lower: float | None  #: lower limit of the tolerance; None where there is none
+    upper: float | None  #: upper limit of the tolerance; None where there is none
+    mean: float  #: estimate of the quantity: its posterior mean
+    sd: float  #: standard uncertainty of the quantity: its posterior standard deviation
+    probability: float  #: probability of conformance
+    #: distance by which a normally distributed estimate must lie inside a limit to conform, or
+    #: outside it not to conform
     guard_band: float
-    confidence: float  #: at which it is decided
+    confidence: float  #: probability that the decision asks for
     decision: Decision  #: by ISO 14253-1
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Both limits, infinite where there is none."""
+        """Lower and upper limit, infinite where there is none."""
         return Tolerance(self.lower, self.upper).ends
 
 
@@ -80,21 +84,27 @@ def conformity(
     force_N: float | None = None,
     confidence: float = 0.95,
 ) -> dict[str, Conformity]:
-    """Decide whether a machine conforms.
+    """Decide whether a machine conforms with its tolerances.
 
     Parameters
     ----------
     posterior : DataTree
         From `average`, `sample` or `load`.
     tolerances : mapping of name to str or Tolerance, optional
-        Default: those of the campaign. Names are parameters, ``stiffness_X`` (1/C_XXX), and G,
-        F_max and F_min of the machine's path, with the plane where there are several (``G_YZ``).
+        Tolerances by name; default: those of the campaign. Names are those of parameters,
+        ``stiffness_X`` (1/C_XXX), and G, F_max and F_min of the machine's circular path, with the
+        plane where there are several (``G_YZ``).
     force_N : float, optional
-        Force at which compliances, stiffnesses and the path are stated, from a tenth of the least
-        force tested to 1.5 times the largest; default: the model's reference force, where C(F) is
-        C.
+        Force at which compliances, stiffnesses and the circular path are stated, from a tenth of
+        the smallest force tested to 1.5 times the largest; default: the model's reference force, at
+        which the compliance C(F) is the parameter C.
     confidence : float
         Probability that a decision asks for.
+
+    Returns
+    -------
+    dict of Conformity
+        By name of the quantity.
 
     Raises
     ------
@@ -124,7 +134,7 @@ def conformity(
 
 
 def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
-    """Return the draws of every parameter, of compliances at a force [inside units]."""
+    """Return posterior draws of every parameter [mm, N, rad]; compliances are those at a force."""
     bound = bound_of(posterior)
     draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
     if force_N == bound.setting.reference_force_N:
@@ -136,16 +146,16 @@ def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
 
 
 class _StatedDraws(NamedTuple):
-    """Draws of a quantity, and the force at which it is stated."""
+    """Posterior draws of a quantity, and the force at which it is stated."""
 
-    values: Array  #: (draws,)
-    force_N: float | None  #: None of geometric errors and slopes
+    values: Array  #: posterior draws of the quantity, shape (draws,)
+    force_N: float | None  #: force; None for geometric errors and slopes
 
 
 def _stated_draws(
     posterior: xr.DataTree, bound: BoundModel, names: Collection[str], force: float
 ) -> dict[str, _StatedDraws]:
-    """Return draws of the named quantities."""
+    """Return posterior draws of the named quantities, by name."""
     parameters = dict(zip(bound.names, bound.parameters, strict=True))
     values = draws_at(posterior, force)
     compliances = {f"stiffness_{name[2]}": name for name in bound.names if is_direct(name)}
@@ -166,7 +176,7 @@ def _stated_draws(
 
 
 def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
-    """Return draws of the quantities of the machine's path [mm], by name."""
+    """Return posterior draws of G, F_max and F_min of the circular path [mm], by name."""
     several_planes = len(bound.setting.planes) > 1
     draws = {}
     for path in path_draws(posterior, [force], _PATH_DRAWS):
@@ -181,7 +191,7 @@ def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict
 def _decide_by_draws(
     unit: str, stated: _StatedDraws, tolerance: Tolerance, confidence: float
 ) -> Conformity:
-    """Decide by the share of draws between the limits."""
+    """Decide by the share of posterior draws between the limits."""
     draws = stated.values
     mean = float(draws.mean())
     sd = float(draws.std(ddof=1))
@@ -195,7 +205,10 @@ def _decide_by_draws(
 def _tail_probability(outside: Array, score: float) -> float:
     """Return the probability beyond a limit.
 
-    It is the share of draws; where few are on either side, the normal tail, as far as they allow.
+    It is the share of draws outside. Where fewer than ``_FEWEST_DRAWS`` lie on one side of the
+    limit, it is the tail of a normal distribution, bounded by the share of so many draws.
+    ``score`` is the distance of mean and limit in standard deviations, negative where the mean lies
+    inside.
     """
     n = len(outside)
     count = int(outside.sum())
@@ -226,7 +239,7 @@ def _decide(
     confidence: float,
     force: float | None,
 ) -> Conformity:
-    """Decide by the probability of conformance."""
+    """Return the decision that follows from the probability of conformance."""
     decision = Decision.NOT_DECIDED
     if probability <= 1.0 - confidence:
         decision = Decision.DOES_NOT_CONFORM

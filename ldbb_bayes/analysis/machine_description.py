@@ -22,17 +22,20 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["DescribedMachine", "VisibleParameter", "describe"]
 
-# Radii at which patterns are sampled [mm]: a pattern is a polynomial in R of degree 3 at most.
+# Radii at which patterns are sampled [mm]. Four suffice, because a pattern is a polynomial in the
+# radius R of degree 3 at most.
 _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
 # Angles at which patterns are sampled [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
-# Degree in (c, s) of a pattern's part without R: forces act along the bar, and are seen along it.
+# Degree in (c, s) = (cos θ, sin θ) of the part of a compliance's pattern that does not depend on R.
+# It is 2 because the force acts along the bar, and the deflection is measured along the bar.
 _COMPLIANCE_DEGREE = 2
-# The same of geometric errors, which are only seen along the bar.
+# The same degree for geometric errors. It is 1 because they are measured along the bar, too, but
+# caused by no force.
 _GEOMETRIC_DEGREE = 1
-# Signs of powers from 0 to 4.
+# Superscripts of the powers 0 … 4 in a formula.
 _EXPONENTS = ("", "", "²", "³", "⁴")
-# Factors below this share of a pattern's largest value, or of one, are rounding.
+# Factors below this share of a pattern's largest value (at least 1) are rounding errors.
 _ROUNDING = 1e-9
 # Decimals to which a factor is rounded before it is printed.
 _FACTOR_DECIMALS = 9
@@ -40,16 +43,19 @@ _FACTOR_DECIMALS = 9
 
 @dataclass(frozen=True)
 class VisibleParameter:
-    """A parameter that circles show."""
+    """A parameter that circular tests can determine."""
 
     name: str
     unit: str
     meaning: str
-    #: by plane, of the reading per unit (and N of a compliance); c = cos θ, s = sin θ, lengths
-    #: in mm
+    #: formula by plane: change of the reading [mm] per unit of the parameter, for a compliance also
+    #: per N; c = cos θ, s = sin θ, R is the radius in mm
     pattern: Mapping[str, str]
-    not_negative: bool  #: whatever the joints are; the prior's truncation is about these
-    #: what it is the sum of, with their weights; empty where it stands for itself
+    #: whether it cannot be negative, whatever the joints are; the prior excludes negative values of
+    #: these parameters only
+    not_negative: bool
+    #: weights by name of the parameters that it is the weighted sum of; empty where it represents
+    #: itself only
     members: Mapping[str, float]
 
 
@@ -59,32 +65,34 @@ class DescribedMachine(Result):
 
     topology: str
     planes: tuple[str, ...]
-    joints: tuple[str, ...]  #: with branch, from the workpiece to the tool
+    joints: tuple[str, ...]  #: each with its branch and frame, from the workpiece to the tool
     centres_mm: tuple[tuple[float, float, float], ...]
     compliances: tuple[VisibleParameter, ...]
     geometric_errors: tuple[VisibleParameter, ...]
-    null: tuple[str, ...]  #: compliances that no reading shows
-    dependent: tuple[str, ...]  #: those whose pattern is a combination of several kept ones
-    rank: int
-    #: of the kept compliances' columns, unscaled (mm, N), uniform full circles
+    null: tuple[str, ...]  #: compliances that change no reading
+    #: compliances left out because their pattern is a combination of several of ``compliances``
+    dependent: tuple[str, ...]
+    rank: int  #: rank of the Jacobian of all compliances
+    #: condition number of the Jacobian of ``compliances``, unscaled (mm, N), for full circles with
+    #: evenly spaced angles
     condition_number: float
 
 
 def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachine:
-    """Return names, units, patterns and sets of all that circular tests show of a machine.
+    """Return the parameters of a machine that circular tests can determine.
 
     Parameters
     ----------
     machine
-        Joints, planes and frames.
+        Machine with its joints, planes and frames.
     circles
-        Circles in the machine's planes. Default: R = 150 mm about the frames' origin in every
-        plane. Patterns are those of the first circle of each plane.
+        Circles in the machine's planes. Default: in every plane a circle of radius 150 mm about the
+        origin of the frames. Patterns are those of the first circle of each plane.
 
     Returns
     -------
     DescribedMachine
-        In inside units.
+        In internal units (mm, N, rad).
 
     Raises
     ------
@@ -135,7 +143,7 @@ def _describe_joint(joint: Joint) -> str:
 def _describe_compliances(
     machine: Machine, circles: Sequence[Circle], visible: Kept
 ) -> tuple[VisibleParameter, ...]:
-    """Return the kept compliances, with what each stands for."""
+    """Describe the compliances that circles can determine, and what each represents."""
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
         columns = [
@@ -164,7 +172,7 @@ def _describe_compliances(
 def _describe_geometric_errors(
     machine: Machine, circles: Sequence[Circle]
 ) -> tuple[VisibleParameter, ...]:
-    """Return the geometric errors."""
+    """Describe the geometric errors."""
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
         columns = [geometric_jacobian(machine, circle, _ANGLES_RAD) for circle in sampled]
@@ -195,16 +203,17 @@ def _sampled_circles(machine: Machine, circles: Sequence[Circle]) -> dict[str, l
 
 
 class _Monomial(NamedTuple):
-    """One term of a pattern: a factor, and a product of powers in words."""
+    """One term of a formula: a factor, and a product of powers as text."""
 
     factor: float
     product: str
 
 
 def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[str, str]:
-    """Return formulas of one column by plane, planes that do not show it left out.
+    """Return the formula of one parameter by plane, without planes where it changes no reading.
 
-    ``jacobians`` have shape (radii, angles, columns).
+    ``jacobians`` have shape (radii, angles, parameters); ``column`` is the index of the parameter.
+    ``degree`` is the degree in (cos θ, sin θ) of the part that does not depend on the radius.
     """
     formulas = {}
     for plane, jacobian in jacobians.items():
@@ -215,9 +224,10 @@ def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[
 
 
 def _monomials(values: Array, degree: int) -> list[_Monomial]:
-    """Return the monomials in R, c and s of a pattern sampled at (radii, angles).
+    """Return the monomials in R, c = cos θ and s = sin θ of a pattern.
 
-    ``degree`` is the degree in (c, s) of the part without R.
+    ``values`` are the pattern at the sampled radii and angles, shape (radii, angles). ``degree`` is
+    the degree in (c, s) of the part that does not depend on the radius R.
     """
     by_radius_power = np.linalg.solve(np.vander(_RADII_MM, increasing=True), values)
     threshold = _ROUNDING * max(np.abs(values).max(), 1.0)
@@ -246,7 +256,7 @@ def _write_power(letter: str, power: int) -> str:
 
 
 def _write_sum(monomials: Sequence[_Monomial]) -> str:
-    """Return a sum of monomials as text, factors of one left out."""
+    """Return a sum of monomials as text, without factors of one."""
     text = ""
     for monomial in monomials:
         is_negative = monomial.factor < 0

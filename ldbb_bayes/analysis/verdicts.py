@@ -1,9 +1,15 @@
-"""Judge every parameter: identified, prior-limited or confounded with what.
+"""Judge whether each parameter is identified, prior-limited or confounded.
 
-Everything is of the linear Gaussian model at one value of the hyper-parameters φ, without
-truncation: no readings are needed, and a plan can be asked before it is run. With readings φ is its
-posterior mean (but what certificates are worth is averaged over p(φ | y)), without them its prior
-median.
+A parameter is confounded where another effect cannot be told from it. β are the parameters
+(compliances, their slopes and geometric errors), nuisances the effects that are modelled but not of
+interest, and y the readings. A degeneracy is a combination of coefficients that no reading
+resolves.
+
+Everything is computed for the linear Gaussian model at one value of the hyper-parameters φ (the
+scales of the noise and of other effects), without truncation (the condition that compliances must
+not be negative). No readings are needed for this, so that a plan can be judged before it is run. φ
+is its posterior mean with readings, and its prior median without. Only the worth of certificates is
+averaged over p(φ | y).
 """
 
 from __future__ import annotations
@@ -57,44 +63,49 @@ __all__ = [
     "verdicts",
 ]
 
-# A term or a direction with more than this share of the variance holds most of it.
+# More than this share of a parameter's variance counts as most of it.
 MAJORITY = 0.5
-# A parameter with a smaller contraction, 1 − Var(β | y) / Var(β), is prior-limited.
+# A parameter is prior-limited where its contraction, 1 − Var(β | y) / Var(β), is below this.
 CONTRACTION_LIMIT = 0.75
-# Open nuisances that hold a quarter of the variance make up half of the standard uncertainty.
+# Share of the variance above which nuisances of unknown size make a parameter confounded. A quarter
+# of the variance is half of the standard uncertainty.
 OPEN_VARIANCE_SHARE = 0.25
-# A partner with a smaller share of the variance is not named.
+# An effect that holds less than this share of a parameter's variance is not named.
 _NAMED_SHARE = 0.05
-# The readings add less than this share of the prior's precision where priors outweigh them tenfold.
+# The prior outweighs the readings tenfold where these add less than this share of the prior's
+# precision.
 _TENTH = 0.1
-# Aliases below this share of a parameter's prior sd are rounding.
+# Changes of an estimate below this share of the parameter's prior sd are rounding errors.
 _ROUNDING = 1e-12
-# Terms that the model leaves out, by the standing degeneracy that they cause.
+# Class name of the term that the model leaves out, by the degeneracy that this causes.
 _TERMS_LEFT_OUT = {StandingKind.FRICTION: "Hysteresis", StandingKind.DRIFT: "Drift"}
 
 
 class Verdict(StrEnum):
-    """What is known of one parameter.
+    """Verdict on how well one parameter is known.
 
-    The rule, in this order:
+    The rules, in this order:
 
-    1. *confounded*, when a nuisance that the model leaves out looks exactly like it: nothing bounds
-       it then.
-    2. *confounded*, when nuisances that look exactly like it, whose size neither these readings
-       measure nor a certificate states, make up more than half of its standard uncertainty: knowing
-       them would take a quarter of its variance. What is carried over from other orders of the
-       circle is not measured.
-    3. *confounded*, when more than half of its variance lies along directions in which the priors
-       outweigh the readings, and more than half would vanish if something else were known: the
-       nuisance terms, and with them the parameters that no reading separates from it; or, where the
-       priors outweigh the readings tenfold, the parameter it is correlated with most. So are C_CXY
-       and its like, with `Position`, where the circle's centre shifts in proportion to force.
+    1. *confounded*, when a nuisance that the model leaves out looks exactly like the parameter:
+       nothing bounds the nuisance then.
+    2. *confounded*, when nuisances in the model look exactly like the parameter and make up more
+       than half of its standard uncertainty (knowing them would remove more than a quarter of its
+       variance), and neither these readings nor a certificate state their size. A size inferred
+       from other Fourier orders of the circle does not count as measured.
+    3. *confounded*, when more than half of the parameter's variance lies along combinations of
+       coefficients for which the priors outweigh the readings, and more than half of the variance
+       would vanish if the nuisance terms, and the parameters that no reading separates from it,
+       were known. Also *confounded*, when the priors outweigh the readings tenfold along such
+       combinations, and knowing the parameter that it is correlated with most would remove more
+       than half of the variance. Rotations by a force, such as C_CXY, are confounded with
+       `Position` where the circle's centre shifts in proportion to force.
     4. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of
        the prior sd.
-    5. *identified* otherwise; but *confounded* with what looks exactly like it and the tests do not
-       show: C_XYX with lost motion in proportion to force, in one direction of travel; in tests
-       that ran in the order of force, C_XXX and its like, where `Position` is modelled C_CXY too,
-       with drift of the bar's length and of the centre.
+    5. *identified* otherwise, except where an effect that the model leaves out looks exactly like
+       the parameter in these tests; then *confounded*. With one direction of travel, C_XYX looks
+       like lost motion in proportion to force. In tests that ran in the order of force, direct
+       compliances such as C_XXX look like a drift of the bar's length, and where `Position` is
+       modelled, C_CXY looks like a drift of the circle's centre.
     """
 
     IDENTIFIED = "identified"
@@ -104,50 +115,57 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class ParameterIdentifiability(Result):
-    """What readings and priors each say about one parameter, in inside units.
+    """How well one parameter is known, in internal units (mm, N, rad).
 
-    ``partners`` are terms (then parameters) that it is confounded with, the heaviest first; of one
-    that is not confounded the terms that hold at least 5 % of its variance all the same.
+    ``partners`` are the terms, then the parameters, that a confounded parameter is confounded with,
+    the heaviest first. For a parameter that is not confounded they are the terms that hold at least
+    5 % of its variance.
     """
 
-    name: str  #: of the parameter
+    name: str  #: name of the parameter
     verdict: Verdict  #: identified, prior-limited or confounded
     partners: Annotated[tuple[str, ...], Field(alias="with")]
-    #: of its variance that vanish if the partner is known; what the model leaves out has none
+    #: share of the parameter's variance that vanishes if the partner is known, by partner; effects
+    #: that the model leaves out have no share
     partner_shares: dict[str, float]
-    unit: str  #: inside unit
-    prior_mean: Number  #: not a number when flat
-    prior_sd: Finite  #: infinite when flat
-    mean: float  #: of the Gaussian posterior; a plan's is the prior's
-    sd: float  #: likewise
-    contraction: Number  #: 1 − Var(β | y) / Var(β); not a number when flat, like the next
-    #: ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]
+    unit: str  #: internal unit of the parameter
+    prior_mean: Number  #: prior mean; not a number for a flat prior
+    prior_sd: Finite  #: prior standard deviation; infinite for a flat prior
+    mean: float  #: posterior mean; for a plan the prior mean
+    sd: float  #: posterior standard deviation
+    contraction: Number  #: 1 − Var(β | y) / Var(β); not a number for a flat prior
+    #: ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]; not a
+    #: number for a flat prior
     information_gain: Number
-    confounding: dict[str, float]  #: by term: 1 − Var(β | y, term) / Var(β | y)
-    #: of terms, reading noise and the parameters' own priors, as in `budgets`; they sum to one
+    confounding: dict[str, float]  #: 1 − Var(β | y, term known) / Var(β | y), by term
+    #: shares of terms, reading noise and the parameters' own priors in the variance, as in
+    #: `budgets`; they sum to one
     shares: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Identifiability(Result):
-    """What a model can learn from a campaign or plan."""
+    """How well a campaign or plan determines the parameters of a model."""
 
-    parameters: dict[str, ParameterIdentifiability]  #: by name
-    degeneracies: tuple[Degeneracy, ...]  #: combinations that no reading sees
-    #: of each degeneracy, found by adding the tests to the plan and looking again
+    parameters: dict[str, ParameterIdentifiability]  #: by name of the parameter
+    degeneracies: tuple[Degeneracy, ...]  #: combinations that no reading resolves
+    #: tests that resolve each degeneracy, found by adding them to the plan and looking again
     cures: tuple[tuple[Cure, ...], ...]
-    standing: tuple[Standing, ...]  #: degeneracies with effects that are not terms of the model
-    #: that the readings determine: the sum of the contractions, all of them when the prior is flat
+    #: parameters that look like effects which are not terms of the model, or which only different
+    #: forces separate from them
+    standing: tuple[Standing, ...]
+    #: number of parameters that the readings determine: the sum of the contractions, or for a flat
+    #: prior the number of all parameters
     effective_parameters: float
-    #: change of each least-squares estimate (rows) per prior sd of a nuisance left out (columns);
-    #: inside units
+    #: change of each parameter's least-squares estimate (rows) if a nuisance (columns) is ignored
+    #: and equals one prior sd; in internal units
     alias: ByRow
-    correlation: ByRow  #: posterior correlations of parameters and shared nuisances
-    #: standard uncertainty by parameter and by what is certified of the instrument: none of these,
-    #: and each there is none of yet
+    correlation: ByRow  #: posterior correlations of parameters and of nuisances that tests share
+    #: standard uncertainty by certificates of the instrument, then by parameter: without further
+    #: certificates, with each one that does not exist yet, and with all of these
     certificates: dict[str, dict[str, float]]
-    hyper_um: dict[str, float]  #: φ it holds at [µm]
-    measured: bool  #: whether φ and the means come from readings
+    hyper_um: dict[str, float]  #: value of φ for which everything is computed [µm]
+    measured: bool  #: whether φ and the means come from readings, not from priors
 
 
 class SampledSd(NamedTuple):
@@ -159,19 +177,19 @@ class SampledSd(NamedTuple):
 
 @one_blas_thread
 def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
-    """Return what the model can learn from a campaign, or could from a plan.
+    """Return how well a campaign, or a plan once run, determines the parameters of a model.
 
     Parameters
     ----------
     model : HybridModel
-        Nuisances and priors.
+        Model with its nuisances and priors.
     campaign : Campaign
         Tests with or without readings.
 
     Returns
     -------
     Identifiability
-        In inside units (mm, N, rad).
+        In internal units (mm, N, rad).
 
     Examples
     --------
@@ -216,8 +234,8 @@ def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
     Returns
     -------
     dict of ParameterIdentifiability
-        By parameter, at the posterior mean of the hyper-parameters; mean, sd and contraction are
-        those of the draws.
+        By parameter, computed at the posterior mean of the hyper-parameters; mean, sd and
+        contraction are those of the posterior draws.
 
     Examples
     --------
@@ -239,9 +257,9 @@ def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
 
 
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Return weights, shape (w,), and hyper-parameters φ, shape (w, h) [mm].
+    """Return w quadrature nodes of φ: weights, shape (w,), and values, shape (w, h) [mm].
 
-    They are nodes of p(φ | y), without truncation; of a plan the prior median alone.
+    They represent p(φ | y) without truncation. For a plan there is one node, the prior median.
     """
     if bound.campaign.is_plan:
         median = np.full((1, len(bound.hyper_prior.names)), 0.5)
@@ -251,27 +269,28 @@ def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
 
 
 def variance_share_removed(information: Information, names: Sequence[str]) -> Array:
-    """Return the share of every parameter's variance that knowing terms or coefficients removes.
+    """Return the share of each parameter's variance that knowing terms or coefficients removes.
 
-    Shape (p,).
+    The shape is (p,), for p parameters.
     """
     return np.clip(1.0 - information.variances(names) / information.variances(), 0.0, 1.0)
 
 
 def prior_dominated_share(information: Information, precision_ratio: float = 1.0) -> Array:
-    """Return the share of every parameter's variance along directions that priors dominate.
+    """Return the share of each parameter's variance that lies where priors dominate.
 
-    There the readings add less than ``precision_ratio`` times the prior's precision. Directions are
-    of all coefficients, parameters and nuisances, in units of the prior sd: right singular vectors
-    of the whitened design, along which the readings add the squared singular value to a prior
-    precision of one.
+    Priors dominate a combination of coefficients where the readings add less than
+    ``precision_ratio`` times the precision of the prior. The combinations are the right singular
+    vectors of the whitened design matrix of all coefficients (parameters and nuisances) in units of
+    their prior sds. Along each, the prior precision is one, and the readings add the square of the
+    singular value.
 
     Parameters
     ----------
     information
         Information of the readings.
     precision_ratio
-        Precision that the readings add, over the prior's.
+        Precision that the readings add, divided by that of the prior.
 
     Returns
     -------
@@ -291,12 +310,13 @@ def prior_dominated_share(information: Information, precision_ratio: float = 1.0
 
 @dataclass(frozen=True)
 class _ParameterFacts:
-    """What the verdict on one parameter rests on.
+    """Facts about one parameter on which its verdict is based.
 
-    ``index`` is its number among the parameters. ``removed_shares`` says by term what knowing it
-    would remove of the variance, ``squared_correlations`` the same by other parameter.
-    ``dominated_share`` and ``tenfold_dominated_share`` are shares of the variance where the priors
-    outweigh the readings.
+    ``index`` is its index among the parameters. ``removed_shares`` are the shares of its variance
+    that knowing each term would remove; ``squared_correlations`` those that knowing each other
+    parameter would remove. ``dominated_share`` is the share of the variance along combinations of
+    coefficients for which the priors outweigh the readings, ``tenfold_dominated_share`` the same
+    where they outweigh them tenfold.
     """
 
     index: int
@@ -309,7 +329,7 @@ class _ParameterFacts:
 
 
 class _Judgement(NamedTuple):
-    """A verdict, and what the parameter is confounded with."""
+    """A verdict, and the terms or parameters that hold much of the variance."""
 
     verdict: Verdict
     partners: tuple[str, ...]
@@ -329,13 +349,14 @@ def judge_parameters(
     bound
         Model bound to a campaign or plan.
     information
-        Its information at φ.
+        Information of the bound model, given φ.
     combinations
-        Its `degeneracies`.
+        The `degeneracies` of the bound model.
     mean
-        Mean of β, shape (p,), in inside units.
+        Mean of β, shape (p,), in internal units.
     sampled_sd
-        Prior and posterior sd that replace the Gaussian's, truncation included.
+        Prior and posterior sds from draws, truncation included, to use instead of those of the
+        linear Gaussian model.
 
     Returns
     -------
@@ -398,14 +419,14 @@ def judge_parameters(
 
 
 def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:
-    """Return prior and posterior sd of the linear Gaussian model."""
+    """Return prior and posterior sds of all parameters in the linear Gaussian model."""
     prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
     posterior_sd = np.sqrt(information.variances()) * information.scale[information.interest]
     return SampledSd(prior_sd, posterior_sd)
 
 
 def _information_gain(variance_ratio: float) -> float:
-    """Return ½ ln(Var(β) / Var(β | y)) [nat]."""
+    """Return the information gain [nat] from the ratio Var(β | y) / Var(β)."""
     if variance_ratio == 0.0:
         return np.inf
     return float(-0.5 * np.log(variance_ratio))
@@ -422,7 +443,7 @@ def _squared_correlations(
 def _terms_left_out(
     bound: BoundModel, combinations: Sequence[Degeneracy]
 ) -> dict[str, tuple[str, ...]]:
-    """Return by parameter the terms that look exactly like it and that the model leaves out."""
+    """Return, for each parameter, the terms left out of the model that look exactly like it."""
     parameters_by_kind = {
         standing.kind: standing.parameters
         for standing in standing_degeneracies(bound, combinations)
@@ -435,14 +456,14 @@ def _terms_left_out(
 
 
 def _shifted_parameters(bound: BoundModel, mean: Array) -> tuple[str, ...]:
-    """Return rotations by force, where the circle's centre shifts in proportion to force."""
+    """Return rotations by a force, if the circle's centre shifts in proportion to force."""
     if bound.campaign.is_plan or not centre_shift(bound, mean):
         return ()
     return tuple(name.label for name in bound.compliances if name.kind == "rotation_for_force")
 
 
 def _judge(information: Information, facts: _ParameterFacts) -> _Judgement:
-    """Return the verdict on one parameter by the rule of `Verdict`, effects left out aside."""
+    """Return the verdict on one parameter by `Verdict`, apart from effects that are no terms."""
     removed = facts.removed_shares
     terms = information.shared_terms
     heavy_terms = [term for term in terms if removed[term] > _NAMED_SHARE]
@@ -466,7 +487,7 @@ def _judge(information: Information, facts: _ParameterFacts) -> _Judgement:
 
 
 def _open_terms(terms: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return modelled terms in degeneracies whose size no certificate states."""
+    """Return those of the terms that are in a degeneracy and whose size nothing states."""
     not_stated = {d.term for d in combinations if d.modelled and not d.stated}
     return tuple(term for term in terms if term in not_stated)
 
@@ -474,7 +495,10 @@ def _open_terms(terms: Sequence[str], combinations: Sequence[Degeneracy]) -> tup
 def _inseparable_partners(
     information: Information, facts: _ParameterFacts, partner_terms: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return what holds most of a variance that the priors dominate; nothing where they do not."""
+    """Return terms and parameters that make the parameter confounded by rule 3 of `Verdict`.
+
+    Return nothing where the rule does not apply.
+    """
     correlations = facts.squared_correlations
     rivals = ranked(correlations, correlations.__getitem__)
     twins = _twins(rivals, facts.degeneracies)
@@ -492,7 +516,7 @@ def _inseparable_partners(
 
 
 def _twins(names: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return parameters in degeneracies without a nuisance."""
+    """Return those of the parameters that are in a degeneracy without nuisances."""
     inseparable = set[str]()
     for degeneracy in combinations:
         if not degeneracy.term:
@@ -503,7 +527,7 @@ def _twins(names: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[st
 def _allow_for_effects_left_out(
     judgement: _Judgement, terms: tuple[str, ...], *, is_shifted: bool
 ) -> _Judgement:
-    """Return the verdict in the light of terms left out, and of a shift of the circle's centre."""
+    """Return the verdict, changed for terms left out and for a shift of the circle's centre."""
     verdict = judgement.verdict
     partners = judgement.partners
     if terms and verdict == Verdict.IDENTIFIED:
@@ -532,7 +556,7 @@ def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
 
 
 def _correlation(information: Information) -> pd.DataFrame:
-    """Return posterior correlations of parameters and shared nuisances."""
+    """Return posterior correlations of parameters and of nuisances that tests share."""
     covariance = information.covariance()
     names = list(information.names)
     sd = np.sqrt(np.diag(covariance))

@@ -1,4 +1,9 @@
-"""The design of the next campaign: which forces, how many circles, which clockings."""
+"""The design of the next campaign: its forces, its number of circles and its clockings.
+
+A clocking is the pair of angles by which the two balls are turned. A pilot is the campaign or plan
+that a design starts from. Shares are the fractions of the tests run at each candidate, whole
+numbers or not; the efficiency of a design compares it with the best shares.
+"""
 
 from __future__ import annotations
 
@@ -34,13 +39,15 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# The largest sensitivity may exceed the bound by this share.
+# Largest relative amount by which the sensitivity may exceed the bound in a certificate that
+# holds.
 _CERTIFICATE_TOLERANCE = 1e-4
-# Smaller shares are not listed.
+# Shares of the tests below this are not listed.
 _LISTED_SHARE = 1e-4
-# A parameter whose floor exceeds this share of its expected sd gains little from more circles.
+# More circles of the same kind hardly narrow a parameter where the sd that remains after very many
+# circles exceeds this share of its expected sd.
 _STUCK_SHARE = 0.8
-# Step of the force levels to choose from where none are given [N].
+# Default step of the force levels to choose from [N].
 _FORCE_STEP_N = 1.0
 _EQUAL_STEPS = "equal steps"
 _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
@@ -48,11 +55,13 @@ _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
 
 @dataclass(frozen=True)
 class Certificate(Result):
-    """Whether no shares of as many tests are better (Kiefer and Wolfowitz 1960).
+    """Proof that no other shares of the same number of tests are better.
 
-    The certificate holds if the largest sensitivity of all candidates does not exceed the bound
-    (for D with flat priors the number of parameters) by more than a ten-thousandth. Where the
-    criterion is not concave it is not ``global``: only designs nearby are ruled out.
+    By Kiefer and Wolfowitz (1960), the certificate holds if the largest sensitivity of all
+    candidates does not exceed the bound (for criterion D with flat priors the number of
+    parameters); 0.01 % more is tolerated. The sensitivity of a candidate is the rate at which the criterion
+    grows with its share. Where the criterion is not concave, the certificate is not ``global``: it
+    rules out only similar shares.
     """
 
     max_sensitivity: float
@@ -63,27 +72,29 @@ class Certificate(Result):
 
 @dataclass(frozen=True, eq=False)
 class Judged(Forecast):
-    """A design compared with the recommended one, and what to expect of it."""
+    """Another design, compared with the recommended one, and its forecast."""
 
     name: str
-    tests: Records  #: one row per test: force_N and `Design.columns`
+    tests: Records  #: one row per test, with columns force_N and `Design.columns`
     efficiency: float  #: relative to the best shares of as many tests
 
 
 @dataclass(frozen=True)
 class Limits(Result):
-    """What the tests of a design do not show."""
+    """Limits of what the tests of a design can show."""
 
-    #: number of forces, where they are too few to show that the degree in force is wrong
+    #: number of different forces, if too few to show that the model's degree in force is wrong;
+    #: else None
     levels: int | None
-    #: planes whose circles all run one way although hysteresis counts, with their direction
+    #: direction of travel by plane, for planes in which hysteresis is modelled but all circles run
+    #: in one direction
     one_way: dict[str, str]
-    #: whether there is a drift: it is assumed to be independent of what differs between the tests
+    #: whether the model has a drift, which is assumed to be independent of the tests' settings
     drift: bool
-    #: parameters that more circles of this kind would narrow by less than a fifth
+    #: parameters whose sd more circles of this kind would lower by less than 20 %
     shared: tuple[str, ...]
-    degeneracies: tuple[Degeneracy, ...]  #: of these parameters
-    cures: tuple[tuple[Cure, ...], ...]  #: of each degeneracy
+    degeneracies: tuple[Degeneracy, ...]  #: degeneracies that involve parameters of ``shared``
+    cures: tuple[tuple[Cure, ...], ...]  #: tests that resolve each degeneracy
 
 
 @dataclass(frozen=True)
@@ -96,7 +107,7 @@ class Pilot(Result):
 
 @dataclass(frozen=True)
 class Planned:
-    """Tests that a design recommends, what they follow, and the model for their analysis."""
+    """Tests that a design recommends, the pilot, and the model for the analysis of the tests."""
 
     tests: tuple[CircularTest, ...]
     pilot: Campaign
@@ -105,61 +116,68 @@ class Planned:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design(Forecast):
-    """Recommended tests, and what to expect of them."""
+    """Recommended tests and their forecast."""
 
-    criterion: str  #: of the design
-    parameters: tuple[str, ...]  #: of interest; all others are nuisances
-    #: one row per different test: force_N, `columns`, count
+    criterion: str  #: criterion that the design optimizes
+    parameters: tuple[str, ...]  #: parameters of interest; all others are nuisances
+    #: one row per different test, with columns force_N, `columns` and count
     table: Annotated[Records, Field(alias="tests")]
     augment: bool  #: whether the pilot's tests count as run
-    degree: int  #: of the model
-    reference_force_N: float  #: F0, the pilot's
-    efficiency: float  #: relative to the best shares of as many tests
-    certificate: Certificate  #: that no other shares are better
-    shares: Records  #: the best: one row per test, force_N, `columns`, share
-    baseline: dict[str, Expected]  #: of equal steps of force at the first clocking and radius
-    compared: tuple[Judged, ...]  #: equal steps of force, and the designs brought for comparison
-    limits: Limits  #: what the tests do not show
-    hyper_um: dict[str, float]  #: root mean square of the values averaged over [µm]
-    #: whether these are of their posterior given the pilot's readings, else of their prior
+    degree: int  #: degree of the model's compliances in force
+    reference_force_N: float  #: reference force F0 of the pilot
+    efficiency: float  #: efficiency relative to the best shares of the same number of tests
+    certificate: Certificate  #: proof that no other shares are better than ``shares``
+    #: best shares: one row per test, with columns force_N, `columns` and share
+    shares: Records
+    #: expected sds of a design in equal steps of force, at the first clocking and radius
+    baseline: dict[str, Expected]
+    compared: tuple[Judged, ...]  #: design in equal steps of force, and the designs given by name
+    limits: Limits  #: limits of what the tests can show
+    #: hyper-parameters (scales of the noise and of other effects): root mean square of the values
+    #: that the forecast averages over [µm]
+    hyper_um: dict[str, float]
+    #: whether hyper-parameters come from the pilot's readings, not from their prior
     measured: bool
-    pilot: Pilot  #: what it starts from
-    #: Of every candidate, for the best shares: force_N, `columns`, sensitivity.
+    pilot: Pilot  #: campaign or plan that the design starts from
+    #: sensitivity of every candidate for the best shares, with columns force_N, `columns` and
+    #: sensitivity
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    #: the tests themselves; none where read from a file
+    #: the recommended tests; None where the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """What tables say of a test beside its force.
+        """Columns beside the force that describe a test in the tables.
 
-        Clockings and radius; plane, direction and set-up where they differ.
+        They are clockings and radius, and plane, direction and set-up where these differ.
         """
         return tuple(str(column) for column in self.table.columns[1:-1])
 
     @property
     def tests(self) -> tuple[CircularTest, ...]:
-        """The tests by clocking, radius and force, each as often as it is to be run."""
+        """The tests, sorted by clocking, radius and force, each as often as it is to be run."""
         return self._require_planned().tests
 
     @property
     def model(self) -> HybridModel:
         """The model for the analysis of the plan.
 
-        F0 and the slopes' prior sd are the pilot's, whatever the plan's forces.
+        Its reference force F0 and the prior sds of the slopes are those of the pilot, whatever the
+        forces of the plan.
         """
         return self._require_planned().model
 
     def plan(self, *, seed: int = 1) -> Campaign:
         """Return the tests as a plan, in the order in which to run them.
 
-        Blocks are of one clocking, forces at random within. Where the model has a drift, the plan
-        has the pilot's pace and mean temperature.
+        The tests of one clocking form a block, within which forces are in random order. Where the
+        model has a drift, the plan takes the time between tests, or the mean temperature, from the
+        pilot.
 
         Parameters
         ----------
         seed
-            Of the random order.
+            Seed of the random order.
 
         Returns
         -------
@@ -186,12 +204,12 @@ class Design(Forecast):
         return self.planned
 
     def expected_table(self) -> pd.DataFrame:
-        """Return expected sd and error of every parameter with prior, floor and baseline.
+        """Return expected sd, its error, prior sd, floor and baseline of every parameter.
 
         Returns
         -------
         pandas.DataFrame
-            One row per parameter, in inside units.
+            One row per parameter, in internal units (mm, N, rad).
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
@@ -217,7 +235,7 @@ def read_design(path: str | os.PathLike[str]) -> Design:
     Returns
     -------
     Design
-        Without its tests: read the plan beside it.
+        The design without its tests, which are in the plan in the same folder.
     """
     return read_result(path, "design", "design", Design.from_dict)
 
@@ -257,42 +275,45 @@ def design(
 ) -> Design:
     """Return the best tests to run next.
 
-    Everything is of the linear Gaussian model, averaged over the hyper-parameters: their posterior
-    given the pilot, or their prior when the pilot is a plan. Criteria and evidence are without
-    truncation, expected sd are inside it. F0, force range and Ĉ are the pilot's: analyse the plan
-    with `Design.model`.
+    Everything is computed for the linear Gaussian model and averaged over the hyper-parameters (the
+    scales of the noise and of other effects): over their posterior given the pilot, or over their
+    prior when the pilot is a plan. The expected sds account for the truncation (compliances must
+    not be negative); criteria and evidence do not. The reference force F0, the force range and the
+    estimate Ĉ of the compliances about which the model is linearised are those of the pilot:
+    analyse the plan with `Design.model`.
 
     Parameters
     ----------
     model
         The model that the tests are to determine.
     pilot
-        A campaign already run, or a plan.
+        Campaign already run, or plan, that the design starts from.
     tests
-        Number of circles; default: as many as the pilot has.
+        Number of circles to run; default: as many as the pilot has.
     forces_N
-        Levels to choose from; default: the pilot's range in steps of 1 N.
+        Force levels to choose from; default: the pilot's range in steps of 1 N.
     clockings_deg, radii_mm, directions
         Clockings (work ball, tool ball), radii and directions of travel (CW, CCW) to choose from;
-        default: balls not turned, the rest as in the pilot. If both directions may be chosen,
-        hysteresis always counts.
+        default: balls not turned, the rest as in the pilot. If both directions may be chosen, the
+        model always includes hysteresis.
     criterion : {"eig", "d", "a", "c", "i", "discriminate"}, optional
-        Default: ``eig`` with proper priors, ``d`` with flat ones.
+        Criterion to optimize; default: ``eig`` with proper priors, ``d`` with flat ones.
     parameters
-        Parameters of interest, all others nuisances; default: all that the criterion is about.
+        Parameters of interest; all others are nuisances. Default: all that the criterion is
+        about.
     augment
-        Whether the pilot's tests count as run: ``tests`` is how many are added.
+        Whether the pilot's tests count as run, so that ``tests`` is the number of tests added.
     against
-        Campaigns or plans by name: designs to compare with.
+        Designs to compare with: campaigns or plans by name.
     slope_size
-        Size of the slopes that are to be found [prior sd].
+        Size of the slopes that the tests are to detect [prior sd].
     seed
-        Of the search and the forecast.
+        Seed of the random numbers of search and forecast.
 
     Returns
     -------
     Design
-        The tests and what to expect of them.
+        The recommended tests and their forecast.
 
     Raises
     ------
@@ -336,7 +357,7 @@ def design(
 
 
 def _levels_in_range(pilot: Campaign) -> list[float]:
-    """Return forces over the pilot's range in steps of 1 N."""
+    """Return force levels over the pilot's range in steps of 1 N."""
     low = float(pilot.forces_N.min())
     high = float(pilot.forces_N.max())
     levels: list[float] = np.unique([*np.arange(low, high, _FORCE_STEP_N), high]).tolist()
@@ -344,7 +365,7 @@ def _levels_in_range(pilot: Campaign) -> list[float]:
 
 
 def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
-    """Refuse a design for comparison of a reserved name or of another machine."""
+    """Refuse a design for comparison that has a reserved name or is of another machine."""
     require(
         name not in _RESERVED_NAMES,
         f"against must not use the name {name!r}, which is the design's own. Choose another name.",
@@ -364,7 +385,7 @@ def _describe_design(
     pilot: Pilot,
     compared: Mapping[str, tuple[CircularTest, ...]],
 ) -> Design:
-    """Return the design that the search found, with its forecast and those of others."""
+    """Return the design that the search found, with forecasts of it and of those compared."""
     tests = space.tests_of(exact)
     optimum = exact.optimum
     judged = tuple(_judge_tests(space, name, planned) for name, planned in compared.items())
@@ -420,7 +441,10 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
 
 
 def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
-    """Return the model for an analysis of these tests alone, with the pilot's F0 and slope sd."""
+    """Return the model for an analysis of these tests alone.
+
+    Its reference force and the prior sds of the slopes are those of the pilot.
+    """
     model = space.model
     setting = space.bound.setting
     prior = model.prior
@@ -432,7 +456,7 @@ def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     forces = [float(test.force_N or 0.0) for test in tests]
     force_range_N = max(forces) - min(forces)
     if not (prior.flat or np.isclose(force_range_N, setting.force_range_N, rtol=1e-9)):
-        # The default prior sd of a slope goes with the force range.
+        # The default prior sd of a slope depends on the force range.
         for parameter in space.bound.parameters:
             if parameter.group == "slope":
                 overrides[parameter.name] = parameter.prior_sd
@@ -447,7 +471,7 @@ def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
 
 
 def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
-    """Return what no number of such tests shows, and what would."""
+    """Return the limits of what such tests can show, however many, and tests that would help."""
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     too_few_levels = levels <= space.model.degree + 2 and not space.augment
     bound = bind_tests(space.model, space.pilot, tests, keep=space.augment)
@@ -481,7 +505,10 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 
 
 def _planes_run_one_way(bound: BoundModel) -> dict[str, str]:
-    """Return the direction of planes modelled both ways whose circles all run one way."""
+    """Return the direction of travel, by plane, where all circles run in one direction.
+
+    Only planes are considered in which both directions are modelled.
+    """
     one_way = {}
     for plane in bound.setting.both_ways:
         directions = {test.direction for test in bound.campaign.tests if test.plane == plane}

@@ -1,7 +1,8 @@
-"""Constant or linear: the evidence that tests will give for or against the slopes.
+"""Evidence that planned tests will give for or against slopes of the compliances with force.
 
-The evidence is of the linear Gaussian model without truncation, averaged over the
-hyper-parameters.
+B is the Bayes factor of the model with the slopes over the model without. ln B is computed for the
+linear Gaussian model without truncation (the condition that compliances must not be negative), and
+averaged over the hyper-parameters φ (the scales of the noise and of other effects).
 """
 
 from __future__ import annotations
@@ -17,35 +18,34 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["DECISIVE", "Discrimination", "discrimination_of"]
 
-# |ln B| from which evidence is called decisive [nat] (Kass and Raftery 1995: "very strong").
+# Evidence is called decisive from this |ln B| on [nat] (Kass and Raftery 1995: "very strong").
 DECISIVE = 5.0
-# Quasi-random points for every value of the hyper-parameters.
+# Number of quasi-random points for each value of the hyper-parameters.
 _POINTS = 256
-# Least variance of a component: it is divided by.
+# Lower bound of the variance of a component, to avoid a division by zero.
 _LEAST_VARIANCE = 1e-12
 
 
 @dataclass(frozen=True)
 class Discrimination(Result):
-    """What ln B(with the slopes / without) will be.
+    """Expected ln B of slopes over no slopes, and probabilities of decisive evidence.
 
-    Its mean [nat], and the probabilities of decisive evidence for what is true and for what is
-    false, if there are slopes and if there are none.
+    Fields that end in ``_with`` hold if there are slopes, those in ``_without`` if there are none.
     """
 
-    size: float  #: of the slopes, in prior sd
-    #: tests already run are part of it: slopes are as those leave them, else drawn from their prior
-    #: × ``size``
+    size: float  #: size of the slopes, in prior sds
+    #: whether tests already run are included; slopes then follow the posterior given these tests,
+    #: otherwise their prior times ``size``
     augmented: bool
     threshold: float  #: |ln B| from which evidence is called decisive [nat]
-    expected_with: float
-    expected_without: float
-    decisive_with: float
-    decisive_without: float
-    misleading_with: float
-    misleading_without: float
-    #: probability of decisive evidence if this slope alone is there, of plus or minus ``size``
-    #: prior sd
+    expected_with: float  #: mean of ln B if there are slopes [nat]
+    expected_without: float  #: mean of ln B if there are no slopes [nat]
+    decisive_with: float  #: probability of decisive evidence for slopes if there are slopes
+    decisive_without: float  #: probability of decisive evidence against slopes if there are none
+    misleading_with: float  #: probability of decisive evidence against slopes if there are slopes
+    misleading_without: float  #: probability of decisive evidence for slopes if there are none
+    #: probability of decisive evidence for slopes if only the named slope exists, with plus or
+    #: minus ``size`` prior sds
     power: dict[str, float]
 
 
@@ -58,31 +58,34 @@ def discrimination_of(
     threshold: float = DECISIVE,
     seed: int = 1,
 ) -> Discrimination:
-    """Return what ln B will be, from the posterior covariances of the slopes.
+    """Return what to expect of ln B, from the posterior covariances of the slopes.
 
-    With the mean m that the analysis will find, ln B = ½ (ln det C + mᵀ C⁻¹ m). With P₁ the
-    precision before, C = L Lᵀ and Lᵀ P₁ L = U e Uᵀ, the components of z = Uᵀ L⁻¹ m are independent:
-    given slopes β their means are e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and their variances 1 − e.
+    With the posterior mean m of the slopes that the analysis will find, shape (s,), and their
+    covariance C, shape (s, s), ln B = ½ (ln det C + mᵀ C⁻¹ m). Let m₁ be the mean and P₁ the
+    precision of the slopes before the tests, C = L Lᵀ (Cholesky) and Lᵀ P₁ L = U e Uᵀ
+    (eigenvalues e). The components of z = Uᵀ L⁻¹ m are then independent; given slopes β, their
+    means are e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and their variances 1 − e.
 
     Parameters
     ----------
     covariance
-        C, shape (K, s, s), in units of the slopes' prior sd, one for every value of φ.
+        C for each of K values of φ, shape (K, s, s), in units of the slopes' prior sds.
     names
-        Of the slopes, (s,).
+        Names of the s slopes.
     size
-        Of the slopes, in prior sd.
+        Size of the slopes, in prior sds.
     before
-        Posterior of the slopes after tests already run, in the same units; default: none were.
+        Posterior of the slopes given tests already run, in the same units; default: no tests were
+        run.
     threshold
         |ln B| of decisive evidence [nat].
     seed
-        Of the quasi-random points.
+        Seed of the quasi-random points.
 
     Returns
     -------
     Discrimination
-        Expected evidence and probabilities.
+        Expected ln B and probabilities of decisive evidence.
     """
     nodes, s = covariance.shape[:2]
     start = before
@@ -126,20 +129,24 @@ def discrimination_of(
 
 @dataclass(frozen=True, eq=False)
 class _LogBayesFactorDistribution:
-    """Distribution of ln B = ½ (ln det C + Σ z²), the components z normal and independent."""
+    """Distribution of ln B = ½ (ln det C + Σ z²), with s normal, independent components z.
 
-    log_volume: Array  # ln det C, (K,)
-    points: Array  # standard normal, (K, points, s − 1)
+    C is the posterior covariance of s slopes, for each of K values of the hyper-parameters.
+    """
+
+    log_volume: Array  # ln det C, shape (K,)
+    points: Array  # standard normal points, shape (K, points, s − 1)
 
     def expected(self, mean: Array, variance: Array) -> float:
-        """Return E[ln B] for z of these means (K, 1, s) and variances (K, s)."""
+        """Return E[ln B] for z with means, shape (K, 1, s), and variances, shape (K, s)."""
         squares = (mean[:, 0] ** 2 + variance).sum(axis=1)
         return float(0.5 * (self.log_volume + squares).mean())
 
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
-        """Return P(ln B > level) for z of these means (K, 1 or 2, s) and variances (K, s).
+        """Return P(ln B > level) for z with given means and variances.
 
-        The points take the one or two means in turn.
+        Means have shape (K, 1 or 2, s), variances shape (K, s). Where there are two means, the
+        points take them in turn.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)
@@ -147,7 +154,7 @@ class _LogBayesFactorDistribution:
         mean_of_point = np.arange(self.points.shape[1]) % mean.shape[1]
         centre = np.take_along_axis(mean, order, axis=2)[:, mean_of_point]
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
-        # The component of the largest variance is integrated out.
+        # The component with the largest variance is integrated analytically.
         needed_square = 2.0 * level - self.log_volume[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]
@@ -158,7 +165,7 @@ class _LogBayesFactorDistribution:
 def _normal_points(nodes: int, dimensions: int, seed: int) -> Array:
     """Return standard normal points, shape (nodes, points, dimensions).
 
-    They are quasi-random, with a random shift at every node.
+    They are quasi-random, with a different random shift for each node.
     """
     rng = np.random.default_rng(seed)
     points = np.zeros((_POINTS, 0))
