@@ -1,4 +1,4 @@
-"""The process that answers the short questions of all pages in turn."""
+"""Process that computes answers to the short requests of all pages, one at a time."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ __all__ = ["Desk"]
 
 MOST_WAITING = 100
 ANSWER_S = 120.0
-_ATTEMPTS = 2  # a process that died is begun anew once
+_ATTEMPTS = 2  # the first, and one more after a process that died was replaced
 _LONGEST_MESSAGE = 300
 
 
 class Desk:
-    """One process that answers questions in turn; where it dies or hangs another begins."""
+    """One process that answers one request at a time; it is replaced if it dies or hangs."""
 
     def __init__(self) -> None:
         self._waiting = 0
@@ -36,23 +36,23 @@ class Desk:
     async def ask(
         self, work: Callable[..., dict[str, Any]], session: Session, *arguments: Any
     ) -> dict[str, Any]:
-        """Return the answer of a function, or why there is none.
+        """Return the result of a function that runs in the process, or the reason of a refusal.
 
-        The process has one question at a time: its time counts from where it begins.
+        The time limit counts from the moment when the function may start.
 
         Parameters
         ----------
         work
-            Gets the folder of the session and the other arguments, in the process.
+            Function that is called with the folder of the session and the other arguments.
         session
-            Who asks.
+            Session whose page sent the request.
         *arguments
-            Handed on.
+            Further arguments of the function.
 
         Returns
         -------
         dict
-            As of `ldbb_bayes.app.worker.answer`.
+            Result of `ldbb_bayes.app.worker.answer`.
         """
         if self._waiting >= MOST_WAITING:
             return {"refused": session.word("busy")}
@@ -83,6 +83,6 @@ class Desk:
         return {"refused": session.word("died")}
 
     def stop(self) -> None:
-        """End the process, whatever it is at."""
+        """End the process, even while it computes."""
         interruption = KeyboardInterrupt()
         self._stack.__exit__(type(interruption), interruption, None)

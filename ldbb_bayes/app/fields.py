@@ -1,4 +1,4 @@
-"""Entries of the page: the options of ``ldbb-bayes report``, and what is made of what was typed."""
+"""Entry fields of the page, which are options of ``ldbb-bayes report``, and their conversion."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ __all__ = [
     "source_from",
 ]
 
-FILES = "campaign"  # folder of a session that holds the files that were added
-RESULT = "result"  # folder of a session that holds the report
+FILES = "campaign"  # subfolder of a session for the files that were added
+RESULT = "result"  # subfolder of a session for the report
 TOML = "campaign.toml"
 _DCC_SUFFIX = ".xml"
 
 
 class Field(NamedTuple):
-    """One entry of the page: an option of ``ldbb-bayes report``."""
+    """One entry field of the page: an option of ``ldbb-bayes report``."""
 
     name: str
     group: str
-    #: What one would type at a terminal.
+    #: The option as typed at a terminal, such as ``--radius-mm``.
     flag: str
     help: str
-    #: text, number, lines, choice, or file: the name of one that was added.
+    #: Kind of entry: text, number, lines, choice, or file (name of a file that was added).
     kind: str
-    #: Values to choose from, each with its words.
+    #: Pairs of a value to choose and its description; empty if there is no choice.
     choices: tuple[tuple[str, str], ...] = ()
 
 
@@ -68,7 +68,7 @@ _GROUPS: Mapping[str, Mapping[str, Option]] = {
     },
     "report": REPORT_OPTIONS.options,
 }
-# Of the options of a report the page has these; the others it decides itself.
+# Options of a report that are entries of the page; the page sets the others itself.
 _REPORT_FIELDS = ("force_N", "tolerance", "language")
 _CHOICES: Mapping[str, tuple[str, ...]] = {
     "plane": ("XY", "YZ", "ZX"),
@@ -89,7 +89,7 @@ _KINDS_OF_ENTRY: Mapping[Any, str] = {
 
 
 def _type_read(field_option: Option) -> Any:
-    """Return the type that is typed."""
+    """Return the type of the value that a user types for an option."""
     kind = field_option.kind
     return kind.typed if isinstance(kind, Kind) else kind
 
@@ -120,11 +120,11 @@ def _all_fields() -> dict[str, Field]:
 FIELDS: Mapping[str, Field] = _all_fields()
 
 
-# ---- what was typed
+# ---- conversion of typed texts
 
 
 def _value(field_option: Option, name: str, text: str, folder: Path) -> Any:
-    """Return what was typed as typer would read it."""
+    """Return a typed text as the value that Typer would pass on for this option."""
     typed = _type_read(field_option)
     flag = field_option.flag(name)
     if typed is bool:
@@ -136,7 +136,7 @@ def _value(field_option: Option, name: str, text: str, folder: Path) -> Any:
     if typed in (int, float):
         return _number(field_option, flag, text)
     if field_option.kind is NUMBERS and ";" in text:
-        # Decimal commas, and semicolons between numbers.
+        # Numbers with decimal commas, separated by semicolons.
         return text.replace(",", ".").replace(";", ",")
     return text
 
@@ -189,7 +189,7 @@ def _number(field_option: Option, flag: str, text: str) -> float:
 def _argument(
     group_name: str, make: Callable[..., Any], choices: Mapping[str, str], folder: Path
 ) -> Any:
-    """Return what a command would make of the options of a group."""
+    """Return the argument that a command would make from a group of options."""
     options = _GROUPS[group_name]
     typed = {}
     for name, field_option in options.items():
@@ -201,14 +201,14 @@ def _argument(
 
 
 def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return the options of the report, as the command has them.
+    """Return the options of the report, as the command ``ldbb-bayes report`` would have them.
 
     Parameters
     ----------
     folder
-        Of the session.
+        Folder of the session.
     choices
-        What was typed, by the name of the entry.
+        Texts typed on the page, by the name of the entry.
 
     Returns
     -------
@@ -217,21 +217,21 @@ def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        An entry cannot be read.
+        If an entry cannot be read.
     """
     settings: dict[str, Any] = _argument("report", dict, choices, folder)
     return settings
 
 
 def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
-    """Return the files of a session and what is stated about them, as the command has them.
+    """Return the files of a session and the options that describe them, as the command would.
 
     Parameters
     ----------
     folder
-        Of the session.
+        Folder of the session.
     choices
-        What was typed, by the name of the entry.
+        Texts typed on the page, by the name of the entry.
 
     Returns
     -------
@@ -240,7 +240,7 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     Raises
     ------
     InputError
-        There are no files with readings, or an entry cannot be read.
+        If there are no files with readings, or an entry cannot be read.
     """
     paths = sorted((folder / FILES).iterdir())
     paths = [path for path in paths if path.suffix.lower() != _DCC_SUFFIX]
@@ -253,7 +253,7 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     if any(path.name == TOML for path in paths):
         files = [folder / FILES]
     elif len(paths) > 1:
-        # As where * is typed: of several files some may hold no readings.
+        # Use wildcards: then some of several files may contain no readings.
         suffixes = sorted({path.suffix for path in paths} - {""})
         files = [folder / FILES / f"*{suffix}" for suffix in suffixes]
         files += [path for path in paths if not path.suffix]
@@ -271,24 +271,24 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
 
 
 def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
-    """Read the files of a session as the report will.
+    """Read the files of a session, in the same way as the report does.
 
     Parameters
     ----------
     folder
-        Of the session.
+        Folder of the session.
     choices
-        What was typed, by the name of the entry.
+        Texts typed on the page, by the name of the entry.
 
     Returns
     -------
     SourceCampaign
-        The campaign, and what was assumed.
+        The campaign, and the assumptions of its import.
 
     Raises
     ------
     InputError
-        Files or entries do not do.
+        If files or entries cannot be used.
     """
     campaign, imported = source_from(folder, choices).read(ask=False)
     settings = report_settings(folder, choices)

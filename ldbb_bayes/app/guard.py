@@ -1,4 +1,4 @@
-"""Who may ask: this machine's own browser, at the address that holds the token."""
+"""Access control: only requests of the server's own page, with its secret token, are answered."""
 
 from __future__ import annotations
 
@@ -34,16 +34,18 @@ class _Refusal(NamedTuple):
 
 
 class Guard:
-    """Lets in what was sent to this server's own address, with the token, by its own page.
+    """ASGI application that refuses requests that the server's own page did not send.
+
+    A request must be sent to the server's own address and contain the token.
 
     Parameters
     ----------
     app
-        Answers what is let in.
+        ASGI application that answers the accepted requests.
     token
-        First element of every path.
+        Secret first element of every URL path.
     port
-        Of the server.
+        Port of the server.
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int) -> None:
@@ -75,7 +77,7 @@ class Guard:
         await response(scope, receive, send_with_headers)
 
     def _refusal(self, request: Request) -> _Refusal | None:
-        """Return why a request is not let in; None where it is."""
+        """Return why a request is refused; None if it is accepted."""
         if request.headers.get("host", "") not in self._hosts:
             return _Refusal(
                 421,
@@ -96,7 +98,10 @@ class Guard:
         return None
 
     def _is_from_page(self, request: Request) -> bool:
-        """Return whether no other page has sent a request; what changes things has an origin."""
+        """Return whether a request may come from the server's own page.
+
+        Requests without the header Origin are accepted only if they change nothing (GET and HEAD).
+        """
         if request.headers.get("sec-fetch-site") in ("cross-site", "same-site"):
             return False
         origin = request.headers.get("origin")

@@ -1,4 +1,4 @@
-"""All sessions of the page: how they begin, end, and take turns with their fits."""
+"""All sessions of the page: their start, their end, and the order of their fits."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from ldbb_bayes.parallel import ONE_THREAD
 __all__ = ["House"]
 
 MOST_SESSIONS = 32
-LOOK_S = 1.0  # between looks at which sessions are over
-# Until the fit of a page that asks for nothing any more gives way to one that waits.
+LOOK_S = 1.0  # seconds between checks whether sessions are over
+# Seconds without a request from its page after which a fit is stopped if another one waits.
 ABANDONED_S = 150.0
 _FIT = "from ldbb_bayes.app.worker import main; main()"
 
 
 @dataclass(eq=False)
 class House:
-    """All sessions, the desk, and the folder that holds the files of both."""
+    """All sessions, the `Desk` that answers their requests, and the folder of all their files."""
 
     folder: Path
     desk: Desk
     templates: Templates = field(default_factory=Templates)
     sessions: dict[str, Session] = field(default_factory=dict)
-    #: One fit at a time has all cores.
+    #: Lets one fit run at a time, on all cores.
     turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
 
     def begin(self, language: str) -> Session | None:
-        """Return a new session; None where there are too many."""
+        """Return a new session; None if there are too many."""
         if len(self.sessions) >= MOST_SESSIONS:
             return None
         key = secrets.token_urlsafe(12)
@@ -57,7 +57,7 @@ class House:
         shutil.rmtree(session.folder, ignore_errors=True)
 
     async def look_after(self) -> None:
-        """End sessions that are over, again and again."""
+        """Repeatedly end sessions that are over, and delete their files."""
         while True:
             await asyncio.sleep(LOOK_S)
             for session in list(self.sessions.values()):
@@ -65,12 +65,12 @@ class House:
                     self.end(session)
             self._stop_abandoned_fits()
             for folder in self.folder.iterdir():
-                # Work that was under way may have written after the end of its session.
+                # Computations may have written files after the end of their session.
                 if folder.name not in self.sessions:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def _stop_abandoned_fits(self) -> None:
-        """Stop fits whose page asks for nothing any more, where another waits for its turn."""
+        """Stop fits whose page no longer sends requests, if another fit waits."""
         sessions = self.sessions.values()
         if not any(session.running and session.process is None for session in sessions):
             return

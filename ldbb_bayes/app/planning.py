@@ -1,4 +1,4 @@
-"""Which circles next: what the sliders of the page describe, and what to expect of it."""
+"""Plan of the next circular tests, as sliders of the page describe it, and its expected results."""
 
 from __future__ import annotations
 
@@ -25,17 +25,19 @@ from ldbb_bayes.errors import require
 
 __all__ = ["PLAN", "forecast", "plan"]
 
-PLAN = "plan"  # folder of a session that holds the plan
+PLAN = "plan"  # subfolder of a session for the plan
 _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
     "both": ("CW", "CCW"),
     "CW": ("CW",),
     "CCW": ("CCW",),
 }
 _MOST_CIRCLES = 60
-_MOST_CANDIDATES = 720  # tests to choose the best from
-_MOST_EXCHANGED_CIRCLES = 12  # so many circles are chosen whole; of more the shares are rounded
-_MOST_EXCHANGED_KINDS = 4  # of clocking, radius and direction; of more the shares are rounded
-_QUICK_STATES = 32  # values of the hyper-parameters to average over while a slider moves
+_MOST_CANDIDATES = 720  # maximum number of candidates to choose the best tests from
+_MOST_EXCHANGED_CIRCLES = (
+    12  # up to so many circles are searched directly; for more, shares are rounded
+)
+_MOST_EXCHANGED_KINDS = 4  # same limit for combinations of clocking, radius and direction
+_QUICK_STATES = 32  # hyper-parameter values to average over while a slider moves
 
 
 class _Slider(NamedTuple):
@@ -92,11 +94,11 @@ def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, 
     return values
 
 
-# ---- what the sliders follow on
+# ---- the fit that the plan follows
 
 
 class _Report(NamedTuple):
-    """Which report of a session: a key, so that nothing is worked out twice."""
+    """Identity of a report of a session: the key of the cached computations."""
 
     folder: Path
     #: When the report was written [ns].
@@ -105,7 +107,7 @@ class _Report(NamedTuple):
 
 class _Pilot(NamedTuple):
     campaign: lb.Campaign
-    #: Standard uncertainty of every parameter of the linear fit.
+    #: Standard uncertainty of every parameter, from the fit of linear compliance.
     sd: Mapping[str, float]
 
 
@@ -124,7 +126,7 @@ def _report_of(folder: Path) -> _Report:
 
 
 def _test_settings(settings: Mapping[str, Any]) -> str:
-    """Return what the sliders say of the tests, as a key."""
+    """Return the settings of the sliders that describe the tests, as a JSON key of caches."""
     not_of_tests = ("fine", *_COSTS)
     stated = {name: value for name, value in sorted(settings.items()) if name not in not_of_tests}
     return json.dumps(stated)
@@ -138,7 +140,7 @@ def _space_of(
     directions: tuple[Direction, ...],
     augment: bool,
 ) -> Space:
-    """Return what all tests have in common, whatever their forces and their number."""
+    """Return the design space of given clockings, radii and directions of travel."""
     pilot = _pilot_of(report).campaign
     forces_N = sorted({float(force) for force in pilot.forces_N})
     return Space(
@@ -151,7 +153,7 @@ def _space_of(
 
 class _PlannedTests(NamedTuple):
     space: Space
-    #: In the order in which to run them.
+    #: The tests in the order in which to run them.
     tests: tuple[lb.CircularTest, ...]
     sliders: Mapping[str, float]
 
@@ -160,8 +162,8 @@ class _PlannedTests(NamedTuple):
 def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
     """Return the tests that the sliders describe.
 
-    Levels of force in equal steps over clockings, radii and directions in turn; where the best are
-    wanted, those of the most expected information.
+    Equally spaced levels of force are combined with clockings, radii and directions in turn. If the
+    user asks for the best tests, they are those with the most expected information.
     """
     settings = json.loads(settings_json)
     pilot = _pilot_of(report).campaign
@@ -200,7 +202,7 @@ def _space_from(
 
 
 def _kinds_of_test(space: Space, force_N: float) -> list[lb.CircularTest]:
-    """Return one test of every clocking, radius and direction."""
+    """Return one test for every combination of clocking, radius and direction of travel."""
     settings = grid_of_tests(space.templates, [force_N], [(0.0, 0.0)], space.radii_mm)
     number = len(settings) * len(space.clockings_deg)
     kinds = []
@@ -212,10 +214,10 @@ def _kinds_of_test(space: Space, force_N: float) -> list[lb.CircularTest]:
 def _best_tests(
     space: Space, kinds: Sequence[lb.CircularTest], sliders: Mapping[str, float]
 ) -> tuple[lb.CircularTest, ...]:
-    """Return the tests of the most expected information, among forces in equal steps."""
+    """Return the tests with the most expected information, at equally spaced forces."""
     low = sliders["low"]
     high = sliders["high"]
-    # Of one kind in whole newtons, as a report has them.
+    # For one kind of test, use whole newtons, as in a report.
     most_levels = _MOST_CANDIDATES
     if len(kinds) > 1:
         most_levels = _MOST_CANDIDATES // 3 // len(kinds)
@@ -239,9 +241,10 @@ def _best_tests(
 
 
 def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> list[Any]:
-    """Return pairs as in a Latin square.
+    """Return ``number`` pairs of elements of two sequences, in the order of a Latin square.
 
-    Each time that one of the first comes round it meets the next of the second.
+    Elements of the first sequence follow in turn. In every round, each is paired with the next
+    element of the second sequence.
     """
     pairs = []
     for k in range(number):
@@ -251,9 +254,9 @@ def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> 
 
 
 def _force_levels(low: float, high: float, number: int) -> list[float]:
-    """Return forces in equal steps, in whole newtons where these differ [N].
+    """Return equally spaced forces [N], rounded to whole newtons if these differ.
 
-    A single level is the highest, which shows most.
+    A single level is the highest force, which is the most informative.
     """
     if number == 1:
         levels = [high]
@@ -265,29 +268,29 @@ def _force_levels(low: float, high: float, number: int) -> list[float]:
     return sorted({round(level, 1) for level in levels})
 
 
-# ---- what to expect
+# ---- expected results
 
 
 def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what to expect of the tests that the sliders describe.
+    """Return the expected results of the tests that the sliders describe.
 
     Parameters
     ----------
     folder
-        Of the session.
+        Folder of the session.
     settings
         Values of the sliders, by name.
 
     Returns
     -------
     dict
-        U (k = 2) of every parameter beside today's, the chances that the evidence settles constant
-        or linear compliance, time and cost, and the tests in their order.
+        U (k = 2) of every parameter, today and expected, the probabilities that the evidence
+        decides for constant or linear compliance, time and cost, and the tests in order.
 
     Raises
     ------
     InputError
-        There is no fit yet, or a slider has no such value.
+        If there is no fit yet, or the value of a slider is out of range.
     """
     costs = _slider_values(settings, _COSTS)
     report = _report_of(folder)
@@ -399,12 +402,12 @@ def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        As of `forecast`.
+        Result of `forecast`.
 
     Raises
     ------
     InputError
-        There is no fit yet, or a slider has no such value.
+        If there is no fit yet, or the value of a slider is out of range.
     """
     expected = forecast(folder, settings)
     space, tests, _ = _planned_tests(_report_of(folder), _test_settings(settings))

@@ -27,24 +27,24 @@ from ldbb_bayes.app.worth import worth
 
 __all__ = ["ROUTES", "Answer", "file_name", "refused"]
 
-LARGEST_SESSION = 4 * 2**26  # bytes of all files together
-LARGEST_FORM = 2**17  # bytes
-_LONGEST_ENTRY = 20_000  # characters
-_LONGEST_NAME = 120  # bytes
-# The report brings its own style and no script.
+LARGEST_SESSION = 4 * 2**26  # maximum size of all files of a session [bytes]
+LARGEST_FORM = 2**17  # maximum size of submitted entries [bytes]
+_LONGEST_ENTRY = 20_000  # maximum length of one entry [characters]
+_LONGEST_NAME = 120  # maximum length of the name of a stored file [bytes]
+# Content security policy of the report: it contains its own style and no script.
 _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action"
     " 'none'; frame-ancestors 'self'"
 )
 _SHOWN_FILES = {"report.html": "text/html", "report.pdf": "application/pdf"}
-# Files to save, by where they are in the folder of the report.
+# Names of files to download, with their relative paths in the folder of the report.
 _SAVED_FILES = {
     "report.json": "report.json",
     "dcc.xml": "dcc.xml",
     "posterior.nc": "posterior.nc",
     "parameters.csv": "tables/averaged.csv",
 }
-# Where nothing could be averaged over, the sheets state the fit itself.
+# Table for parameters.csv if models could not be averaged: the sheets then state the fit itself.
 _FIT_TABLE = "tables/results.csv"
 _ZIPPED_FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
 
@@ -57,9 +57,9 @@ def refused(message: str, status: int) -> Response:
     Parameters
     ----------
     message
-        Why.
+        Reason of the refusal.
     status
-        Of HTTP.
+        HTTP status code.
 
     Returns
     -------
@@ -132,12 +132,12 @@ def file_name(sent: str) -> str:
     Parameters
     ----------
     sent
-        Name or path, as the browser sends it.
+        File name or file path, as the browser sends it.
 
     Returns
     -------
     str
-        The last element of the path, of plain signs; empty where none is left.
+        Last element of the file path, with plain characters only; empty if none are left.
     """
     name = PureWindowsPath(PurePosixPath(sent).name).name
     name = re.sub(r"[^\w+\-.,()\[\] ]", "_", name).strip(" .")
@@ -207,7 +207,7 @@ async def _take_example(house: House, session: Session, request: Request) -> Res
     return JSONResponse({})
 
 
-# ---- what is typed, and the fit
+# ---- typed entries, and the fit
 
 
 async def _take_choices(house: House, session: Session, request: Request) -> Response:

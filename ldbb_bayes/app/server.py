@@ -1,8 +1,9 @@
-"""The server of ``ldbb-bayes app``: a page for this machine alone, a session for every tab.
+"""The server of ``ldbb-bayes app``: a page for this computer only, with a session for each tab.
 
-Only loopback is listened on; every address begins with a token; Host and Origin must be this
-server's. A session is a folder and what its page was told. It ends with its tab, and its files and
-its processes with it.
+The server listens on the loopback address only. Every URL path begins with a secret token, and the
+headers Host and Origin must name this server. A session consists of a folder and the entries of its
+page. When its browser tab is closed, the session ends; its files are deleted and its processes are
+stopped.
 """
 
 from __future__ import annotations
@@ -37,17 +38,17 @@ from ldbb_bayes.errors import InputError
 
 __all__ = ["application", "listening", "serve"]
 
-_BACKLOG = 512  # connections that wait
-_GRACE_S = 2  # for answers under way when the server ends
+_BACKLOG = 512  # maximum number of waiting connections
+_GRACE_S = 2  # seconds to finish answers when the server ends
 _FOLDER_PREFIX = "ldbb-bayes-"
 _STATIC_FILES = {"app.js": "text/javascript", "app.css": "text/css"}
 
 
-# ---- what is answered without a session
+# ---- answers without a session
 
 
 async def _begin_session(request: Request) -> Response:
-    if request.method == "HEAD":  # as of a browser that looks ahead
+    if request.method == "HEAD":  # browsers send it to look ahead; it begins no session
         return Response()
     language = _language_of(request)
     session = request.app.state.house.begin(language)
@@ -81,14 +82,14 @@ async def _say_unexpected(request: Request, error: Exception) -> Response:
 
 
 def application(token: str, port: int) -> ASGIApp:
-    """Return the application of a token and a port of loopback.
+    """Return the ASGI application that serves the page.
 
     Parameters
     ----------
     token
-        First element of every path; what is asked for without it is refused.
+        Secret first element of every URL path; requests without it are refused.
     port
-        Of the server.
+        Port of the server on the loopback address.
 
     Returns
     -------
@@ -125,7 +126,7 @@ def application(token: str, port: int) -> ASGIApp:
 
 @asynccontextmanager
 async def _lifespan(app: Starlette) -> AsyncIterator[None]:
-    """Open the house, and at the end delete what it holds."""
+    """Create the `House` of sessions; when the server ends, stop its work and delete its files."""
     _delete_folders_of_dead_servers()
     folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER_PREFIX}{os.getpid()}-"))
     house = House(folder, Desk())
@@ -150,7 +151,7 @@ def _delete_folders_of_dead_servers() -> None:
 
 def _is_running(process: int) -> bool:
     if os.name != "posix":
-        return True  # asking would end it
+        return True  # os.kill would end the process on Windows
     try:
         os.kill(process, 0)
     except OSError as error:
@@ -163,12 +164,12 @@ def _is_running(process: int) -> bool:
 
 @contextmanager
 def listening(port: int) -> Iterator[socket.socket]:
-    """Listen on a port of loopback.
+    """Listen on a port of the loopback address.
 
     Parameters
     ----------
     port
-        0: any that is free.
+        Port number; 0 for any free port.
 
     Yields
     ------
@@ -177,7 +178,7 @@ def listening(port: int) -> Iterator[socket.socket]:
     Raises
     ------
     InputError
-        The port is in use, or not to be had.
+        If the port is in use or not permitted.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listener:
         if os.name == "posix":
@@ -199,16 +200,16 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
     Parameters
     ----------
     port
-        0: any that is free.
+        Port number; 0 for any free port.
     show
-        Whether the page is opened in a browser.
+        Whether to open the page in a browser.
     say
-        Gets the address.
+        Function that is called with the address of the page.
 
     Raises
     ------
     InputError
-        The port is in use.
+        If the port is in use or not permitted.
     """
     with listening(port) as listener:
         token = secrets.token_urlsafe(18)

@@ -1,4 +1,4 @@
-"""A session of the page: one tab, its files, what was typed, and its fit."""
+"""A session of the page: one browser tab with its files, its entries and its fit."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from ldbb_bayes.app.worker import PROGRESS_NAME
 
 __all__ = ["JOB", "Session", "kill_process"]
 
-JOB = "job"  # folder of a session in which its report is written
-# Seconds until a session ends: closed (a page that is loaded anew is back at once), never opened,
-# silent (tabs in the background sleep).
+JOB = "job"  # subfolder of a session in which its report is written
+# Seconds without a request after which a session ends: if its tabs were closed (a page that is
+# reloaded closes only for a moment), if no tab was ever opened, and if a tab is open but silent
+# (tabs in the background send no requests).
 CLOSED_S = 8.0
 UNOPENED_S = 60.0
 SILENT_S = 3600.0
@@ -29,39 +30,39 @@ SILENT_S = 3600.0
 
 @dataclass(eq=False)
 class Session:
-    """One tab: its folder, what its page was told, and its fit."""
+    """One browser tab: its folder, the entries of its page, and its fit."""
 
     key: str
     folder: Path
     language: str
-    #: What was typed, by the name of the entry.
+    #: Texts typed on the page, by the name of the entry.
     choices: dict[str, str] = field(default_factory=dict)
-    #: Entries that were refused.
+    #: Names of the entries that were refused.
     wrong: list[str] = field(default_factory=list)
-    #: Counts changes of files and choices.
+    #: Number of changes of files and entries so far.
     edition: int = 0
-    #: Edition that the report is of; -1 where there is none.
+    #: Value of ``edition`` for which the report was made; -1 without a report.
     fitted: int = -1
-    #: Sliders of the plan.
+    #: Values of the sliders that describe the plan.
     asked: dict[str, Any] = field(default_factory=dict)
-    #: What came of the last fit.
+    #: Outcome of the last fit.
     outcome: dict[str, Any] = field(default_factory=dict)
     task: asyncio.Task[None] | None = None
     process: asyncio.subprocess.Process | None = None
-    #: When its page last asked for something, on the monotonic clock [s].
+    #: Time of the last request of its page, on the monotonic clock [s].
     last_request_s: float = field(default_factory=time.monotonic)
-    #: Tabs that show it; None until the first has asked.
+    #: Browser tabs that show the session; None before the first request.
     tabs: set[str] | None = None
-    #: Closed tabs, whose last requests may come late.
+    #: Closed browser tabs; their last requests may arrive late.
     closed: set[str] = field(default_factory=set)
-    #: Names by which files were sent, by those by which they are stored.
+    #: Original names of the files, by the names under which they are stored.
     names: dict[str, str] = field(default_factory=dict)
-    #: Files come one after another, so that they fit together.
+    #: Lets one file be added at a time, so that the limit on their total size holds.
     adding: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     @property
     def is_over(self) -> bool:
-        """Whether its tabs were closed, are silent for too long, or never came."""
+        """Whether the session's tabs were closed, are silent for too long, or were never opened."""
         limit_s = CLOSED_S
         if self.tabs is None:
             limit_s = UNOPENED_S
@@ -71,7 +72,7 @@ class Session:
 
     @property
     def held(self) -> dict[str, int]:
-        """Sizes of its files [bytes], in the order in which an import takes them."""
+        """Sizes of the session's files [bytes] by name, in the order of their import."""
         paths = sorted((self.folder / FILES).iterdir(), key=_import_order)
         return {path.name: path.stat().st_size for path in paths}
 
@@ -82,7 +83,7 @@ class Session:
 
     @property
     def running(self) -> bool:
-        """Whether a fit is under way, or waits for its turn."""
+        """Whether a fit of the session is running or waits for its turn."""
         return self.task is not None and not self.task.done()
 
     def drop(self, name: str = "*") -> None:
@@ -93,9 +94,9 @@ class Session:
         self.changed()
 
     def changed(self) -> None:
-        """Forget what no longer applies to the files.
+        """Delete entries that no longer apply after a change of the files.
 
-        That is what a campaign says itself, and certificates that were dropped.
+        These are deleted certificates, and entries that an added campaign.toml states itself.
         """
         sizes = self.held
         choices = {}
@@ -109,7 +110,7 @@ class Session:
         self.edition += 1
 
     def state(self) -> dict[str, Any]:
-        """Return what the page asks for again and again."""
+        """Return the state of the session, which its page requests repeatedly."""
         return {
             "files": len(self.held),
             "edition": self.edition,
@@ -130,22 +131,22 @@ class Session:
         return {"share": 0.0, "step": "start", "of": 0}
 
     def word(self, key: str, **values: object) -> str:
-        """Return what a refusal says, in the language of the session."""
+        """Return the text of a refusal in the language of the session."""
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def said(self) -> dict[str, str]:
-        """Return what was typed, with the language of the sheets."""
+        """Return the typed texts by entry, with the language of the report."""
         return {**self.choices, "language": self.language}
 
     def stop(self) -> None:
-        """End its processes now."""
+        """Stop the fit of the session at once, with its processes."""
         if self.task is not None:
             self.task.cancel()
         kill_process(self.process)
 
 
 class _ImportOrder(NamedTuple):
-    """Files without a suffix last, then by suffix, 2 N before 10 N."""
+    """Sort key of files: those without a suffix last, then by suffix, then "2 N" before "10 N"."""
 
     has_no_suffix: bool
     suffix: str
@@ -161,12 +162,12 @@ def _import_order(path: Path) -> _ImportOrder:
 
 
 def kill_process(process: asyncio.subprocess.Process | None) -> None:
-    """End a process and those that it has started.
+    """End a process and the processes that it started.
 
     Parameters
     ----------
     process
-        Leads a process group of its own; None, or one that has ended, is left alone.
+        Leader of a process group. Nothing is done for None or a process that has ended.
     """
     if process is None or process.returncode is not None:
         return

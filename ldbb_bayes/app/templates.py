@@ -1,4 +1,4 @@
-"""What the page shows: templates, filled in the language of a session."""
+"""HTML of the page: templates that are filled in the language of a session."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ldbb_bayes.files import LARGEST_TABLE_BYTES
 __all__ = ["LANGUAGES", "LARGEST_FILE", "MOST_FILES", "PAGES", "Templates", "words_of_page"]
 
 LANGUAGES = ("en", "de")
-MOST_FILES = 400  # of a session
+MOST_FILES = 400  # maximum number of files of a session
 LARGEST_FILE = LARGEST_TABLE_BYTES
 PAGES = files("ldbb_bayes.app") / "pages"
 
@@ -34,27 +34,27 @@ def words_of_page(language: str) -> Mapping[str, Any]:
     Returns
     -------
     dict
-        Texts by place on the page.
+        Texts by their place on the page.
     """
     return tomllib.loads((PAGES / f"words_{language}.toml").read_text(encoding="utf-8"))
 
 
 @jinja2.pass_context
 def _with_decimal_mark(context: jinja2.runtime.Context, value: object) -> str:
-    """Return a number with the decimal mark of the language."""
+    """Return a number as text with the decimal mark of the page's language."""
     return re.sub(r"(?<=\d)\.(?=\d)", str(context["w"]["decimal"]), str(value))
 
 
 @jinja2.pass_context
 def _translate_phrases(context: jinja2.runtime.Context, text: str) -> str:
-    """Return what an import says, in the language as far as its phrases are listed there."""
+    """Return a message of an import with its known phrases in the page's language."""
     for pattern, translation in context["w"]["phrases"].items():
         text = re.sub(pattern, translation, text)
     return text
 
 
 class Templates:
-    """The page and its sections; all text is escaped."""
+    """Templates of the page and of its sections; all inserted text is escaped for HTML."""
 
     def __init__(self) -> None:
         self._environment = jinja2.Environment(
@@ -71,11 +71,11 @@ class Templates:
         Parameters
         ----------
         name
-            File of the template.
+            File name of the template.
         language
             One of `LANGUAGES`.
         **values
-            What the template shows.
+            Values that the template shows.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""What the page shows of files before the fit: tests, traces, assumptions, the instrument."""
+"""Description of files for the page before the fit: tests, traces, assumptions, instrument."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from ldbb_bayes.report.fit_tables import two_digits
 
 __all__ = ["refusal", "understand"]
 
-_MOST_POINTS = 360  # of a trace; more cannot be seen
-_INNER_RADIUS = 22.0  # of a trace at its lowest reading, in units of the drawing
-_WIDTH = 78.0  # from the lowest to the highest reading, which lies at a radius of 100
-_RINGS = 4  # about as many lie between the lowest and the highest reading
+_MOST_POINTS = 360  # maximum number of points of a trace; more cannot be seen
+_INNER_RADIUS = 22.0  # radius of the lowest reading, in units of the SVG drawing
+_WIDTH = 78.0  # radius of the highest reading (100) less that of the lowest
+_RINGS = 4  # approximate number of rings between the lowest and the highest reading
 _SMALLEST_RANGE_UM = 1e-3
 
 
 def refusal(error: Exception, folder: Path) -> str:
-    """Return why a session's question cannot be answered.
+    """Return the message for the user if a session's request cannot be answered.
 
     Parameters
     ----------
     error
-        What was raised.
+        The exception that was raised.
     folder
-        Of the session.
+        Folder of the session.
 
     Returns
     -------
     str
-        One message, in which files have the names by which they were added.
+        One message, without the folder before the names of files.
 
     Raises
     ------
     Exception
-        The error itself, where neither input nor files nor numbers caused it.
+        The same exception, if neither input nor files nor numbers caused it.
     """
     reason = plain_reason(error)
     if reason is None:
@@ -59,20 +59,20 @@ def _without_folder(text: str, folder: Path) -> str:
 
 
 def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return what is understood of the files of a session.
+    """Return a description of the campaign that was read from the files of a session.
 
     Parameters
     ----------
     folder
-        Of the session.
+        Folder of the session.
     choices
-        What was typed, by the name of the entry.
+        Texts typed on the page, by the name of the entry.
 
     Returns
     -------
     dict
-        Tests, traces, what was assumed and what looks odd; or the refusal, and the entries that are
-        wrong.
+        Tests, traces, assumptions and remarks about odd readings; or the refusal, and the names of
+        the wrong entries.
     """
     try:
         campaign, imported = read_files(folder, choices)
@@ -101,9 +101,10 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) -> list[str]:
-    """Return the entries without which nothing is refused.
+    """Return the names of the entries that cause a refusal.
 
-    Where no single one is to blame: those without which the refusal is another.
+    These are the entries without which the files can be read. If there is none, they are the
+    entries without which the message is another.
     """
     to_blame = []
     involved = []
@@ -162,7 +163,10 @@ def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
 
 
 def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
-    """Return what is assumed of each piece of the instrument, and whether a certificate says so."""
+    """Return the assumed uncertainties of each piece of the instrument.
+
+    An entry is marked as stated if a certificate states it.
+    """
     entries_by_piece: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.uncertainties(campaign).assumed:
         piece = assumed.certificate.partition("_")[0] or assumed.name.partition("_")[0]
@@ -179,7 +183,7 @@ def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
 
 def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str, Any]:
     ball: lb.Ball = getattr(campaign.instrument, ball_name)
-    # Two and three lobes share the deviation from sphericity: S² / 24 each.
+    # The variance of each order is S² / 24, where S is the deviation from sphericity.
     sphericity_um = math.sqrt(24.0) * assumed.sd * 1e3
     return {
         "words": ball_name,
@@ -214,9 +218,9 @@ def _instrument_entry(campaign: lb.Campaign, assumed: Any, piece: str) -> dict[s
 
 
 def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
-    """Return the polar traces of a plane as paths of an SVG, with rings in µm.
+    """Return the polar traces of a plane as paths of an SVG drawing, with rings in µm.
 
-    The outermost reading lies at a radius of 100.
+    The highest reading is drawn at a radius of 100.
     """
     forces = campaign.forces_N
     force_shares = (forces - forces.min()) / max(float(np.ptp(forces)), 1e-9)
@@ -239,7 +243,7 @@ def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
         x = radius * np.cos(angle)
         y = -radius * np.sin(angle)
         points = [f"{x[n]:.1f},{y[n]:.1f}" for n in range(len(x))]
-        # From blue at the lowest force to red at the highest.
+        # The hue goes from blue at the lowest force to red at the highest.
         hue = round(215 - 205 * float(force_shares[k]))
         paths.append({"points": " ".join(points), "hue": hue, "name": test.name})
 

@@ -1,4 +1,4 @@
-"""What the processes of the page do: answer a question, or write the report of a session."""
+"""Functions that the page's processes run: answer a request, or write a session's report."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ldbb_bayes.files import write_whole
 
 __all__ = ["CHOICES_NAME", "OUTCOME_NAME", "PROGRESS_NAME", "answer", "main", "warm"]
 
-CHOICES_NAME = "said.json"  # what was typed on the page
+CHOICES_NAME = "said.json"  # texts typed on the page
 PROGRESS_NAME = "progress.json"
 OUTCOME_NAME = "outcome.json"
 _LONGEST_MESSAGE = 300
@@ -30,25 +30,25 @@ _LOOK_AT_PARENT_S = 1.0
 
 
 def warm() -> None:
-    """Load this module, and with it all that answers need, before anything is asked."""
+    """Do nothing: calling it in a new process imports this module before the first request."""
 
 
 def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) -> dict[str, Any]:
-    """Return what a function makes of a session's folder, or why not.
+    """Return the result of a function for a session's folder, or the reason of a refusal.
 
     Parameters
     ----------
     work
-        Gets the folder and the other arguments.
+        Function that is called with the folder and the other arguments.
     folder
-        Of the session.
+        Folder of the session.
     *arguments
-        Handed on.
+        Further arguments of the function.
 
     Returns
     -------
     dict
-        Of the function; ``{"refused": message}`` where input does not do.
+        Result of the function; ``{"refused": message}`` if the input cannot be used.
     """
     try:
         return work(Path(folder), *arguments)
@@ -57,10 +57,10 @@ def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) ->
 
 
 def main() -> None:
-    """Write the report of a session's job.
+    """Write the report of a session.
 
-    The folder of the job and the process that wants it are the arguments of the command. How far it
-    is stands in progress.json, what came of it in outcome.json.
+    The arguments of the command are the folder of the job and the id of the parent process. The
+    progress is written to progress.json and the outcome to outcome.json.
     """
     job = Path(sys.argv[1])
     parent = int(sys.argv[2])
@@ -75,7 +75,7 @@ def main() -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process and those it has started, once the parent has ended."""
+    """End this process, and the processes that it started, once the parent process has ended."""
     while os.getppid() == parent:
         time.sleep(_LOOK_AT_PARENT_S)
     if hasattr(os, "killpg"):
@@ -98,7 +98,7 @@ def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 @contextmanager
 def _steps_in_file(folder: Path) -> Iterator[Begin]:
-    """Write the progress of the steps into a file."""
+    """Write the progress of a report's steps to progress.json while the report is made."""
 
     def update(share: float, step: str, done: int, total: int) -> None:
         progress = {"share": share, "step": step, "done": done, "of": total}

@@ -1,4 +1,7 @@
-"""What each certificate would be worth: U of every parameter with it, before the fit."""
+"""Value of each certificate of the instrument before the fit: U of every parameter with it.
+
+U is the expanded uncertainty (k = 2).
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,8 @@ from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["uncertainty_change", "worth"]
 
-_MOST_EFFECTS = 4  # of a certificate that are shown: its largest reductions of U
-_SMALLEST_EFFECT = 0.05  # relative reduction of U that is worth showing
+_MOST_EFFECTS = 4  # number of the largest reductions of U that are shown for a certificate
+_SMALLEST_EFFECT = 0.05  # smallest relative reduction of U that is shown
 _PIECES = {
     "work": "balls",
     "bar_U_um": "bar",
@@ -27,25 +30,25 @@ _PIECES = {
 
 
 def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return U (k = 2) of every parameter, today and with each certificate.
+    """Return U (k = 2) of every parameter, with today's statements and with each certificate.
 
     Parameters
     ----------
     folder
-        Of the session.
+        Folder of the session.
     choices
-        What was typed, by the name of the entry.
+        Texts typed on the page, by the name of the entry.
 
     Returns
     -------
     dict
-        ``today``: U as things are stated, of the linear model, before the fit; ``effects``: the
-        largest reductions by piece of the instrument.
+        ``today``: expected U of the linear model with what is stated now; ``effects``: the largest
+        reductions of U, by the piece of the instrument that a certificate would describe.
 
     Raises
     ------
     InputError
-        Files or entries do not do.
+        If files or entries cannot be used.
     """
     bound = linear_model().bind(read_files(folder, choices).campaign)
     sd_by_certificate = worth_of_certificates(bound, *hyper_parameter_nodes(bound))
@@ -73,21 +76,21 @@ def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 
 def uncertainty_change(name: str, sd_before: float, sd_after: float, unit: str) -> dict[str, Any]:
-    """Return U (k = 2) of a parameter before and after, in the unit for reading.
+    """Return U (k = 2) of a parameter before and after a change, in a readable unit.
 
     Parameters
     ----------
     name
-        Of the parameter.
+        Name of the parameter.
     sd_before, sd_after
-        Standard uncertainties, in the unit inside.
+        Standard uncertainties before and after, in the internal unit (mm, N, rad).
     unit
-        The unit inside.
+        Internal unit of the parameter.
 
     Returns
     -------
     dict
-        Name, unit, U before and after to two digits, and their ratio.
+        Name, readable unit, U before and after to two digits, and ratio U after / U before.
     """
     factor, label = display_unit(unit)
     share = 1.0

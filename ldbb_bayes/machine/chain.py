@@ -102,7 +102,7 @@ class Joint:
 class Machine(Shown):
     """A serial machine tool and the planes it is tested in."""
 
-    topology: str = "wCAFYXZSt"  #: joints from workpiece to tool
+    topology: str = "wCAFYXZSt"  #: joints in order from workpiece to tool
     planes: str | tuple[str, ...] = ("XY",)
     #: Position of each joint's frame with all axes at zero, relative to the point where the balls
     #: coincide; by default zero, as in the paper.

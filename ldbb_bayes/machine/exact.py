@@ -1,4 +1,4 @@
-"""The exact forward model of a circular test: homogeneous transforms, Eq. 1-14."""
+"""Exact forward model of a circular test, with homogeneous transforms (Eq. 1-14 of the paper)."""
 
 from __future__ import annotations
 
@@ -35,15 +35,17 @@ def exact_reading_mm(
     angle_rad
         Angles θ, shape (n,) [rad].
     force_N
-        Radial force.
+        Radial force of the bar [N].
     compliances
-        Any of the 36 ``C_ijk`` of each joint [mm/N, rad/N, rad/(N mm)]; the others are zero.
+        Values of any of the 36 compliances ``C_ijk`` of each joint, by name [mm/N, rad/N,
+        rad/(N mm)]; the others are zero.
     geometric_errors
-        Any of `geometric_names` [1, 1/mm, rad, mm]; the others are zero.
+        Values of any of the errors of `geometric_names`, by name [1, 1/mm, rad, mm]; the others
+        are zero.
 
     Returns
     -------
-    Shape (n,) [mm].
+    Readings, shape (n,) [mm].
 
     Raises
     ------
@@ -72,7 +74,8 @@ def geometric_reading_mm(
     angle_rad
         Angles θ, shape (n,) [rad].
     geometric_errors
-        Any of `geometric_names`; complex errors are allowed (complex step).
+        Values of any of the errors of `geometric_names`, by name. Complex values are allowed, for
+        derivatives by the complex-step method.
     """
     check_known("parameter", geometric_errors, [name.label for name in geometric_names(machine)])
     tool = _branch_transform(machine, "tool", circle, angle_rad, geometric_errors)
@@ -100,9 +103,9 @@ def _branch_transform(
 def _joint_transform(
     machine: Machine, joint: Joint, coordinate: Array, errors: Mapping[str, Any]
 ) -> Array:
-    """Return the transform of one joint: nominal motion, then error motion, about its frame.
+    """Return the transforms of one joint about its frame (Eq. 4-5, 8-9), shape (n, 4, 4).
 
-    Eq. 4-5, 8-9.
+    They contain the nominal motion and the error motions.
     """
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate
@@ -128,14 +131,14 @@ def _joint_transform(
 
 
 def _translation(vector: Array) -> Array:
-    """Return translations by vectors (n, 3), shape (n, 4, 4)."""
+    """Return the homogeneous transforms of translations by vectors (n, 3), shape (n, 4, 4)."""
     transform = np.tile(np.eye(4, dtype=vector.dtype), (len(vector), 1, 1))
     transform[:, :3, 3] = vector
     return transform
 
 
 def _rotation(axis: int, angle: Any) -> Array:
-    """Return a rotation about X, Y or Z, shape (4, 4)."""
+    """Return the homogeneous transform of a rotation about X, Y or Z (0, 1, 2), shape (4, 4)."""
     first = (axis + 1) % 3
     second = (axis + 2) % 3
     transform = np.eye(4, dtype=np.result_type(float, angle))

@@ -1,11 +1,14 @@
 """The linear hybrid Jacobian, and the compliances that circles can separate.
 
-For a unit force along the bar, joint k sees the wrench g_k = J_kᵀ B̂ = (B̂, lever × B̂): three
-forces, three moments about its frame. By Eq. 20 a compliance C_ijk (twist i for wrench j at joint
-k) then changes the reading by g_k,i · g_k,j. An error motion of joint k, a twist e about the same
-frame, changes it by ± g_k · e, minus in the workpiece branch (Eq. 16-23). The planar model of the
-paper is what remains while the levers lie in the plane. Of the compliances only what circles can
-separate is kept: null columns, proportional sets and their representatives (Table 2).
+A unit force along the bar, whose direction is B̂, loads joint k with the wrench g_k = J_kᵀ B̂ =
+(B̂, lever × B̂), shape (6,): three forces and three moments about the joint's frame. J_k is the
+Jacobian of the joint. By Eq. 20 a compliance C_ijk (twist component i for wrench component j at
+joint k) changes the reading by g_k,i · g_k,j per unit force. An error motion of joint k, a twist e
+about the same frame, changes the reading by g_k · e in the tool branch and −g_k · e in the
+workpiece branch (Eq. 16-23). If all lever arms lie in the plane, this is the paper's planar model.
+
+Circles cannot separate all compliances (Table 2). Some never change a reading (null columns), and
+some change readings proportionally (proportional sets). One representative of each set is kept.
 """
 
 from __future__ import annotations
@@ -56,7 +59,7 @@ _INDEPENDENT = 1e-8
 
 
 class ErrorBearer(NamedTuple):
-    """The joint at which a geometric error sits."""
+    """The joint at which a geometric error acts."""
 
     joint: Joint
     before_motion: bool  #: whether the error comes before the joint's own motion
@@ -65,8 +68,8 @@ class ErrorBearer(NamedTuple):
 def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
     """Return the paper's planar wrench Jacobian, shape (n, 18) for one plane [1, mm or mm²].
 
-    Reading per unit force and unit compliance: times F [N] and C it gives the reading [mm]. Columns
-    are in the order of `wrench_names`.
+    It is the reading per unit force and unit compliance. Columns are in the order of
+    `wrench_names`.
     """
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
 
@@ -74,7 +77,7 @@ def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array
 def compliance_jacobian(
     machine: Machine, circle: Circle, angle_rad: Array, names: Sequence[ComplianceName]
 ) -> Array:
-    """Return the reading per unit force and unit compliance, Eq. 20-23.
+    """Return the reading per unit force and unit compliance (Eq. 20-23).
 
     Parameters
     ----------
@@ -83,11 +86,11 @@ def compliance_jacobian(
     angle_rad
         Angles θ, shape (n,) [rad].
     names
-        Any of `joint_names`.
+        Compliances, any of `joint_names`, one for each column.
 
     Returns
     -------
-    Shape (n, compliances) [1, mm or mm²].
+    Jacobian, shape (n, compliances) [1, mm or mm²].
     """
     direction = circle.direction(angle_rad)
     wrenches = {}
@@ -125,10 +128,10 @@ def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: Geom
 
 
 def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
-    """Return the joint at which a geometric error sits.
+    """Return the joint at which a geometric error acts.
 
-    A squareness turns what the primary axis carries when both axes are in one branch; else it turns
-    the secondary axis itself.
+    If both axes of a squareness error are in one branch, the error acts after the motion of the
+    primary (reference) axis; else it acts before the motion of the secondary axis.
     """
     if name.kind != "squareness":
         return ErrorBearer(machine.joint(name.axis), before_motion=False)
@@ -150,32 +153,36 @@ class Kept:
 
     #: one representative per proportional set, in the order of Table 1
     names: tuple[ComplianceName, ...]
-    #: proportional sets (Table 2), whose weighted sums the kept ones are, representative first
+    #: for each kept compliance: its proportional set (Table 2), itself first; the readings
+    #: determine the weighted sum of a set
     sets: tuple[tuple[str, ...], ...]
-    #: of each member of a set: its pattern in units of the representative's [mm or mm² per
-    #: rotation it has more]
+    #: weights of the members of the sets: the column of a member divided by that of its
+    #: representative [mm to the number of additional rotations]
     weights: tuple[tuple[float, ...], ...]
     #: for each kept compliance: the members of dropped sets that it also represents, with weights
     absorbed: tuple[Mapping[ComplianceName, float], ...]
-    #: a deflection under the load itself, whatever the joints' (semi-definite) matrices are
+    #: whether each kept compliance cannot be negative, because it is a deflection in the direction
+    #: of the load itself, if the joints' compliance matrices are positive semi-definite
     not_negative: tuple[bool, ...]
-    null: tuple[str, ...]  #: never change a reading
-    dependent: tuple[str, ...]  #: first names of the dropped sets: combinations of several others
-    rank: int  #: of the full Jacobian: unit force, full uniform circle, unscaled (mm, N)
+    null: tuple[str, ...]  #: compliances that never change a reading
+    #: representatives of dropped sets: their columns are combinations of several others
+    dependent: tuple[str, ...]
+    rank: int  #: rank of the Jacobian of all compliances on full uniform circles
     condition_number: float  #: condition number of the kept columns
 
 
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
-    """Return null columns, proportional sets and representatives of the wrench Jacobian (Table 2).
+    """Return the compliances that circles can separate, and the sets they represent (Table 2).
 
-    They are found numerically. The planar compliances of every plane are examined, and of the
-    others those that the circles' lever arms load. In a set the representative is chosen by these
-    rules, in this order; for the paper's machine they give the paper's choice:
+    They are found numerically from the columns of the wrench Jacobian. The planar
+    compliances of every plane are examined, and those of the others that the circles' lever arms
+    load. The representative of a set is chosen by these rules, in this order; for the paper's
+    machine they give the paper's choice:
 
-    1. a rotation for a force before a translation for a moment;
-    2. the fewest rotations;
-    3. the joint whose axis is the deflection;
-    4. of a rotation, a joint that drives the plane it turns;
+    1. a rotation caused by a force before a translation caused by a moment;
+    2. the fewest rotary components;
+    3. the joint whose axis is the direction of the deflection;
+    4. for a rotation, a joint that drives the plane in which it turns;
     5. alphabetical order.
 
     The circles of a campaign are taken as one set of readings: another centre or plane can separate
@@ -188,11 +195,11 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
 
 @dataclass(frozen=True, eq=False)
 class _Candidates:
-    """Compliances that circles may show, with their columns on full circles."""
+    """Compliances that circles may show, with their n readings per unit on full circles."""
 
     names: tuple[ComplianceName, ...]
-    jacobian: Array  #: shape (n, candidates)
-    unit: Array  #: the same with columns of norm 1, zero for null columns
+    jacobian: Array  #: columns of the compliances, shape (n, candidates)
+    unit: Array  #: columns divided by their norms; zero for null columns
     live: tuple[int, ...]  #: indices of the columns that are not null
 
 
@@ -203,7 +210,7 @@ def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     jacobian = np.concatenate(
         [compliance_jacobian(machine, circle, angle, names) for circle in circles]
     )
-    # Rotations in units of the radius: all columns are of comparable size.
+    # Divide by the radius for each rotary component: then all columns are of comparable size.
     unit = jacobian / [circles[0].radius_mm ** name.rotations for name in names]
     norms = np.linalg.norm(unit, axis=0)
     planar = set(wrench_names(machine))
@@ -230,7 +237,7 @@ def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     heads = sorted(set_by_head, key=lambda i: _table_order(names[i], machine))
     chosen = _independent(candidates.unit, heads)
     dropped = [i for i in heads if i not in chosen]
-    # Every column in terms of the kept ones, which are scaled for the sake of rounding.
+    # Express every column by the kept ones, which are scaled to reduce rounding errors.
     scale = np.abs(jacobian[:, chosen]).max(axis=0)
     scaled = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0]
     coefficients = scaled / scale[:, None]
@@ -278,9 +285,10 @@ def _not_negative(
 ) -> tuple[bool, ...]:
     """Return which kept compliances cannot be negative.
 
-    A kept compliance is Σ_k ⟨A_k, C_k⟩ over the joints' matrices, all columns written in those
-    kept: it cannot be negative for positive semi-definite C_k if and only if every A_k is positive
-    semi-definite.
+    A kept compliance with its set is a linear function Σ_k ⟨A_k, C_k⟩ of the compliance matrices
+    C_k of the joints k, with symmetric matrices of weights A_k, all of shape (6, 6); ⟨ , ⟩ is the
+    sum of the products of entries. It is never negative for positive semi-definite C_k if and only
+    if every A_k is positive semi-definite.
     """
     # Typical size of each component's wrench, so that the entries of A_k are comparable.
     unit = dict.fromkeys(COMPONENTS, 1.0)
@@ -325,7 +333,7 @@ def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
 
 
 class _TableOrder(NamedTuple):
-    """Sort key of Table 1."""
+    """Sort key for the order of compliances in Table 1 of the paper."""
 
     rotations: int
     twist: int
@@ -334,9 +342,10 @@ class _TableOrder(NamedTuple):
 
 
 def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
-    """Return the place of a compliance in Table 1.
+    """Return the sort key of a compliance for the order of Table 1.
 
-    Translations for forces, rotations for forces, rotation for moment; joints in the planes' order.
+    Translations caused by forces come first, then rotations caused by forces, then rotations caused
+    by moments. Joints are in the order of the planes' axes.
     """
     joints = [joint.axis for joint in machine.joints]
     rigid = [axis for axis in LINEAR if axis not in joints]
@@ -350,7 +359,7 @@ def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
 
 
 def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
-    """Return the representatives, in order, that each add a new direction."""
+    """Return the representatives whose columns do not depend linearly on those before them."""
     chosen: list[int] = []
     basis = np.zeros((unit.shape[0], 0))
     for i in representatives:
@@ -372,8 +381,10 @@ def hybrid_jacobian(
 ) -> pd.DataFrame:
     """Return the reading per unit of every parameter of the linear hybrid model.
 
-    J_H of Eq. 28 and, with F0 = 0, 33. Column k of a compliance is F (F − F0)^k j_C. Columns are
-    those of this circle alone, named as in results: C_XXX …, C_XXX_1 …, then E_XX1 … .
+    This is J_H of Eq. 28 and, with reference force F0 = 0, of Eq. 33. The column of a compliance
+    and of its slope of degree k is F (F − F0)^k j_C, where j_C is the reading per unit force and
+    compliance. The compliances are those that this circle alone can separate. Columns are named as
+    in results: C_XXX …, C_XXX_1 …, then E_XX1 … .
 
     Parameters
     ----------
@@ -382,13 +393,14 @@ def hybrid_jacobian(
     angle_rad
         Angles θ, shape (n,) [rad].
     force_N, reference_force_N
-        Radial force F, and F0.
+        Radial force F and reference force F0.
     degree
         0, 1 or 2: constant, linear or quadratic compliance.
 
     Returns
     -------
-    Shape (n, (degree + 1) compliances + geometric errors) [mm per inside unit of the parameter].
+    Table of n rows and one column per parameter [mm per internal unit (mm, N, rad) of the
+    parameter].
 
     Raises
     ------
@@ -415,9 +427,9 @@ def hybrid_jacobian(
 
 
 def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame:
-    """Return what one unit of every planar compliance and geometric error does to readings.
+    """Return the readings per unit of every planar compliance and geometric error.
 
-    Tables 2 and 3: 18 compliances and 7 errors for one plane.
+    For one plane these are the 18 compliances of Table 2 and the 7 errors of Table 3.
 
     Parameters
     ----------
@@ -428,7 +440,8 @@ def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame
 
     Returns
     -------
-    Shape (n, 25) [mm per unit, and N of compliances].
+    Table of n rows, with 25 columns for one plane [mm per unit of a geometric error; for
+    compliances, mm per unit and newton].
     """
     angle = np.asarray(angle_rad, dtype=float)
     names = [name.label for name in wrench_names(machine)]

@@ -24,7 +24,7 @@ ComplianceKind = Literal[
 ]
 # The components of a twist or wrench, in order: along X, Y, Z and about them.
 COMPONENTS = LINEAR + ROTARY
-# The power of its axis' coordinate that a geometric error goes with, where it is not 0.
+# Power of the axis' coordinate that a kind of geometric error is multiplied by; 0 for other kinds.
 _ORDERS: dict[GeometricKind, int] = {"gain": 1, "straightness": 2}
 
 
@@ -43,12 +43,12 @@ class ComplianceName:
 
     @property
     def rotations(self) -> int:
-        """How many of twist and wrench are rotary (0, 1 or 2)."""
+        """Number of rotary components among the twist and the wrench (0, 1 or 2)."""
         return (self.twist in ROTARY) + (self.wrench in ROTARY)
 
     @property
     def kind(self) -> ComplianceKind:
-        """What the parameter is physically; priors and units follow from it."""
+        """Physical kind of the compliance, which determines its unit and its default prior."""
         same_component = self.twist == self.wrench
         if self.rotations == 2:
             return "rotation_for_moment" if same_component else "rotation_for_other_moment"
@@ -58,7 +58,7 @@ class ComplianceName:
 
     @property
     def meaning(self) -> str:
-        """In words."""
+        """Description of the compliance in words."""
         axis_of = dict(zip(ROTARY, LINEAR, strict=True))
         motion = f"translation along {self.twist}"
         if self.twist in ROTARY:
@@ -70,7 +70,10 @@ class ComplianceName:
 
     @property
     def preference(self) -> tuple[bool, int, bool, bool, str]:
-        """Sort key within a proportional set, see `kept_compliances`."""
+        """Sort key for the choice of the representative of a set, see `kept_compliances`.
+
+        The compliances of a set have proportional effects on the readings.
+        """
         translation_for_moment = self.wrench in ROTARY and self.twist not in ROTARY
         turned_plane = {axes.rotation: plane for plane, axes in PLANES.items()}
         idle = self.twist in ROTARY and self.joint not in turned_plane[self.twist]
@@ -79,19 +82,19 @@ class ComplianceName:
 
 @dataclass(frozen=True)
 class GeometricName:
-    """A geometric error: a component of an axis' deviation."""
+    """A geometric error: one component of the deviation of an axis or of the tool."""
 
-    component: str  #: X, Y, Z of a translation, A, B, C of a rotation
-    axis: str  #: the axis it belongs to; ``t``: the tool
+    component: str  #: X, Y or Z for a translation; A, B or C for a rotation
+    axis: str  #: the axis that the error belongs to; ``t`` for the tool
     kind: GeometricKind
-    reference: str = ""  #: of a squareness, its reference axis
-    setup: int = 0  #: of a tool offset, its set-up where there are several
+    reference: str = ""  #: reference axis of a squareness error
+    setup: int = 0  #: set-up of a tool offset if there are several, else 0
 
     @property
     def label(self) -> str:
-        """The name in code: E_XX1, E_YX2, E_C0YX (ISO 230-1: E_C(0Y)X), E_Xt0.
+        """The name in code, such as E_XX1, E_YX2, E_Xt0 and, for set-up 2, E_Xt0_2.
 
-        E_Xt0_2 in set-up 2.
+        The squareness error E_C(0Y)X of ISO 230-1 is named E_C0YX.
         """
         if self.kind == "squareness":
             return f"E_{self.component}0{self.reference}{self.axis}"
@@ -100,12 +103,12 @@ class GeometricName:
 
     @property
     def order(self) -> int:
-        """The power of the axis' coordinate that it goes with."""
+        """Power of the axis' coordinate that the geometric error is multiplied by."""
         return _ORDERS.get(self.kind, 0)
 
     @property
     def meaning(self) -> str:
-        """In words."""
+        """Description of the geometric error in words."""
         if self.kind == "gain":
             return (
                 f"scale error of {self.axis}: positioning deviation in proportion to its coordinate"
@@ -124,7 +127,7 @@ class GeometricName:
 def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
     """Return the names of the columns of the planar wrench Jacobian, 18 for one plane.
 
-    Order: joint, then twist, then wrench component.
+    They are sorted by joint, then by twist component, then by wrench component.
     """
     names: dict[ComplianceName, None] = {}
     for plane in machine.planes:
@@ -136,7 +139,7 @@ def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
 
 
 def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
-    """Return the names of all compliances of all joints, 36 a joint of six degrees of freedom."""
+    """Return the names of all compliances of all joints, 6 × 6 = 36 for each joint."""
     names = []
     for joint in machine.joints:
         for twist in COMPONENTS:
@@ -146,9 +149,10 @@ def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
 
 
 def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
-    """Return the geometric errors in the paper's order.
+    """Return the names of the geometric errors in the paper's order.
 
-    Of each plane gains, quadratic straightness, squareness; then tool offsets.
+    For each plane these are the gains, quadratic straightness deviations and squareness error; the
+    tool offsets follow.
     """
     names: list[GeometricName] = []
     for plane in machine.planes:

@@ -1,4 +1,7 @@
-"""Terms of the form of the balls and of the pattern of the machine."""
+"""Terms of the form of the balls and of the machine's pattern of higher orders.
+
+A harmonic of order n is cos nθ or sin nθ, with θ the angle on the circle.
+"""
 
 from __future__ import annotations
 
@@ -19,27 +22,31 @@ from ldbb_bayes.results import Array
 
 __all__ = ["BallForm", "MachinePattern"]
 
-# Orders of the form of a ball: order 0 is its radius, order 1 its centre.
+# Orders of the form of a ball, from 2: order 0 is its radius and order 1 its centre's position.
 _FORM_ORDERS = range(2, MAX_ORDER + 1)
-# Orders of the machine's pattern: those below are its geometric errors.
+# Orders of the machine's pattern, from 4: lower orders are described by the geometric errors.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
-# (S/24^½)² is the variance of a lobe whose peak to valley, 2 amplitudes, is S with each phase as
-# likely as another.
+# Variance of each coefficient of a harmonic, per S²: S is its peak-to-valley value (twice its
+# amplitude), and every phase is equally likely.
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
 # The highest order to which a stated deviation from sphericity is attributed.
 _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """A ball, and by how much it is turned against the angle of its columns [rad]."""
+    """A ball, and the angle by which it is turned relative to the angle of its columns [rad]."""
 
     ball: Ball
     turned_rad: float
 
 
 class _Form(NamedTuple):
-    """One sum of forms: the stem of its names, ψ of every test, and the balls."""
+    """The form of one ball or of the sum of both.
+
+    ``stem`` begins the names of the coefficients; ``turned_rad`` is the clocking angle ψ of every
+    test.
+    """
 
     stem: str
     turned_rad: Array
@@ -55,17 +62,19 @@ def _harmonic_names(stem: str, orders: Sequence[int]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class BallForm(Term):
-    """cos n(θ − ψ), sin n(θ − ψ), n = 2 … 12: form error of the balls, the same at every force.
+    """Form error of the balls: cos n(θ − ψ), sin n(θ − ψ), n = 2 … 12, the same at every force.
 
-    The variance of each coefficient is τ² (n/6)^(−2p), and at the orders 2 and 3 (S_work² +
-    S_tool²)/24 besides, S the deviation from sphericity, peak to valley, that a ball's certificate
-    or grade states, or else ``sphericity_um``. A harmonic that a certificate states has its mean
-    and variance from there. With ``law`` 1/n the sd is τ/n (first edition).
+    ψ is the clocking angle of the ball. The prior variance of each coefficient is τ² (n/6)^(−2p);
+    at the orders 2 and 3 it is larger by (S_work² + S_tool²)/24. S is a ball's deviation from
+    sphericity, peak to valley, which its certificate or grade states, or else ``sphericity_um``.
+    The hyper-parameters are τ, the scale at order 6, and p, the power by which form falls with its
+    order. Harmonics that a certificate states have their mean and variance from the certificate.
+    With ``law`` 1/n the prior sd is τ/n (model of the first edition).
 
-    While no ball is clocked the two forms are one sum. As soon as a clocking differs between tests
-    there are two terms, the work ball at θ − ψ_work and the tool ball, touched on its far side, at
-    θ + 180° − ψ_tool, each with τ²/2 and its own S². Every plane runs over another great circle of
-    the balls: it has forms of its own.
+    As long as no ball is clocked, the two forms are modelled as one sum. When a clocking differs
+    between tests, each ball has its own form: the work ball at θ − ψ_work, and the tool ball, which
+    is touched on its far side, at θ + 180° − ψ_tool, each with τ²/2 and its own S². Every plane
+    has separate forms, because it runs over another great circle of the balls.
     """
 
     sphericity_um: float = 2.5
@@ -77,12 +86,12 @@ class BallForm(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Its hyper-parameters."""
+        """Hyper-parameters of the term."""
         tau = Scale("tau", "tau_um", "τ", "ball form")
         return (tau, _DECAY) if self.law == "decay" else (tau,)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         columns = []
         for group in setting.each("plane"):
             for form in _forms(setting):
@@ -98,7 +107,7 @@ class BallForm(Term):
         return tuple(columns)
 
     def _prior(self, balls: Sequence[_TurnedBall]) -> dict[str, Any]:
-        """Return the prior of the sum of forms of balls as arguments of `Columns`."""
+        """Return the prior of the form of one ball or of a sum as arguments of `Columns`."""
         orders = np.repeat(_FORM_ORDERS, 2)
         if self.law == "1/n":
             return {"sd": np.sqrt(len(balls) / 2.0) / orders.astype(float)}
@@ -128,14 +137,14 @@ class BallForm(Term):
         }
 
     def _sphericity(self, ball: Ball) -> float:
-        """Return the deviation from sphericity [µm] that is stated, or else assumed."""
+        """Return the deviation from sphericity of a ball [µm], stated or else assumed."""
         stated = ball.stated_sphericity_um
         return self.sphericity_um if stated is None else stated
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the assumed sd of the orders 2 and 3, and the amplitudes that certificates state.
 
-        The orders share τ besides.
+        The contribution of the hyper-parameter τ to the sd is not included.
         """
         if self.law != "decay":
             return
@@ -156,7 +165,7 @@ class BallForm(Term):
                 )
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
-        """Return whether a certificate says how large a coefficient is."""
+        """Return whether certificates state the size of a coefficient."""
         instrument = campaign.instrument
         balls = [instrument.work, instrument.tool]
         if coefficient.startswith("work"):
@@ -172,7 +181,7 @@ class BallForm(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words."""
+        """Return a description of a coefficient in words."""
         ball = _ball_in_words(coefficient)
         owner = f"{ball}'s " if ball else ""
         order = order_in_words(coefficient)
@@ -181,14 +190,14 @@ class BallForm(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return its pattern after the term's words."""
+        """Return a description of the coefficient's pattern, to follow the words for the term."""
         ball = _ball_in_words(coefficient)
         of_ball = f" of {ball}" if ball else ""
         return f" in {order_in_words(coefficient)}{of_ball}{plane_in_words(coefficient)}"
 
 
 def _forms(setting: Setting) -> list[_Form]:
-    """Return the forms that a setting separates: one sum, or one for each ball."""
+    """Return the forms to model in a setting: one sum, or one for each ball."""
     work = setting.instrument.work
     tool = setting.instrument.tool
     far_side = setting.tool_ball_rad - np.pi
@@ -203,12 +212,12 @@ def _forms(setting: Setting) -> list[_Form]:
 
 
 def _stated_sd_um(ball: Ball) -> float:
-    """Return the standard uncertainty of stated harmonics [µm], half the expanded one."""
+    """Return the standard uncertainty of stated harmonics [µm]: half the expanded uncertainty."""
     return 0.5 * (ball.U_um or 0.0)
 
 
 def _ball_in_words(coefficient: str) -> str:
-    """Return the ball of a coefficient; empty where it is of both."""
+    """Return a coefficient's ball in words; empty if the coefficient is of the sum of both."""
     if coefficient.startswith("work"):
         return "the work ball"
     if coefficient.startswith("tool"):
@@ -218,10 +227,12 @@ def _ball_in_words(coefficient: str) -> str:
 
 @dataclass(frozen=True)
 class MachinePattern(Term):
-    """cos nθ, sin nθ, n = 4 … 12, ω (n/6)^(−p): geometry of higher order and cyclic errors.
+    """Geometric errors of higher orders and cyclic errors: cos nθ, sin nθ, n = 4 … 12.
 
-    The pattern is the same in every test of a plane, direction and radius. It acts only where a
-    ball is clocked: it does not turn with the ball. Otherwise it cannot be separated from the form.
+    The prior sd of each coefficient is ω (n/6)^(−p), with hyper-parameters ω and p. The pattern is
+    the same in all tests of one plane, direction of travel and radius. The term acts only if a ball
+    is clocked: the form turns with the ball and the pattern does not, so that they can be
+    separated.
     """
 
     stem = "pattern"
@@ -229,7 +240,7 @@ class MachinePattern(Term):
     scales = (Scale("omega", "omega_um", "ω", "pattern of the machine"), _DECAY)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         if not setting.clocked:
             return ()
         columns = []
@@ -246,9 +257,9 @@ def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[C
     Parameters
     ----------
     setting
-        The setting.
+        The setting of the campaign.
     suffix
-        What names carry of radius and plane.
+        Radius and plane as they end the names of the coefficients.
     tests
         The tests of this plane and radius, shape (tests,).
     """

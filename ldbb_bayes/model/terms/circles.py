@@ -1,4 +1,4 @@
-"""Terms that differ between circles: shift, discrepancy, scatter, hysteresis, drift."""
+"""Terms of effects that differ between circles: shift, discrepancy, hysteresis and drift."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Hyper, Scale
 
 __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Moves", "SetupShift"]
 
-# Whether zero and centre move with one scale, with one each, or only one of them moves.
+# Choices for set-up shift: zero and centre have one common scale, have one scale each, or only one
+# of them moves.
 Moves = Literal["together", "apart", "zero", "centre"]
-# What a drift is in proportion to.
+# Quantities that a drift can be proportional to.
 Covariate = Literal["time", "temperature"]
-# The last order of hysteresis in the first edition.
+# Highest order of hysteresis in the model of the first edition.
 _FIRST_EDITION_ORDERS = 4
 
 
 @dataclass(frozen=True)
 class SetupShift(Term):
-    """1, cos θ, sin θ, separate for every test, scaled by δ.
+    """Random shift of zero and centre between circles: 1, cos θ, sin θ, separate for every test.
 
-    Zero (order 0) and centre (order 1) move between circles. ``moves`` says whether both have one
-    scale δ, each its own, δ_0 and δ_1, or only one moves, with δ.
+    The prior sd is the hyper-parameter δ. ``moves`` states whether zero (order 0) and centre
+    (order 1) have one common δ, have a δ_0 and a δ_1, or only one of them moves, with sd δ.
     """
 
     moves: Moves = "together"
@@ -38,7 +39,7 @@ class SetupShift(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Its hyper-parameters."""
+        """Hyper-parameters of the term."""
         if self.moves != "apart":
             return (Scale("delta", "delta_um", "δ", "set-up shift"),)
         return (
@@ -47,7 +48,7 @@ class SetupShift(Term):
         )
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         zero = np.where(ORDERS == 0, 1.0, 0.0)
         centre = np.where(ORDERS == 1, 1.0, 0.0)
         circle = setting.circle
@@ -59,9 +60,10 @@ class SetupShift(Term):
 
 @dataclass(frozen=True)
 class Discrepancy(Term):
-    """cos nθ, sin nθ, n = 2 … 12, separate for every test, κ/n^decay.
+    """Model inadequacy and change from run to run: cos nθ, sin nθ, n = 2 … 12.
 
-    Model inadequacy and change from run to run.
+    The coefficients are separate for every test. Their prior sd is κ/n^decay, with the
+    hyper-parameter κ.
     """
 
     decay: float = 1.0
@@ -69,17 +71,18 @@ class Discrepancy(Term):
     scales = (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
         return (BasisNoise("kappa", sd, setting.circle),)
 
 
 @dataclass(frozen=True)
 class CircleScale(Term):
-    """λ of every circle, which scales its shift and its discrepancy, λ² ~ InvGamma(3/2, 3/2).
+    """Scale λ of every circle, which multiplies the sd of its set-up shift and discrepancy.
 
-    Circles scatter as Student's t with three degrees of freedom, so that an odd one does not move
-    the compliances. Off with fewer than four tests.
+    λ² has an inverse gamma prior, InvGamma(3/2, 3/2). The circles therefore scatter as Student's t
+    with three degrees of freedom, and an outlying circle hardly changes the compliances. The term
+    does not act on campaigns with fewer than four tests.
     """
 
     stem = "lambda"
@@ -87,7 +90,7 @@ class CircleScale(Term):
     remedy = "Repeat the odd circle."
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the scale of every circle."""
+        """Return the scale λ of every circle as a hyper-parameter."""
         scales = []
         for name in dict.fromkeys(setting.circle.tolist()):
             if name:
@@ -96,12 +99,15 @@ class CircleScale(Term):
         return tuple(scales)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         return ()
 
 
 class _HysteresisSd(NamedTuple):
-    """Sd of the constant part of hysteresis at order 1, in units of its hyper-parameter if any."""
+    """Prior sd of the part of hysteresis that does not depend on force, at order 1.
+
+    If there is a hyper-parameter, the sd is a multiple of it. ``last_order`` is the highest order.
+    """
 
     sd_mm: float
     hyper: Hyper | None
@@ -110,13 +116,15 @@ class _HysteresisSd(NamedTuple):
 
 @dataclass(frozen=True)
 class Hysteresis(Term):
-    """s cos nθ, s sin nθ, n = 0 … 12, s = ±1 the sign of travel.
+    """Difference between the two directions of travel (ISO 230-4): s cos nθ, s sin nθ, n = 0 … 12.
 
-    What differs between the two directions (ISO 230-4): a constant part (backlash, reversal spikes,
-    servo mismatch), η/n, η at order 0, and one in proportion to force (friction in the bar, lost
-    motion), ``proportional_um_per_kN``/n; a set of each for every plane. Active where a plane is
-    run both ways; in one direction it looks like machine. With ``law`` fixed orders end at 4 and
-    ``constant_um`` stands for η (first edition).
+    s = ±1 is the direction of travel. One part does not depend on force (backlash, reversal spikes,
+    servo mismatch); its prior sd is η/n, and η at order 0, with the hyper-parameter η. The other is
+    proportional to force (friction in the bar, lost motion); its prior sd is
+    ``proportional_um_per_kN``/n, undivided at order 0. Each plane has separate coefficients. The
+    term acts on planes that are run in both directions; with one direction it cannot be separated
+    from the machine's other errors. With ``law`` fixed (model of the first edition) the first part
+    ends at order 4 and ``constant_um`` replaces η.
     """
 
     constant_um: float = 2.0
@@ -127,11 +135,11 @@ class Hysteresis(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Its hyper-parameters."""
+        """Hyper-parameters of the term."""
         return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         columns: list[Columns] = []
         for plane in setting.each("plane"):
             if plane.value in setting.both_ways:
@@ -139,7 +147,7 @@ class Hysteresis(Term):
         return tuple(columns)
 
     def _columns_of_plane(self, setting: Setting, plane: GroupOfTests) -> list[Columns]:
-        """Return the constant part and the part in proportion to force."""
+        """Return the columns of one plane: the constant part, then that proportional to force."""
         constant = self._constant_part()
         suffixes = ["0"]
         for order in range(1, constant.last_order + 1):
@@ -178,24 +186,25 @@ class Hysteresis(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words."""
+        """Return a description of a coefficient in words."""
         force = " in proportion to force" if coefficient.startswith("hysteresis_force") else ""
         return f"hysteresis{force} ({order_in_words(coefficient)}{plane_in_words(coefficient)})"
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return its pattern after the term's words."""
+        """Return a description of the coefficient's pattern, to follow the words for the term."""
         force = " times force" if coefficient.startswith("hysteresis_force") else ""
         return f" in {order_in_words(coefficient)}{force}{plane_in_words(coefficient)}"
 
 
 @dataclass(frozen=True)
 class Drift(Term):
-    """u, u B̂: bar length and circle centre change in proportion to time or temperature u.
+    """Drift of bar length and circle centre with time or temperature u: columns u and u B̂.
 
-    u counts from the campaign's mean. Off by default: `SetupShift` covers what changes between
-    circles at random. ``over`` is ``time_s`` or ``temperature_C`` of the tests, ``length_um`` and
-    ``centre_um`` one sd per hour or kelvin. A steel bar of 150 mm grows by 1.7 µm/K.
+    B̂ is the direction of the bar. u is the difference from the campaign's mean of the tests'
+    ``time_s`` or ``temperature_C``, as ``over`` states. ``length_um`` and ``centre_um`` are prior
+    sds per hour or kelvin; a steel bar of 150 mm grows by 1.7 µm/K. The term is off by default,
+    because `SetupShift` covers random changes between circles.
     """
 
     over: Covariate = "time"
@@ -205,7 +214,7 @@ class Drift(Term):
     remedy = "Run the forces in an order that has nothing to do with time."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         change = setting.temperature_K
         field = "temperature_C"
         if self.over == "time":
@@ -233,7 +242,7 @@ class Drift(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words."""
+        """Return a description of a coefficient in words."""
         covariate, quantity = coefficient.removeprefix("drift_").split("_")
         if quantity == "length":
             return f"drift of the bar's length over {covariate}"

@@ -1,4 +1,4 @@
-"""Nuisance terms of the model's first edition."""
+"""Nuisance terms (effects modelled but not of interest) of the model's first edition."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ __all__ = ["first_edition"]
 
 
 def first_edition() -> tuple[Term, ...]:
-    """Return the nuisances of the first edition: form of 1/n, linear springs, one scatter."""
+    """Return the nuisances of the first edition.
+
+    The form of the balls falls as 1/n with its order n, mount and force law have no curvature, and
+    all circles scatter alike.
+    """
     return (
         BallForm(law="1/n"),
         BarLength(),

@@ -19,25 +19,25 @@ __all__ = ["Angle", "BarLength", "ForceError", "Mount"]
 def _standard_uncertainty(
     expanded: float | None, assumed: float, unit_per_stated: float = 1.0
 ) -> float:
-    """Return half of a stated expanded uncertainty (k = 2), or what is assumed without one."""
+    """Return half of a stated expanded uncertainty (k = 2), or else the assumed uncertainty."""
     return assumed if expanded is None else 0.5 * expanded * unit_per_stated
 
 
 @dataclass(frozen=True)
 class BarLength(Term):
-    """1: calibration of the bar's length (ball radii, zero setting, bar temperature).
+    """Error of the bar's length (ball radii, zero setting, bar temperature), constant over θ.
 
-    Another radius is another length. Mean and sd are those of the bar's certificate where there is
-    one.
+    Every nominal radius has a length error of its own. Mean and sd are those of the bar's
+    certificate, if there is one.
     """
 
-    sd_um: float = 9.4  #: one sd of the bar's length
+    sd_um: float = 9.4  #: prior sd of the bar's length, if no certificate states it
     calibration = "a calibration of the bar's length"
     remedy = "Calibrate the bar's length."
     instrument = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         names = []
         constants = []
         for group in setting.each("radius"):
@@ -52,24 +52,25 @@ class BarLength(Term):
         return _standard_uncertainty(instrument.bar_U_um, self.sd_um)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield what it assumes of the instrument."""
+        """Yield the uncertainties of the instrument that the term assumes."""
         sd = self._sd_um(campaign.instrument) * 1e-3
         error = campaign.instrument.bar_length_error_um * 1e-3
         yield assumption(campaign, "bar_length", "bar_U_um", sd, error)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words."""
+        """Return a description of a coefficient in words."""
         radius = coefficient.removeprefix("bar_length").removeprefix("_")
         return cls.words + (f" at R = {radius} mm" if radius else "")
 
 
 @dataclass(frozen=True)
 class Mount(Term):
-    """P: deflection of the work ball's mount per bar, and its curvature with force.
+    """Error of the deflection of the work ball's mount, and curvature of this deflection.
 
-    The deflection is known to ``relative_sd`` of its nominal value (Eq. 32) or as its certificate
-    says. The curvature is q(F) = 4 (F/F_max)(1 − F/F_max) times ``curvature_um`` (0: none).
+    The deflection is proportional to the pressure in bar. Its prior sd is ``relative_sd`` of its
+    nominal value (Eq. 32) or follows from its certificate. The curvature with force F is
+    q(F) = 4 (F/F_max)(1 − F/F_max), with a prior sd of ``curvature_um`` (0: no curvature).
     """
 
     relative_sd: float = 0.10
@@ -81,7 +82,7 @@ class Mount(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         relative = self._relative_sd(setting.instrument)
         sd = np.array([relative * (setting.deflection_um_per_bar * 1e-3)])
         linear = Columns(("mount",), setting.constant(setting.pressure_bar), sd)
@@ -95,7 +96,7 @@ class Mount(Term):
         return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield what it assumes of the instrument."""
+        """Yield the uncertainties of the instrument that the term assumes."""
         nominal = campaign.mount.deflection_um_per_bar * 1e-3
         sd = self._relative_sd(campaign.instrument) * nominal
         yield assumption(campaign, "mount", "mount_U_percent", sd, nominal)
@@ -109,7 +110,7 @@ class Mount(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words."""
+        """Return a description of a coefficient in words."""
         if coefficient == "mount_curvature":
             return "curvature of the mount's deflection"
         return "mount deflection"
@@ -117,15 +118,17 @@ class Mount(Term):
 
 @dataclass(frozen=True)
 class ForceError(Term):
-    """F j_C·Ĉ times a gain error, F_max q(F) j_C·Ĉ times a curvature, j_C·Ĉ times a random error.
+    """Errors of the force: a gain error, a curvature and a random error of every test.
 
-    Gain error and curvature of the force law (0: none) are common to all tests; every test has a
-    random force error of its own. Each is as the load cell's certificate says where there is one.
+    A force error times the estimated deflection per newton, j_C·Ĉ, changes the reading; Ĉ are
+    estimated compliances and j_C their columns. The force error is F times the gain error, F_max
+    q(F) times the curvature (``curvature_sd`` 0: none) with q(F) = 4 (F/F_max)(1 − F/F_max), and
+    the random error. The prior sds follow from the load cell's certificate, if there is one.
     """
 
-    gain_sd: float = 0.01  #: one sd, a share of the force
-    curvature_sd: float = 0.01  #: one sd, a share of F_max
-    random_sd_N: float = 4.0  #: of every test
+    gain_sd: float = 0.01  #: prior sd of the gain error, a share of the force
+    curvature_sd: float = 0.01  #: prior sd of the curvature, a share of F_max
+    random_sd_N: float = 4.0  #: prior sd of the random force error of every test
     stem = ("force_gain", "force_curvature", "force_random")
     unit = Unit("1", 1e-2, "%")
     calibration = "a calibration of the force"
@@ -134,7 +137,7 @@ class ForceError(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         deflection = (setting.wrench @ setting.compliance_estimate)[:, :, None]
         sd = self._sd_by_name(setting.instrument)
         forces = {
@@ -150,9 +153,9 @@ class ForceError(Term):
         return (*columns, Columns(("force_random",), deflection, random_sd, private=True))
 
     def _sd_by_name(self, instrument: Instrument) -> dict[str, float]:
-        """Return the sd of every coefficient, stated by a certificate or else assumed.
+        """Return the prior sd of every coefficient, stated by a certificate or else assumed.
 
-        A stated linearity is a bound: every value within it is as likely as another.
+        A stated linearity is taken as a bound, with all values within it equally likely.
         """
         sd = {
             "force_gain": _standard_uncertainty(instrument.force_U_percent, self.gain_sd, 0.01),
@@ -167,7 +170,7 @@ class ForceError(Term):
         return sd
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield what it assumes of the instrument."""
+        """Yield the uncertainties of the instrument that the term assumes."""
         certificates = {
             "force_gain": "force_U_percent",
             "force_curvature": "force_linearity_percent",
@@ -183,16 +186,17 @@ class ForceError(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words."""
+        """Return a description of a coefficient in words."""
         return coefficient.replace("_", " ")
 
 
 @dataclass(frozen=True)
 class Angle(Term):
-    """dρ/dθ of the fitted circle, F j_C·Ĉ + j_G·Ê: angle reference and lag of the trace.
+    """Errors of the angle reference and lag of the trace: dρ/dθ of the estimated readings ρ.
 
-    Once for all tests, and once times the direction of travel. Tests that state no direction count
-    as clockwise.
+    ρ = F j_C·Ĉ + j_G·Ê, where Ĉ are estimated compliances, Ê estimated geometric errors and j_C,
+    j_G their columns. The error of the reference is the same in all tests; the lag has the sign of
+    the direction of travel. Tests that state no direction count as clockwise.
     """
 
     sd_deg: float = 0.1
@@ -202,7 +206,7 @@ class Angle(Term):
     instrument = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         slope = derivative(setting.fitted)
         lag = slope * setting.travel[:, None]
         values = np.stack([slope, lag], axis=2)
@@ -213,12 +217,12 @@ class Angle(Term):
         return float(np.deg2rad(_standard_uncertainty(instrument.angle_U_deg, self.sd_deg)))
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield what it assumes of the instrument."""
+        """Yield the uncertainties of the instrument that the term assumes."""
         sd = self._sd_rad(campaign.instrument)
         for name in ("angle_reference", "angle_lag"):
             yield assumption(campaign, name, "angle_U_deg", sd)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words."""
+        """Return a description of a coefficient in words."""
         return coefficient.replace("_", " ")

@@ -1,4 +1,4 @@
-"""Terms of the joints: stiffening under their own load, compliance along the travel."""
+"""Terms of the joints: nonlinear compliance under their own load, and change along the travel."""
 
 from __future__ import annotations
 
@@ -14,17 +14,20 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointLoad", "Position"]
 
-# Deflection of a bolted contact δ ~ f^(2/3) gives |u|^(5/3) along the bar.
+# A bolted contact deflects by δ ~ f^(2/3) under a force f; projected on the bar, whose direction
+# has the component u, this is proportional to |u|^(5/3).
 _CONTACT_POWER = 5.0 / 3.0
 
 
 @dataclass(frozen=True)
 class JointLoad(Term):
-    """F u_a² (F |u_a| − F0)/F_max and F^⅔ F0^⅓ |u_a|^(5/3) − F u_a²; u the bar's direction.
+    """Nonlinear deflection of each axis a under its own load F u_a; u is the bar's direction.
 
-    An axis a yields to the load F u_a of its own axis, not to the bar's force: preload and rolling
-    contact, and bolted contact (δ ~ f^⅔). Both are zero along the axis at F0, where C_aa stays the
-    secant compliance. One sd of each is ``relative_sd`` Ĉ_aa.
+    Its columns are F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact, and
+    F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔). F is the bar's force
+    and F0 the reference force. Both columns are zero where the bar is along the axis and F = F0, so
+    that C_aa is the secant compliance there. The prior sd of each coefficient is ``relative_sd``
+    times the estimated compliance Ĉ_aa.
     """
 
     relative_sd: float = 0.2
@@ -33,7 +36,7 @@ class JointLoad(Term):
     remedy = "Measure the axis' deflection under its own load."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         columns = []
         for axis, estimate in setting.driven_axes():
             values = self._laws(
@@ -49,9 +52,9 @@ class JointLoad(Term):
         return tuple(columns)
 
     def secants(self, setting: Setting, force_N: Array) -> Array:
-        """Return what an axis' two coefficients add to its C_aa(F), shape (n, 2).
+        """Return the change of C_aa(F) per unit of an axis' two coefficients, shape (n, 2).
 
-        These are the columns along the axis over F, at forces (n,).
+        It is the two columns where the bar is along the axis, divided by F, at n forces.
         """
         deflections = self._laws(setting, force_N, square=1.0, cube=1.0, contact=1.0)
         return deflections / force_N[:, None]
@@ -65,7 +68,7 @@ class JointLoad(Term):
         cube: Array | float,
         contact: Array | float,
     ) -> Array:
-        """Return both columns from u², |u|³ and |u|^(5/3), shape (..., 2)."""
+        """Return the two columns, shape (..., 2), from u², |u|³ and |u|^(5/3) (``contact``)."""
         middle = setting.reference_force_N
         rolling = force * (force * cube - middle * square) / setting.largest_force_N
         bolted = np.cbrt(force**2 * middle) * contact - force * square
@@ -73,7 +76,7 @@ class JointLoad(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words."""
+        """Return a description of a coefficient in words."""
         axis, law = coefficient.removeprefix("joint_load_").split("_")
         effect = "stiffening" if law == "slope" else "contact"
         return f"{effect} of axis {axis} under its own load"
@@ -81,10 +84,11 @@ class JointLoad(Term):
 
 @dataclass(frozen=True)
 class Position(Term):
-    """F u_a³ and F (u_a⁴ − u_a²/2): compliance of axis a changes along its travel.
+    """Change of the compliance of each axis a along its travel.
 
-    Screw and guideway are stiffer near their bearings. One sd is ``linear_sd`` Ĉ_aa and
-    ``quadratic_sd`` Ĉ_aa; u the bar's direction.
+    Screw and guideway are stiffer near their bearings. The columns are F u_a³ (linear change) and
+    F (u_a⁴ − u_a²/2) (quadratic change); u is the bar's direction. Their prior sds are
+    ``linear_sd`` and ``quadratic_sd``, times the estimated compliance Ĉ_aa.
     """
 
     linear_sd: float = 0.07
@@ -94,7 +98,7 @@ class Position(Term):
     remedy = "Run circles at several centres."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return its columns in a setting."""
+        """Return the columns of the term in the setting of a campaign."""
         force = setting.force_N[:, None]
         columns = []
         for axis, estimate in setting.driven_axes():
@@ -109,6 +113,6 @@ class Position(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words."""
+        """Return a description of a coefficient in words."""
         axis, law = coefficient.removeprefix("position_").split("_")
         return f"{law} change of the compliance along {axis}"
