@@ -1,4 +1,11 @@
-"""Posterior predictive checks: whether the posterior expects the readings."""
+"""Posterior predictive checks: whether the readings look like new circles under the posterior.
+
+The basis consists of the harmonics of a circle at the orders 0 to 12, 25 coefficients in all. φ are
+the h hyper-parameters, the scales of the noise and of other effects; σ among them is the sd of
+white noise. β are the p parameters: compliances, their slopes and geometric errors. Shared
+nuisances are effects that are modelled but not of interest and that several tests have in common.
+Draws are random draws from the posterior. Index r counts the tests.
+"""
 
 from __future__ import annotations
 
@@ -46,63 +53,65 @@ __all__ = [
     "in_order_of_force",
 ]
 
-# p-value below which a shift of the circles' centre in proportion to force is named.
+# p-value below which a shift of the circles' centre in proportion to force is reported.
 SHIFTED = 0.01
-# Draws at most by which checks are computed.
+# Largest number of draws from which checks are computed.
 _DRAWS = 500
 # p-value below which a check fails, after allowing for the number of checks.
 _FAILS = 0.01
-# p-values are ranked by their logarithms, of at least this.
+# Smallest p-value of which a logarithm is taken when checks are ranked.
 _SMALLEST_P = 1e-300
-# Readings at most of which the autocorrelation is computed.
+# Largest number of readings from which the autocorrelation is computed.
 _LONGEST_STRETCH = 100_000
-# A residual's sum of squares below this share of the readings' is rounding.
+# A residual is a rounding error if its sum of squares is below this share of that of the readings.
 _ROUNDING = 1e-24
-# Tests of a plane needed to see a shift of the centre in proportion to force ...
+# Smallest number of tests in a plane for the check of a shift of the centre with force, ...
 _FEWEST_TESTS = 4
-# ... and forces among them.
+# ... and smallest number of different forces among them.
 _FEWEST_FORCES = 3
-# p-value below which the tests ran in an order of force.
+# p-value below which the tests count as run in an order of force.
 _IN_ORDER = 0.05
-# Orders next to those of the basis, at which noise is looked at.
+# Orders 13 to 16, just above those of the basis, from which the strength of noise is estimated.
 _NEXT_ORDERS = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
 
 
 class CheckKind(StrEnum):
-    """What a posterior predictive check looks at."""
+    """Property of a circle that a posterior predictive check examines."""
 
-    ORDER = "order"  #: an order of the circle
-    NOISE = "noise"  #: the scatter beyond the orders
-    AUTOCORRELATION = "autocorrelation"  #: the correlation of that scatter
+    ORDER = "order"  #: the harmonic of one order, 0 to 12
+    NOISE = "noise"  #: the scatter of the readings that these orders do not explain
+    AUTOCORRELATION = "autocorrelation"  #: the correlation of that scatter between neighbours
 
 
 @dataclass(frozen=True)
 class Check:
-    """One posterior predictive p-value; ``order`` is None but for `CheckKind.ORDER`."""
+    """One posterior predictive check of one test."""
 
     kind: CheckKind
-    test: str
-    p: float
-    order: int | None = None
+    test: str  #: name of the test
+    p: float  #: p-value
+    order: int | None = None  #: order of the circle; None except for `CheckKind.ORDER`
 
 
 @dataclass(frozen=True)
 class TestChecks(Result):
-    """Posterior predictive p-values of one test; None where it has too few readings.
+    """Posterior predictive p-values of one test.
 
-    Of the residual at order n = 0 … 12 after machine and shared nuisances: the probability that a
-    new circle lies further out, averaged over the posterior. The other p-values are two-sided.
+    ``orders_p`` refers to the residual of each order after the effects of the machine and of shared
+    nuisances are subtracted: it is the probability that the residual of a new circle is larger,
+    averaged over the posterior. The other p-values are two-sided; they and the autocorrelation are
+    None if the test has too few readings.
     """
 
     __test__ = False
 
-    orders_p: dict[int, float]
-    noise_p: float | None  #: of the readings' scatter outside orders 0 … 12 against σ
-    autocorrelation: float | None
-    autocorrelation_p: float | None  #: of its lag-one autocorrelation against white noise
+    orders_p: dict[int, float]  #: p-value of each order 0 to 12
+    noise_p: float | None  #: p-value of the scatter of the readings beyond order 12 against σ
+    autocorrelation: float | None  #: lag-one autocorrelation of that scatter
+    autocorrelation_p: float | None  #: p-value of the autocorrelation against white noise
 
     def of(self, test: str) -> list[Check]:
-        """Return all p-values as checks of this test."""
+        """Return all p-values as checks of the test of this name."""
         checks = [Check(CheckKind.ORDER, test, p, order) for order, p in self.orders_p.items()]
         if self.noise_p is not None:
             checks.append(Check(CheckKind.NOISE, test, self.noise_p))
@@ -112,7 +121,7 @@ class TestChecks(Result):
 
 
 def all_checks(checks_by_test: Mapping[str, TestChecks]) -> list[Check]:
-    """Return all checks of all tests, the smallest p first."""
+    """Return all checks of all tests, the smallest p-value first."""
     checks: list[Check] = []
     for test, test_checks in checks_by_test.items():
         checks += test_checks.of(test)
@@ -124,18 +133,19 @@ def _surprise(check: Check) -> float:
 
 
 def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
-    """Return those that fail at 1 % after allowing for their number (Bonferroni)."""
+    """Return the checks that fail at 1 % after allowing for their number (Bonferroni)."""
     return tuple(check for check in checks if check.p * len(checks) < _FAILS)
 
 
 def effects_of_failures(
     bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]
 ) -> tuple[dict[str, float], float]:
-    """Return what failing checks would do to the intervals, at φ (h,).
+    """Return by how much failing checks could change parameters and widen intervals.
 
-    The first is, of tests with a failing order, the largest change of a parameter, in its sd, when
-    the test is left out. The second is the share by which an interval grows with noise as strong
-    as that next to the basis, where the checks of noise fail.
+    The first result holds, for each test with a failing order, the largest change of a parameter,
+    in units of its sd, when the test is left out. The second is the largest share by which an
+    interval grows if tests with a failing check of noise have noise as strong as at the orders 13
+    to 16. Both are computed at φ, shape (h,).
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
@@ -145,7 +155,10 @@ def effects_of_failures(
 
 
 def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[str, float]:
-    """Return the largest change of a parameter, in its sd, without each of the tests."""
+    """Return, for each test, the largest change of a parameter when the test is left out.
+
+    The change is in units of the parameter's sd.
+    """
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}
     shift: dict[str, float] = {}
@@ -158,7 +171,10 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
 
 
 def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> float:
-    """Return the share by which an interval grows with the noise beyond the basis of tests."""
+    """Return the largest share by which an interval grows if the tests named are noisier than σ.
+
+    Their noise is taken to be as strong as at the orders 13 to 16.
+    """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
     power = np.ones(1)
@@ -173,10 +189,10 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
 
 
 def _power_beyond(bound: BoundModel) -> Array:
-    """Return the variance of white noise that explains the orders 13 to 16, by test [mm²].
+    """Return, for each test, the variance of white noise that explains the orders 13 to 16 [mm²].
 
-    What tests of one plane, radius and direction share there is left out: a pattern of the machine
-    is no noise.
+    The mean over tests of the same plane, radius and direction of travel is subtracted first: a
+    pattern of the machine is no noise.
     """
     setting = bound.setting
     waves = np.array([_waves_beyond(test) for test in tests_in_order(bound)])
@@ -194,7 +210,10 @@ def _power_beyond(bound: BoundModel) -> Array:
 
 
 def _waves_beyond(test: CircularTest) -> Array:
-    """Return least-squares harmonics at the orders 13 to 16 beside those of the basis [mm]."""
+    """Return the harmonics of the readings at the orders 13 to 16 [mm].
+
+    They are fitted by least squares, together with those of the basis.
+    """
     angle = test.angles_rad()
     turned = np.exp(1j * np.outer(angle, _NEXT_ORDERS))
     columns = np.column_stack([basis(angle), turned.real, turned.imag])
@@ -202,11 +221,12 @@ def _waves_beyond(test: CircularTest) -> Array:
 
 
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
-    """Return axes along which the circles' centre shifts in proportion to force.
+    """Return the machine axes along which the circles' centre shifts in proportion to force.
 
-    Beyond what the machine β (p,) does. Values are p-values of no such shift, Student's t of the
-    slope of order 1 over force; axes are named at 1 % after allowing for their number. For planes
-    of at least four tests at three forces.
+    The shift that the parameters β, shape (p,), explain is subtracted first. The result maps each
+    axis to the p-value of no shift: Student's t-test of the slope of order 1 over force. It holds
+    the axes significant at 1 % after allowing for their number. Only planes with at least four
+    tests at three forces are checked.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [harmonics_of(bound, r) @ residual for r, residual in enumerate(residuals)]
@@ -222,10 +242,11 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
 
 
 def in_order_of_force(bound: BoundModel) -> bool:
-    """Return whether the tests of a plane ran in an order of force.
+    """Return whether the tests of any plane ran in order of rising or falling force.
 
-    A steady drift then passes for a change with force. By Student's t of the ranks at 5 %; where
-    not every test has a time, they ran as listed.
+    A steady drift would then look like a change with force. The ranks of force and time are
+    compared by Student's t-test at 5 %. Unless all tests have a time, they are taken to have run in
+    the order listed.
     """
     setting = bound.setting
     time = setting.time_h
@@ -245,7 +266,7 @@ def _ranks(values: Array) -> Array:
 
 
 def _p_value_of_no_slope(force: Array, values: Array) -> float:
-    """Return the p-value of no slope of values over force."""
+    """Return the two-sided p-value of the hypothesis that values have no slope over force."""
     lever = force - force.mean()
     freedom = max(len(force) - 2, 1)
     slope = lever @ values / (lever @ lever)
@@ -257,9 +278,9 @@ def _p_value_of_no_slope(force: Array, values: Array) -> float:
 def check_predictions(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> dict[str, TestChecks]:
-    """Compare every test with new circles under the posterior.
+    """Return the checks of every test against new circles under the posterior, by its name.
 
-    From draws of φ (draws, h) [mm] and β (draws, p).
+    Draws of φ [mm] have the shape (draws, h), those of β the shape (draws, p).
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)
@@ -280,7 +301,11 @@ def check_predictions(
 
 
 def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) -> dict[int, float]:
-    """Return the p-value of test r's residual at every order, given shared coefficients (w, 25)."""
+    """Return the p-value of the residual of test r at every order.
+
+    ``shared`` holds the predicted basis coefficients of machine and shared nuisances for every
+    draw, shape (draws, 25); ``sigma`` holds σ [mm], shape (draws,).
+    """
     reduced = draws.bound.reduced[r]
     inverse = harmonics_of(draws.bound, r)
     residual = (np.asarray(reduced.projection) - shared @ reduced.factor.T) @ inverse.T
@@ -300,14 +325,17 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
 
 
 class _Scatter(NamedTuple):
-    """Independent sources of scatter: covariance C S² Cᵀ of every draw."""
+    """Covariance C S² Cᵀ of k residuals from v independent sources, for every draw."""
 
-    columns: Array  #: C, (k, v)
-    sd: Array  #: diagonal of S, (draws, v)
+    columns: Array  #: effects C of the sources on the residuals, shape (k, v)
+    sd: Array  #: sd of the sources, the diagonal of S, shape (draws, v)
 
 
 def _mean_tail_probability(residual: Array, scatter: _Scatter) -> float:
-    """Return the mean over draws of P(χ² ≥ rᵀ V⁻¹ r), r (draws, k)."""
+    """Return the mean over draws of P(χ² ≥ rᵀ V⁻¹ r).
+
+    r is the residual of a draw, of k elements, and V its covariance from ``scatter``.
+    """
     columns = scatter.columns
     covariance = np.einsum("iv,jv,wv->wij", columns, columns, scatter.sd**2)
     solved = np.linalg.solve(covariance, residual[..., None])[..., 0]
@@ -318,7 +346,7 @@ def _mean_tail_probability(residual: Array, scatter: _Scatter) -> float:
 def average_checks(
     shares: Array, checks_by_model: Sequence[Mapping[str, TestChecks]]
 ) -> dict[str, TestChecks]:
-    """Return the checks of several models, averaged with these shares."""
+    """Return the checks of several models, averaged by the shares of the models."""
     averaged = {}
     for name, first in checks_by_model[0].items():
         of_test = [checks[name] for checks in checks_by_model]
@@ -337,9 +365,10 @@ def average_checks(
 def autocorrelation(test: CircularTest) -> tuple[float, float]:
     """Return the lag-one autocorrelation of the readings beyond order 12, and its p-value.
 
-    The p-value is two-sided under white noise, where the autocorrelation has mean tr(M S) / tr(M)
-    and nearly variance 1/n, M the projection off the basis, S the shift to the next reading. Of
-    very many readings a stretch is looked at.
+    The p-value is two-sided against white noise. For the n readings of white noise the
+    autocorrelation has the mean tr(M S) / tr(M) and a variance of about 1/n. M (n, n) projects the
+    readings onto what the basis leaves; S (n, n) shifts them to the next reading. If there are very
+    many readings, only the first ones in angle are used.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]
     angle = test.angles_rad()[order]
