@@ -59,9 +59,9 @@ class Certificate(Result):
 
     By Kiefer and Wolfowitz (1960), the certificate holds if the largest sensitivity of all
     candidates does not exceed the bound (for criterion D with flat priors the number of
-    parameters); 0.01 % more is tolerated. The sensitivity of a candidate is the rate at which the criterion
-    grows with its share. Where the criterion is not concave, the certificate is not ``global``: it
-    rules out only similar shares.
+    parameters); 0.01 % more is tolerated. The sensitivity of a candidate is the rate at which the
+    criterion grows with its share. Where the criterion is not concave, the certificate is not
+    ``global``: it rules out only similar shares.
     """
 
     max_sensitivity: float

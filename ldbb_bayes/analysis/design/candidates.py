@@ -1,7 +1,9 @@
-"""Candidates: the tests that one could run, the model bound to them, and the running order.
+"""Candidates for a design: tests that could be run, the model bound to them, and their order.
 
-Model properties, F0, force range and Ĉ, are the pilot's. Ball forms count as two terms as soon as
-any clocking differs; where none does, two terms and one are the same model.
+The pilot is the campaign or plan that a design starts from. The model keeps the pilot's reference
+force F0, force range, and estimate Ĉ of the compliances about which it is linearised. A clocking is
+the pair of angles by which the two balls are turned. The form errors of the two balls are separate
+terms of the model where any clockings differ; where none differ, one common term is the same model.
 """
 
 from __future__ import annotations
@@ -33,8 +35,9 @@ Clocking = tuple[float, float]
 def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[CircularTest, ...]:
     """Return a test without readings for every plane of the pilot and every direction.
 
-    The directions are by default those of the pilot in that plane. Otherwise the test is like the
-    pilot's test in that plane with the median number of readings, its angles in equal steps.
+    By default, the directions of travel are those of the pilot in that plane. In all other respects
+    the test is like the pilot's test in that plane that has the median number of readings, with
+    angles in equal steps.
     """
     tests: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.tests):
@@ -56,7 +59,7 @@ def _number_of_angles(test: CircularTest) -> int:
 
 
 class _TestKind(NamedTuple):
-    """What decides which parameters of the model a test can show."""
+    """Properties of a test on which it depends which parameters the model has."""
 
     plane: str | None
     setup: int | None
@@ -68,14 +71,16 @@ class _TestKind(NamedTuple):
 def foreseen_by(
     pilot: Campaign, candidates: Sequence[CircularTest], judged: Sequence[CircularTest] = ()
 ) -> Campaign:
-    """Return the pilot with the kinds of tests that it has not run among those foreseen.
+    """Return the pilot with the kinds of tests that it has not run added to those foreseen.
 
-    What only they can show is then in its model. Where candidates run both ways in a plane, so do
-    those foreseen: hysteresis then counts for every design. Tests that are only judged bring their
-    parameters, not their direction.
+    The model of the pilot then includes the parameters that only these tests can show. Where the
+    candidates in a plane run in both directions, so do the tests foreseen, so that the model
+    includes hysteresis for every design. Tests that are only judged add their parameters, but not
+    their direction.
     """
     both_ways = _planes_run_both_ways(candidates)
-    # The radius decides on parameters only where something stands off the machine's origin.
+    # The radius matters for the parameters only where a frame or a centre lies off the machine's
+    # origin.
     has_offset = any(any(frame) for frame in pilot.frames_mm.values()) or any(
         any(test.circle.centre_mm) for test in (*pilot.scope, *candidates, *judged)
     )
@@ -84,8 +89,8 @@ def foreseen_by(
         radius_mm = test.radius_mm if has_offset else None
         return _TestKind(test.plane, test.setup, test.circle.centre_mm, radius_mm, direction)
 
-    # A direction counts as foreseen only where it is: the pilot's own tests need not be part of
-    # what is analysed.
+    # The directions of the pilot's own tests do not count, because these tests need not be part of
+    # the analysis.
     modelled = {kind(test) for test in pilot.scope}
     modelled |= {kind(test, test.direction) for test in pilot.foreseen}
     possible = []
@@ -93,7 +98,8 @@ def foreseen_by(
         direction = test.direction if str(test.plane) in both_ways else None
         possible.append((kind(test, direction), test))
     possible += [(kind(test), test) for test in judged]
-    # One test of every kind: the first. The kinds come in the order of their last tests, backwards.
+    # Keep the first test of every kind. Reversing makes later entries overwrite earlier ones, and
+    # sorts the kinds by their last tests, from the end.
     test_by_kind = dict(reversed(possible))
     new = []
     for test_kind, test in test_by_kind.items():
@@ -142,18 +148,20 @@ def grid_of_tests(
 def bind_tests(
     model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep: bool
 ) -> BoundModel:
-    """Return the model bound to a plan of these tests, with the pilot's F0, force range and Ĉ.
+    """Return the model bound to a plan of these tests.
+
+    Reference force, force range and the estimate Ĉ of the compliances are those of the pilot.
 
     Parameters
     ----------
     model
-        The model.
+        Model to bind.
     pilot
         The campaign or plan that the design starts from.
     tests
         Planned tests.
     keep
-        Whether the pilot's own tests come before them.
+        Whether the plan begins with the pilot's own tests.
 
     Returns
     -------
@@ -171,11 +179,12 @@ def bind_tests(
 def running_order(
     tests: Sequence[CircularTest], rng: np.random.Generator
 ) -> tuple[CircularTest, ...]:
-    """Return the tests in the order in which to run them, so that a drift does not look like force.
+    """Return tests in an order to run them in which a drift does not look like an effect of force.
 
-    Blocks are of one set-up, plane and radius; within them, of one clocking of the work ball, and
-    of one clocking of the tool ball, up and down in turn. Forces and directions of travel are at
-    random.
+    Tests of one set-up form a block. Within it, tests of one plane and radius form a block, then
+    those of one clocking of the work ball, in random order. Clockings of the tool ball follow in
+    ascending and descending order alternately. Within them, forces and directions of travel are in
+    random order.
     """
     ordered: list[CircularTest] = []
     for setup_block in _random_blocks(tests, _setup, rng):
@@ -193,7 +202,7 @@ def running_order(
 def _random_blocks(
     tests: Sequence[CircularTest], key: Callable[[CircularTest], Any], rng: np.random.Generator
 ) -> list[list[CircularTest]]:
-    """Return the tests in blocks of one key, the blocks in random order."""
+    """Return the tests in blocks with the same key, the blocks in random order."""
     blocks: dict[Any, list[CircularTest]] = {}
     for test in tests:
         blocks.setdefault(key(test), []).append(test)

@@ -1,13 +1,14 @@
-"""Criteria of optimum design: what a good set of tests makes large.
+"""Criteria of optimum design: figures of merit that a good set of tests makes large.
 
-Let S, shape (..., s, s), be the precision of the s parameters of interest, in units in which they
-are comparable, with all other parameters projected out (the Schur complement). Every criterion
-takes its lower triangular root L, S = L Lᵀ, and has
+Let S, shape (..., s, s), be the precision (inverse covariance) of the s parameters of interest, in
+units in which they are comparable, where all other parameters are unknown (the Schur complement).
+Leading dimensions (...) are for several designs or hyper-parameters at once. Every criterion takes
+the Cholesky factor L, with S = L Lᵀ, and has
 
-- `value`, Φ(S) of shape (...), which never falls when information is added;
-- `directions`, Q of shape (..., s, q) with ∂Φ/∂S = Q Qᵀ, which drive the search;
-- `concave`: whether a local optimum over shares is the optimum;
-- `efficiency`, 0 … 1, of a design relative to the best.
+- `value`: the figure of merit Φ(S), shape (...), which never falls when information is added;
+- `directions`: Q, shape (..., s, q), with the derivative ∂Φ/∂S = Q Qᵀ, which the search uses;
+- `concave`: whether any local optimum over the shares of the tests is the global one;
+- `efficiency`: the merit of a design relative to the best, 0 … 1.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _NEGLIGIBLE_EIGENVALUE = 1e-14
 
 @dataclass(frozen=True)
 class Determinant:
-    """Φ = ln det S, the criteria D and D_s.
+    """Criteria D and D_s: Φ = ln det S, where S is the precision of the parameters of interest.
 
     With proper priors Φ/2 is the expected information gain [nat] up to a constant.
     """
@@ -36,37 +37,38 @@ class Determinant:
     size: int  #: number of parameters of interest, s
 
     def value(self, root: Array) -> Array:
-        """Return Φ, shape (...), from L, shape (..., s, s)."""
+        """Return Φ, shape (...), from the Cholesky factor L of S, shape (..., s, s)."""
         diagonal = np.diagonal(root, axis1=-2, axis2=-1)
         return np.asarray(2.0 * np.log(diagonal).sum(axis=-1))
 
     def directions(self, root: Array) -> Array:
-        """Return Q = L⁻ᵀ, shape (..., s, s)."""
+        """Return Q = L⁻ᵀ, shape (..., s, s), from L; the derivative of Φ is Q Qᵀ."""
         return _inverse_transposed(root)
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return (det S / det S*)^(1/s)."""
+        """Return (det S / det S*)^(1/s), where S* is the precision in the best design."""
         return float(np.exp((value - best) / self.size))
 
 
 @dataclass(frozen=True, eq=False)
 class Variance:
-    """Φ = −tr(W S⁻¹) with weights W, shape (s, s).
+    """Criteria A, c and I: Φ = −tr(W S⁻¹), the negative of a weighted sum of variances.
 
-    Criterion A has W = 1, criterion c has W = c cᵀ, criterion I the mean of x xᵀ over what is to be
-    predicted.
+    S is the precision of the s parameters of interest and W, shape (s, s), their weights. W is the
+    identity for criterion A, and c cᵀ for criterion c, about one combination cᵀ β of the parameters
+    β. For criterion I it is the mean of x xᵀ over the predictions xᵀ β of interest.
     """
 
     concave: ClassVar[bool] = True
     weight: Array  #: W, shape (s, s)
 
     def value(self, root: Array) -> Array:
-        """Return Φ, shape (...), from L, shape (..., s, s)."""
+        """Return Φ, shape (...), from the Cholesky factor L of S, shape (..., s, s)."""
         inverse = _inverse_transposed(root)
         return np.asarray(-np.einsum("ij,...jk,...ik->...", self.weight, inverse, inverse))
 
     def directions(self, root: Array) -> Array:
-        """Return Q = S⁻¹ W^½, shape (..., s, rank of W)."""
+        """Return Q = S⁻¹ W^½, shape (..., s, rank of W), from L; the derivative of Φ is Q Qᵀ."""
         inverse = _inverse_transposed(root)
         eigenvalues, vectors = np.linalg.eigh(self.weight)
         positive = eigenvalues > _NEGLIGIBLE_EIGENVALUE * eigenvalues.max()
@@ -74,38 +76,40 @@ class Variance:
         return np.asarray(inverse @ np.swapaxes(inverse, -1, -2) @ weight_root)
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the ratio of the weighted mean variances."""
+        """Return the weighted variance in the best design, divided by that in this design."""
         return float(best / value)
 
 
 @dataclass(frozen=True)
 class LogBayesFactor:
-    """Φ = ¼ size² Σ λ²/(1 + λ), the expected ln B in favour of the truth.
+    """Expected ln B in favour of the truth: Φ = ¼ size² Σ λ²/(1 + λ).
 
-    The parameters are there or not, both equally probable. S must be in units of the prior, with
-    eigenvalues 1 + λ: scale ``rows`` and ``prior`` so that the prior alone is the identity. Where
-    the parameters are ``size`` prior sd in the mean square, E[ln B] is
-    ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)]; where they are absent it is
-    ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Half the difference is Φ, which never falls. For one parameter it
-    leads to the design of T-optimality. It is not concave: an optimum is a local one.
+    B is the Bayes factor of the model with the parameters of interest over the model without; both
+    are equally probable beforehand. S is their precision in units of the prior precision, so that
+    ``rows`` and ``prior`` of the objective must be scaled to make the prior alone the identity; the
+    eigenvalues of S are 1 + λ. If the parameters exist, with a root mean square of ``size`` prior
+    sds, E[ln B] is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)]. If they are zero, it is
+    ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Φ is half the difference, which never falls when information is
+    added. For one parameter it leads to the T-optimum design. Φ is not concave, so that an optimum
+    found may be a local one.
     """
 
     concave: ClassVar[bool] = False
-    size: float = 1.0  #: of the parameters [prior sd]
+    size: float = 1.0  #: root mean square of the parameters, in prior sds
 
     def value(self, root: Array) -> Array:
-        """Return Φ, shape (...), from L, shape (..., s, s)."""
+        """Return Φ, shape (...), from the Cholesky factor L of S, shape (..., s, s)."""
         gain = np.maximum(np.linalg.eigvalsh(_square(root)) - 1.0, 0.0)
         return np.asarray(0.25 * self.size**2 * (gain**2 / (1.0 + gain)).sum(axis=-1))
 
     def directions(self, root: Array) -> Array:
-        """Return Q, the eigenvectors of S times the root of dΦ/d(1 + λ), shape (..., s, s)."""
+        """Return Q, the eigenvectors of S times √(dΦ/d(1 + λ)), shape (..., s, s)."""
         eigenvalues, vectors = np.linalg.eigh(_square(root))
         rate = 0.25 * self.size**2 * (1.0 - 1.0 / np.maximum(eigenvalues, 1.0) ** 2)
         return np.asarray(vectors * np.sqrt(rate)[..., None, :])
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the ratio of the expected ln B."""
+        """Return the expected ln B, divided by that of the best design."""
         return float(value / best)
 
 
@@ -113,11 +117,11 @@ Criterion: TypeAlias = Determinant | Variance | LogBayesFactor
 
 
 def _square(root: Array) -> Array:
-    """Return S = L Lᵀ."""
+    """Return S = L Lᵀ from its Cholesky factor L."""
     return np.asarray(root @ np.swapaxes(root, -1, -2))
 
 
 def _inverse_transposed(root: Array) -> Array:
-    """Return L⁻ᵀ, whose square is S⁻¹."""
+    """Return L⁻ᵀ from L; with S = L Lᵀ, the product L⁻ᵀ L⁻¹ is S⁻¹."""
     identity = np.broadcast_to(np.eye(root.shape[-1]), root.shape)
     return np.linalg.solve(np.swapaxes(root, -1, -2), identity)

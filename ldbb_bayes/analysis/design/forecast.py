@@ -1,8 +1,10 @@
-"""The forecast of tests before they are run: expected sd of every parameter, information gained.
+"""Forecast of tests before they are run: expected sd of each parameter, and information gain.
 
-It is of the linear Gaussian model at given hyper-parameters, averaged over these. The sd are inside
-the truncation. It takes the general route through `ldbb_bayes.model.information.Information` and
-none of the search's.
+The forecast is computed for the linear Gaussian model, given the hyper-parameters φ (the scales of
+the noise and of other effects), and averaged over φ. The sds account for the truncation
+(compliances must not be negative). β are the parameters (compliances, their slopes and geometric
+errors). A state is one possible machine: values of φ and β. The computation uses
+`ldbb_bayes.model.information.Information`, independently of the search for designs.
 """
 
 from __future__ import annotations
@@ -28,23 +30,26 @@ __all__ = [
     "undetermined_forecast",
 ]
 
-# Means that the analysis may find, drawn for every state.
+# Number of posterior means, as an analysis may find them, drawn at random for each state.
 _MEANS_PER_STATE = 4
-# How often every test is run for the floor of a parameter's sd.
+# Number of times that every test is run for the floor of a parameter's sd, which is the sd that
+# many tests leave.
 _REPETITIONS_OF_FLOOR = 1e6
-# Singular values of the readings' information below this are zero.
+# Singular values of the readings' information below this count as zero.
 _RANK_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class Expected(Result):
-    """Prior sd of one parameter (infinite when flat), and its expected posterior sd; inside units.
+    """Prior sd and expected posterior sd of one parameter, in internal units (mm, N, rad).
 
-    ``sd`` is inside the truncation, ``untruncated_sd`` without it: their squares are averaged over
-    the hyper-parameters; infinite where flat priors leave something undetermined. ``sd_error`` is
-    the standard error of ``sd``, a mean over states of the machine, as if these were independent;
-    they are spread more evenly. ``floor_sd`` is what nuisances shared by all tests leave if every
-    test were run a million times, narrowed by the truncation as ``sd``.
+    ``prior_sd`` is infinite for a flat prior. ``sd`` accounts for the truncation,
+    ``untruncated_sd`` does not. Their squares are averages over the hyper-parameters; they are
+    infinite where, with flat priors, the tests leave a parameter undetermined. ``sd_error`` is the
+    standard error of ``sd`` from the scatter over the states of the machine, as if these were
+    independent; it is somewhat too large, because states are spread more evenly. ``floor_sd`` is
+    the sd if every test were run a million times. It is due to nuisances that all tests share, and
+    is reduced for the truncation in the same ratio as ``sd``.
     """
 
     unit: str
@@ -57,22 +62,22 @@ class Expected(Result):
 
 @dataclass(frozen=True, eq=False)
 class Forecast(Result):
-    """What to expect of tests: uncertainties, information gain, constant or linear."""
+    """Expected uncertainties, information gain, and evidence for or against slopes."""
 
-    expected: dict[str, Expected]  #: by parameter
-    #: expected Kullback-Leibler divergence of the posterior from the prior [nat], infinite when
-    #: that is flat
+    expected: dict[str, Expected]  #: expected uncertainties by parameter
+    #: expected Kullback-Leibler divergence of the posterior from the prior [nat]; infinite for a
+    #: flat prior
     information_gain: Finite
-    discrimination: Discrimination | None  #: None where degree is 0, or priors are flat
+    discrimination: Discrimination | None  #: None for degree 0 or flat priors
 
     @property
     def determined(self) -> bool:
-        """Whether the tests determine every parameter; with proper priors they do."""
+        """Whether the tests determine every parameter; always true with proper priors."""
         return all(np.isfinite(entry.sd) for entry in self.expected.values())
 
 
 def undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return the forecast of tests that leave parameters undetermined: every sd is infinite."""
+    """Return a forecast with infinite sds, for tests that leave parameters undetermined."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(
@@ -91,13 +96,14 @@ def expected_uncertainties(
     bound
         Model bound to the tests.
     states
-        The machine before them.
+        K states of the machine before the tests.
     covariance
-        Posterior covariances without truncation, shape (K, p, p), in units of the prior sd.
+        Posterior covariances of the p parameters in each state, without truncation, shape
+        (K, p, p), in units of the prior sds.
     floor
-        Floor of the sd, shape (p,), in units of the prior sd.
+        Floor of the sds, shape (p,), in units of the prior sds.
     seed
-        Of the means that an analysis may find.
+        Seed of the posterior means that an analysis may find.
 
     Returns
     -------
@@ -128,28 +134,30 @@ def expected_uncertainties(
 def truncated_variances(
     bound: BoundModel, states: States, covariance: Array, seed: int
 ) -> tuple[Array, Array]:
-    """Return expected posterior variances inside the truncation and their standard errors.
+    """Return expected posterior variances with truncation, and their standard errors.
 
-    States that the new tests' forces rule out are left out. For every other state a mean that the
-    analysis would find is drawn, and the truncated Gaussian about it is taken.
+    States in which a compliance would be negative at a force of the new tests are left out. For
+    every other state, posterior means as the analysis may find them are drawn at random, and the
+    variance of the truncated Gaussian about each is computed.
 
     Parameters
     ----------
     bound
         Model bound to the tests.
     states
-        The machine before them.
+        K states of the machine before the tests.
     covariance
-        Posterior covariances without truncation, shape (K, p, p) [inside units].
+        Posterior covariances of the p parameters in each state, without truncation, shape
+        (K, p, p), in internal units.
     seed
-        Of the means that an analysis may find.
+        Seed of the posterior means that an analysis may find.
 
     Returns
     -------
     variance : Array
-        Shape (p,) [inside units].
+        Mean over the states, shape (p,), in internal units.
     error : Array
-        Of a mean over as many states, shape (p,).
+        Standard error of the mean, shape (p,).
     """
     variance_by_state = np.einsum("kii->ki", covariance)
     untruncated = variance_by_state.mean(axis=0)
@@ -169,8 +177,9 @@ def _change_by_truncation(
 ) -> Array:
     """Return what the truncation adds to the variances in possible states, shape (states, p).
 
-    The mean m that an analysis will find is m | β ~ N(m₁ + W (β − m₁), W C), W = 1 − C P₁, with the
-    precision P₁ before the tests and the covariance C after them.
+    Given the parameters β of a state, the posterior mean m that an analysis will find is normally
+    distributed with mean m₁ + W (β − m₁) and covariance W C, where W = 1 − C P₁. m₁ is the mean and
+    P₁ the precision of β before the tests, and C the covariance after them.
     """
     scale = bound.scale
     p = len(scale)
@@ -193,29 +202,31 @@ def _change_by_truncation(
 
 
 def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:
-    """Return p(β | y, φ) about zero, and the floor of the sd, both in units of the prior sd.
+    """Return p(β | y, φ) and the floor of the sds, in units of the prior sds.
+
+    The readings y are not known yet: the mean is set to zero, and only the covariance counts.
 
     Parameters
     ----------
     bound
         Model bound to the tests.
     phi
-        Hyper-parameters of the pilot, shape (K, h) [mm].
+        Hyper-parameters of the campaign that the design starts from, shape (K, h) [mm].
     run
-        Number of the pilot's circles in the binding.
+        Number of circles of ``bound`` that were run already, which come first.
 
     Returns
     -------
     posterior : Gaussian or None
-        None where flat priors leave something undetermined.
+        Posterior without truncation; None where, with flat priors, a parameter is undetermined.
     floor : Array
-        Sd if every test were run a million times, shape (p,).
+        Sds of the p parameters if every test were run a million times, shape (p,).
     """
     phi = extend_hyper_parameters(bound, phi, run)
     first = information_of(bound, phi[0])
     interest = first.interest
     size = len(first.names)
-    # All that the readings say of the coefficients, in as few rows as these are.
+    # The information of the readings, compressed to as many rows as there are coefficients.
     row_list = []
     for information in informations_of(bound, phi):
         row_list.append(np.linalg.qr(information.rows(), mode="r"))

@@ -1,7 +1,9 @@
-"""The search for the best whole numbers of tests (an exact design).
+"""Search for the best whole numbers of tests (an exact design).
 
-It starts from the best shares, rounded, and from random designs, and replaces one test at a time by
-a better one until none is (coordinate exchange).
+A candidate is a test that could be run; a design has a count of tests for each candidate. The
+criterion Φ is the figure of merit to be made large. The search starts from the best shares
+(fractions of the tests), rounded, and from random designs. It replaces one test at a time by a
+better candidate until no replacement improves the design (coordinate exchange).
 """
 
 from __future__ import annotations
@@ -28,29 +30,31 @@ __all__ = ["MAX_TESTS", "ExactDesign", "Search", "efficient_rounding", "exchange
 
 # Largest number of tests in a design.
 MAX_TESTS = 300
-# Sweeps of an exchange over all tests of a design.
+# Largest number of sweeps of an exchange over all tests of a design.
 _MAX_SWEEPS = 50
-# Up to so many candidates all are tried in every place.
+# Up to this number of candidates, all are tried as a replacement of each test.
 _FEW_CANDIDATES = 64
-# Of more, so many of the largest sensitivity and so many at random are tried …
+# Where there are more candidates, this many with the largest sensitivity and this many random ones
+# are tried.
 _TRIED_CANDIDATES = 12
-# … and so many at the end of a thorough exchange.
+# The same number at the end of a thorough exchange.
 _TRIED_AT_THE_END = 128
-# The sensitivities that select candidates are averaged over every fourth hyper-parameter.
+# Sensitivities that select candidates are averaged over every fourth value of the
+# hyper-parameters.
 _HYPER_STEP = 4
-# Designs to start from: the rounded shares, and random ones. Every third of these is drawn from
-# all candidates alike, the others from the shares.
+# Number of designs to start from: the rounded shares, and random designs. In every third, tests are
+# drawn from all candidates with equal probability, in the others with the shares as probabilities.
 _STARTS = 6
-# Relative excess that the certificate of the best shares may have.
+# Relative tolerance of the bound on the sensitivity at which shares count as the best.
 _SHARES_TOLERANCE = 1e-5
-# Perturbed restarts, at most, and the product of matrix elements, tests, candidates and restarts
-# that they may cost.
+# Largest number of restarts from perturbed designs, and largest product of matrix elements, tests,
+# candidates tried and restarts.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
-# With no more designs than these a restart finds nothing new.
+# Where there are at most this many possible designs, there are no restarts from perturbed ones.
 _FEW_DESIGNS = 1000
-# Forces nearer than this share of the range are merged where that keeps the efficiency up to a
-# ten-thousandth.
+# Two forces whose distance is at most this share of the force range are merged into one, if the
+# relative loss of efficiency is at most ``_MERGING_LOSS``.
 _CLOSE_FORCES = 0.05
 _MERGING_LOSS = 1e-4
 
@@ -61,14 +65,14 @@ def efficient_rounding(share: Array, tests: int) -> Array:
     Parameters
     ----------
     share
-        Shares, shape (candidates,).
+        Share of the tests by candidate, shape (candidates,).
     tests
         Number of tests.
 
     Returns
     -------
     Array
-        Counts, shape (candidates,), sum ``tests``.
+        Counts of tests by candidate, shape (candidates,); their sum is ``tests``.
     """
     share = share / share.sum()
     support = np.flatnonzero(share)
@@ -102,23 +106,22 @@ def exchange(
     Parameters
     ----------
     objective
-        The criterion of the candidates.
+        Criterion as a function of the counts of the candidates.
     start
         Counts to start from, shape (candidates,); must be feasible.
     rng
-        Gives the order of the places, and candidates tried at random.
+        Random generator for the order of the tests replaced, and for candidates tried.
     feasible
-        Whether a design is allowed; all designs by default.
+        Function that returns whether a design is allowed; default: all designs are.
     thorough
-        Whether at the end all candidates (of many, those of the largest sensitivity) are tried in
-        every place; else a few are.
+        Whether more candidates are tried for every test at the end; otherwise only a few are.
 
     Returns
     -------
     counts : Array
         The design, shape (candidates,).
     value : float
-        Its Φ.
+        Value Φ of the criterion for the design.
     """
     n = objective.candidates
     counts = start.copy()
@@ -146,7 +149,7 @@ def exchange(
 
 
 def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
-    """Return the counts with so many more tests of a candidate."""
+    """Return the counts with ``number`` more tests of one candidate."""
     changed = counts.copy()
     changed[candidate] += number
     return changed
@@ -155,7 +158,7 @@ def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
 def _likely_candidates(
     objective: Objective, base: Array, size: int, rng: np.random.Generator
 ) -> Array:
-    """Return the candidates of the largest sensitivity and some at random; all if they are few."""
+    """Return candidates with the largest sensitivity, and random ones; all if there are few."""
     n = objective.candidates
     if size >= n:
         return np.arange(n)
@@ -172,32 +175,32 @@ def _likely_candidates(
 
 @dataclass(frozen=True, eq=False)
 class ExactDesign:
-    """Whole numbers of tests, and the best shares of as many tests."""
+    """A design in whole numbers of tests, and the best shares of the same number of tests."""
 
-    counts: Array  #: shape (candidates,)
-    value: float  #: Φ
-    optimum: Optimum  #: the best shares
-    efficiency: float  #: relative to the best shares
+    counts: Array  #: number of tests by candidate, shape (candidates,)
+    value: float  #: value Φ of the criterion
+    optimum: Optimum  #: best shares, which need not be whole numbers of tests
+    efficiency: float  #: efficiency relative to the best shares
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The search among candidates, each with its force, for the best design."""
+    """Search for the best design among candidates."""
 
     objective: Objective
-    forces_N: Array  #: of the candidates
+    forces_N: Array  #: force of each candidate, shape (candidates,)
     levels: int  #: least number of different forces in a design
     seed: int
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
     def shares(self, tests: float) -> Optimum:
-        """Return the best shares of this many tests, computed once."""
+        """Return the best shares of this number of tests; each is computed once."""
         if tests not in self._shares:
             self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)
         return self._shares[tests]
 
     def find_design(self, tests: int) -> ExactDesign:
-        """Return the best design of this many whole tests."""
+        """Return the best design with this whole number of tests."""
         possible_levels = min(tests, len(distinct_forces(self.forces_N)))
         if possible_levels < self.levels:
             raise InputError(
@@ -231,7 +234,7 @@ class Search:
         return ExactDesign(best, value, optimum, efficiency)
 
     def _starting_designs(self, share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
-        """Return the rounded shares, and designs drawn from the shares or from all candidates."""
+        """Return the rounded shares, and random designs."""
         n = self.objective.candidates
         starts = [efficient_rounding(share, tests)]
         for k in range(1, _STARTS):
@@ -243,9 +246,10 @@ class Search:
         return len(distinct_forces(self.forces_N[counts > 0])) >= self.levels
 
     def _merge_close_forces(self, counts: Array, value: float) -> tuple[Array, float]:
-        """Return the design with tests at neighbouring forces moved to one of the two.
+        """Return the design with close forces merged, and its value.
 
-        Tests move only where that costs no more than a ten-thousandth of the efficiency.
+        All tests at one of two close forces move to the other, if that costs at most 0.01 % of the
+        efficiency.
         """
         unmerged_value = value
         close_N = _CLOSE_FORCES * np.ptp(self.forces_N)
@@ -263,7 +267,7 @@ class Search:
         return counts, value
 
     def _with_enough_forces(self, start: Array, rng: np.random.Generator) -> Array:
-        """Return the design; where it has too few forces, with one test at another force."""
+        """Return the design; where it has too few forces, one test is moved to another force."""
         if self._is_feasible(start):
             return start
         start[np.argmax(start)] -= 1
@@ -272,9 +276,9 @@ class Search:
         return start
 
     def _number_of_restarts(self, tests: int) -> int:
-        """Return the number of perturbed restarts: as many as cost little.
+        """Return the number of restarts from perturbed designs.
 
-        None where there are few designs.
+        It is limited by the computing effort, and zero where there are few possible designs.
         """
         n = self.objective.candidates
         if comb(n + tests - 1, tests) <= _FEW_DESIGNS:
@@ -286,13 +290,13 @@ class Search:
 
 
 def _merge_tests(counts: Array, source: int, target: int) -> Array:
-    """Return the counts with all tests of one candidate moved to another."""
+    """Return the counts with all tests of candidate ``source`` moved to ``target``."""
     number = int(counts[source])
     return _with_tests(_with_tests(counts, source, -number), target, number)
 
 
 def _perturbed(counts: Array, rng: np.random.Generator) -> Array:
-    """Return the design with a third of its tests drawn anew from all candidates."""
+    """Return the design with a third of its tests replaced by random candidates."""
     n = len(counts)
     number = max(1, int(counts.sum()) // 3)
     removed = rng.choice(np.repeat(np.arange(n), counts), number, replace=False)

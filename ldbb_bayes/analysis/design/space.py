@@ -1,4 +1,8 @@
-"""The space of designs: candidates, criterion and parameters of interest."""
+"""Space of designs: candidate tests, criterion and parameters of interest.
+
+The pilot is the campaign or plan that a design starts from. Shares are the fractions of the tests
+run at each candidate.
+"""
 
 from __future__ import annotations
 
@@ -40,25 +44,27 @@ from ldbb_bayes.units import inside_name
 __all__ = ["CriterionName", "Space"]
 
 CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
-# Columns that tables of tests always have beside the force, and those they have where they differ.
+# Columns of a table of tests beside the force: those that it always has, and those that it has
+# where the tests differ in them.
 _FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
-# Hyper-parameters that the search averages over: more change no design.
+# Number of values of the hyper-parameters that the search averages over; more do not change the
+# design.
 _SEARCH_NODES = 12
-# States of the machine that a forecast averages over.
+# Number of states of the machine that a forecast averages over.
 _FORECAST_STATES = 128
 _MAX_CANDIDATES = 5000
-# Groups of parameters that a criterion is about, where these are not all.
+# Groups of parameters: all of them, and those of the criteria that are not about all.
 _ALL_GROUPS = {"compliance", "slope", "geometric"}
 _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """What is to be designed: the arguments of `ldbb_bayes.design` but for its goal.
+    """Candidates, criterion and parameters of interest of a design.
 
-    Repeated values are dropped. The pilot gets the kinds of tests that it has not run among those
-    foreseen.
+    The fields are the arguments of `ldbb_bayes.design` without the number of tests. Repeated values
+    are dropped. Kinds of tests that the pilot has not run are added to the tests foreseen in it.
     """
 
     model: HybridModel
@@ -135,7 +141,7 @@ class Space:
 
     @cached_property
     def chosen(self) -> tuple[str, ...]:
-        """The parameters of interest: those named, else all that the criterion is about."""
+        """The parameters of interest: those named, or else all that the criterion is about."""
         check_known("criterion", [self.criterion], get_args(CriterionName))
         named = [inside_name(name) for name in self.parameters]
         check_known("parameter", named, self.bound.names)
@@ -146,18 +152,18 @@ class Space:
 
     @cached_property
     def templates(self) -> tuple[CircularTest, ...]:
-        """One test for every plane and direction."""
+        """One test without readings for every plane and direction of travel."""
         return templates(self.pilot, self.directions)
 
     @cached_property
     def tests(self) -> tuple[CircularTest, ...]:
-        """The candidates."""
+        """The candidate tests."""
         return grid_of_tests(self.templates, self.forces_N, self.clockings_deg, self.radii_mm)
 
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
-        """Return one row per test: its force, clockings and radius.
+        """Return a table of tests with force, clockings and radius, one row per test.
 
-        Plane, direction and set-up are there where they differ among candidates and judged tests.
+        It has plane, direction and set-up where they differ among candidates and judged tests.
         """
         all_tests = (*self.tests, *self.judged)
         columns = ["force_N", *_FIXED_COLUMNS]
@@ -176,9 +182,9 @@ class Space:
         return tuple(self.tests[i] for i in positions)
 
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
-        """Return tests in equal steps of force, each at the nearest level.
+        """Return tests in equal steps of force, each moved to the nearest force level.
 
-        They have the first clocking and radius; planes and directions take turns.
+        They have the first clocking and radius. Planes and directions alternate from test to test.
         """
         levels = np.array(sorted(self.forces_N))
         nearest_levels = []
@@ -197,7 +203,7 @@ class Space:
         return len(self.pilot.tests) if self.augment else 0
 
     def objective(self, tests: Sequence[CircularTest]) -> Objective:
-        """Return the criterion of any tests, candidates or not."""
+        """Return the objective for tests, which need not be candidates."""
         bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
         phi = hyper_nodes(self.model, self.pilot, _SEARCH_NODES, self.seed)
         criterion = self._criterion(bound)
@@ -223,7 +229,7 @@ class Space:
         return Search(self.objective(self.tests), forces_N, levels, self.seed)
 
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
-        """Return the efficiency of any tests relative to the best shares of as many candidates."""
+        """Return the efficiency of tests relative to the best shares of as many tests."""
         value = self.objective(tests).value(np.ones(len(tests)))
         best = self.search.shares(float(len(tests))).value
         return self.search.objective.efficiency(value, best)
@@ -236,20 +242,20 @@ class Space:
         )
 
     def forecast(self, tests: Sequence[CircularTest], *, states: States | None = None) -> Forecast:
-        """Return what to expect of tests, added to the pilot's own when ``augment``.
+        """Return the forecast of tests, added to the pilot's tests if ``augment``.
 
         Parameters
         ----------
         tests
             Planned tests.
         states
-            States of the machine before them; default: `states`, more hyper-parameters than the
-            search uses.
+            States of the machine before the tests; default: `states`, which has more values of the
+            hyper-parameters than the search uses.
 
         Returns
         -------
         Forecast
-            Uncertainties, information gain, constant or linear.
+            Expected uncertainties, information gain, and evidence for or against slopes.
         """
         if states is None:
             states = self.states
@@ -268,7 +274,7 @@ class Space:
     def _discrimination(
         self, bound: BoundModel, states: States, covariance: Array
     ) -> Discrimination | None:
-        """Return what ln B of the slopes will be; None without slopes."""
+        """Return the expected evidence for or against slopes; None if the model has no slopes."""
         slopes = self.chosen
         if self.criterion != "discriminate":
             slopes = tuple(p.name for p in bound.parameters if p.group == "slope")
@@ -290,7 +296,7 @@ class Space:
 
 
 def _distinct_clockings(clockings_deg: Sequence[Clocking]) -> tuple[Clocking, ...]:
-    """Return the clockings that differ by more than whole turns, of equal ones the first."""
+    """Return the first of all clockings that are equal but for whole turns."""
     first_by_angles: dict[Clocking, Clocking] = {}
     for work_deg, tool_deg in reversed(clockings_deg):
         first_by_angles[work_deg % 360.0, tool_deg % 360.0] = (work_deg, tool_deg)

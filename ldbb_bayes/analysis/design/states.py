@@ -1,6 +1,9 @@
-"""States of the machine before the tests of a design: hyper-parameters and parameters.
+"""States of the machine before the tests of a design.
 
-They are drawn from the pilot's posterior, or from the prior where the pilot is a plan.
+A state is a value of the hyper-parameters φ (the scales of the noise and of other effects) and of
+the parameters β (compliances, their slopes and geometric errors). States are drawn at random from
+the posterior given the pilot, the campaign that a design starts from, or from the prior where the
+pilot is a plan.
 """
 
 from __future__ import annotations
@@ -20,7 +23,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["States", "extend_hyper_parameters", "hyper_nodes", "states_before"]
 
-# Posteriors of the hyper-parameters, by pilot, one for each model: they are costly.
+# Posteriors of the hyper-parameters by pilot, one for each model. They are kept because their
+# computation takes long.
 _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
@@ -28,19 +32,20 @@ _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictiona
 class States:
     """K equally likely states of the machine."""
 
-    phi: Array  #: hyper-parameters φ (K, h) [mm]
-    #: parameters β (K, p) inside the truncation; p = 0 where their prior is flat
+    phi: Array  #: hyper-parameters φ, shape (K, h) [mm]
+    #: parameters β without negative compliances, shape (K, p); p = 0 where their prior is flat
     beta: Array
-    #: p(β | φ) without truncation: the prior, or the posterior of tests that count as run
+    #: p(β | φ) before the new tests, in which compliances may be negative: the prior, or the
+    #: posterior given tests that count as run
     before: Gaussian
 
 
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
-    """Return equally likely values of φ, shape (size, h) [mm].
+    """Return equally likely values of the h hyper-parameters φ, shape (size, h) [mm].
 
-    They are of the posterior given the pilot, or of the prior where the pilot is a plan; of a prior
-    their number is rounded up to a power of two. With flat priors all variances are σ² times
-    something that does not depend on it: there is one node, the root mean square.
+    They represent the posterior given the pilot, or the prior where the pilot is a plan; then
+    ``size`` is rounded up to a power of two. With flat priors of the parameters one value is
+    enough, the root mean square, because all variances are proportional to σ².
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
@@ -57,24 +62,24 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
 
 
 def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
-    """Return φ for a binding of ``run`` circles of the pilot and of circles to come.
+    """Return φ for a model bound to ``run`` circles of the pilot, then to new circles.
 
-    Circles to come have λ = 1, as 1/λ² is one on average. Scales that do not act on the pilot are
-    spread over their prior.
+    The relative scale λ of the scatter of a single circle is set to 1 for new circles, as 1/λ² is
+    one on average. Other hyper-parameters that do not act on the pilot are spread over their prior.
 
     Parameters
     ----------
     bound
-        Model bound to the circles run, followed by those to come.
+        Model bound to the circles run, followed by the new ones.
     phi
-        φ of the pilot, shape (K, h) [mm].
+        K values of φ of the pilot, shape (K, h) [mm].
     run
-        Number of the pilot's circles in the binding.
+        Number of the pilot's circles that ``bound`` includes.
 
     Returns
     -------
     Array
-        φ of the binding, shape (K, number of its hyper-parameters) [mm].
+        K values of φ of ``bound``, shape (K, number of its hyper-parameters) [mm].
     """
     pilot = bound.pilot or bound.campaign
     pilot_bound = bound
@@ -107,13 +112,13 @@ def states_before(
     Parameters
     ----------
     model
-        The model.
+        Model that the tests are to determine.
     pilot
-        A campaign already run, or a plan.
+        Campaign already run, or plan.
     size
         Number of states.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
     augment
         Whether the pilot's tests count as run.
 
@@ -145,7 +150,7 @@ def states_before(
 
 
 def _hyper_posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
-    """Return p(φ | pilot), computed once while the pilot lives."""
+    """Return the posterior of φ given the pilot; it is computed once and kept with the pilot."""
     posteriors = _POSTERIORS.setdefault(pilot, [])
     for posterior in posteriors:
         if posterior.bound.model == model:
