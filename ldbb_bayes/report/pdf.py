@@ -1,4 +1,7 @@
-"""Sheets on paper: A4 by fpdf2; lengths in millimetres, sizes of letters in points."""
+"""Writing the sheets of the certificate as a PDF of A4 pages, with the library fpdf2.
+
+Lengths are in millimetres, sizes of letters in points, greys from 0 (black) to 255 (white).
+"""
 
 from __future__ import annotations
 
@@ -20,34 +23,35 @@ from ldbb_bayes.results import Table
 
 __all__ = ["fit_to_page", "pdf_of"]
 
-_WIDTH = 182.0  # of what is written
-_LEFT = 14.0  # margin
-_TOP = 14.0  # margin
-# Where a sheet must end. A browser, which takes its scale, sets the same lines a little higher:
-# this leaves it room.
+_WIDTH = 182.0  # width of the printed area
+_LEFT = 14.0  # left margin
+_TOP = 14.0  # top margin
+# Lowest position at which a sheet may end. A browser prints the sheet at the same scale with
+# slightly higher lines; the space below is for that.
 _BOTTOM = 272.0
-_SIGNATURES = 256.0  # signatures stand at least so low
-_PAIRED_WIDTH = 104.0  # of a figure with a list beside it
-_PAIRED_HEIGHT = 88.0  # at most
-_PICTURE_HEIGHT = 100.0  # at most, of a figure alone
+_SIGNATURES = 256.0  # highest position of the fields for signatures, from the top of the page
+_PAIRED_WIDTH = 104.0  # width of a figure with a list beside it
+_PAIRED_HEIGHT = 88.0  # largest height of a figure with a list
+_PICTURE_HEIGHT = 100.0  # largest height of a figure without a list
 _DPI = 300.0
 _MM_PER_INCH = 25.4
-_LINE_HEIGHT = 0.46  # mm per point
+_LINE_HEIGHT = 0.46  # height of a line [mm] per size of its letters [point]
 _INK = 0  # grey of text
 _SOFT_INK = 85  # grey of names and notes
 _RULE = 150  # grey of lines
-_GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}  # of banners
+# Greys of the background and of the letters of a banner, by its kind.
+_GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _SMALLEST_TITLE_SCALE = 0.8
-_MOST_ATTEMPTS = 20  # to make a sheet fit
+_MOST_ATTEMPTS = 20  # largest number of attempts to make a sheet fit its page
 
 
 def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: datetime) -> bytes:
-    """Return sheets as a PDF, a page each, fonts embedded.
+    """Return sheets as the bytes of a PDF file with one page per sheet and embedded fonts.
 
     Parameters
     ----------
     sheets
-        Each fits its page, as of `fit_to_page`.
+        Sheets that fit their pages, see `fit_to_page`.
     title, language, created
         Properties of the document.
 
@@ -65,12 +69,12 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
 
 
 def fit_to_page(sheet: ReportSheet) -> ReportSheet:
-    """Return a sheet with letters so small that it stays on its page.
+    """Return a sheet whose letters are so small that it fits its page.
 
     Parameters
     ----------
     sheet
-        With letters of any size.
+        Sheet with letters of any size.
 
     Returns
     -------
@@ -103,7 +107,7 @@ def _document() -> Iterator[FPDF]:
 
 
 def _draw_sheet(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> float:
-    """Add a page with a sheet, and return where it ends."""
+    """Add a page with a sheet and return the vertical position at which the sheet ends."""
     pdf.add_page()
     title_scale = max(sheet.scale, _SMALLEST_TITLE_SCALE)
     _write(pdf, sheet.title, 15.0 * title_scale, bold=True)
@@ -139,7 +143,7 @@ def _write(
     grey: int = _INK,
     **options: Any,
 ) -> None:
-    """Write a paragraph; the next one begins below it."""
+    """Write a paragraph and move the position to the line below it."""
     pdf.set_font("DejaVu", "B" if bold else "", size)
     pdf.set_text_color(grey)
     height = _LINE_HEIGHT * size
@@ -160,7 +164,7 @@ def _draw_banner(pdf: FPDF, banner: Banner, scale: float) -> None:
 
 @dataclass(frozen=True)
 class _FieldColumn:
-    """One of the two columns of entries: its name at the left, its text beside it."""
+    """Positions in one of the two columns of form fields: the name, and the text beside it."""
 
     left: float
     name_width: float = 36.0
@@ -184,7 +188,7 @@ _SECOND_COLUMN = _FieldColumn(_FIRST_COLUMN.next_left)
 
 
 def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
-    """Draw entries in two columns: name, and text above a line."""
+    """Draw form fields in two columns, each with its name and with its text above a line."""
     space = 0.7 * scale
     if fields.tall:
         pdf.set_y(max(pdf.y, _SIGNATURES))
@@ -240,9 +244,10 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
 
 
 def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
-    """Return widths that add up to the full width.
+    """Return column widths that add up to the full width.
 
-    The first and the last column are broken into lines where there is no room.
+    The first and last columns share the space that the others leave; their texts are broken into
+    lines if necessary.
     """
     widths = []
     for k in range(len(rows[0])):
@@ -258,7 +263,7 @@ def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
 
 
 def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
-    """Draw a figure and a list: beside it, or below a wide one."""
+    """Draw a figure with its list, which is placed below a wide figure and beside any other."""
     top = pdf.y
     if pair.wide:
         indent = 0.0
@@ -280,7 +285,10 @@ def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
 
 
 def _draw_picture(pdf: FPDF, picture: Picture, width: float, height: float, pictures: bool) -> None:
-    """Draw a figure as wide as there is room, its caption below; or only leave room for it."""
+    """Draw a figure as wide as there is room, with its caption below.
+
+    If ``pictures`` is false, the figure's space is left empty.
+    """
     inches = picture.figure.get_size_inches()
     width = min(width, height * inches[0] / inches[1])
     if pictures:

@@ -1,4 +1,4 @@
-"""Figures of the page, each with the name of its file and its caption."""
+"""Figures of the HTML page, each with the name of its file and its caption."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _DIGITS = re.compile(r"(\.\d\d)\d+")
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A figure with the name of its file, and its caption for those who cannot see it."""
+    """A figure with the name of its file and a caption, which also describes it to the blind."""
 
     key: str
     caption: str
@@ -34,9 +34,10 @@ class Picture:
 
     @cached_property
     def svg(self) -> str:
-        """The figure as SVG to stand in a page.
+        """The figure as SVG text to be inserted into an HTML page.
 
-        It is responsive and has an accessible name; its ids differ from those of other figures.
+        The SVG adapts to the width of the screen and has an accessible name. Its element ids begin
+        with the name of the figure, so that they differ from those of other figures.
         """
         text = _PROLOGUE.sub("", _draw_svg(self.figure))
         text = _REFERENCE.sub(rf"\g<1>{self.key}-", text)
@@ -48,7 +49,7 @@ class Picture:
 
 
 def _draw_svg(figure: Figure) -> str:
-    """Return a figure as a file of SVG, without its grounds."""
+    """Return a figure as the text of an SVG file, without background colours."""
     grounds: list[Any] = [figure.patch, *(axes.patch for axes in figure.axes)]
     visible_grounds = [ground for ground in grounds if ground.get_visible()]
     buffer = io.StringIO()
@@ -63,18 +64,18 @@ def _draw_svg(figure: Figure) -> str:
 
 
 def _round_coordinates(match: re.Match[str]) -> str:
-    """Round to a hundredth of a point, finer than any screen or printer."""
+    """Round matched coordinates to a hundredth of a point, finer than any screen or printer."""
     return _DIGITS.sub(r"\1", match[0])
 
 
 class DrawnPicture(NamedTuple):
-    """What draws a figure of the page, and its caption."""
+    """Function that draws a figure of the page, and the figure's caption."""
 
     draw: Callable[..., Figure]
     caption: str
 
 
-# Figures whose function has another name than their file.
+# Names of the functions that draw figures, where they differ from the names of the files.
 _FUNCTIONS = {"budget": "budget_bars"}
 PICTURES: Mapping[str, DrawnPicture] = {
     key: DrawnPicture(getattr(figures, _FUNCTIONS.get(key, key)), caption)
@@ -88,13 +89,13 @@ def picture(key: str, subject: Any, caption: str = "", **options: Any) -> Pictur
     Parameters
     ----------
     key
-        Of `PICTURES`.
+        Name of the figure, a key of `PICTURES`.
     subject
-        What the figure shows: a posterior, or the result of an analysis.
+        Posterior or result of an analysis that the figure shows.
     caption
-        Instead of the usual one.
+        Caption. Default: the one in `PICTURES`.
     **options
-        Of the function that draws it.
+        Further arguments of the function that draws the figure.
 
     Returns
     -------

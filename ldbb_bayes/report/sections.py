@@ -1,4 +1,4 @@
-"""Sections of the page: paragraphs, lists, tables and figures, made of findings."""
+"""Sections of the HTML page: paragraphs, lists, tables and figures, made from findings."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ from ldbb_bayes.units import (
 
 __all__ = ["SECTIONS", "Details", "Part", "Section", "beside"]
 
-_MOST_FORCES = 12  # rows of a table of circular-test quantities
+_MOST_FORCES = 12  # largest number of forces (rows) in a table of circular-test quantities
 _WORDS_OF_QUANTITIES = {"scale_mismatch": "scale mismatch", "G_b": "G(b)"}
 
 
 @dataclass(frozen=True)
 class Details:
-    """What opens on demand on a screen, and is printed.
+    """Content that a screen shows only on demand and that is always printed.
 
     Parameters
     ----------
     summary
-        Its heading.
+        Heading, which is always visible.
     content
-        What stands in it.
+        Tables, lists and sentences below the heading.
     """
 
     summary: str
@@ -61,7 +61,7 @@ Part: TypeAlias = Passage | Picture | Details
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it."""
+    """A section of the page: its anchor, heading and content."""
 
     key: str
     title: str
@@ -69,12 +69,12 @@ class Section:
 
 
 def campaign(findings: Findings) -> Iterator[Part]:
-    """Yield tests, assumptions and remarks."""
+    """Yield the section on the campaign: its tests, the model's assumptions, and remarks."""
     yield from parts_of(findings.seen)
 
 
 def results(findings: Findings) -> Iterator[Part]:
-    """Yield parameters, and what the fit says of other effects."""
+    """Yield the section on the estimated parameters and on other effects in the model."""
     yield wording.model_words(findings.result["model"])
     yield wording.PAGE["results"].format(percent=wording.percent_of(findings.result))
     yield fit_tables.results_table(findings.result, findings.verdicts, shares=False)
@@ -87,7 +87,11 @@ def results(findings: Findings) -> Iterator[Part]:
 
 
 def limits(findings: Findings) -> Iterator[Part]:
-    """Yield degeneracies with their cures; verdicts stand with the results."""
+    """Yield the section on degeneracies, with measures that would remove them.
+
+    A degeneracy is a combination of parameters and other effects that no reading can resolve. The
+    verdicts on single parameters are in the section on results.
+    """
     bound = bound_of(findings.posterior)
     alike = degeneracies(bound)
     items = list(wording.degeneracy_items(alike, cures(bound, alike)))
@@ -101,15 +105,16 @@ def limits(findings: Findings) -> Iterator[Part]:
 
 
 def degree(findings: Findings) -> Iterator[Part]:
-    """Yield the evidence and what it hangs on.
+    """Yield the section on whether compliance changes with force.
 
-    Also slopes one by one and tests left out, where the comparison has them.
+    It states the evidence for each model and how it depends on assumptions; also the probability of
+    each slope and predictions for tests left out, if the comparison has them.
     """
     comparison = findings.comparison
     if not isinstance(comparison, Comparison):
         yield f"The models were not compared: {comparison}"
         return
-    # The RMSE of the fit, which is of other draws, stands with the fit.
+    # No RMSE: the section on the fit states one, which is from other random draws.
     yield from text.comparison_parts(comparison, rmse=False)
     yield picture("evidence", comparison)
     if not comparison.local_fits.empty:
@@ -117,7 +122,7 @@ def degree(findings: Findings) -> Iterator[Part]:
 
 
 def uncertainty(findings: Findings) -> Iterator[Part]:
-    """Yield what each uncertainty is made of, and what would improve it most."""
+    """Yield the section on uncertainty budgets, and on what would reduce each uncertainty most."""
     yield wording.PAGE["budget"]
     yield from parts_of(findings.budgets)
     yield picture("budget", findings.budgets)
@@ -128,7 +133,7 @@ def uncertainty(findings: Findings) -> Iterator[Part]:
 
 
 def path(findings: Findings) -> Iterator[Part]:
-    """Yield circular-test quantities, per force and as functions of force."""
+    """Yield the section on the tool path: circular-test quantities as functions of force."""
     bound = bound_of(findings.posterior)
     planes = list(dict.fromkeys(findings.path["plane"]))
     squarenesses = [display_name(squareness_name(bound, plane)) for plane in planes]
@@ -165,7 +170,7 @@ def _quantities_table(table: pd.DataFrame, quantities: Mapping[str, str], captio
 
 
 def _shown_forces(forces: Sequence[float]) -> list[float]:
-    """Return forces that are few enough for a table, the last among them."""
+    """Return a selection of forces that is small enough for a table and includes the last one."""
     if len(forces) <= _MOST_FORCES:
         return list(forces)
     stride = len(forces) // (_MOST_FORCES - 2)
@@ -181,7 +186,7 @@ def _interval_cell(row: pd.Series[Any]) -> str:
 
 
 def plan(findings: Findings) -> Iterator[Part]:
-    """Yield which circles to run next, and what they would tell."""
+    """Yield the section on the circles to run next and the uncertainties to expect from them."""
     design = findings.design
     if not isinstance(design, Design):
         yield f"No tests are recommended: {design}"
@@ -192,7 +197,7 @@ def plan(findings: Findings) -> Iterator[Part]:
 
 
 def fit(findings: Findings) -> Iterator[Part]:
-    """Yield RMSE, fitness and posterior predictive checks."""
+    """Yield the section on the quality of the fit: RMSE, fitness, posterior predictive checks."""
     quality = findings.result["fit"]
     rows = []
     for test in findings.seen.tests:
@@ -238,14 +243,14 @@ def _p_value_cell(value: float | None) -> str | None:
 
 
 def assumptions(findings: Findings) -> Iterator[Part]:
-    """Yield every prior with its unit beside the posterior, and the model as a file."""
+    """Yield the section on assumptions: every prior beside its posterior, and the model as TOML."""
     yield fit_tables.parameter_table(findings.result)
     toml = record_of(findings.posterior)["model"]["toml"]
     yield Details("The whole model as TOML (edit and fit again with --model)", (toml,))
 
 
 def diagnostics(findings: Findings) -> Iterator[Part]:
-    """Yield effective sample sizes, R-hat and sensitivity to the prior."""
+    """Yield the section on sampling: effective sample sizes, R-hat, sensitivity to the prior."""
     sensitivity = record_of(findings.posterior)["fit"]["sensitivity"]
     yield wording.sampler_words(findings.result["sampler"])
     rows = []
@@ -270,7 +275,7 @@ def diagnostics(findings: Findings) -> Iterator[Part]:
 
 
 def method(findings: Findings) -> Iterator[Part]:
-    """Yield the method in short, with digests, versions and seed."""
+    """Yield the section that summarises the method, with SHA-256 digests, versions and seed."""
     result = findings.result
     provenance = result["provenance"]
     versions = [f"{name} {version}" for name, version in provenance["versions"].items()]
@@ -287,7 +292,7 @@ def method(findings: Findings) -> Iterator[Part]:
 
 
 def glossary(findings: Findings) -> Iterator[Part]:
-    """Yield every term of art in a line."""
+    """Yield the glossary: every technical term with its meaning in one line."""
     catalogue = files("ldbb_bayes.report") / "templates" / "glossary.toml"
     meanings = tomllib.loads(catalogue.read_text(encoding="utf-8"))
     yield Table.of("Terms", ("term", "meaning"), list(meanings.items()), text=("meaning",))
@@ -296,18 +301,20 @@ def glossary(findings: Findings) -> Iterator[Part]:
 def beside(
     first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, ci_prob: float
 ) -> Iterator[Part]:
-    """Yield differences of every parameter with intervals and probabilities.
+    """Yield the section on the differences of other campaigns from the first one.
+
+    Every parameter's difference is stated with its interval and probabilities.
 
     Parameters
     ----------
     first
-        The JSON of the fit they are to.
+        Results of the fit of the first campaign, as ``fit --json`` states them.
     others
-        Campaigns beside it.
+        The other campaigns.
     same_instrument
-        Whether these were run with the same bar, balls, mount and force device.
+        Whether the other campaigns used the same bar, balls, mount and force device.
     ci_prob
-        Probability of the intervals.
+        Probability of the credible intervals.
 
     Yields
     ------
@@ -371,7 +378,7 @@ _SECTION_WRITERS = (
     method,
     glossary,
 )
-#: Title of every section, and what writes it, in the order of the page.
+#: Title of every section and the function that yields its content, in the order of the page.
 SECTIONS: Mapping[str, tuple[str, Callable[[Findings], Iterator[Part]]]] = {
     write.__name__: (wording.PAGE["sections"][write.__name__], write) for write in _SECTION_WRITERS
 }

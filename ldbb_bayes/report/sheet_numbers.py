@@ -1,4 +1,8 @@
-"""The quantities that the sheets state, at a force, and what the readings tell of each."""
+"""Quantities that the sheets of the certificate state, with remarks on how far each is determined.
+
+Compliances and circular deviations are stated at one force. A quantity is confounded with a partner
+if the partner (another parameter or effect) changes the readings in the same way.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +30,9 @@ if TYPE_CHECKING:
 
 __all__ = ["SheetNumbers", "StatedQuantity", "ValueAndU", "remark"]
 
-_INSEPARABLE = 0.5  # a partner of this share of the variance is named alone
-_MOST_NAMES = 2  # partners that a remark names
-_HARDLY_POSITIVE = 0.2  # of its median: where a compliance may be less, only a limit is stated
+_INSEPARABLE = 0.5  # share of the variance from which on a partner is named without lesser ones
+_MOST_NAMES = 2  # largest number of partners that a remark names
+_HARDLY_POSITIVE = 0.2  # share of its median; if a compliance may be less, only a limit is stated
 _ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # the axis about which A, B, C turn
 _SHEET_1_KINDS = (
     "cross",
@@ -41,7 +45,7 @@ _SHEET_1_KINDS = (
 
 @dataclass(frozen=True)
 class ValueAndU:
-    """A value and its expanded uncertainty (k = 2), rounded to the same place."""
+    """A value and its expanded uncertainty (k = 2), rounded to the same decimal place."""
 
     value: str
     expanded: str
@@ -49,24 +53,24 @@ class ValueAndU:
 
 @dataclass(frozen=True)
 class StatedQuantity:
-    """One quantity of the sheets.
+    """One quantity that the sheets state.
 
     Parameters
     ----------
     words
-        What it is called.
+        Name of the quantity in words.
     symbol
-        Its symbol.
+        Symbol of the quantity.
     mean, sd, interval
-        Estimate, standard uncertainty and credible interval, in an inside unit.
+        Estimate, standard uncertainty and credible interval, in the internal unit (mm, N, rad).
     unit
-        The inside unit.
+        The internal unit.
     entry
-        What the readings tell of it, where it is a parameter.
+        Verdict on how far the readings determine the quantity, if it is a parameter.
     limit
-        Where only a limit is known: that limit, in words.
+        The limit in words, if only a limit is stated.
     hangs_on
-        What its parameters are confounded with, where it is made of several.
+        Effects that its parameters are confounded with, if it is computed from several parameters.
     """
 
     words: str
@@ -80,7 +84,7 @@ class StatedQuantity:
     hangs_on: tuple[str, ...] = ()
 
     def value_and_U(self) -> ValueAndU:
-        """Return value and expanded uncertainty (k = 2), in the unit for reading."""
+        """Return value and expanded uncertainty (k = 2), in the unit shown on the sheets."""
         if self.limit:
             return ValueAndU(self.limit, "–")
         if is_skewed(self.mean, self.interval):
@@ -92,12 +96,15 @@ class StatedQuantity:
 
     @property
     def is_undetermined(self) -> bool:
-        """Whether the readings do not determine it."""
+        """Whether the readings leave the quantity undetermined."""
         return self.entry is not None and not is_determined(self.entry)
 
     @property
     def unmodelled_partners(self) -> list[str]:
-        """Effects that look like it and that no term of the model has, where nothing else does."""
+        """Effects outside the model that the quantity is confounded with.
+
+        The list is empty if the quantity is also confounded with effects in the model.
+        """
         if self.entry is None or self.entry.verdict != "confounded":
             return []
         if self.entry.partner_shares:
@@ -106,9 +113,10 @@ class StatedQuantity:
 
     @property
     def inseparable_partners(self) -> list[str]:
-        """What it is confounded with, where the readings do not determine it.
+        """Partners that an undetermined quantity is confounded with; else an empty list.
 
-        Partners of half of its variance or more; where there is none, all.
+        The list has the partners that hold at least half of the quantity's variance, or all
+        partners if none holds so much.
         """
         if self.entry is None or self.entry.verdict != "confounded" or not self.is_undetermined:
             return []
@@ -119,14 +127,14 @@ class StatedQuantity:
 
 @dataclass(frozen=True, eq=False)
 class SheetNumbers:
-    """The quantities of the sheets.
+    """All quantities that the sheets state.
 
     Parameters
     ----------
     findings
-        Of the fit.
+        Findings of the fit.
     words
-        Of the language.
+        Words of the language of the sheets.
     force_N
         Force at which compliances and circular deviations are stated [N].
     """
@@ -139,7 +147,8 @@ class SheetNumbers:
     def parameters(self) -> dict[str, StatedQuantity]:
         """Compliances at the force, their slopes, and geometric errors, by name.
 
-        Slopes are stated where they are likelier than not; tool offsets never.
+        Slopes are stated only if a change of compliance with force is more probable than none. Tool
+        offsets are never stated.
         """
         bound = bound_of(self.findings.numbers)
         names = _names_by_label(bound)
@@ -163,7 +172,7 @@ class SheetNumbers:
 
     @cached_property
     def _draws(self) -> Mapping[str, Any]:
-        """Draws of every parameter, of compliances at the force [inside units]."""
+        """Random draws of every parameter, compliances at the stated force, in internal units."""
         return draws_at(self.findings.numbers, self.force_N)
 
     @cached_property
@@ -173,7 +182,7 @@ class SheetNumbers:
         return {name: numbers_of(draws, ci_prob) for name, draws in self._draws.items()}
 
     def _quantity_words(self, name: Any, degree: int) -> str:
-        """Return what a compliance or geometric error is called."""
+        """Return the name of a compliance or geometric error in words."""
         key = str(name.kind)
         if degree == 1:
             key = "slope"
@@ -193,9 +202,9 @@ class SheetNumbers:
 
     @cached_property
     def stiffnesses(self) -> dict[str, StatedQuantity]:
-        """Stiffness 1 / C of every axis, by the label of C: that of the median of C.
+        """Stiffness 1 / C of every axis at the median of its compliance C, by the label of C.
 
-        Only a lower limit is stated where C may be a fifth of its median or less.
+        If C may be as small as a fifth of its median, only a lower limit of stiffness is stated.
         """
         stated = {}
         for compliance in bound_of(self.findings.numbers).compliances:
@@ -231,7 +240,7 @@ class SheetNumbers:
 
     @cached_property
     def further(self) -> dict[str, StatedQuantity]:
-        """What sheet 1 states beside stiffnesses: other compliances, and squareness."""
+        """Quantities that sheet 1 states besides stiffnesses: other compliances, and squareness."""
         names = _names_by_label(bound_of(self.findings.numbers))
         stated = {}
         for label, quantity in self.parameters.items():
@@ -241,9 +250,9 @@ class SheetNumbers:
 
     @cached_property
     def path(self) -> dict[str, StatedQuantity]:
-        """Circular deviations G, F_max and F_min of every plane.
+        """Circular deviations G, F_max and F_min of the tool path in every plane.
 
-        They hang on what the geometric errors hang on.
+        They are affected by the effects that the geometric errors are confounded with.
         """
         ci_prob = self.findings.ci_prob
         table = circularity(self.findings.numbers, [self.force_N], ci_prob=ci_prob)
@@ -268,7 +277,7 @@ class SheetNumbers:
         return stated
 
     def _partners_of_geometry(self) -> tuple[str, ...]:
-        """Return what undetermined geometric errors are confounded with."""
+        """Return the effects that undetermined geometric errors are confounded with."""
         partners: dict[str, None] = {}
         for name, quantity in self.parameters.items():
             if name.startswith("E_") and quantity.is_undetermined:
@@ -279,25 +288,25 @@ class SheetNumbers:
 
 
 def _names_by_label(bound: BoundModel) -> dict[str, Any]:
-    """Return the names of compliances and geometric errors, taken apart, by their labels."""
+    """Return the structured names of compliances and geometric errors, by label."""
     names: list[Any] = [*bound.compliances, *geometric_errors_of(bound.campaign)]
     return {name.label: name for name in names}
 
 
 def remark(quantity: StatedQuantity, words: Words) -> str:
-    """Return what the readings tell of a quantity, in a few words.
+    """Return a remark in a few words on how far the readings determine a quantity.
 
     Parameters
     ----------
     quantity
-        Of a sheet.
+        Quantity that a sheet states.
     words
-        Of the language.
+        Words of the language of the sheet.
 
     Returns
     -------
     str
-        Empty where there is nothing to say.
+        The remark; empty if none is needed.
     """
     entry = quantity.entry
     if entry is None:

@@ -1,4 +1,4 @@
-"""The certificate: two sheets for signing, from findings; shown by the page and by report.pdf."""
+"""The certificate: two sheets to be signed, which report.html and report.pdf both show."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from ldbb_bayes.units import display_name, display_unit, state
 
 __all__ = ["sheets"]
 
-_MOST_REASONS = 2  # that the banner gives
-_MOST_UNDETERMINED = 12  # quantities that are listed as undetermined on sheet 1
-_LONGEST_ENTRY = 70  # characters
-_LONGEST_CERTIFICATE = 32  # characters of the name of a certificate
+_MOST_REASONS = 2  # largest number of reasons that the banner gives
+_MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
+_LONGEST_ENTRY = 70  # longest text of a form field [characters]
+_LONGEST_CERTIFICATE = 32  # longest name of a calibration certificate [characters]
 _DEGREES = ("constant", "linear", "quadratic")
 _CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place")
 _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
@@ -40,9 +40,9 @@ def sheets(
     Parameters
     ----------
     findings
-        Of a fit.
+        Findings of a fit.
     language
-        Code of a language that has a catalogue.
+        Code of the language, such as en; the package must have a catalogue of words for it.
     force_N
         Force at which stiffness and circular deviation are stated [N]. Default: the reference
         force.
@@ -112,7 +112,7 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _undetermined(numbers: SheetNumbers) -> list[str]:
-    """Return what the readings do not determine, with what it is confounded with."""
+    """Return the quantities that the readings do not determine, with the reason for each."""
     words = numbers.words
     items = []
     if 0.05 < numbers.findings.varying < 0.95:
@@ -136,7 +136,7 @@ def _undetermined(numbers: SheetNumbers) -> list[str]:
 
 
 def _averaged_models(findings: Findings, words: Words) -> str:
-    """Return which models the numbers are of."""
+    """Return a sentence on the model, or the models averaged over, that the numbers come from."""
     probabilities = findings.probabilities
     if not probabilities:
         degree = _DEGREES[findings.result["model"]["degree"]]
@@ -183,7 +183,7 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
-    """Return what the terms mean that parameters are confounded with."""
+    """Return explanations of the model terms that parameters are confounded with."""
     words = numbers.words
     partners: dict[str, None] = {}
     for quantity in numbers.parameters.values():
@@ -248,7 +248,7 @@ def _table(
 
 
 def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
-    """Yield tolerances and what is decided of each, where there are any."""
+    """Yield a table of tolerances with the decision on each, if there are tolerances."""
     words = numbers.words
     quantities = dict(numbers.parameters)
     for label, quantity in numbers.stiffnesses.items():
@@ -294,7 +294,7 @@ def _limits(conformity: Conformity, factor: float) -> str:
 
 
 def _banner(numbers: SheetNumbers) -> Banner:
-    """Return whether the numbers can be used, with the gravest reasons."""
+    """Return the banner on whether the numbers can be used, with the most serious reasons."""
     words = numbers.words
     findings = numbers.findings
     quantities = numbers.stiffnesses | numbers.further

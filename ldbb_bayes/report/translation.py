@@ -1,4 +1,4 @@
-"""The words of the sheets in each language, from catalogues: templates/words_<language>.toml."""
+"""Words of the sheets in each language, read from the files templates/words_<language>.toml."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ _TEMPLATES = files("ldbb_bayes.report") / "templates"
 
 @dataclass(frozen=True)
 class Words:
-    """The words of one language.
+    """Words of the sheets in one language.
 
     Parameters
     ----------
     language
-        Its code, for example ``en``.
+        Code of the language, for example ``en``.
     table
-        The catalogue.
+        Content of the language's catalogue of words.
     """
 
     language: str
     table: Mapping[str, Any]
 
     def __call__(self, key: str, **values: str) -> str:
-        """Return the words of a key such as ``heads.value``, filled in."""
+        """Return the words for a key such as ``heads.value``, with the given values filled in."""
         words: Any = self.table
         for name in key.split("."):
             words = words[name]
         return str(words).format(**values)
 
     def number(self, text: str) -> str:
-        """Return a number, or a text of numbers, with the decimal mark of the language."""
+        """Return a text in which numbers have the decimal mark of the language."""
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:
-        """Return items as one text: a, b and c."""
+        """Return items joined to one text in the language, as in: a, b and c."""
         return joined(items, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:
@@ -55,7 +55,7 @@ class Words:
         return label.replace(" per ", str(self.table["per"]))
 
     def percent(self, probability: float) -> str:
-        """Return a probability in per cent, never as 0 or 100 %."""
+        """Return a probability in per cent; beyond 1 or 99 % as ``< 1`` or ``> 99``."""
         shown = min(max(100.0 * probability, 1.0), 99.0)
         sign = ""
         if probability < 0.01:
@@ -65,7 +65,7 @@ class Words:
         return self("percent", value=f"{sign}{shown:.0f}")
 
     def term(self, name: str) -> str:
-        """Return what a term or a parameter is called; a user's own term keeps its words."""
+        """Return the name of a model term or parameter; a user's own terms are not translated."""
         if name in self.table["terms"]:
             return str(self.table["terms"][name])
         if name in Term.kinds:
@@ -90,7 +90,7 @@ def words_of(language: str) -> Words:
     Parameters
     ----------
     language
-        One of `languages`.
+        Code of the language, one of those that `languages` returns.
 
     Returns
     -------

@@ -1,7 +1,9 @@
-"""Every sentence about findings: small functions that choose among templates and fill them.
+"""Sentences about results: functions that choose templates and fill in the values.
 
-The templates are sentences.toml and sentences.j2. Nothing decides by reading a sentence: what is
-decided stands in the findings. Kinds of findings are looked up by their values.
+The templates are in sentences.toml and sentences.j2. No code draws conclusions from the text of a
+sentence: all decisions are in the results themselves. A result's kind (such as that of a concern)
+is the key of its template. A degeneracy is a combination of parameters and other effects that no
+reading can resolve; a nuisance coefficient is an effect that is modelled but not of interest.
 """
 
 from __future__ import annotations
@@ -105,19 +107,20 @@ IN_FORCE = ("constant", "linear in force", "quadratic in force")
 ALIKE = "The readings of this campaign cannot separate:"
 NONE_ALIKE = "The readings determine every combination."
 
-# What sentences change at; nothing is decided by these.
+# Limits at which the wording of sentences changes; they decide nothing else.
 _EQUAL_RATIOS = 2e-3  # ratios of expected sds that differ by less count as equal
-_MOST_CHECKS = 3  # checks that a sentence on a fit names
-_CONTRADICTED = -13.815510557964274  # ln 1e-6: readings contradict a prior, not only speak against
-_SURE = 0.95  # inclusion probability of a slope that is called certain
-_MOST_NAMES = 5  # campaigns and tests that a sentence names
-_MOST_JOINED = 3  # change points that a sentence joins
-_MOST_LISTED_TESTS = 12  # tests to run that a sentence lists
-_UNLIKELY = 5e-4  # three decimals show no less, and never quite 0 or 1
+_MOST_CHECKS = 3  # largest number of checks that a sentence on a fit names
+_CONTRADICTED = -13.815510557964274  # ln 1e-6; below it, readings are said to contradict a prior
+_SURE = 0.95  # inclusion probability from which on a slope is called certain
+_MOST_NAMES = 5  # largest number of campaigns or tests that a sentence names
+_MOST_JOINED = 3  # largest number of change points that a sentence joins
+_MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
+_UNLIKELY = 5e-4  # smallest probability stated as a number with three decimals, not as < 0.001
 _CONFLICT = 0.01  # p-value below which differences of geometry conflict with one instrument
-_NARROWER = 0.9  # ratio of uncertainties from which a certificate is worth naming
+_NARROWER = 0.9  # ratio of uncertainties below which a certificate is worth mentioning
 _STRENGTHS = (
-    # Upper limit of |ln BF|, and words for it: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
+    # Upper limit of |ln B|, B the Bayes factor, and the words for such values, from
+    # Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
     (1.0, "not worth more than a bare mention"),
     (3.0, "positive evidence"),
     (5.0, "strong evidence"),
@@ -129,7 +132,7 @@ _STRENGTHS = (
 
 @cache
 def _environment() -> jinja2.Environment:
-    """Return the environment of templates of sentences: filters and names they use."""
+    """Return the Jinja environment of the templates, with the filters and names that they use."""
     loader = jinja2.PackageLoader("ldbb_bayes.report")
     environment = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined)
     for function in (
@@ -173,43 +176,44 @@ def _point_words(point: Sequence[float]) -> str:
 
 
 def _sentences(macro: str, *findings: Any) -> tuple[str, ...]:
-    """Return every line that a macro of sentences.j2 makes of findings."""
+    """Return the lines that a macro of sentences.j2 makes from results."""
     module = _environment().get_template("sentences.j2").module
     return tuple(_lines(getattr(module, macro)(*findings)))
 
 
 def _sentence(macro: str, *findings: Any) -> str:
-    """Return the one line that a macro makes."""
+    """Return the lines that a macro of sentences.j2 makes from results, joined to one line."""
     return " ".join(_sentences(macro, *findings))
 
 
 @singledispatch
 def with_words(result: Any) -> dict[str, Any]:
-    """Return the JSON of a result, with its sentences.
+    """Return the JSON record of a result, with its sentences.
 
     Parameters
     ----------
     result
-        Of an analysis.
+        Result of an analysis.
 
     Returns
     -------
     dict
-        As of its ``as_dict``; results that can be put into words have more.
+        The record that ``as_dict`` of the result returns, to which some kinds of results add
+        sentences.
     """
     record: dict[str, Any] = result.as_dict()
     return record
 
 
 def joined(items: Sequence[str], word: str = "and") -> str:
-    """Return items as one text: a, b and c."""
+    """Return items joined to one text, as in: a, b and c."""
     if len(items) < 3:
         return f" {word} ".join(items)
     return f"{', '.join(items[:-1])} {word} {items[-1]}"
 
 
 def _first_names(names: Sequence[str]) -> str:
-    """Return the first names, and how many there are beyond."""
+    """Return a text of the first few names and the number of further ones."""
     text = ", ".join(names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         text += f" and {len(names) - _MOST_NAMES} more"
@@ -217,7 +221,7 @@ def _first_names(names: Sequence[str]) -> str:
 
 
 def _joined_parameters(names: Sequence[str]) -> str:
-    """Return parameters as the paper prints them, joined."""
+    """Return one text of parameters, in the notation of the paper."""
     return joined([display_name(name) for name in names])
 
 
@@ -225,7 +229,7 @@ def _joined_parameters(names: Sequence[str]) -> str:
 
 
 def unit_words(name: str) -> tuple[float, str]:
-    """Return the inside value of one unit that a nuisance coefficient is read in, and its label."""
+    """Return size (in internal units) and label of the unit that shows a nuisance coefficient."""
     inside_unit, one, label = Term.owner(name).unit_of(name)
     if inside_unit.endswith("/N"):
         factor, label = display_unit(inside_unit)
@@ -248,14 +252,14 @@ def term_words(term: str) -> str:
 
 
 def source_words(term: str) -> str:
-    """Return what a term of a budget is called."""
+    """Return the name of a source in an uncertainty budget."""
     if term == OWN:
         return "prior of the parameters"
     return term_words(term)
 
 
 def _amount_words(value: float, factor: float, label: str, name: str, plus: str = "+") -> str:
-    """Return an amount of something: +6.67 µm/m of E_XX1."""
+    """Return the amount of a parameter or effect in words, such as +6.67 µm/m of E_XX1."""
     size = abs(value) * factor
     if size < 0.01 and label.startswith("µ"):
         size *= 1e3
@@ -266,7 +270,7 @@ def _amount_words(value: float, factor: float, label: str, name: str, plus: str 
 
 
 def statement(degeneracy: Degeneracy) -> str:
-    """Return a degeneracy with its exchange rate: what looks like what, and how much of it."""
+    """Return a sentence on a degeneracy, with amounts that have the same effect on the readings."""
     sign = -1.0 if degeneracy.term else 1.0
     changes = []
     for name in degeneracy.parameters:
@@ -286,7 +290,7 @@ def statement(degeneracy: Degeneracy) -> str:
 
 
 def _effect_words(degeneracy: Degeneracy) -> str:
-    """Return amounts of the effects that look like parameters."""
+    """Return the amounts of the effects that change readings exactly as parameters do."""
     amounts = []
     for name in degeneracy.nuisances:
         one, unit = unit_words(name)
@@ -300,7 +304,7 @@ def _effect_words(degeneracy: Degeneracy) -> str:
 
 
 def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
-    """Return what would end a degeneracy."""
+    """Return a sentence on the measures that would remove a degeneracy."""
     calibration = "a calibration of it"
     if degeneracy.term in Term.kinds:
         calibration = Term.kinds[degeneracy.term].calibration
@@ -313,7 +317,7 @@ def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
 def degeneracy_items(
     degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
-    """Return every degeneracy with what would separate it."""
+    """Return a text on every degeneracy, with the measures that would remove it."""
     items = []
     for degeneracy, cures_of_it in zip(degeneracies, cures, strict=True):
         items.append(f"{statement(degeneracy)} Cure: {cure_words(degeneracy, cures_of_it)}")
@@ -321,12 +325,14 @@ def degeneracy_items(
 
 
 def alias_sentences(degeneracies: Sequence[Degeneracy]) -> Iterator[str]:
-    """Yield what parameters are confounded with: terms of the model, terms it leaves out, others.
+    """Yield sentences on what parameters are confounded with.
+
+    This may be each other, terms of the model, or terms that the model leaves out.
 
     Parameters
     ----------
     degeneracies
-        Of a design.
+        Degeneracies of a set of tests.
 
     Yields
     ------
@@ -361,7 +367,7 @@ def _confounding_sentence(degeneracies: Sequence[Degeneracy], meaning: str) -> I
 
 
 def standing_words(standing: Standing) -> str:
-    """Return what holds whatever is measured."""
+    """Return a sentence on a limitation that no choice of tests can remove."""
     names = _joined_parameters(standing.parameters)
     return str(_SENTENCES["standing"][standing.kind].format(names=names))
 
@@ -370,51 +376,51 @@ def standing_words(standing: Standing) -> str:
 
 
 def fit_verdict(fit: Fit) -> str:
-    """Return whether the numbers of a fit can be used."""
+    """Return a sentence on whether the numbers of a fit can be used."""
     return _sentence("fit_verdict", fit)
 
 
 def expectation(fit: Fit) -> str:
-    """Return whether the model expects readings like these."""
+    """Return a sentence on whether the model expects readings like the measured ones."""
     return _sentence("expectation", fit)
 
 
 def check_notes(fit: Fit) -> tuple[str, ...]:
-    """Return notes on what the model does not expect though it hardly moves an interval."""
+    """Return notes on unexpected features of the readings that hardly affect any interval."""
     return _sentences("check_notes", fit)
 
 
 def model_words(model: Mapping[str, Any]) -> str:
-    """Return what was fitted, from the JSON of a model."""
+    """Return a sentence on the model that was fitted, from its JSON record."""
     return _sentence("model_words", model)
 
 
 def quality_words(quality: Mapping[str, Any]) -> str:
-    """Return how well it was fitted, from the JSON of a fit."""
+    """Return a sentence on the quality of a fit, from its JSON record."""
     return _sentence("quality_words", quality)
 
 
 def sampler_words(sampler: Mapping[str, Any]) -> str:
-    """Return whether the sampler reached its target, from its JSON."""
+    """Return a sentence on whether the sampler reached its target, from its JSON record."""
     return _sentence("sampler_words", sampler)
 
 
 def check_words(check: Check) -> str:
-    """Return what a check looks at: order 4 of f520."""
+    """Return the subject of a check in words, such as order 4 of f520 (a test)."""
     kinds = {"noise": "white noise", "autocorrelation": "autocorrelation"}
     kind = kinds.get(check.kind, f"order {check.order}")
     return f"{kind} of {check.test}"
 
 
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence or two on every concern about a fit.
+    """Yield one or two sentences on every concern about a fit.
 
     Parameters
     ----------
     concerns
-        Of the fit.
+        Concerns about the fit.
     sampler
-        Its JSON.
+        JSON record of the sampler.
 
     Yields
     ------
@@ -446,12 +452,12 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
 
 
 def preview_sentences(preview: CampaignPreview) -> tuple[str, ...]:
-    """Return what a campaign is, and remarks on its tests."""
+    """Return sentences that describe a campaign, and remarks on its tests."""
     return _sentences("preview_sentences", preview)
 
 
 def assumption_words(assumption: Any) -> str:
-    """Return what an import assumed, why, and the option that says otherwise."""
+    """Return an assumption of an import, its reason, and the option that would change it."""
     reason = assumption.because
     if assumption.place:
         reason = f"{reason}; {assumption.place}"
@@ -467,7 +473,7 @@ def remark_words(remark: Remark) -> str:
 
 
 def look_sentences(preview: CampaignPreview) -> list[str]:
-    """Return a sentence on everything that looks odd, with the tests it is of."""
+    """Return a sentence on each thing that looks odd, naming the tests in which it does."""
     tests_by_words: dict[str, list[str]] = {}
     for test in preview.tests:
         for remark in test.remarks:
@@ -491,7 +497,7 @@ def _add_remarks(record: dict[str, Any], remarks: Sequence[Remark]) -> None:
 
 
 def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
-    """Return what is assumed of the instrument, and where a certificate says it."""
+    """Return the name of a quantity assumed of the instrument, and its place in campaign.toml."""
     table, _, key = uncertainty.certificate.partition("_")
     if key:
         place = f"[{table}] {key}"
@@ -507,14 +513,14 @@ def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
 
 
 def machine_sentences(machine: Any) -> tuple[str, ...]:
-    """Return joints and rank of a machine, and what does not show."""
+    """Return sentences on a machine's joints, rank, and parameters without effect on readings."""
     return _sentences("machine_sentences", machine)
 
 
 def sum_in_words(parameter: VisibleParameter) -> str:
-    """Return the sum that a parameter stands for: C_XXX + C_XXY.
+    """Return the sum of parameters that one parameter stands for, such as C_XXX + C_XXY.
 
-    Weights are written where they are not one, in mm and mm².
+    Weights other than one are written, in mm and mm².
     """
     text = ""
     for name, weight in parameter.members.items():
@@ -533,7 +539,10 @@ def sum_in_words(parameter: VisibleParameter) -> str:
 
 
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
-    """Return hyper-parameters with their values, but for the scales of single circles."""
+    """Return one text of hyper-parameters (scales of noise and other effects) and their values.
+
+    The noise scales λ of single circles are left out.
+    """
     sizes = []
     for name, value in hyper_um.items():
         if not name.startswith("lambda_"):
@@ -543,14 +552,15 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
 
 
 def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> str:
-    """Return a verdict in words.
+    """Return the verdict on a parameter in words.
 
     Parameters
     ----------
     entry
-        Of a parameter.
+        Verdict on the parameter: how far the readings determine it.
     shares
-        Whether the share of the variance that every partner holds is said.
+        Whether to state the share of the variance due to each effect that the parameter is
+        confounded with.
 
     Returns
     -------
@@ -594,9 +604,10 @@ def _(result: Identifiability) -> dict[str, Any]:
 
 
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
-    """Return what the numbers rest on, how much the readings narrow, and what certificates would.
+    """Return sentences on the assumptions and results of an identifiability analysis.
 
-    Of certificates the parameters that they narrow by a tenth or more.
+    For each possible calibration certificate they name the parameters whose uncertainty it would
+    reduce by more than a tenth.
     """
     sd_by_certificate = dict(result.certificates)
     sd_without = sd_by_certificate.pop("none of these", {})
@@ -616,7 +627,7 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
 
 
 def validation_verdict(validation: Validation) -> str:
-    """Return whether the ranks of a calibration are uniform."""
+    """Return a sentence on whether the ranks of true values among posterior draws are uniform."""
     return _sentence("validation_verdict", validation)
 
 
@@ -629,14 +640,14 @@ def _(result: Validation) -> dict[str, Any]:
 
 
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
-    """Return the evidence, whether its sign is robust, and what else speaks."""
+    """Return sentences on the evidence of a comparison, its robustness, and further findings."""
     return _sentences("comparison_sentences", comparison)
 
 
 def strength_words(log_bayes_factor: float) -> str:
-    """Return words for a log Bayes factor of either sign.
+    """Return words for the strength of a log Bayes factor of either sign.
 
-    Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795.
+    The words are those of Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795.
     """
     for limit, words in _STRENGTHS:
         if abs(log_bayes_factor) < limit:
@@ -655,7 +666,7 @@ def _(result: Comparison) -> dict[str, Any]:
 
 
 def design_sentences(design: Design) -> tuple[str, ...]:
-    """Return the recommendation in words, its notes last."""
+    """Return sentences on the tests that a design recommends, followed by notes."""
     ratio = {}
     gain = {}
     for name in design.parameters:
@@ -675,7 +686,7 @@ def design_sentences(design: Design) -> tuple[str, ...]:
 
 
 def design_notes(design: Design) -> tuple[str, ...]:
-    """Return what the tests do not show, what would, and what the numbers rest on."""
+    """Return notes on what recommended tests cannot show, on remedies, and on assumptions."""
     relative_errors = [expected.sd_error / expected.sd for expected in design.expected.values()]
     alike = degeneracy_items(design.limits.degeneracies, design.limits.cures)
     sizes = joined_sizes(design.hyper_um, " ")
@@ -692,7 +703,7 @@ def _(result: Design) -> dict[str, Any]:
 
 
 def _tests_to_run(design: Design) -> str:
-    """Return the tests of a design: 6 circles: 2 × 36 N and 4 × 742 N."""
+    """Return the tests of a design in words, such as 6 circles: 2 × 36 N and 4 × 742 N."""
     table = design.table
     varied = _varied_settings(design)
     tests = []
@@ -713,7 +724,7 @@ def _tests_to_run(design: Design) -> str:
 
 
 def _varied_settings(design: Design) -> list[str]:
-    """Return the settings of the tests that differ, both clockings where a ball is turned."""
+    """Return the settings in which tests differ; both clockings of balls if any ball is turned."""
     table = design.table
     clockings = list(design.columns)[:2]
     others = list(design.columns)[2:]
@@ -727,7 +738,7 @@ def _varied_settings(design: Design) -> list[str]:
 
 
 def remedy_words(budget: Budget) -> str:
-    """Return what would improve a parameter most."""
+    """Return the measure that would reduce a parameter's uncertainty most, in words."""
     if budget.heaviest in _SENTENCES["remedies"]:
         return str(_SENTENCES["remedies"][budget.heaviest])
     return Term.kinds.get(budget.heaviest, Term).remedy
@@ -742,7 +753,7 @@ def _(result: Budget) -> dict[str, Any]:
 
 
 def caveat_words(caveat: Any) -> str:
-    """Return a sentence or two on what is to be minded of a trend or a population."""
+    """Return one or two sentences on a limitation of a trend or a population."""
     template = _SENTENCES["caveats"][caveat.kind]
     return str(
         template.format(
@@ -755,7 +766,7 @@ def caveat_words(caveat: Any) -> str:
 
 
 def probability_words(probability: float) -> str:
-    """Return a probability with three decimals."""
+    """Return a probability with three decimals, or as < 0.001 or > 0.999."""
     if probability < _UNLIKELY:
         return "< 0.001"
     if probability > 1.0 - _UNLIKELY:
@@ -764,14 +775,14 @@ def probability_words(probability: float) -> str:
 
 
 def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -> str:
-    """Return limits as they are written: ≤ 60, ≥ 18, ± 20, −20 to 40.
+    """Return tolerance limits as text, such as ≤ 60, ≥ 18, ± 20, or −20 to 40.
 
     Parameters
     ----------
     lower, upper
-        None where there is none.
+        Limits; None where there is no limit.
     factor
-        From their unit to that for reading.
+        Factor from the unit of the limits to the unit shown.
 
     Returns
     -------
@@ -789,7 +800,7 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 
 
 def trend_sentences(trend: Any) -> tuple[str, ...]:
-    """Return what a trend says, the most important first; its caveats stand by themselves."""
+    """Return sentences on the findings of a trend, the most important first, without caveats."""
     estimates = trend.estimates
     probability_of_time = 0.0
     if trend.changed:
@@ -804,7 +815,7 @@ def trend_sentences(trend: Any) -> tuple[str, ...]:
 
 
 def population_sentences(population: Any) -> tuple[str, ...]:
-    """Return what was pooled, and which machines do not belong; caveats stand by themselves."""
+    """Return sentences on a population and on machines that do not belong, without caveats."""
     furthest = {}
     for name in population.not_belonging:
         z = population.machine[name].z
@@ -814,7 +825,7 @@ def population_sentences(population: Any) -> tuple[str, ...]:
 
 
 def population_doubts(doubts: Any) -> tuple[str, ...]:
-    """Return what is to be minded of a population as a prior, and what it does not model."""
+    """Return sentences on the limitations of a population, especially of its use as a prior."""
     return _sentences("population_doubts", doubts)
 
 
@@ -822,30 +833,30 @@ def population_doubts(doubts: Any) -> tuple[str, ...]:
 
 
 def annex_words(degree: int, averaged: bool) -> str:
-    """Return which model the numbers after the sheets are of."""
+    """Return a sentence on the model from which the numbers after the sheets come."""
     return _sentence("annex_words", degree, averaged)
 
 
 def instrument_words(force_N: float, same_instrument: bool) -> str:
-    """Return what differences between campaigns rest on."""
+    """Return a sentence on the assumptions behind differences between campaigns."""
     return _sentence("instrument_words", force_N, same_instrument)
 
 
 def difference_doubts(
     first: str, other: str, converged: bool, conflict: tuple[str, float] | None
 ) -> tuple[str, ...]:
-    """Return what forbids the use of a difference of campaigns."""
+    """Return sentences on the reasons not to use the difference between two campaigns."""
     return _sentences("difference_doubts", first, other, converged, conflict)
 
 
 def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the credible interval in the JSON of a parameter."""
+    """Return the credible interval in the JSON record of a parameter."""
     low, high = entry[_interval_key(entry)]
     return low, high
 
 
 def percent_of(result: Mapping[str, Any]) -> str:
-    """Return the probability of the intervals in the JSON of a fit: 95 %."""
+    """Return the probability of the intervals in the JSON record of a fit, such as 95 %."""
     entry = next(iter(result["parameters"].values()))
     return f"{_interval_key(entry).removeprefix('ci')} %"
 
@@ -855,7 +866,7 @@ def _interval_key(entry: Mapping[str, Any]) -> str:
 
 
 def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return what forbids or limits the use of the numbers."""
+    """Return sentences on the reasons not to use the numbers of a fit, or only with caution."""
     grave = tuple(concern for concern in fit.concerns if concern.kind not in ("forces", "centre"))
     sentences = list(concern_sentences(grave, result["sampler"]))
     is_explained = "not-converged" in fit.kinds or "truncation" in fit.kinds
@@ -867,7 +878,7 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float) -> str:
-    """Return which parameters of a campaign differ from those of the first."""
+    """Return a sentence on the parameters in which a campaign differs from the first one."""
     tail = 0.5 - 0.5 * ci_prob
     probability = table["probability_of_increase"]
     sizes = []

@@ -1,6 +1,7 @@
-"""Figures: every one is a function of a posterior, or of another result, that returns a Figure.
+"""Figures: functions that take a posterior or another result and return a Matplotlib Figure.
 
-PALETTE, force_colours, new_figure and styled are for figures of one's own in the same style.
+PALETTE, force_colours, new_figure and styled help users to make their own figures in the same
+style.
 """
 
 import lazy_loader

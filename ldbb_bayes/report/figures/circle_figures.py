@@ -1,4 +1,4 @@
-"""Figures of the circles of a posterior: polar traces, and what the fit leaves."""
+"""Figures of the circular tests of a posterior: polar traces, and residuals of the fit."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from ldbb_bayes.results import Array
 __all__ = ["residuals", "traces"]
 
 _DRAWS = 600
-_MOST_DOTS = 2400  # readings of all traces that are drawn
-_MOST_BANDS = 12  # tests that are drawn with their bands; more would hide one another
-_MOST_NAMED_FORCES = 9  # on the scale of forces
-_MOST_RESIDUALS = 10  # tests whose residuals are drawn
+_MOST_DOTS = 2400  # largest number of readings that are drawn, over all traces
+_MOST_BANDS = 12  # largest number of tests drawn with bands; more bands would hide one another
+_MOST_NAMED_FORCES = 9  # largest number of labels on the scale of forces
+_MOST_RESIDUALS = 10  # largest number of tests whose residuals are drawn
 _ANGLE = np.linspace(0.0, 2 * np.pi, 361)
 _DASHED = (0, (4, 3))
 _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.85})
@@ -39,7 +39,7 @@ _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, 
 
 @dataclass(frozen=True, eq=False)
 class _Traces:
-    """What the polar panels of all planes have in common."""
+    """Readings, predictions and scale that the polar panels of all planes have in common."""
 
     bound: BoundModel
     beta: Array
@@ -82,7 +82,7 @@ class _Traces:
 
     @property
     def stride(self) -> int:
-        """Every so many readings are drawn."""
+        """Step through the readings: only every ``stride``-th reading is drawn."""
         return -(-sum(map(len, self.readings_um)) // _MOST_DOTS)
 
     @cached_property
@@ -94,13 +94,14 @@ class _Traces:
 def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
     """Draw polar traces of all tests, plane by plane.
 
-    Readings, prediction (machine, bar and balls), of few tests the 95 % band for a new circle,
-    rings in µm, and forces along a scale in the order of the traces.
+    The figure shows readings, the prediction (machine, bar and balls), rings in µm, and a colour
+    scale of forces in the order of the traces. If there are few tests, it also shows the 95 % band
+    for the readings of a new circle.
 
     Parameters
     ----------
     posterior
-        From `sample` or `load`.
+        Posterior from `sample` or `load`.
     words
         Labels. Default: English.
 
@@ -140,7 +141,7 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
 
 
 def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
-    """Draw readings and prediction of one test."""
+    """Draw the readings and the prediction of one test."""
     test = shown.bound.campaign.tests[r]
     colour = shown.colours[r]
     dots = slice(None, None, shown.stride)
@@ -189,7 +190,7 @@ def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
 
 
 def _panel_head(shown: _Traces, plane: str) -> str:
-    """Return what the marks of one plane mean, in lines that its circle is wide enough for."""
+    """Return the explanation of the marks of one plane, broken into lines as wide as its panel."""
     words = shown.words
     setting = shown.bound.setting
     readings = words["readings"]
@@ -216,7 +217,7 @@ def _panel_head(shown: _Traces, plane: str) -> str:
 
 
 def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
-    """Draw a colour for every force, from the innermost trace to the outermost."""
+    """Draw the colour scale of forces, from the force of the innermost trace to the outermost."""
     forces_N = shown.bound.setting.force_N
     levels = np.unique(forces_N)
     count = len(levels)
@@ -244,7 +245,7 @@ def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
 
 
 def _mean_reading(shown: _Traces, force_N: float) -> float:
-    """Return the mean of the mean readings of the tests at a force [µm]."""
+    """Return the mean over all tests at a force of their mean readings [µm]."""
     means = []
     for readings, force in zip(shown.readings_um, shown.bound.setting.force_N, strict=True):
         if force == force_N:
@@ -261,12 +262,12 @@ def _round_step(size: float) -> float:
 
 @styled
 def residuals(posterior: xr.DataTree) -> Figure:
-    """Draw reading minus prediction (machine, bar and balls) against angle, of ten tests at most.
+    """Draw reading minus prediction (machine, bar and balls) against angle for up to ten tests.
 
     Parameters
     ----------
     posterior
-        From `sample` or `load`.
+        Posterior from `sample` or `load`.
 
     Returns
     -------

@@ -1,4 +1,8 @@
-"""Figures of a comparison of models: evidence, and curves beside local fits."""
+"""Figures of a comparison of models: evidence, and curves together with local fits.
+
+ln B is the log Bayes factor, by which the readings favour one model over another. A local fit uses
+only tests at neighbouring forces.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +21,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["compliance_with_local_fits", "evidence", "geometry_with_local_fits"]
 
-_LINES = ("-", "--", ":")  # of models, in turn
-_MIDDLE_NAT = 20.0  # the middle stretch of the scale reaches at least so far
-_BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # where the scale is broken
+_LINES = ("-", "--", ":")  # line styles of models, in turn
+_MIDDLE_NAT = 20.0  # smallest reach of the middle stretch of the scale [nat]
+_BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # shape of the mark where the scale is broken
 
 
 # ---- evidence
 
 
 class _Assumption(NamedTuple):
-    """Evidence under one assumption."""
+    """Log Bayes factor under one assumption, and how well the readings support the assumption."""
 
     name: str
     log_bayes_factor: float
@@ -38,15 +42,16 @@ class _Assumption(NamedTuple):
 
 @styled
 def evidence(comparison: Comparison) -> Figure:
-    """Draw ln B under every width of the slopes' prior and every assumption.
+    """Draw the log Bayes factor ln B under every width of the slopes' prior and every assumption.
 
-    Dots with 95 % of the numerical error; right: how well the readings support the assumption. The
-    scale is linear, broken where assumptions that the readings reject lie far out.
+    Bars on the dots are 95 % intervals of the numerical error. The numbers at the right state how
+    well the readings support each assumption. The scale is linear; it is broken where values under
+    assumptions that the readings reject lie far out.
 
     Parameters
     ----------
     comparison
-        From `compare`.
+        Comparison that `compare` returns.
 
     Returns
     -------
@@ -101,7 +106,7 @@ def _assumptions(comparison: Comparison) -> list[_Assumption]:
 
 
 class _Stretch(NamedTuple):
-    """A stretch of the broken scale; outer ones are left and right of the middle."""
+    """A stretch of the broken scale; outer stretches lie left or right of the middle one."""
 
     low: float
     high: float
@@ -185,10 +190,11 @@ def _gain_words(gain: float | None) -> str:
 
 @styled
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
-    """Draw C(F): average over slope subsets, mean of every model, and local fits.
+    """Draw compliance C against force F: model average, mean of every model, and local fits.
 
-    As the paper's Fig. 15. A local fit, its geometry free, estimates the tangent d(F C)/dF; that of
-    the averaged C(F) is drawn for it.
+    The figure corresponds to Fig. 15 of the paper. The average is over models in which each slope
+    is present or absent. A local fit, with its own geometric errors, estimates the tangent
+    d(F C)/dF rather than C, so the tangent of the average is drawn too.
 
     Parameters
     ----------
@@ -218,7 +224,7 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
 def geometry_with_local_fits(comparison: Comparison) -> Figure:
     """Draw geometric errors of every model and of local fits against force.
 
-    As the paper's Fig. 16.
+    The figure corresponds to Fig. 16 of the paper.
 
     Parameters
     ----------
@@ -236,7 +242,7 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
 
 
 def _draw_nothing(axes: Axes, name: str, factor: float) -> None:
-    """Leave a panel empty beneath its curves."""
+    """Draw nothing beneath the curves of a panel."""
 
 
 def _draw_against_force(
@@ -275,7 +281,8 @@ def _mean_curve(model: Any, name: str) -> tuple[Array, Array]:
 def _draw_local_fits(axes: Axes, local_fits: pd.DataFrame, name: str, factor: float) -> None:
     """Draw local fits.
 
-    Least squares beyond what all else takes up stands at the edge, as an arrow.
+    Least-squares estimates beyond the range of everything else appear as arrows at the panel's
+    edge.
     """
     if local_fits.empty:
         return

@@ -18,12 +18,12 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["expected_widths"]
 
-_COLUMNS = 3  # parameters beside one another
-_LONGEST_BAR = 0.72  # of a column
+_COLUMNS = 3  # number of parameters in one row
+_LONGEST_BAR = 0.72  # length of the longest bar, as a share of a column's width
 
 
 class _PlanBars(NamedTuple):
-    """The bars of one plan: its name, expected sd by parameter [inside units], and colour."""
+    """Bars of one plan: its name, expected sd by parameter (internal units), and colour."""
 
     name: str
     sd: Mapping[str, float]
@@ -34,15 +34,16 @@ class _PlanBars(NamedTuple):
 def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyType({})) -> Figure:
     """Draw the expected uncertainty of every parameter under each plan.
 
-    u with the recommended tests, with those compared, and with ever more of the recommended ones;
-    bars have a scale for each parameter.
+    The standard uncertainty u is shown for the recommended tests, for the plans compared with them,
+    and in the limit of ever more repetitions of the recommended tests. Each parameter has its own
+    scale of bars.
 
     Parameters
     ----------
     design
-        From `design`.
+        Design that `design` returns.
     today
-        u of today by parameter, inside units.
+        Present standard uncertainty by parameter, in internal units (mm, N, rad).
 
     Returns
     -------
@@ -105,7 +106,7 @@ def _expected_sd(expected: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _sizes(design: Design, plans: list[_PlanBars]) -> Array:
-    """Return u by plan and parameter, in the units for reading."""
+    """Return the standard uncertainty by plan (rows) and parameter, in the units shown."""
     factors = [display_unit(expected.unit)[0] for expected in design.expected.values()]
     rows = []
     for plan in plans:

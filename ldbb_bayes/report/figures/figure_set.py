@@ -1,4 +1,4 @@
-"""All figures of a posterior, drawn into a folder."""
+"""All figures of a posterior, and a function that writes them into a folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ldbb_bayes.report.figures.style import save_figure
 
 __all__ = ["FIGURES", "save_figures"]
 
-#: What draws each figure of a posterior, by its name.
+#: Functions that draw the figures of a posterior, by the name of the figure.
 FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
     {
         "traces": traces,
@@ -47,11 +47,11 @@ def save_figures(
     Parameters
     ----------
     posterior
-        From `sample` or `load`.
+        Posterior from `sample` or `load`.
     folder
-        Is made where it is missing.
+        Folder for the files; it is made if missing.
     formats
-        Some of png, svg, pdf.
+        File formats: png, svg or pdf, one or several.
 
     Returns
     -------

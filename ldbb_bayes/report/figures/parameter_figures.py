@@ -26,14 +26,15 @@ from ldbb_bayes.units import display_unit, inside_name, plus_minus
 __all__ = ["WORDS", "compliance_against_force", "corner", "forest"]
 
 _CATALOGUE = files("ldbb_bayes.report") / "templates" / "words_en.toml"
-#: What the figures of the sheets say, for another language to say otherwise.
+#: English labels of the figures that the sheets show; sheets in another language replace them.
 WORDS: Mapping[str, str] = MappingProxyType(
     tomllib.loads(_CATALOGUE.read_text(encoding="utf-8"))["figures"]
 )
-# Direct compliances, rotations for moments, scale gains, squareness.
+# Patterns of the names of parameters in a corner plot: direct compliances, rotations due to
+# moments, scale gains, squareness.
 _CORNER_PARAMETERS = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
 _MOST_IN_CORNER = 8
-_MOST_WITHOUT_PATTERN = 6  # parameters of a corner, where the model has none of those
+_MOST_WITHOUT_PATTERN = 6  # parameters in a corner plot if no name fits these patterns
 _CURVE_DRAWS = 1500
 
 
@@ -44,12 +45,12 @@ _CURVE_DRAWS = 1500
 def forest(posterior: xr.DataTree) -> Figure:
     """Draw 95 % and 50 % intervals of every parameter, a panel for each unit.
 
-    Faint: 95 % of the prior; right: value ± U.
+    Faint lines show 95 % intervals of the priors; the texts at the right state value ± U.
 
     Parameters
     ----------
     posterior
-        From `sample`, `load` or `average`.
+        Posterior from `sample`, `load` or `average`.
 
     Returns
     -------
@@ -94,7 +95,7 @@ def _draw_intervals(
         unit = group[name].attrs["unit"]
         texts.append(plus_minus(summary["mean"], summary["sd"], interval, unit))
     axes.axvline(0.0, color=GREY, linewidth=0.8)
-    # As wide as the readings leave it: a prior may be much wider.
+    # Keep the axis limits that the posterior needs: a prior may be much wider.
     axes.set_xlim(axes.get_xlim())
     prior_sd, _ = priors_of(posterior)
     for row, name in zip(rows, names, strict=True):
@@ -175,15 +176,15 @@ def _draw_curve(axes: Axes, force_N: Array, curves: Array, words: Mapping[str, s
 
 @styled
 def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure:
-    """Draw the pairwise posterior of some parameters.
+    """Draw the joint posterior distribution of every pair of some parameters (corner plot).
 
     Parameters
     ----------
     posterior
         From `sample`, `load` or `average`.
     names
-        Parameters. Default: the direct compliances, C_CCY, and the geometric errors that share
-        their patterns, where the model has them.
+        Names of the parameters. Default: those of the model among the direct compliances, C_CCY,
+        and the geometric errors whose effects on the readings have the same pattern.
 
     Returns
     -------
@@ -192,7 +193,7 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     Raises
     ------
     InputError
-        The posterior does not have a parameter.
+        The posterior lacks one of the parameters.
     """
     from corner import corner as draw_corner  # brings pyplot, which starts a backend
 

@@ -1,4 +1,4 @@
-"""Figures of the machine's path: circular-test quantities, and what the path is made of."""
+"""Figures of the machine's tool path: circular-test quantities, and contributions to the path."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from ldbb_bayes.units import display_name, round_like, round_uncertainty
 __all__ = ["circularity", "contributions", "parameter_contributions"]
 
 _DRAWS = 500
-_FORCES = 13  # at which quantities are drawn
-_MOST_FORCES = 6  # panels of contributions
+_FORCES = 13  # number of forces at which circular-test quantities are drawn
+_MOST_FORCES = 6  # largest number of forces, each with a panel, in the figure of contributions
 _EXPLANATION = "Line: mean, band: 95 %\nAbove: peak to peak {}, median and 95 % interval"
 
 
@@ -58,10 +58,10 @@ _SOURCES = {
 
 @styled
 def circularity(posterior: xr.DataTree) -> Figure:
-    """Draw circular-test quantities of the machine's path against force, with 95 % bands.
+    """Draw circular-test quantities of the machine's tool path against force, with 95 % bands.
 
-    G, F_max and F_min, squareness and scale mismatch; crosses: of the readings themselves, balls
-    and bar included.
+    The quantities are G, F_max and F_min, squareness and scale mismatch. Crosses show the values
+    computed from the readings themselves, which include the effects of balls and bar.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def circularity(posterior: xr.DataTree) -> Figure:
         panel = _PANELS[k % len(_PANELS)]
         plane = planes[k // len(_PANELS)]
         rows = table[table["plane"] == plane]
-        # Other radii have other paths: only readings of the circle that is drawn.
+        # The tool path depends on the radius: use only readings at the radius that is drawn.
         is_same_radius = measured["radius_mm"] == rows["radius_mm"].iloc[0]
         readings = measured[(measured["plane"] == plane) & is_same_radius]
         _draw_quantities(axes, panel.quantities, rows, readings)
@@ -110,9 +110,10 @@ def _draw_quantities(
 
 @styled
 def contributions(posterior: xr.DataTree) -> Figure:
-    """Draw what compliance, geometry and both together add to the path, at up to six forces.
+    """Draw the contributions of compliance and geometry to the tool path, at up to six forces.
 
-    With 95 % bands and the peak to peak of both; offsets of the tool ball left out (Fig. 8).
+    The contributions of both together are drawn too, with 95 % bands and their peak-to-peak value.
+    Offsets of the tool ball are left out. The figure corresponds to Fig. 8 of the paper.
 
     Parameters
     ----------
@@ -147,9 +148,10 @@ def contributions(posterior: xr.DataTree) -> Figure:
 
 @styled
 def parameter_contributions(posterior: xr.DataTree) -> Figure:
-    """Draw what every parameter adds to the path at the highest force.
+    """Draw the contribution of every parameter to the tool path at the highest force.
 
-    Every compliance (with slope) and geometric error, 95 % bands and peak to peak (Figs. 9 and 10).
+    There is a panel for every compliance (with its slope) and geometric error, with a 95 % band and
+    the peak-to-peak value. The figure corresponds to Figs. 9 and 10 of the paper.
 
     Parameters
     ----------
@@ -185,9 +187,10 @@ def parameter_contributions(posterior: xr.DataTree) -> Figure:
 def _paths(
     posterior: xr.DataTree, bound: BoundModel, plane: str, force_N: float, sources: Sequence[str]
 ) -> Mapping[str, Array]:
-    """Return paths on the first circle of a plane, (draws, 360) [µm].
+    """Return contributions to the tool path on the first circle of a plane [µm], by source.
 
-    They are of the very draws of `ldbb_bayes.contributions`.
+    Each array has the shape (random draws, 360 angles). The draws are the same as those of
+    `ldbb_bayes.contributions`.
     """
     circle = first_circle(bound, plane)
     beta, _ = draws_of(posterior, bound, path_contributions.DRAWS)
@@ -195,7 +198,10 @@ def _paths(
 
 
 def _peak_to_peak_words(path: Array) -> str:
-    """Return peak to peak of paths, median and 95 % interval: 17.2 [11.5, 39.8] µm."""
+    """Return the peak-to-peak value of tool paths in words, such as 17.2 [11.5, 39.8] µm.
+
+    The numbers are the median and the 95 % interval over the random draws.
+    """
     low, median, high = np.quantile(np.ptp(path, axis=1), [0.025, 0.5, 0.975])
     _, decimals = round_uncertainty((high - low) / 4.0)
     interval = f"[{round_like(low, decimals)}, {round_like(high, decimals)}]"

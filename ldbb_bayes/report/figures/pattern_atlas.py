@@ -18,22 +18,23 @@ from ldbb_bayes.units import display_name
 __all__ = ["compliance_atlas", "geometric_atlas"]
 
 _ANGLE = np.linspace(0.0, 2 * np.pi, 361)
-_SWING = 0.45  # of a pattern, beside the radius of the circle
+_SWING = 0.45  # amplitude of a drawn pattern, relative to the radius of the drawn circle
 _DASHED = (0, (4, 3))
 
 
 @styled
 def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
-    """Draw the patterns of all joint compliances.
+    """Draw the patterns of all joint compliances, that is, their effects on readings of a circle.
 
-    Proportional ones have one colour; the one that is kept of them is bold.
+    Compliances with proportional patterns have the same colour; the one that the model keeps of
+    them is bold.
 
     Parameters
     ----------
     machine
         The machine.
     circle
-        Default: one about the origin, in the machine's first plane.
+        Circle. Default: a circle about the origin, in the machine's first plane.
 
     Returns
     -------
@@ -57,14 +58,14 @@ def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
 
 @styled
 def geometric_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
-    """Draw the patterns of the geometric errors.
+    """Draw the patterns of the geometric errors, that is, their effects on readings of a circle.
 
     Parameters
     ----------
     machine
         The machine.
     circle
-        Default: one about the origin, in the machine's first plane.
+        Circle. Default: a circle about the origin, in the machine's first plane.
 
     Returns
     -------

@@ -1,4 +1,8 @@
-"""Figure of a calibration: ranks of the truths among the draws."""
+"""Figure of simulation-based calibration: ranks of true values among posterior draws.
+
+Campaigns are simulated with known parameters and fitted. If the method is right, the rank of each
+true value among the random draws of its posterior is uniformly distributed.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +20,15 @@ _COLUMNS = 4
 
 @styled
 def rank_ecdf(validation: Validation) -> Figure:
-    """Draw the empirical distribution of every quantity's ranks, minus the uniform one.
+    """Draw the empirical distribution of every quantity's ranks, minus the uniform distribution.
 
-    The band holds all of them together.
+    The band is for all quantities together: uniform ranks leave it nowhere with the stated
+    probability.
 
     Parameters
     ----------
     validation
-        From `validate`.
+        Validation that `validate` returns.
 
     Returns
     -------

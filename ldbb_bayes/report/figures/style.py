@@ -1,6 +1,6 @@
-"""One style for every figure, and the shapes that figures share.
+"""Common style of all figures, and functions for elements that several figures have.
 
-Colours are safe for the colour-blind, every axis has its unit, and pyplot is not used.
+Colour-blind readers can tell the colours apart, and every axis states its unit. pyplot is not used.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ ACCENT = PALETTE[0]
 GREY = "#8C8C8C"
 FAINT = "#B8B8B8"
 LIGHT = "#D9D9D9"
-# One colour per source of uncertainty in every figure; a user's own terms take the spare ones in
-# turn.
+# Colour of each source of uncertainty, the same in all figures; terms that a user added take the
+# spare colours in turn.
 _TERM_COLOURS = {
     "BallForm": PALETTE[1],
     "BarLength": PALETTE[3],
@@ -53,17 +53,17 @@ _STYLE = mpl.rc_params_from_file(
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Return a function that draws under the common style.
+    """Return a function that draws a figure in the common style.
 
     Parameters
     ----------
     draw
-        Returns a figure.
+        Function that returns a figure.
 
     Returns
     -------
     callable
-        It leaves the caller's settings alone.
+        The function; the caller's Matplotlib settings are unchanged after each call.
     """
 
     @functools.wraps(draw)
@@ -72,7 +72,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
             figure = draw(*args, **kwargs)
             engine = figure.get_layout_engine()
             if engine is not None:
-                # Laid out once, not with every file.
+                # Compute the layout once here instead of again for every file written.
                 engine.execute(figure)
                 figure.set_layout_engine("none")
             return figure
@@ -86,7 +86,7 @@ def new_figure(width: float, height: float) -> Figure:
     Parameters
     ----------
     width, height
-        In inches.
+        Size in inches.
 
     Returns
     -------
@@ -97,19 +97,19 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def force_colours(forces_N: Sequence[float]) -> list[Any]:
-    """Return one colour per force, light to dark in order of force.
+    """Return one colour per force, from light to dark with increasing force.
 
-    The lightest still stands out from paper, in grey too.
+    Even the lightest colour is visible on white paper, also when printed in grey.
 
     Parameters
     ----------
     forces_N
-        Repeated forces have one colour.
+        Forces [N]; equal forces get the same colour.
 
     Returns
     -------
     list
-        A colour for each, as matplotlib has them.
+        Matplotlib colour of each force.
     """
     levels = distinct_forces(forces_N)
     places = np.searchsorted(levels, forces_N, side="right") - 1
@@ -118,7 +118,7 @@ def force_colours(forces_N: Sequence[float]) -> list[Any]:
 
 
 def axis_label(name: str, unit: str) -> tuple[float, str]:
-    """Return factor and label for an axis that shows a parameter in its unit for reading."""
+    """Return the factor to the unit shown, and the label, for an axis that shows a parameter."""
     factor, label = display_unit(unit)
     return factor, f"{display_name(name)} ({label})"
 
@@ -126,7 +126,10 @@ def axis_label(name: str, unit: str) -> tuple[float, str]:
 def panels(
     count: int, columns: int, height: float, extra: float = 0.6, **options: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with panels, at most so many in a row of ``height`` inches."""
+    """Return a figure with ``count`` panels in rows of at most ``columns``.
+
+    Each row is ``height`` inches high; the figure is ``extra`` inches higher than its rows.
+    """
     columns = min(count, columns)
     rows = -(-count // columns)
     figure = new_figure(WIDTH, extra + height * rows)
@@ -140,7 +143,7 @@ def panels(
 
 
 def name_rows(axes: Axes, names: Sequence[str]) -> Array:
-    """Name rows by parameters, from top to bottom, and return their heights."""
+    """Label rows with parameter names, from top to bottom, and return their vertical positions."""
     rows = np.arange(len(names))[::-1]
     axes.set_yticks(rows, [display_name(name) for name in names])
     axes.set_ylim(-0.6, len(names) - 0.4)
@@ -163,7 +166,7 @@ def term_colours(terms: Iterable[str]) -> dict[str, str]:
 
 
 def band(axes: Axes, x: Any, limits: Any, colour: Any, alpha: float = 0.2, **options: Any) -> None:
-    """Shade what lies between two curves."""
+    """Shade the area between two curves."""
     axes.fill_between(x, limits[0], limits[1], color=colour, alpha=alpha, linewidth=0, **options)
 
 
@@ -188,11 +191,11 @@ def save_figure(
     figure
         The figure.
     folder
-        Is made where it is missing.
+        Folder for the files; it is made if missing.
     name
-        Of the files.
+        Name of the files without extension.
     formats
-        Some of png, svg, pdf.
+        File formats: png, svg or pdf, one or several.
 
     Returns
     -------

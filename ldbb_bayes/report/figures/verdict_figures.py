@@ -1,4 +1,8 @@
-"""Figures of verdicts and budgets: before and after the readings, sources of uncertainty."""
+"""Figures of verdicts and uncertainty budgets.
+
+Verdicts state how far the readings determine each parameter: densities before and after the
+readings. Budgets show the sources of each uncertainty.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +23,8 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["budget_bars", "prior_and_posterior"]
 
-_SMALLEST_SHARE = 0.5  # per cent of a variance: sources of less in every parameter are not drawn
-_SHARE_PER_LETTER = 1.75  # per cent: so wide must a bar be for every letter that stands in it
+_SMALLEST_SHARE = 0.5  # smallest share of a variance that is drawn, in any parameter [%]
+_SHARE_PER_LETTER = 1.75  # width that a bar needs for each letter written in it [%]
 _LUMINANCE = (0.2126, 0.7152, 0.0722)  # weights of red, green and blue
 _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "confounded": PALETTE[1]}
 
@@ -29,12 +33,12 @@ _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "conf
 def prior_and_posterior(identifiability: Identifiability) -> Figure:
     """Draw the density of every parameter before and after the readings.
 
-    Each has its unit; the colour is the verdict's.
+    Each panel has the unit of its parameter; its colour shows the verdict on the parameter.
 
     Parameters
     ----------
     identifiability
-        From `identify`.
+        Identifiability that `identify` returns.
 
     Returns
     -------
@@ -85,12 +89,14 @@ def _uncertainty_words(u: float, unit: str) -> str:
 
 @styled
 def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
-    """Draw the share of every source in the variance of every parameter; right: u.
+    """Draw the share of every source in the variance of every parameter.
+
+    The texts at the right state the standard uncertainty u of each parameter.
 
     Parameters
     ----------
     budgets
-        From `budgets`.
+        Uncertainty budgets that `budgets` returns.
 
     Returns
     -------
@@ -122,7 +128,10 @@ def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
 def _draw_source(
     axes: Axes, rows: Array, start: Array, shares: Array, words: str, colour: str
 ) -> None:
-    """Draw the bars of one source, with its name in those that are wide enough, for grey print."""
+    """Draw the bars of one source of uncertainty.
+
+    Bars that are wide enough carry the source's name, so that grey prints can be read.
+    """
     axes.barh(
         rows,
         shares,
