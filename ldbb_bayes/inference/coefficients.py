@@ -1,11 +1,16 @@
-"""Circles as basis coefficients, from draws of a model's parameters.
+"""Predicted circles as basis coefficients, from random draws of the parameters of a model.
 
-Three predictions are never mixed up:
+The 25 basis coefficients of a circle are its harmonics of the orders 0 to 12. β are the p
+parameters: compliances, their slopes and geometric errors. φ are the h hyper-parameters, the scales
+of the noise and of other effects. y are the readings. Nuisances are effects that are modelled but
+not of interest: shared ones are common to several tests, private ones belong to a single circle.
 
-- machine: H β;
-- shared: plus ball form, bar length, mount and force error. RMSE and fitness (Eq. 34-35) are of
-  this one;
-- new circle: plus set-up shift, discrepancy and white noise, drawn anew.
+There are three kinds of prediction:
+
+- machine: H β, where the matrix H holds the effect of each parameter on each circle;
+- shared: the machine plus ball form, bar length, mount and force error; RMSE and fitness
+  (Eq. 34-35) refer to this prediction;
+- new circle: the shared prediction plus set-up shift, discrepancy and white noise, drawn anew.
 """
 
 from __future__ import annotations
@@ -39,32 +44,36 @@ __all__ = [
 
 
 class ModelDraws(NamedTuple):
-    """A bound model and draws of its parameters; an average over models has several."""
+    """Model bound to a campaign, and n random draws of its hyper-parameters and parameters."""
 
     bound: BoundModel
-    phi: Array  #: hyper-parameters, (n, h) [mm]
-    beta: Array  #: parameters, (n, p)
+    phi: Array  #: hyper-parameters [mm], shape (n, h)
+    beta: Array  #: parameters, shape (n, p)
 
     def thinned(self, size: int) -> ModelDraws:
-        """Return so many draws at most, evenly picked."""
+        """Return at most ``size`` of the draws, evenly spaced."""
         chosen = evenly_spaced(len(self.phi), size)
         return ModelDraws(self.bound, self.phi[chosen], self.beta[chosen])
 
 
 class PrivateTerm(NamedTuple):
-    """What a circle has for itself, drawn anew for every circle."""
+    """Private effect of one circle, with v coefficients that are drawn anew for every circle."""
 
-    columns: Array  #: of the basis, (25, v) [mm]
-    sd: Array  #: of the coefficients, (draws, v)
+    columns: Array  #: basis coefficients of each effect [mm], shape (25, v)
+    sd: Array  #: sd of the v coefficients, shape (draws, v)
 
 
 def evenly_spaced(total: int, size: int) -> Array:
-    """Return so many positions at most, evenly spaced from the first to the last of ``total``."""
+    """Return at most ``size`` indices, evenly spaced from 0 to ``total`` − 1."""
     return np.linspace(0, total - 1, min(size, total)).astype(int)
 
 
 def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array, Array]:
-    """Return draws (chains, draws, …) of all chains in one row, all or so many, evenly picked."""
+    """Return the draws of all chains in one array each for β and φ, shape (draws, variables).
+
+    The draws given have the shape (chains, draws, variables). If ``size`` is given, at most that
+    many are returned, evenly spaced.
+    """
     flat_beta = beta.reshape(-1, beta.shape[2])
     flat_phi = phi.reshape(-1, phi.shape[2])
     if size is None:
@@ -74,26 +83,32 @@ def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array,
 
 
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
-    """Return coefficients of H β plus nominal mount deflection, shape (draws, tests, 25) [mm]."""
+    """Return the machine prediction H β plus the nominal deflection of the mount [mm].
+
+    The basis coefficients have shape (draws, tests, 25).
+    """
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
 
 def shared_terms(
     columns: Iterable[Columns | BasisNoise], *, private: bool = False
 ) -> list[Columns]:
-    """Return the nuisances' columns whose coefficients tests share, or that each test has alone."""
+    """Return the columns of the shared nuisances or, if ``private``, of the private ones."""
     return [term for term in columns if isinstance(term, Columns) and term.private == private]
 
 
 def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
-    """Return the columns of `shared_terms` side by side, shape (tests, 25, q) [mm]."""
+    """Return the columns that `shared_terms` returns as one array [mm], shape (tests, 25, q)."""
     columns = [np.zeros((len(bound.test_names), SIZE, 0))]
     columns += [term.values for term in shared_terms(bound.nuisance_columns, private=private)]
     return np.concatenate(columns, axis=2)
 
 
 def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
-    """Draw the shared nuisance coefficients given each β, φ and y, shape (draws, q)."""
+    """Return random draws of the shared nuisance coefficients given β, φ and y, shape (draws, q).
+
+    One is drawn for each draw of β and φ.
+    """
     draws = []
     for start in range(0, len(phi), CHUNK):
         chunk = slice(start, start + CHUNK)
@@ -105,10 +120,11 @@ def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gener
 def compliance_curves(
     bound: BoundModel, phi: Array, beta: Array, force_N: Array, rng: np.random.Generator
 ) -> Array:
-    """Return C(F) of every kept compliance at forces (n,), shape (draws, n, compliances).
+    """Return C(F) of every compliance that the model keeps, shape (draws, n, compliances).
 
-    C(F) is C and its slopes; of an axis, its deflection over a bar force along it, also what
-    `JointLoad` adds, drawn given each β, φ and y.
+    C(F) is the compliance at each of n forces F, from C and its slopes. C(F) of a machine axis is
+    its deflection divided by the bar force along it. It includes what the term `JointLoad` adds,
+    which is drawn at random given β, φ and y.
     """
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])
     curves = np.einsum("fcp,wp->wfc", at_forces, beta)
@@ -143,9 +159,10 @@ def _names_of_shared(bound: BoundModel) -> list[str]:
 
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
-    """Return machine plus expected ball form, bar length, mount and force error given β, φ and y.
+    """Return the shared prediction, with nuisances at their means given β, φ and y [mm].
 
-    Shape (draws, tests, 25) [mm].
+    It is the machine plus ball form, bar length, mount and force error, as basis coefficients of
+    shape (draws, tests, 25).
     """
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean
@@ -162,10 +179,10 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
 def new_circle_coefficients(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> Array:
-    """Draw a new circle in the place of every test, white noise aside, (draws, tests, 25) [mm].
+    """Return random draws of a new circle under the conditions of every test [mm].
 
-    Shared nuisances are drawn from their posterior; force error, set-up shift and discrepancy are
-    drawn anew.
+    The basis coefficients, shape (draws, tests, 25), lack white noise. Shared nuisances are drawn
+    from their posterior; random force error, set-up shift and discrepancy are drawn anew.
     """
     shared = draw_shared_coefficients(bound, phi, beta, rng)
     circles = [draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))]
@@ -175,16 +192,19 @@ def new_circle_coefficients(
 def draw_shared_coefficients(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> Array:
-    """Draw machine plus shared nuisances given each β, φ and y, shape (draws, tests, 25) [mm]."""
+    """Return the machine plus random draws of shared nuisances given β, φ and y [mm].
+
+    The basis coefficients have shape (draws, tests, 25).
+    """
     nuisances = draw_shared(bound, phi, beta, rng)
     shared = np.einsum("tkq,wq->wtk", shared_columns(bound), nuisances)
     return np.asarray(machine_coefficients(bound, beta) + shared)
 
 
 def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
-    """Draw anew what circle r has for itself, shape (draws, 25) [mm].
+    """Return random draws of the private effects of test r, shape (draws, 25) [mm].
 
-    That is random force error, set-up shift and discrepancy.
+    These are random force error, set-up shift and discrepancy.
     """
     coefficients = np.zeros((len(phi), SIZE))
     for term in private_terms(bound, phi, r):
@@ -194,7 +214,7 @@ def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generat
 
 
 def private_terms(bound: BoundModel, phi: Array, r: int) -> Iterator[PrivateTerm]:
-    """Yield what circle r has for itself."""
+    """Yield the private effects of test r: random force error, set-up shift and discrepancy."""
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     for term in bound.nuisance_columns:
         if isinstance(term, BasisNoise):

@@ -1,4 +1,9 @@
-"""Exact draws of the parameters β given the hyper-parameters φ, inside the truncation."""
+"""Exact random draws of the parameters β given the hyper-parameters φ and the readings y.
+
+β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+hyper-parameters, the scales of the noise and of other effects. Truncation restricts β to
+compliances that are not negative. Free coordinates are φ transformed to be unbounded.
+"""
 
 from __future__ import annotations
 
@@ -12,26 +17,28 @@ from ldbb_bayes.results import Array
 
 __all__ = ["conditional_draws", "draw_parameters_given"]
 
-# How often draws that did not fall inside the truncation are repeated.
+# Largest number of times that draws outside the truncation are repeated.
 _REPEATS = 20
 
 
 def conditional_draws(
     bound: BoundModel, free: Array, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Draw β once from p(β | y, φ), inside the truncation, at free coordinates (w, h).
+    """Return one random draw of β from p(β | y, φ), under the truncation, at each of w points.
+
+    The points are given in free coordinates, shape (w, h).
 
     Returns
     -------
     beta : ndarray, shape (w, p)
     exact : ndarray of bool, shape (w,)
-        False where the rejection sampler gave up, or rounding left β outside the truncation.
+        False if the rejection sampler gave up, or if rounding left β outside the truncation.
     """
     beta = np.zeros((len(free), len(bound.names)))
     exact = np.ones(len(free), dtype=bool)
     nodes, node_of_row = np.unique(free, axis=0, return_inverse=True)
     node_of_row = node_of_row.ravel()
-    # Where points repeat the conditional is computed once for each node.
+    # If many points are equal, p(β | y, φ) is computed only once for each different point.
     conditional_of_nodes = None
     if 2 * len(nodes) <= len(free):
         conditional_of_nodes = bound.given(bound.hyper_prior.phi(nodes))[1]
@@ -49,13 +56,15 @@ def conditional_draws(
 
 
 def draw_parameters_given(bound: BoundModel, free: Array, rng: np.random.Generator) -> Array:
-    """Draw β once at each free coordinates (w, h), shape (w, p), all inside the truncation.
+    """Return one random draw of β at each of w points, all inside the truncation, shape (w, p).
+
+    The points are given in free coordinates, shape (w, h).
 
     Raises
     ------
     InputError
-        When rounds of exact rejection leave some undrawn: the readings leave no room inside the
-        truncation.
+        If repeated rejection finds no β inside the truncation at some point: the readings then
+        contradict compliances that are not negative.
     """
     beta = np.zeros((len(free), len(bound.names)))
     missing = np.arange(len(free))

@@ -1,6 +1,6 @@
-"""The paper's own estimate (Eq. 31): least squares of the readings on the hybrid Jacobian.
+"""Least-squares estimate of the paper (Eq. 31), from the readings and the hybrid Jacobian.
 
-Its uncertainty accounts for white noise alone.
+The uncertainty of this estimate accounts for white noise alone.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ from ldbb_bayes.results import Array, ByRow, Numbers, Result, readable
 
 __all__ = ["LeastSquares", "least_squares"]
 
-# A Jacobian whose smallest singular value is below this share of its largest is singular.
+# A Jacobian is singular if its smallest singular value is below this share of its largest.
 _SINGULAR = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares(Result):
-    """A least-squares estimate and how well it fits."""
+    """Least-squares estimate of the parameters, and how well it fits."""
 
-    #: One row per parameter: unit, estimate, u (standard uncertainty from the scatter of the
-    #: residuals, as if they were white noise; not a number where the readings do not determine the
-    #: parameters), in inside units.
+    #: table with the columns unit, estimate and u, and one row per parameter, in internal units
+    #: (mm, N, rad); u is the standard uncertainty from the scatter of the residuals, taken as white
+    #: noise; estimate and u are NaN if the readings do not determine the parameters
     table: ByRow
-    #: RMSE over all readings and of every test [µm], fitness of every test [%] (Eq. 34-35)
+    #: RMSE over all readings and of each test [µm], fitness of each test [%] (Eq. 34-35)
     quality: FitQuality
-    predicted_um: dict[str, Numbers]  #: by test, in the order of its readings
+    #: predicted readings of each test [µm], by its name, in the order of its readings
+    predicted_um: dict[str, Numbers]
 
     @property
     def estimate(self) -> dict[str, float]:
-        """Return the estimate of every parameter, in inside units."""
+        """Return the estimate of every parameter by name, in internal units (mm, N, rad)."""
         return {str(name): float(value) for name, value in self.table["estimate"].items()}
 
 
@@ -51,28 +52,29 @@ def least_squares(
     reference_force_N: float | None = None,
     fixed: tuple[str, ...] = (),
 ) -> LeastSquares:
-    """Estimate compliances, slopes and geometric errors by the pseudoinverse (Eq. 31).
+    """Return compliances, slopes and geometric errors estimated by least squares (Eq. 31).
 
     Parameters
     ----------
     campaign : Campaign
-        With readings.
+        Campaign with readings.
     degree : {0, 1, 2}
-        Compliance constant, linear (Eq. 33) or quadratic in force.
+        Compliances are constant (0), linear (1, Eq. 33) or quadratic (2) in force.
     reference_force_N : float, optional
-        F0; default: mid-range of the campaign's forces. 0 gives Eq. 33 literally.
+        Force F0 at which slopes add nothing; by default the mid-range of the campaign's forces.
+        Zero gives Eq. 33 literally.
     fixed : tuple of str
-        Parameters held at zero.
+        Names of parameters held at zero.
 
     Returns
     -------
     LeastSquares
-        In mm, N and rad.
+        Estimate in mm, N and rad.
 
     Raises
     ------
     InputError
-        For a plan, or fewer than degree + 2 force levels.
+        For a plan (a campaign without readings), or for fewer than degree + 2 force levels.
     """
     check_campaign(campaign)
     if campaign.is_plan:
@@ -100,9 +102,11 @@ def least_squares(
 
 
 def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
-    """Return the square roots of the diagonal of s² (JᵀJ)⁻¹, shape (p,).
+    """Return the standard uncertainty of each parameter, shape (p,).
 
-    Not a number where J is singular or has as many columns as there are readings.
+    It is the square root of the diagonal of s² (JᵀJ)⁻¹, where J is the Jacobian, shape
+    (readings, p), and s² the variance of the residuals. It is NaN if J is singular or if the
+    readings are no more than the parameters.
     """
     readings = sum(reduced.readings for reduced in bound.reduced)
     sum_of_squares = readings * (quality.rmse_um * 1e-3) ** 2

@@ -1,4 +1,9 @@
-"""Residuals of the readings against a prediction, and how well it fits (Eq. 34-35)."""
+"""Residuals of the readings against a prediction, and quality of the fit (Eq. 34-35).
+
+Predictions are the 25 basis coefficients of a circle for every test: its harmonics of the orders 0
+to 12. The readings of a test are reduced to m numbers that contain all that they say about these
+coefficients.
+"""
 
 from __future__ import annotations
 
@@ -23,29 +28,35 @@ __all__ = [
     "tests_in_order",
 ]
 
-# Singular values of a basis at a test's angles below this share of the largest count as zero.
+# Singular values of the basis at the angles of a test count as zero below this share of the
+# largest one.
 RANK_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class FitQuality:
-    """RMSE over all readings and by test [µm], and fitness by test [%] (Eq. 34-35)."""
+    """Root-mean-square error (RMSE) and fitness of a prediction (Eq. 34-35)."""
 
-    rmse_um: float
-    rmse_by_test_um: dict[str, float]
-    fitness_percent: dict[str, float]
+    rmse_um: float  #: RMSE over all readings [µm]
+    rmse_by_test_um: dict[str, float]  #: RMSE of each test [µm], by its name
+    fitness_percent: dict[str, float]  #: fitness of each test [%], by its name
 
 
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
-    """Return RMSE and fitness of the posterior mean of machine plus shared nuisances.
+    """Return RMSE and fitness of the mean prediction of machine plus shared nuisances.
 
-    From draws of φ (draws, h) [mm] and β (draws, p).
+    Shared nuisances are effects that are modelled but not of interest and that tests have in
+    common. The mean is over draws of the hyper-parameters φ [mm], shape (draws, h), and of the
+    parameters β, shape (draws, p).
     """
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
 
 
 def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
-    """Return RMSE and fitness of a prediction, basis coefficients (tests, 25) [mm]."""
+    """Return RMSE and fitness of a prediction.
+
+    ``predicted`` holds basis coefficients [mm], shape (tests, 25).
+    """
     residuals = reduced_residuals(bound, predicted)
     squares = np.array(
         [
@@ -66,7 +77,7 @@ def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
 
 
 def _fitness_percent(rmse_um: float, span_mm: float) -> float:
-    """Return Eq. 35; not a number where the readings are all the same."""
+    """Return the fitness of a test [%] (Eq. 35); NaN if its readings are all equal."""
     if span_mm <= 0:
         return float("nan")
     return 100.0 * (1.0 - rmse_um * 1e-3 / span_mm)
@@ -84,7 +95,10 @@ def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
 
 
 def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
-    """Return reduced readings minus prediction, each of shape (m,) [mm]."""
+    """Return reduced readings minus prediction of every test [mm], each of shape (m,).
+
+    ``predicted`` holds basis coefficients [mm], shape (tests, 25).
+    """
     return [
         np.asarray(reduced.projection) - reduced.factor @ coefficients
         for reduced, coefficients in zip(bound.reduced, predicted, strict=True)
@@ -92,14 +106,15 @@ def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
 
 
 def harmonics_of(bound: BoundModel, r: int) -> Array:
-    """Return what makes least-squares harmonics of the reduced readings of test r, (25, m).
+    """Return the matrix from the reduced readings of test r to their harmonics, shape (25, m).
 
-    The harmonics have minimum norm where readings are too few.
+    The harmonics are fitted by least squares; if there are too few readings, those of smallest norm
+    are taken.
     """
     return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=RANK_TOLERANCE))
 
 
 def tests_in_order(bound: BoundModel) -> list[CircularTest]:
-    """Return the tests of a bound model, in its order."""
+    """Return the tests of a bound model, in the order of its test names."""
     by_name = {test.name: test for test in bound.campaign.tests}
     return [by_name[name] for name in bound.test_names]
