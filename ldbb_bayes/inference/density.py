@@ -1,8 +1,13 @@
-"""The log posterior density ln p(β, φ | y) that every sampler uses, up to the evidence.
+"""Log posterior density of parameters β and hyper-parameters φ, which every sampler uses.
 
-ln p(y | β, φ) + ln p(β) + ln p(φ), each normalised: β ~ N(m, S) inside the truncation A β ≥ 0, φ by
-its laws, independent of β; the nuisances are integrated out. The integral over all x = (β, φ) is
-the evidence of `log_evidence`.
+β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+hyper-parameters, the scales of the noise and of other effects. y are the readings. Nuisances,
+effects that are modelled but not of interest, are integrated out.
+
+The density is ln p(y | β, φ) + ln p(β) + ln p(φ), without division by the evidence p(y). All three
+are normalised. β has the prior N(m, S), with mean m (p,) and covariance S (p, p), restricted by
+truncation to compliances that are not negative, A β ≥ 0 with A of shape (rows, p). φ has its own
+prior, independent of β. The integral over x = (β, φ) is the evidence that `log_evidence` returns.
 """
 
 from __future__ import annotations
@@ -23,32 +28,33 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
-# Starting points are spread over the posterior tempered to this, a little wider than it is.
+# Temperature at which starting points are drawn, a little wider than the posterior.
 _START_TEMPERATURE = 1.5
-# Starting points drawn for each that is needed; those outside the truncation are dropped.
+# Points drawn for each starting point needed, as points outside the truncation are dropped.
 _DRAWS_PER_START = 2
-# Prior probabilities stay so far from 0 and 1, where quantiles are infinite.
+# Smallest distance of prior probabilities from 0 and 1, where quantiles are infinite.
 _SMALLEST_PROBABILITY = 1e-15
 
 
 def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
-    """Return the posterior's log density, for samplers and optimisers of your own.
+    """Return the log density of the posterior, for samplers and optimisers of your own.
 
     Parameters
     ----------
     model : HybridModel
     campaign : Campaign
-        With readings.
+        Campaign with readings.
 
     Returns
     -------
     LogDensity
-        Of parameters and hyper-parameters, in mm, N and rad.
+        Log density of parameters and hyper-parameters, in mm, N and rad.
 
     Raises
     ------
     InputError
-        For a plan, or a model that the campaign cannot carry.
+        For a plan (a campaign without readings), or for a model to which the campaign cannot be
+        fitted.
 
     Examples
     --------
@@ -67,14 +73,14 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LogDensity(Shown):
-    """ln p(x, y) of a model and a campaign at x = (β, φ), nuisances integrated out.
+    """Log density ln p(x, y) of a model at x = (β, φ), for the readings y of a campaign.
 
-    x holds the parameters, then the hyper-parameters. A point has shape (d,), a stack of points
-    (n, d); densities are then a number, or of shape (n,). Logarithms are natural and every density
-    is normalised: the evidence of a nested sampler is that of `log_evidence`.
+    x holds the parameters β, then the hyper-parameters φ. For one point, shape (d,), a density is a
+    number; for n points, shape (n, d), densities have the shape (n,). Logarithms are natural and
+    every density is normalised, so that the evidence of a nested sampler is that of `log_evidence`.
     """
 
-    bound: BoundModel  #: the model of the campaign
+    bound: BoundModel  #: the model bound to the campaign
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -83,7 +89,7 @@ class LogDensity(Shown):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Return the units of the coordinates, those of a posterior: mm, N, rad; "" of a number."""
+        """Return the units of the coordinates, from mm, N and rad; "" for a pure number."""
         of_parameters = [parameter.unit for parameter in self.bound.parameters]
         return (*of_parameters, *self.bound.hyper_prior.units)
 
@@ -91,16 +97,17 @@ class LogDensity(Shown):
     def bounds(self) -> Array:
         """Return the least and the greatest value of each coordinate, shape (d, 2).
 
-        The truncation, C(F) ≥ 0 at every tested force, is more than bounds; `log_prior` has all of
-        it.
+        Truncation, C(F) ≥ 0 at every force tested, also restricts combinations of coordinates.
+        `log_prior` accounts for all of it.
         """
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 
     @property
     def scale(self) -> Array:
-        """Return sizes of the coordinates in the prior, shape (d,), of parameters the sd.
+        """Return the typical size of each coordinate under the prior, shape (d,).
 
-        Optimisers want the posterior's: the spread of `initial`.
+        For a parameter it is the prior sd. Optimisers need sizes under the posterior instead: the
+        spread of the points that `initial` returns.
         """
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
@@ -112,27 +119,27 @@ class LogDensity(Shown):
         return f"LogDensity of {campaign!r}: {parameters} parameters, {scales} scales"
 
     def log_prob(self, x: Array) -> Any:
-        """Return ln p(y | x) + ln p(x); −inf outside the prior, never NaN."""
+        """Return ln p(y | x) + ln p(x); −inf where the prior density is zero, never NaN."""
         return self._evaluate(x, self._log_joint)
 
     def log_prior(self, x: Array) -> Any:
-        """Return ln p(x), the truncation included; of flat priors that of the hyper-parameters."""
+        """Return ln p(x), truncation included; if β has a flat prior, only that of φ."""
         return self._evaluate(x, self._log_prior)
 
     def log_likelihood(self, x: Array) -> Any:
-        """Return ln p(y | x), readings in mm; −inf where a hyper-parameter is out of bounds."""
+        """Return ln p(y | x) of readings in mm; −inf if a hyper-parameter is out of bounds."""
         return self._evaluate(x, self._log_likelihood)
 
     def prior_transform(self, u: Array) -> Array:
-        """Return the x whose prior probabilities, coordinate by coordinate, are u.
+        """Return the points x at cumulative prior probabilities u, for nested samplers.
 
-        Each coordinate's probability is conditional on the coordinates before it, so that the unit
-        cube is mapped to the inside of the truncation.
+        u has the shape of x. The probability of each coordinate is conditional on the coordinates
+        before it, so that the unit cube is mapped to the inside of the truncation.
 
         Raises
         ------
         InputError
-            For flat priors, which have no such point, and for u outside the unit cube.
+            For a flat prior, which has no cumulative probabilities, or for u outside the unit cube.
         """
         bound = self.bound
         require(
@@ -155,7 +162,7 @@ class LogDensity(Shown):
     def split(self, x: Array) -> dict[str, dict[str, Any]]:
         """Return ``{"parameters": {name: value}, "hyper": {name: value}}``.
 
-        Values of a point are numbers, those of a stack of points have shape (n,).
+        For one point x the values are numbers; for n points they have shape (n,).
         """
         points = self._check_points(x)
         by_coordinate: Any = np.moveaxis(points, -1, 0)
@@ -168,9 +175,9 @@ class LogDensity(Shown):
         }
 
     def initial(self, n: int, seed: int = 1) -> Array:
-        """Return starting points, shape (n, d).
+        """Return n starting points for a sampler, shape (n, d).
 
-        They spread a little wider than the posterior, all of them inside the truncation.
+        They spread a little wider than the posterior, and all are inside the truncation.
         """
         joint = JointDensity(self.bound)
         random = np.random.RandomState(seed)
@@ -203,7 +210,7 @@ class LogDensity(Shown):
         return points
 
     def _evaluate(self, x: Array, density: Callable[[Array, Array], Array]) -> Any:
-        """Return a density of β and φ at x, −inf where a coordinate of φ is out of its bounds."""
+        """Return a log density of β and φ at x; −inf if an element of φ is out of its bounds."""
         values = self._check_points(x)
         points = values.reshape(-1, len(self.names))
         beta, phi = np.split(points, [len(self.bound.names)], axis=1)
@@ -219,7 +226,7 @@ class LogDensity(Shown):
 
 
 def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Array) -> Array:
-    """Return ln p(y | β, φ) + ln p(β) + ln p(φ), shape (n,), with the last as it is handed in."""
+    """Return ln p(y | β, φ) + ln p(β) + ``log_hyper_prior``, shape (n,)."""
     total = bound.log_prior(beta) + log_hyper_prior
     inside = np.isfinite(total)
     if inside.any():
@@ -229,10 +236,10 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Arra
 
 @dataclass(frozen=True, eq=False)
 class JointDensity:
-    """The log posterior density in coordinates for a random walk.
+    """Log posterior density in the coordinates in which walkers move.
 
-    The coordinates are (β − centre) / scale and the free coordinates ln(φ − lower). Their Jacobian
-    is included but for a constant.
+    The coordinates are (β − centre) / scale and the free coordinates of φ, mostly ln(φ − lower
+    bound). Their Jacobian is included except for a constant.
     """
 
     bound: BoundModel
@@ -244,21 +251,22 @@ class JointDensity:
         return _log_joint(self.bound, beta, prior.phi(free), prior.log_density_of_free(free))
 
     def split(self, x: Array) -> tuple[Array, Array]:
-        """Return β (..., p) and the free coordinates of φ (..., h) of x (..., p + h)."""
+        """Return β, shape (..., p), and free coordinates of φ, (..., h), from x, (..., p + h)."""
         p = len(self.bound.names)
         return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
 
     def join(self, beta: Array, free: Array) -> Array:
-        """Return x (..., p + h), of which `split` makes β and the free coordinates."""
+        """Return x, shape (..., p + h), from β and free coordinates; the inverse of `split`."""
         return np.concatenate([(beta - self.bound.centre) / self.bound.scale, free], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class LinearRedraw:
-    """Independent draws of (β, φ) for a move of the walk.
+    """Independent random draws of (β, φ), which walkers use as proposals.
 
-    φ is drawn from the proposal fitted to its nodes, β from its exact conditional Gaussian given φ;
-    inside the truncation from tilted draws, which nearly follow that Gaussian's restriction.
+    φ is drawn from a proposal fitted to p(φ | y), and β from its exact Gaussian given φ. With
+    truncation, β is drawn from a tilted density, which is close to that Gaussian restricted to the
+    truncation.
     """
 
     density: JointDensity
@@ -267,7 +275,7 @@ class LinearRedraw:
     def draw(
         self, size: int, random: np.random.RandomState, *, temperature: float = 1.0
     ) -> WeightedPoints:
-        """Return points (size, p + h), their log weights, and log densities of the target."""
+        """Return random points, shape (size, p + h), with their log weights and log densities."""
         bound = self.density.bound
         free = self.start.proposal.draw(size, random, temperature=temperature)
         log_evidence, conditional = self.start.given(free)
@@ -288,7 +296,7 @@ class LinearRedraw:
         )
 
     def log_weight(self, points: Array) -> Array:
-        """Return log weights of points inside the truncation, shape (n,)."""
+        """Return log importance weights of n points inside the truncation, shape (n,)."""
         bound = self.density.bound
         beta, free = self.density.split(points)
         log_evidence, conditional = self.start.given(free)
@@ -302,14 +310,14 @@ class LinearRedraw:
 
 
 def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState) -> Array:
-    """Return points (n, p + h) inside the truncation.
+    """Return n random starting points inside the truncation, shape (n, p + h).
 
-    φ is drawn a little wider than its posterior, β from its exact conditional Gaussian.
+    φ is drawn a little wider than its posterior, and β given φ from its exact Gaussian.
 
     Raises
     ------
     InputError
-        Where the readings leave next to no room inside the truncation.
+        If the readings leave next to no room inside the truncation.
     """
     candidates = redraw.draw(_DRAWS_PER_START * n, random, temperature=_START_TEMPERATURE)
     inside = candidates.points[np.isfinite(candidates.log_target)]

@@ -1,4 +1,8 @@
-"""Sampling a model and a campaign into a posterior, by one of two routes."""
+"""Sampling of the posterior of a model and a campaign, by emcee or by independent draws.
+
+β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+hyper-parameters, the scales of the noise and of other effects. ESS is the effective sample size.
+"""
 
 from __future__ import annotations
 
@@ -36,35 +40,36 @@ __all__ = [
     "sampler_named",
 ]
 
-# Chains of independent draws, and the fewest ensembles of walkers: R-hat compares them.
+# Number of chains of independent draws, and smallest number of ensembles; R-hat compares them.
 _CHAINS = 4
-# Walkers of an ensemble, unless four times the number of coordinates is more.
+# Number of walkers of an ensemble, unless four times the number of coordinates is more.
 _WALKERS = 128
-# So much more than the target ESS is drawn, that the smallest of many estimates reaches it.
+# Number of independent draws as a multiple of the target ESS, so that the smallest ESS of many
+# parameters reaches the target.
 _SURPLUS = 1.3
-# Draws of each chain beyond that.
+# Number of further draws of each chain.
 _SURPLUS_DRAWS = 50
-# A run is worth so many times the draws that are thinned from it.
+# ESS of a run of emcee as a multiple of the number of draws that are thinned from it.
 _THINNING = 4.0
-# R-hat and autocorrelation times that suffice for draws thinned so far.
+# Largest R-hat, and smallest number of autocorrelation times, of a run that is thinned that much.
 _RHAT_WHEN_THINNED = 1.05
 _LENGTHS_WHEN_THINNED = 2.0
 
 
 class SampledDraws(NamedTuple):
-    """A run of a sampler, and its draws."""
+    """Run of a sampler, and its random draws."""
 
     run: EnsembleRun
-    beta: Array  #: (chains, draws, p)
-    phi: Array  #: (chains, draws, h) [mm]
+    beta: Array  #: draws of β, shape (chains, draws, p)
+    phi: Array  #: draws of φ [mm], shape (chains, draws, h)
 
 
 class IndependentDraws(NamedTuple):
-    """Draws that are as good as independent."""
+    """Random draws that are as good as independent."""
 
-    beta: Array  #: (size, p)
-    phi: Array  #: (size, h) [mm]
-    by_emcee: bool  #: thinned from a run of emcee
+    beta: Array  #: draws of β, shape (size, p)
+    phi: Array  #: draws of φ [mm], shape (size, h)
+    by_emcee: bool  #: whether the draws are thinned from a run of emcee
 
 
 @one_blas_thread
@@ -85,32 +90,36 @@ def sample(
     ----------
     model : HybridModel
     campaign : Campaign
-        With readings.
+        Campaign with readings.
     sampler : {"joint", "independent"}
-        ``joint``: emcee over everything but the nuisances, which are integrated out.
-        ``independent``: independent draws from weighted nodes over the hyper-parameters; where
-        these cannot be trusted ``joint`` takes over and the record says so.
+        ``joint``: emcee samples all parameters and hyper-parameters. ``independent``: independent
+        draws from a proposal fitted to the hyper-parameters; if its weights cannot be trusted,
+        ``joint`` is used instead and the record states it. Nuisances, effects that are modelled but
+        not of interest, are integrated out by both.
     seed : int
+        Seed of all random numbers.
     ensembles : int
-        At least 4 independent ensembles.
+        Number of independent ensembles, at least 4.
     walkers : int, optional
-        Of each ensemble.
+        Number of walkers of each ensemble.
     rule : StoppingRule, optional
         When to stop; by default every parameter has bulk and tail ESS ≥ 1000 and R-hat ≤ 1.01.
     progress : callable, optional
-        Called with a `Progress` at every look.
+        Called with a `Progress` each time that convergence is assessed.
 
     Returns
     -------
     DataTree
-        In ArviZ's layout: posterior, prior, sample_stats (lp: the log density over ln(φ − lower),
-        of decay the logit), log_prior, observed_data, constant_data, provenance; `with_predictive`
-        adds the groups for checks of models. In mm, N, rad.
+        Posterior in ArviZ's layout, in mm, N and rad, with the groups posterior, prior,
+        sample_stats, log_prior, observed_data, constant_data and provenance. ``lp`` in sample_stats
+        is the log density in coordinates ln(φ − lower bound), and the logit for a decay.
+        `with_predictive` adds the groups for checks of models.
 
     Raises
     ------
     InputError
-        For a plan, an unknown sampler, or a model that the campaign cannot carry.
+        For a plan (a campaign without readings), an unknown sampler, or a model to which the
+        campaign cannot be fitted.
     """
     sampler = sampler_named(sampler)
     require(
@@ -131,7 +140,7 @@ def sample(
 
 
 def sampler_named(name: str) -> str:
-    """Return the name of a sampler; refuse what is no sampler."""
+    """Return the present name of a sampler; raise an `InputError` for an unknown one."""
     sampler = renamed(
         "sampler", name, {"quadrature": "independent"}, refused_from="0.3.0", stacklevel=5
     )
@@ -149,9 +158,9 @@ def sample_from(
     prior_draws: int = 4000,
     **options: Any,
 ) -> xr.DataTree:
-    """Sample as `sample` does, from the density of the hyper-parameters inside the truncation.
+    """Return a posterior as `sample` does, from the truncated density of the hyper-parameters.
 
-    Where the model has no truncation, the density without it is sampled.
+    If the model has no truncation, the density without it is sampled.
     """
     started = datetime.now(UTC)
     clock = time.perf_counter()
@@ -195,10 +204,10 @@ def run_sampler(
     progress: Callable[[Progress], None] | None = None,
     **ensembles: Any,
 ) -> SampledDraws:
-    """Run a sampler until the rule is met.
+    """Return the run of a sampler until the rule is met, and its draws.
 
-    Of independent draws ``steps`` counts those of one chain, ``walkers`` is 1, ``acceptance`` the
-    share of proposals used.
+    For independent draws, ``steps`` of the run is the number of draws of one chain, ``walkers`` is
+    1, and ``acceptance`` is the share of proposals used.
     """
     if sampler == "independent":
         try:
@@ -215,7 +224,7 @@ def _sample_independently(
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None,
 ) -> SampledDraws:
-    """Draw independently from the nodes, doubling the draws until the rule is met."""
+    """Return independent draws, their number doubled until the rule is met."""
     rng = np.random.default_rng(seed)
     block = int(np.ceil(_SURPLUS * rule.ess / _CHAINS + _SURPLUS_DRAWS))
     free_blocks = []
@@ -246,10 +255,10 @@ def _sample_jointly(
     ensembles: int = _CHAINS,
     walkers: int | None = None,
 ) -> SampledDraws:
-    """Sample the joint posterior by emcee.
+    """Return a run of emcee over β and φ, and its draws.
 
-    Ensembles start from φ drawn a little wider than its posterior, and from the exact conditional
-    Gaussian of β.
+    Ensembles start from φ drawn a little wider than its posterior, and from β drawn from its exact
+    Gaussian given φ.
     """
     density = JointDensity(start.bound)
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)
@@ -275,10 +284,10 @@ def _sample_jointly(
 def draw(
     sampler: str, start: HyperPosterior, size: int, *, seed: np.random.SeedSequence
 ) -> IndependentDraws:
-    """Return draws that are as good as independent.
+    """Return random draws that are as good as independent.
 
-    Those of emcee are thinned from a run worth four times as many. It also takes the place of
-    ``independent`` where the weights of the nodes cannot be trusted.
+    Draws of emcee are thinned from a run with an effective sample size four times as large. emcee
+    also replaces the sampler ``independent`` if the weights of its proposal cannot be trusted.
     """
     if sampler == "independent":
         try:
