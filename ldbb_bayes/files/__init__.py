@@ -1,4 +1,4 @@
-"""Files read and written: content, whole folders, TOML, XML, and validation."""
+"""Reading and writing of files and folders: content, TOML, XML, and validation."""
 
 from ldbb_bayes.files.content import LARGEST_TABLE_BYTES, bytes_of, write_whole
 from ldbb_bayes.files.staging import check_target, staged_folder

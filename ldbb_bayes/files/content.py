@@ -1,4 +1,4 @@
-"""Content of files: read up to a sensible size, written whole or not at all."""
+"""Reading of files up to a limit of size, and writing of files completely or not at all."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from ldbb_bayes.errors import InputError, require
 
 __all__ = ["LARGEST_TABLE_BYTES", "bytes_of", "refuse_unwritable", "write_whole"]
 
-# Of a table of readings: a million lines of sixty characters.
+# Largest file of a table of readings [bytes]: a million lines of sixty characters.
 LARGEST_TABLE_BYTES = 64 * 2**20
-# Errors of a disk that is full, or of a user who may not use more of it.
+# Error numbers for a full disk, and for a user's exhausted share of it.
 _OUT_OF_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
-    """Return the content of a file of sensible size.
+    """Return the content of a file that is not too large.
 
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     largest
-        Size that is not exceeded [bytes].
+        Largest size of the file [bytes].
     what
-        What the file must be, for the message.
+        What the file must be, for the error message.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
     Raises
     ------
     InputError
-        For a device, pipe or folder, what cannot be read, and what is too large.
+        For a device, pipe or folder, and for a file that cannot be read or is too large.
     """
     try:
         _require_ordinary_file(path, what)
@@ -72,7 +72,7 @@ def _require_ordinary_file(path: Path, expected: str) -> None:
 
 @contextmanager
 def refuse_unwritable(target: Path) -> Iterator[None]:
-    """Raise an `InputError` for what the system refuses while the target is written."""
+    """Turn an ``OSError`` in the ``with`` block, which writes the target, into an `InputError`."""
     try:
         yield
     except OSError as error:
@@ -85,9 +85,9 @@ def refuse_unwritable(target: Path) -> Iterator[None]:
 
 
 def write_whole(target: Path, content: bytes) -> None:
-    """Write a file in one step, or leave what was there.
+    """Write a file completely, or else leave the existing file unchanged.
 
-    Of two runs that write the same file the later wins whole.
+    If two runs write the same file, it is entirely that of the later run.
     """
     staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
     with refuse_unwritable(target):

@@ -1,4 +1,4 @@
-"""Folders that are written whole or not at all, whatever happens meanwhile."""
+"""Writing of folders completely or not at all."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["check_target", "staged_folder"]
 def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> None:
     """Raise an `InputError` for a target that must not be replaced or cannot be written.
 
-    This is meant to happen before any work is done.
+    Call this before a long computation, so that it does not run in vain.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
     force
         Whether an existing folder may be replaced.
     ours
-        The only names that a folder to be replaced may hold.
+        Names of the files that a folder may hold if it is to be replaced; no others are allowed.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
 
 
 def _require_elsewhere(target: Path) -> None:
-    """Refuse the working directory, the folders above it, and links that lead nowhere."""
+    """Refuse the working directory, the folders that contain it, and broken links."""
     try:
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             target.stat()
@@ -79,11 +79,11 @@ def _require_elsewhere(target: Path) -> None:
 
 @contextmanager
 def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> Iterator[Path]:
-    """Give a scratch folder beside ``target`` that takes its place when the block ends well.
+    """Provide a temporary folder that replaces ``target`` when the ``with`` block succeeds.
 
-    The old folder is there until the new one is whole; then the old one is renamed, and the new
-    one. Of two runs into one folder the later wins whole. A link stays; what it points to is
-    replaced. Where writing fails the old target stands untouched.
+    The old folder remains until the new one is complete, and is unchanged if writing fails. If two
+    runs write the same folder, it is entirely that of the later run. If ``target`` is a link, the
+    folder it points to is replaced.
     """
     check_target(target, force=force, ours=ours)
     if target.is_symlink():
@@ -102,7 +102,7 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
 
 
 def _take_place(staging: Path, target: Path, *, force: bool) -> None:
-    """Make ``staging`` the target, also where another run does the same at the same time."""
+    """Rename ``staging`` to ``target``, even while another run writes the same target."""
     retired = staging.with_name(f"{staging.name}-old")
     while True:
         try:
@@ -125,7 +125,7 @@ def _take_place(staging: Path, target: Path, *, force: bool) -> None:
 
 
 def _is_occupied(target: Path, error: OSError) -> bool:
-    """Return whether renaming failed because a folder is there."""
+    """Return whether renaming failed because the target is an existing folder."""
     if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
         return not target.is_file()
     return error.errno == errno.EACCES and target.is_dir()

@@ -1,4 +1,4 @@
-"""TOML read with limits on size and depth; errors name the file and the place in it."""
+"""Reading of TOML with limits on size and depth; errors name the file and the place in it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from ldbb_bayes.files.content import bytes_of
 
 __all__ = ["LARGEST_TOML_BYTES", "parse_toml", "read_toml"]
 
-# Of any TOML file of ours; a campaign of a thousand tests takes half of it.
+# Largest TOML file [bytes]; a campaign of a thousand tests takes half of it.
 LARGEST_TOML_BYTES = 512 * 2**10
 # Longest line [characters].
 _LONGEST_LINE = 20_000
-# Eight parts of a dotted key. Keys of more parts cost time that grows with the square of their
-# number; none of our files has more than three.
+# Pattern of a dotted key of eight parts or more, which is refused: the time to read a key grows
+# with the square of its number of parts. Valid files have at most three.
 _DEEP_KEY = re.compile(
     r"(?:(?:[\w-]{1,200}|\"[^\"\n]{0,200}\"|'[^'\n]{0,200}')[ \t]{0,9}\.[ \t]{0,9}){8}"
 )
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the content of a file; an `InputError` names it and the place in it."""
+    """Return the content of a TOML file; an `InputError` names the file and the place in it."""
     content = bytes_of(path, LARGEST_TOML_BYTES, what="a readable TOML file")
     try:
         text = content.decode("utf-8-sig")
@@ -37,7 +37,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str, place: str) -> dict[str, Any]:
-    """Return the content of a text; ``place`` is what an `InputError` calls it."""
+    """Return the content of a TOML text; ``place`` is its name in an `InputError`."""
     require(
         len(text) <= LARGEST_TOML_BYTES,
         f"{place} must hold at most {LARGEST_TOML_BYTES // 2**10} kB, got more. Split it.",

@@ -1,4 +1,4 @@
-"""Validation of what a user writes: an `InputError` names the place of what does not fit."""
+"""Validation of what a user writes; an `InputError` names the place of an invalid entry."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ldbb_bayes.errors import InputError, nearest, require
 __all__ = ["refusing", "validated"]
 
 T = TypeVar("T")
-# Kinds of pydantic's errors for keys that a model does not have.
+# Types of pydantic errors for keys that a model does not have.
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
-# How most of pydantic's messages begin.
+# Words with which most messages of pydantic begin.
 _EXPECTATION = "Input should be "
 
 
@@ -26,11 +26,11 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
     Parameters
     ----------
     model
-        The model or dataclass.
+        Model or dataclass that describes valid content.
     content
-        Of the file.
+        Content of the file.
     place
-        What an `InputError` calls the file.
+        Name of the file in an `InputError`.
 
     Returns
     -------
@@ -40,8 +40,8 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
     Raises
     ------
     InputError
-        Names the place and the first thing wrong; a misspelt key, with the nearest known, before
-        the gap it leaves.
+        For invalid content. The message names the place and the first fault; a misspelt key, with
+        the most similar valid key, is named before missing keys.
     """
     try:
         return TypeAdapter(model).validate_python(content)
@@ -70,14 +70,14 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
 
 
 class _Location(NamedTuple):
-    """Where an error is."""
+    """Place of an error in the content of a file."""
 
-    keys: list[str]  # from the outermost table; entries of a list are counted from 1
-    owner: Any  # the model or dataclass that the last key belongs to
+    keys: list[str]  # keys from the outermost table inwards; list entries are counted from 1
+    owner: Any  # model or dataclass that the last key belongs to
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
-    """Follow the location of an error through the content and the model's annotations."""
+    """Return the place of an error, from pydantic's location ``loc`` of it."""
     keys: list[str] = []
     owner = model
     for key in loc:
@@ -91,7 +91,7 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
 
 
 def _nested_model(owner: Any, key: int | str) -> Any:
-    """Return the model in the annotation of a field; the owner itself where there is none."""
+    """Return the model that a field of the owner holds, or the owner if the field holds none."""
     for name, field in owner.__pydantic_fields__.items():
         if key not in (name, field.alias):
             continue
@@ -102,7 +102,7 @@ def _nested_model(owner: Any, key: int | str) -> Any:
 
 
 def _describe_invalid(subject: str, error: Any) -> str:
-    """Return the message for a value that does not fit."""
+    """Return the message for an invalid value."""
     message = error["msg"].removeprefix("Value error, ")
     message = re.sub(r"dictionary or an instance of _\w+", "table", message)
     value = error["input"]
@@ -114,9 +114,9 @@ def _describe_invalid(subject: str, error: Any) -> str:
 
 
 def refusing(subject: str) -> Callable[[type[T]], type[T]]:
-    """Return a decorator of pydantic dataclasses that names the field of a wrong argument.
+    """Return a decorator by which a pydantic dataclass raises an `InputError` for wrong arguments.
 
-    Arguments that do not fit raise an `InputError`; ``subject`` is what it calls the object.
+    The message names the wrong field; ``subject`` is the name of the object in the message.
     """
 
     def decorate(cls: type[T]) -> type[T]:

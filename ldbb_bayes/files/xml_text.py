@@ -1,4 +1,4 @@
-"""XML without document types, and so without entities, and without great depth."""
+"""Reading of XML that is not trusted: document types, entities and great depth are refused."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from ldbb_bayes.errors import InputError, require
 
 __all__ = ["xml_of"]
 
-# Elements within elements.
+# Largest depth of elements within elements.
 _MAX_DEPTH = 100
 
 
 def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
-    """Return the root element.
+    """Return the root element of an XML file.
 
     Parameters
     ----------
     content
-        Of the file.
+        Content of the file.
     wanted
-        What to give instead where the content is no XML, for the message.
+        File that the user should give if this one is no XML, for the error message.
 
     Returns
     -------
@@ -31,7 +31,7 @@ def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
     Raises
     ------
     InputError
-        For what is no XML, has a document type, or is nested too deeply.
+        For content that is no XML, has a document type, or is nested too deeply.
     """
     try:
         _refuse_dangerous(content)
@@ -43,7 +43,7 @@ def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
 
 
 def _refuse_dangerous(content: bytes) -> None:
-    """Refuse document types and great depth, before the tree is built."""
+    """Raise an `InputError` for document types and great depth, before the tree is built."""
     depth = 0
 
     def refuse_document_type(*_: object) -> None:

@@ -1,4 +1,4 @@
-"""Names of files with ``*`` and ``?``, made into the files they stand for."""
+"""Expansion of file names with ``*`` and ``?`` to the files they match."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from ldbb_bayes.errors import require
 
 __all__ = ["matching"]
 
-# Characters of a list of names that a message shows.
+# A message shows so many characters of a list of names.
 _LONGEST_LIST = 200
 
 
 def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
-    """Return the files that are named, with ``*`` and ``?`` standing for what they match.
+    """Return the paths of the named files, with patterns expanded to the files they match.
 
-    Not every shell expands them. Matches come in natural order. Backslashes may separate folders;
-    hidden files, and those that a spreadsheet program has open (``~$``), match nothing.
+    Patterns contain ``*`` or ``?``, which not every shell expands. Matches come in natural order
+    (2 N before 10 N). Backslashes may separate folders. Hidden files, and lock files of
+    spreadsheet programs (``~$``), are not matched.
 
     Raises
     ------
     InputError
-        For a pattern that matches nothing, and where no file is named.
+        For a pattern that matches nothing, and if no file is named.
     """
     paths: list[Path] = []
     for file in files:
@@ -41,7 +42,7 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
 
 
 def _path_of(text: str) -> Path:
-    """Return a path whose folders backslashes may separate."""
+    """Return the file path of a text in which backslashes may separate folders."""
     path = Path(text)
     windows_path = PureWindowsPath(text)
     if "\\" not in text or windows_path.anchor or path.exists():
@@ -57,7 +58,7 @@ def _first_wild_part(path: Path) -> int | None:
 
 
 def _matches_of(text: str, path: Path, wild_part: int) -> list[Path]:
-    """Return the files that a path matches, or the folders where it matches no file."""
+    """Return the files that a pattern matches, or the folders if it matches no file."""
     folder = Path(*path.parts[:wild_part])
     pattern = "/".join(path.parts[wild_part:]).replace("[", "[[]")
     matches = [match for match in folder.glob(pattern) if not _is_hidden(match)]

@@ -1,4 +1,4 @@
-"""Half circles in files of their own, joined into one test."""
+"""Joining of two half circles, each from a file of its own, into one test."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from ldbb_bayes.results import Array
 
 __all__ = ["MeasuredArc", "join_half_circles"]
 
-# Arcs of which two make a circle [deg].
+# Shortest and longest arc that counts as a half circle [deg].
 _SHORTEST_HALF_DEG = 150.0
 _LONGEST_HALF_DEG = 240.0
 # Fields in which two halves of one test may differ.
 _FIELDS_OF_A_FILE = ("name", "time_s", "temperature_C")
-# Two halves may leave a gap of this many steps.
+# Largest gap between two halves of one circle, in steps of the angle.
 _LARGEST_GAP_STEPS = 3.0
 
 
 @dataclass
 class MeasuredArc:
-    """A circular test as its file has it: the other half of it may stand in another file."""
+    """A test as one file holds it: a whole circle, or a half whose other half is elsewhere."""
 
     recording: Recording
-    fields: dict[str, Any]  #: of the circular test, without those that are None
-    angle_deg: Array  #: shape (n,)
-    reading_um: Array  #: shape (n,)
+    fields: dict[str, Any]  #: fields of the circular test that are not None
+    angle_deg: Array  #: angles, shape (n,)
+    reading_um: Array  #: readings, shape (n,)
 
     def to_test(self) -> CircularTest:
         """Return the circular test."""
@@ -41,26 +41,26 @@ class MeasuredArc:
 
     @property
     def step_deg(self) -> float:
-        """Return the median step of the angles [deg]."""
+        """Median step of the angles [deg]."""
         return float(np.median(np.abs(np.diff(self.angle_deg))))
 
     @property
     def is_half_circle(self) -> bool:
-        """Return whether the arc is about half a circle."""
+        """Whether the arc is about half a circle."""
         return _SHORTEST_HALF_DEG <= float(np.ptp(self.angle_deg)) <= _LONGEST_HALF_DEG
 
     @property
     def runs_counter_clockwise(self) -> bool:
-        """Return whether the angles increase."""
+        """Whether the angles increase."""
         return bool(self.angle_deg[-1] > self.angle_deg[0])
 
     def shared_fields(self) -> dict[str, Any]:
-        """Return the fields that two halves of one test have in common."""
+        """Return the fields in which two halves of one test must agree."""
         return {key: value for key, value in self.fields.items() if key not in _FIELDS_OF_A_FILE}
 
 
 def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
-    """Return arcs with two halves of one test joined where the first stands."""
+    """Return the arcs, with each pair of halves of one test joined in the place of the first."""
     remaining = list(arcs)
     joined = []
     while remaining:
@@ -75,7 +75,7 @@ def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
 
 
 def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
-    """Return whether two arcs of one force and direction make a circle between them."""
+    """Return whether two arcs are halves of one circle, of the same force and direction."""
     if not (first.is_half_circle and second.is_half_circle):
         return False
     if first.shared_fields() != second.shared_fields():
@@ -89,7 +89,7 @@ def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
 
 
 def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
-    """Return both as one test, the angles running on."""
+    """Return two halves as one test, whose angles continue from the first half to the second."""
     n_turns = round((first.angle_deg[-1] - second.angle_deg[0]) / TURN_DEG)
     first_name = str(first.fields["name"])
     second_name = str(second.fields["name"])
@@ -110,7 +110,7 @@ def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
 
 
 def _common_beginning(first: str, second: str) -> str:
-    """Return the letters with which both texts begin."""
+    """Return the longest beginning that both texts share."""
     for k, (letter, other) in enumerate(zip(first, second, strict=False)):
         if letter != other:
             return first[:k]

@@ -1,4 +1,4 @@
-"""Circular tests without some of their readings: arcs, and the reversal points of the axes."""
+"""Removal of readings from circular tests: in given arcs, and near the axes' reversal points."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from ldbb_bayes.errors import InputError, require
 
 __all__ = ["mask_angles", "mask_reversals"]
 
-# Where the axes of a plane reverse [deg].
+# Angles at which the machine axes of a plane reverse [deg].
 _REVERSALS_DEG = (0.0, 90.0, 180.0, 270.0)
 
 
 def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> CircularTest:
-    """Return the test without the readings inside some arcs.
+    """Return a test without the readings inside given arcs.
 
     Parameters
     ----------
     test
-        The circular test; it stays as it is.
+        The circular test; it is not changed.
     arcs_deg
         Start and end of each arc, counter-clockwise, modulo 360° [deg].
 
     Returns
     -------
-    A test with the other readings.
+    A test with the remaining readings.
 
     Raises
     ------
     InputError
-        For an angle that is not finite, and arcs that leave no reading.
+        For an angle that is not finite, and for arcs that leave no reading.
     """
     keep = np.ones(len(test.angle_deg), dtype=bool)
     for start, end in arcs_deg:
@@ -54,23 +54,24 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> 
 
 
 def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularTest:
-    """Return the test without the readings near the reversal points 0°, 90°, 180° and 270°.
+    """Return a test without the readings near the reversal points 0°, 90°, 180° and 270°.
 
     Parameters
     ----------
     test
-        The circular test; it stays as it is.
+        The circular test; it is not changed.
     half_width_deg
-        Distance from a reversal point up to which readings go, above 0 and below 45 [deg].
+        Largest distance from a reversal point at which readings are removed, above 0 and below
+        45 [deg].
 
     Returns
     -------
-    A test with the other readings.
+    A test with the remaining readings.
 
     Raises
     ------
     InputError
-        For a width out of range, and where no reading is left.
+        For a half-width out of range, and if no reading is left.
     """
     require(
         0.0 < half_width_deg < 45.0,

@@ -1,4 +1,7 @@
-"""Sheets without a table of readings: what they state of all tests, and of one test in a list."""
+"""Statements in sheets without a table of readings, about all tests or about single tests.
+
+Such a sheet may hold a list with one row per test.
+"""
 
 from __future__ import annotations
 
@@ -15,23 +18,25 @@ from ldbb_bayes.reading.words import comparable
 
 __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "overview_lines"]
 
-# Rows of such a sheet, and rows above a table, that are looked at.
+# So many rows of a sheet without a table, and of lines above a table, are examined.
 LONGEST_OVERVIEW = 1000
 
 
 @dataclass
 class OverviewLines:
-    """Lines of sheets without a table of readings, each with its place."""
+    """Lines of sheets without a table of readings: place and text of each."""
 
+    #: lines that concern all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)
+    #: cells from the row of one test in a list of tests
     of_this_test: list[tuple[str, str]] = field(default_factory=list)
 
 
 def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewLines:
-    """Return the lines that state something of all tests, and those of the test of these names.
+    """Return the lines that concern all tests, and those that concern the test of given names.
 
-    Lines outside lists of tests are of all tests. In a list, a row with one of the names is of that
-    test; its cells come as ``header: cell``.
+    Lines outside lists of tests concern all tests. In a list of tests, a row that holds one of the
+    names concerns that test; each of its cells is returned as ``header: cell``.
     """
     lines = OverviewLines()
     wanted = {comparable(name) for name in names}
@@ -53,7 +58,10 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 
 
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
-    """Return whether a row names the test, and not as the value of a label."""
+    """Return whether a row of a list is that of the test, which it must name.
+
+    A row in which the name is only the value of a label is none: ``File | test 1``.
+    """
     named = wanted & {comparable(cell) for cell in filled}
     if not named:
         return False
@@ -63,7 +71,7 @@ def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
 def _labelled_cells(
     place: str, header: Sequence[str], cells: Sequence[str]
 ) -> list[tuple[str, str]]:
-    """Return the filled cells of a row, each behind the name of its column."""
+    """Return the filled cells of a row as ``header: cell``, each with its place."""
     labelled = []
     for name, cell in zip(header, cells, strict=False):
         if name and cell:
@@ -74,7 +82,7 @@ def _labelled_cells(
 
 
 def _has_label(cell: str) -> bool:
-    """Return whether a cell is the label of a value beside or behind it: ``Radius``, ``Ort:``."""
+    """Return whether a cell labels a value that follows: ``Radius``, ``Ort:``, ``Radius: 100``."""
     name = unit_of(cell).name.rstrip(" :")
     return is_label(name) or re.search(r"\D:|:$", cell) is not None
 
@@ -82,7 +90,7 @@ def _has_label(cell: str) -> bool:
 def _heads_a_list(filled: Sequence[str]) -> bool:
     """Return whether a row names the columns of a list of tests.
 
-    A label with its value is no such row: ``Radius | 100 mm``.
+    A row with a label and its value does not: ``Radius | 100 mm``.
     """
     if not names_columns(filled):
         return False

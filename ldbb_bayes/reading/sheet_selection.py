@@ -1,4 +1,4 @@
-"""Which sheets hold a table of angles and readings, and which are left out."""
+"""Selection of the sheets that hold a table of angles and readings; others are left out."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class HeadedSheet(NamedTuple):
 
 @dataclass
 class SheetSelection:
-    """Sheets with a table of readings, and those left out."""
+    """Sheets with a table of readings, and sheets that are left out."""
 
     tables: list[HeadedSheet] = field(default_factory=list)
     left_out: list[Sheet] = field(default_factory=list)
@@ -41,21 +41,22 @@ def select_sheets(
     log: AssumptionLog,
     matched: Collection[Path] = (),
 ) -> SheetSelection:
-    """Return the sheets with their headings, and those left out, which is noted.
+    """Return the sheets with a table of angles and readings, and the sheets left out.
 
-    Left out is what has no table of angles and readings: one of several sheets in a workbook, or a
-    file that a pattern matched. If nothing else is there, that is refused.
+    Without such a table, one of several sheets in a workbook, or a file that a pattern with ``*``
+    or ``?`` matched, is left out, which is noted; any other sheet raises an `InputError`. If no
+    sheet has such a table, that is an `InputError` too.
 
     Parameters
     ----------
     sheets
         All sheets, in the order of files.
     layout
-        What a user states of them; sheets that it names must have a table.
+        What a user states of the tables; sheets that the layout names must have a table.
     log
-        Notes what is left out.
+        Log to which the sheets left out are added.
     matched
-        Files that a pattern matched, and nobody named.
+        Files that a pattern matched, and that the user did not name.
     """
     selection = SheetSelection()
     incomplete: list[HeadedSheet] = []  # tables without angles or readings
@@ -82,7 +83,7 @@ def select_sheets(
     if not selection.tables:
         if not incomplete:
             raise errors[-1]
-        # The reader of rows says which column is missing.
+        # These tables lack a column; the code that reads their rows says which one.
         selection = SheetSelection(tables=incomplete)
         return _mark_only_tables(selection, list(incomplete))
     reason = "it holds no table of angles and readings"
@@ -101,27 +102,27 @@ def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
 
 
 def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
-    """Return whether a refused sheet has no table, or none whose header names readings."""
+    """Return whether a refused sheet has no table, or no row that names angle and reading."""
     if isinstance(error, NoTableError):
         return True
     return not any(_names_readings(row.cells) for row in sheet.rows[:LONGEST_OVERVIEW])
 
 
 def _names_readings(cells: Sequence[str]) -> bool:
-    """Return whether a row names angle or time, and reading."""
+    """Return whether a row names a reading and an angle or time."""
     names = [unit_of(cell).name for cell in cells if cell and not looks_like_number(cell)]
     has_abscissa = any(has_role(name, "angle") or has_role(name, "time") for name in names)
     return has_abscissa and any(has_role(name, "reading") for name in names)
 
 
 def _is_complete(heading: Heading) -> bool:
-    """Return whether a table has readings, and angles or times."""
+    """Return whether a table has a column of readings and one of angles or times."""
     has_abscissa = "angle" in heading.roles or "time" in heading.roles
     return has_abscissa and bool(heading.readings)
 
 
 def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
-    """Return the selection with the only table of a file marked as such."""
+    """Return the selection, with each sheet marked that holds the only table of its file."""
     paths = [table.sheet.path for table in tables]
     marked = []
     for sheet, heading in tables:

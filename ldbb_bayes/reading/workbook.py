@@ -1,4 +1,4 @@
-"""Sheets of workbooks (XLSX, XLS, ODS), with archives checked before they are unpacked."""
+"""Reading of workbooks (XLSX, XLS, ODS); archives are checked before they are unpacked."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ __all__ = ["WORKBOOK_SUFFIXES", "read_workbook"]
 
 WORKBOOK_SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 _MEGABYTE = 2**20
-# Bytes that the members of a workbook may unpack to.
+# Largest unpacked size of a workbook [bytes].
 _LARGEST_UNPACKED = 256 * _MEGABYTE
-# How many times larger than the archive they may be.
+# Largest ratio of unpacked to packed size.
 _LARGEST_RATIO = 200.0
-# Bytes that an archive of any size may unpack to.
+# Unpacked size that is allowed in addition to that ratio, for small archives [bytes].
 _SMALL_ARCHIVE = _MEGABYTE
-# A cell so far out that the table up to it does not fit into memory.
+# Pattern of a cell so far out that a table reaching to it does not fit into memory.
 _DISTANT_CELL = re.compile(rb'\br="([A-Z]{3,}\d+|[A-Z]+\d{6,})"')
-# Compound files consist of sectors of this many bytes.
+# Size of the sectors of which compound files consist [bytes].
 _SECTOR = 512
-# Whole numbers up to this are written without a point; doubles hold them exactly.
+# Whole numbers below this, which double precision holds exactly, become texts without a point.
 _LARGEST_WHOLE = 1e15
 
 
 def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
-    """Return the sheets that hold anything, or those wanted.
+    """Return the wanted sheets of a workbook that are not empty; without names, all such sheets.
 
-    A formula counts by the value that was saved with it.
+    Of a formula, the value saved with it is read.
     """
     if raw.startswith(ARCHIVE_SIGNATURE):
         _check_archive(path, raw)
     is_compound = raw.startswith(COMPOUND_SIGNATURE)
     if is_compound and len(raw) % _SECTOR:
         raise _unreadable(path, "a cut one")
-    # Only by its path does the library tell that a compound file has a password.
+    # The library detects the password of a compound file only if it is given the file's path.
     source: Any = path if is_compound else io.BytesIO(raw)
     try:
         with python_calamine.load_workbook(source) as book:
@@ -60,7 +60,7 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     except (python_calamine.CalamineError, OSError) as error:
         raise _unreadable(path, f"a damaged one ({error})") from None
     except BaseException as error:
-        # The library's assertions are no Exception, and have no name to import.
+        # A failed assertion in the library raises a class that is no Exception, nor importable.
         if type(error).__name__ != "PanicException":
             raise
         raise _unreadable(path, f"a damaged one ({error})") from None
@@ -97,14 +97,14 @@ def _sheets_of(
 
 
 def _cell_text(value: object) -> str:
-    """Return a cell as text; a whole number without a point."""
+    """Return a cell as text; a whole number has no decimal point."""
     if isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_WHOLE:
         return f"{value:.0f}"
     return str(value).strip()
 
 
 def _check_archive(path: Path, raw: bytes) -> None:
-    """Refuse an archive that unpacks to too much, or has a cell too far out."""
+    """Raise an `InputError` for an archive that unpacks to too much, or has a cell too far out."""
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             members = archive.infolist()
