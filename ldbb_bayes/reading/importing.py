@@ -1,4 +1,4 @@
-"""Files as they are found into a campaign: what they state is taken, the rest assumed and noted."""
+"""Import of foreign files as a campaign; what they do not state is assumed and noted."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from ldbb_bayes.results import Result
 
 __all__ = ["Imported", "import_campaign"]
 
-# Tests of a campaign at most.
+# Largest number of tests in a campaign.
 LARGEST_TESTS = 1000
-# Characters of a list that a message shows.
+# A message shows so many characters of a list.
 _LIST_SHOWN = 200
 
 
@@ -52,15 +52,15 @@ def _layout_in_json(layout: Layout) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Imported(Result):
-    """A campaign from files, with everything that was assumed."""
+    """An imported campaign, with all assumptions that were made."""
 
-    schema: int = field(default=1, init=False)  #: edition
-    #: in JSON its name and numbers of tests and readings
+    schema: int = field(default=1, init=False)  #: version of the JSON format
+    #: the campaign; in JSON only its name, number of tests and number of readings
     campaign: Annotated[Campaign, PlainSerializer(_campaign_in_json)]
-    #: with what was found out filled in: reading the same files with it assumes nothing of them
+    #: layout of the files, with which they can be read again without assumptions about them
     layout: Annotated[Layout, PlainSerializer(_layout_in_json)]
-    assumptions: tuple[Assumption, ...]  #: with the option that changes each
-    #: fields of the campaign for which the usual value was taken, as nothing states another
+    assumptions: tuple[Assumption, ...]  #: assumptions, each with the option that changes it
+    #: fields of the campaign that nothing states and that have their usual values
     unsaid: tuple[str, ...]
 
 
@@ -70,29 +70,30 @@ def import_campaign(
     layout: Layout | None = None,
     **campaign: Any,
 ) -> Imported:
-    """Return tables, as they are found, as one campaign.
+    """Return a campaign from tables in files of any kind.
 
     Each file, or sheet of a workbook, is one test, or holds a column that names the test of each
-    row. What the layout does not state is found out and noted.
+    row, or one column of readings for each test. What the layout does not state is determined
+    from the files and noted.
 
     Parameters
     ----------
     files
-        CSV or text of any kind, and workbooks (XLSX, XLS, ODS); ``*`` and ``?`` in a name stand for
-        what they match.
+        CSV or other text files, and workbooks (XLSX, XLS, ODS); names may be patterns with ``*``
+        and ``?``.
     layout
-        How the tables are to be read; None to find it out.
+        How the tables are to be read; None to determine it from the files.
     **campaign
-        Fields of `Campaign`, before what the files state of them.
+        Fields of `Campaign`, which replace what the files state.
 
     Returns
     -------
-    The campaign, the layout as found out, and all assumptions.
+    The campaign, the layout found, and all assumptions.
 
     Raises
     ------
     InputError
-        For what cannot be read; the message names the file, the line and the remedy.
+        For files that cannot be read; the message names the file, the line and the remedy.
     """
     if layout is None:
         layout = Layout()
@@ -124,7 +125,7 @@ def import_campaign(
 def _select_tables(
     paths: Iterable[Path], matched: set[Path], layout: Layout, log: AssumptionLog
 ) -> SheetSelection:
-    """Return the sheets of all files that hold tables of readings, and the others."""
+    """Return the sheets of all files with a table of readings, and those left out."""
     sheets = []
     for path in paths:
         sheets += read_sheets(
@@ -149,7 +150,7 @@ def _split_into_tests(
 
 
 def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, list[float]]:
-    """Return the loads that the layout lists, one for each test."""
+    """Return the loads that the layout lists, one number for each test, by field."""
     loads = {}
     for key, field_name in LOAD_LISTS.items():
         values = getattr(layout, field_name)
@@ -169,7 +170,7 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
 def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredArc:
     """Return a test with its load, direction, angles and readings.
 
-    Loads of the layout come before those of a [[test]].
+    Loads that the layout lists replace those of a [[test]].
     """
     if loads:
         for key in LOAD_ROLES:
@@ -191,7 +192,7 @@ def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredA
 
 
 def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
-    """Return the circular tests; a label that stands in two sheets gets the sheet's name."""
+    """Return the circular tests; a name already used in another sheet gets the sheet's title."""
     tests: list[CircularTest] = []
     for arc in arcs:
         test = arc.to_test()
@@ -221,7 +222,7 @@ def _check_names_differ(tests: Sequence[CircularTest], paths: Sequence[Path]) ->
 def _note_unused_entries(
     recordings: Iterable[Recording], layout: Layout, log: AssumptionLog
 ) -> None:
-    """Note every [[test]] of the layout that no test is called by."""
+    """Note every [[test]] of the layout that names no test."""
     names: set[str] = set()
     for recording in recordings:
         names.update(layout_names(recording.sheet, recording.label))
@@ -232,7 +233,10 @@ def _note_unused_entries(
 
 
 def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
-    """Note loads that a sheet without a table states outside its list of tests."""
+    """Note loads in a sheet without a table that stand outside a list of tests.
+
+    They are not used for any test.
+    """
     for key, statements in statements_in(lines).items():
         if key not in LOAD_ROLES:
             continue
@@ -245,7 +249,7 @@ def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
 
 
 def _campaign_name(paths: Sequence[Path]) -> str:
-    """Return the name of the one file, or of the folder of several."""
+    """Return a name for the campaign: that of the only file, or of the folder of several files."""
     if len(paths) == 1:
         return paths[0].stem
     return paths[0].resolve().parent.name or "campaign"

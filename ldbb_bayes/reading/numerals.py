@@ -1,4 +1,4 @@
-"""Numbers and times as people and programs write them: decimal marks, thousands, times of day."""
+"""Reading of numbers and times in various notations: decimal marks, thousands, times of day."""
 
 from __future__ import annotations
 
@@ -28,18 +28,19 @@ __all__ = [
     "seconds_of",
 ]
 
-# Between thousands: a blank of any width, or an apostrophe.
+# Pattern of a gap between thousands: a blank of any width, or an apostrophe.
 _GAP = r"[ '\u00a0\u202f\u2009]"
 _EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"
-# A cell that is a number, whatever its decimal mark.
+# Pattern of a cell that is a number, with either decimal mark.
 _NUMBER_CELL = re.compile(
     rf"[+\-−–]?(?:\d{{1,3}}(?:{_GAP}\d{{3}})+(?:[.,]\d+)?|\d[\d.,]*{_EXPONENT}|[.,]\d+{_EXPONENT})"
 )
-# A number inside a line or a name, for use in larger patterns.
+# Pattern of a number inside a line or a name, for use in larger patterns.
 NUMBER_IN_TEXT = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
-# Signs for minus that are no ASCII, as typesetters and spreadsheets write it.
+# Translation of non-ASCII minus signs to the hyphen.
 _MINUS_SIGNS = str.maketrans("−–", "--")
-# 12:00:01.250, 00:01,25 (minutes, seconds), 2026-03-04T12:00:01Z, 12:00:01 PM.
+# Patterns of a time of day, with or without date: 12:00:01.250, 00:01,25 (minutes and seconds),
+# 2026-03-04T12:00:01Z, 12:00:01 PM.
 _DATE = r"(?:\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{4})[T ]"
 _ZONE = r"Z|[+-]\d\d:\d\d|\s?(?P<half_day>[AaPp])\.?[Mm]\.?"
 _CLOCK = re.compile(
@@ -48,7 +49,7 @@ _CLOCK = re.compile(
 )
 _DAY_S = 86_400.0
 _HOUR_S = 3_600.0
-# What stands in a cell whose number is missing.
+# Texts of a cell whose number is missing.
 _MISSING = (
     "-",
     "--",
@@ -63,21 +64,22 @@ _MISSING = (
     "null",
     "none",
 )
-# What may stand between thousands, by decimal mark.
+# Mark that may stand between thousands, by decimal mark.
 OTHER_MARK = {".": ",", ",": "."}
-# Up to these a number with a mark before three digits may be of thousands: 1,000 N, not 150.000 mm.
+# Largest numbers, by quantity, in which a mark before three digits may stand between thousands:
+# 1,000 N may be 1000 N, but 150.000 mm is not 150 000 mm.
 _LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
 
 
 def looks_like_number(cell: str) -> bool:
-    """Return whether a cell is a number, whatever its decimal mark, or a time of day."""
+    """Return whether a cell is a number, with either decimal mark, or a time of day."""
     return _NUMBER_CELL.fullmatch(cell) is not None or is_clock(cell)
 
 
 def is_missing(cell: str) -> bool:
     """Return whether a cell stands for a missing number.
 
-    Such a row belongs to the table, and is refused by its line.
+    A row with a missing number belongs to the table; reading it is an error that names its line.
     """
     return cell.casefold() in _MISSING
 
@@ -96,7 +98,10 @@ def could_be_thousands(cell: str) -> bool:
 
 
 def may_be_thousands(key: str, text: str) -> bool:
-    """Return whether a mark before three digits may stand between thousands of this quantity."""
+    """Return whether the mark in a number of this quantity may stand between thousands.
+
+    ``key`` is the field of the quantity, and ``text`` the number as written.
+    """
     if not could_be_thousands(text):
         return False
     digits = re.sub(r"[^\d]", "", text)
@@ -104,19 +109,20 @@ def may_be_thousands(key: str, text: str) -> bool:
 
 
 def _is_grouped(text: str, mark: str) -> bool:
-    """Return whether the mark (a pattern) stands between groups of three digits."""
+    """Return whether a number has this mark, given as a pattern, before each three digits."""
     return re.fullmatch(rf"[+\-]?\d{{1,3}}(?:{mark}\d{{3}})+", text) is not None
 
 
 def number(cell: str, decimal: str = ".") -> float:
     """Return the number in a cell.
 
-    Blanks, apostrophes, or the other of comma and point may separate thousands.
+    Thousands may be separated by blanks, apostrophes, or commas (points, if the decimal mark is a
+    comma).
 
     Raises
     ------
     ValueError
-        For what is no number.
+        For a text that is no number.
     """
     if "_" in cell:  # Python reads 1_000 as a number
         raise ValueError(cell)
@@ -133,7 +139,7 @@ def number(cell: str, decimal: str = ".") -> float:
 
 
 def number_in_text(text: str) -> float:
-    """Return a number found in a line or a name; a comma in it is its decimal mark."""
+    """Return the number in a text from a line or a name; a comma is the decimal mark."""
     if "," in text:
         return number(text, ",")
     return number(text)
@@ -142,7 +148,10 @@ def number_in_text(text: str) -> float:
 def numbers_of(
     place: str, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str | None
 ) -> Array:
-    """Return one column of finite numbers, shape (n,); `InputError` names the first bad line."""
+    """Return the numbers of a column, shape (n,).
+
+    A cell that is no finite number raises an `InputError`, which names the first such line.
+    """
     values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):
         with suppress(ValueError):
@@ -158,17 +167,18 @@ def numbers_of(
 
 
 def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
-    """Return the decimal mark of a table; None where no cell has one.
+    """Return the decimal mark of a table; None if no cell has a comma or a point.
 
-    Where a cell has a comma and a point, the last is the decimal mark. Cells with commas only
-    beside cells with points only contradict each other, unless one kind can only be thousands.
+    If a cell has both comma and point, the last is the decimal mark, and the other separates
+    thousands. If there is no such cell, commas in some cells and points in others are an
+    `InputError`.
 
     Parameters
     ----------
     place
-        What a message calls the table.
+        Name of the table in messages.
     cells
-        Line and text of every cell.
+        Line number and text of every cell.
     """
     certain: str | None = None
     single: dict[str, tuple[int, str]] = {}  # first cell with that mark only
@@ -205,9 +215,9 @@ def _contradicting_marks(place: str, line: int, cell: str) -> InputError:
 
 
 def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
-    """Return times of day as seconds that go on over midnight, shape (n,) [s].
+    """Return times of day in seconds, which continue to increase past midnight, shape (n,) [s].
 
-    Minutes and seconds without hours go on over the full hour. A date is ignored.
+    Minutes and seconds without hours continue past the full hour. Dates are ignored.
     """
     times = np.zeros(len(cells))
     period = _HOUR_S
@@ -239,7 +249,10 @@ def constant_value(
     cells: Sequence[str],
     decimal: str | None,
 ) -> str | float | None:
-    """Return the one value that a column holds in all rows of a test; None where it is empty."""
+    """Return the value of a column in the rows of a test; None if the cells are empty.
+
+    The value must be the same in all rows.
+    """
     first = cells[0]
     for line, cell in zip(lines, cells, strict=True):
         if cell != first:

@@ -1,4 +1,4 @@
-"""Sheets split into the recordings of their tests, with columns made into numbers."""
+"""Splitting of sheets into the recordings of single tests, with columns as numbers."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 
-# Columns of words, and of readings, which each test has for itself.
+# Roles of columns that are not read as numbers for all tests of a sheet together.
 _NOT_SHARED = ("test", "direction", "reading")
-# Fields that lines of a sheet without a table state of all tests.
+# Fields that lines in a sheet without a table may state for all tests.
 FIELDS_OF_ALL_TESTS = {
     "plane",
     "resolution_um",
@@ -47,29 +47,29 @@ FIELDS_OF_ALL_TESTS = {
 
 @dataclass(frozen=True)
 class _SheetColumns:
-    """The rows of a sheet by columns."""
+    """The table of a sheet as columns of cells."""
 
     sheet: Sheet
     heading: Heading
-    lines: list[int]  # of the rows in the file
-    cells: list[list[str]]  # by column
-    clock_column: int | None  # of times of day
-    decimal: str | None  # mark
+    lines: list[int]  # line number of each row in the file
+    cells: list[list[str]]  # cells of each column
+    clock_column: int | None  # index of the column of times of day
+    decimal: str | None  # decimal mark; None if no number has one
 
     def numbers(self, role: str, column: int) -> Array:
-        """Return a column of numbers, shape (n,)."""
+        """Return the numbers in a column, shape (n,)."""
         title = self.heading.column_title(role, column)
         place = self.sheet.place
         return numbers_of(place, title, self.lines, self.cells[column], self.decimal)
 
     def constant(self, test: str, key: str, column: int, rows: Sequence[int]) -> Any:
-        """Return the one value that a column holds in the rows of a test."""
+        """Return the value of a column in the rows of a test, which must be the same in all."""
         lines = [self.lines[k] for k in rows]
         cells = [self.cells[column][k] for k in rows]
         return constant_value(self.sheet.place, test, key, lines, cells, self.decimal)
 
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
-        """Return the words in the column of directions, with the line where each first stands."""
+        """Return the words in the column of directions, each with its first line number."""
         words: dict[str, int] = {}
         if "direction" in self.heading.roles:
             column = self.heading.roles["direction"]
@@ -86,20 +86,22 @@ def split_sheet(
     log: AssumptionLog,
     left_out: Sequence[Sheet],
 ) -> Iterator[Recording]:
-    """Yield the tests of one sheet, in the order of their first rows.
+    """Yield the recordings of the tests in one sheet.
+
+    They come in the order of columns of readings, and of the tests' first rows.
 
     Parameters
     ----------
     sheet, heading
-        The sheet and its columns.
+        The sheet and the heading of its table.
     layout
         What a user states of the tables.
     campaign
         Fields of the campaign that options state.
     log
-        Notes what is assumed.
+        Log to which assumptions are added.
     left_out
-        Sheets without a table, which may state something of all tests or of one.
+        Sheets without a table, which may state fields of all tests or of one test.
     """
     columns = _read_columns(sheet, heading, layout, log)
     numbers = _shared_numbers(columns, layout)
@@ -147,7 +149,7 @@ def split_sheet(
 def _read_columns(
     sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog
 ) -> _SheetColumns:
-    """Return the rows of a table by columns, with the decimal mark, which is noted."""
+    """Return the table of a sheet as columns; heading and decimal mark are noted."""
     lines, cells = columns_of(sheet.place, _table_rows(sheet, heading), len(heading.headers))
     note_heading(sheet, heading, layout, log)
     clock_column = None
@@ -170,7 +172,7 @@ def _read_columns(
 
 
 def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
-    """Return the rows of a table; below it rows without numbers may stand."""
+    """Return the rows of a table, without rows below its last row of numbers."""
     rows = sheet.rows[heading.first_row :]
     while rows and not _has_number(rows[-1]):
         rows.pop()
@@ -184,7 +186,7 @@ def _has_number(row: Row) -> bool:
 def _decimal_mark_of(
     sheet: Sheet, cells: Sequence[tuple[int, str]], layout: Layout, log: AssumptionLog
 ) -> str | None:
-    """Return the decimal mark, as stated or found out; it is noted where it may be another."""
+    """Return the decimal mark, as stated or as found; it is noted if another is possible."""
     if layout.decimal is not None:
         _note_stated_mark(sheet, cells, layout.decimal, log)
         return layout.decimal
@@ -204,7 +206,7 @@ def _decimal_mark_of(
 def _note_stated_mark(
     sheet: Sheet, cells: Sequence[tuple[int, str]], decimal: str, log: AssumptionLog
 ) -> None:
-    """Note a stated decimal mark that no cell has, while cells have the other."""
+    """Note a stated decimal mark that no cell has although cells have the other mark."""
     if any(decimal in cell for _, cell in cells):
         return
     other = OTHER_MARK[decimal]
@@ -214,7 +216,7 @@ def _note_stated_mark(
 
 
 def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
-    """Return the columns of numbers but the readings, by role."""
+    """Return the numeric columns except readings, by role; times of day in seconds."""
     numbers = {}
     for role, column in columns.heading.roles.items():
         if role not in _NOT_SHARED and column != columns.clock_column:
@@ -231,7 +233,7 @@ def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
 
 
 def _labels_of(columns: _SheetColumns) -> list[str]:
-    """Return the label of the test of every row; empty where there is no such column."""
+    """Return the label of the test for each row; empty without a column of tests."""
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     labels = columns.cells[columns.heading.roles["test"]]
@@ -245,14 +247,20 @@ def _labels_of(columns: _SheetColumns) -> list[str]:
 
 
 def layout_names(sheet: Sheet, label: str) -> list[str]:
-    """Return the names by which a [[test]] of the layout may call a test, the closest first."""
+    """Return the names by which a [[test]] of the layout may call a test, the most specific first.
+
+    ``label`` is the name of the test in its sheet.
+    """
     path = sheet.path
     names = (label, sheet.name_in_file, path.name, path.stem, str(path), sheet.name)
     return [name for name in names if name]
 
 
 def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool) -> dict[str, Any]:
-    """Return what the layout states of a test by any of its names, the closest name first."""
+    """Return the fields that the layout states of a test, under any of the test's names.
+
+    If several entries state a field, the one with the most specific name counts.
+    """
     entries = {entry.file: entry for entry in layout.test}
     fields: dict[str, Any] = {}
     for name in reversed(layout_names(sheet, label)):
@@ -273,9 +281,9 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
 def _field_columns(
     columns: _SheetColumns, labels: Sequence[str], log: AssumptionLog
 ) -> dict[str, int]:
-    """Return the columns that hold one field of each test.
+    """Return the indices of the columns that hold a field of each test, by field.
 
-    Times and temperatures of every reading are left out, which is noted.
+    Columns of times and temperatures that change within a test are left out, which is noted.
     """
     heading = columns.heading
     field_columns = {
