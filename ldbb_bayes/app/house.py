@@ -31,7 +31,7 @@ _FIT = "from ldbb_bayes.app.worker import main; main()"
 
 @dataclass(eq=False)
 class House:
-    """All sessions, the `Desk` that answers their requests, and the folder of all their files."""
+    """All sessions, the ``Desk`` that answers their requests, and the folder of all their files."""
 
     folder: Path
     desk: Desk

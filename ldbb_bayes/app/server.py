@@ -126,7 +126,7 @@ def application(token: str, port: int) -> ASGIApp:
 
 @asynccontextmanager
 async def _lifespan(app: Starlette) -> AsyncIterator[None]:
-    """Create the `House` of sessions; when the server ends, stop its work and delete its files."""
+    """Create the ``House`` of sessions; at the end, stop its work and delete its files."""
     _delete_folders_of_dead_servers()
     folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER_PREFIX}{os.getpid()}-"))
     house = House(folder, Desk())

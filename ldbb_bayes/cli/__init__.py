@@ -1,4 +1,4 @@
-"""The command line: ``ldbb-bayes COMMAND``."""
+"""The command line program ``ldbb-bayes COMMAND``."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from ldbb_bayes.errors import InputError
 
 __all__ = ["app", "main"]
 
-# Click's, or Typer's own copy of it.
+# Exception class of Click, or of Typer's own copy of Click.
 _UsageError: Any = typer.BadParameter.__base__
 
 
 class _Commands(TyperGroup):
-    """Commands whose wrong use is answered like any other bad input: one message, exit code 2."""
+    """Command group that answers wrong usage like other bad input: one message, exit code 2."""
 
     def main(self, args: Sequence[str] | None = None, *positional: Any, **keywords: Any) -> Any:
-        """Run the command that is named, help where none is."""
+        """Run the named command, or show the help if no command is named."""
         arguments = list(sys.argv[1:] if args is None else args)
         keywords["standalone_mode"] = False
         try:
@@ -42,7 +42,7 @@ class _Commands(TyperGroup):
             fail(str(error), EXIT_BAD_INPUT)
         except _UsageError as error:
             fail(f"{error.format_message().rstrip('.?')}. See --help.", EXIT_BAD_INPUT)
-        # What Typer makes of Ctrl-C; Click makes it Abort.
+        # Exit code that Typer uses for Ctrl-C; Click raises Abort instead.
         if code == EXIT_INTERRUPTED:
             raise KeyboardInterrupt
         sys.exit(code)
@@ -119,9 +119,9 @@ def _warning_line(message: Warning | str, *_: Any, **__: Any) -> str:
 
 
 def main() -> None:
-    """Run the command that was typed.
+    """Run the command that the user typed.
 
-    Signs that the terminal's encoding lacks are replaced, not fatal; a warning is a line.
+    Characters that the terminal cannot show are replaced. A warning is printed as one line.
     """
     warnings.formatwarning = _warning_line
     for stream in (sys.stdout, sys.stderr):

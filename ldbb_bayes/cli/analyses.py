@@ -1,4 +1,4 @@
-"""``ldbb-bayes identify``, ``compare``, ``design``, ``validate``: what one campaign says."""
+"""Commands ``identify``, ``compare``, ``design`` and ``validate`` of ``ldbb-bayes``."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def identify(
 
 
 def _with_remarks(result: object, campaign: lb.Campaign) -> tuple[Any, ...]:
-    """Return what a result says, and what looks odd about the readings it rests on."""
+    """Return the printed parts of a result, and remarks about odd readings of its campaign."""
     preview = lb.preview(campaign)
     remarks = [
         f"Note: {wording.remark_words(remark)}"
@@ -131,8 +131,9 @@ def compare(
 
 # ---- design
 
-_MOST_VALUES = 5000  # of a range; more are a mistyped step
-_ROUNDING = 1e-12  # relative; a step that ends at the upper limit but for rounding is counted
+_MOST_VALUES = 5000  # maximum number of values of a range; more are probably due to a mistyped step
+# Relative rounding error within which the last step of a range ends at its upper limit.
+_ROUNDING = 1e-12
 
 
 def _read_range(entry: str, flag: str) -> tuple[float, ...]:
@@ -157,7 +158,7 @@ def _read_range(entry: str, flag: str) -> tuple[float, ...]:
 
 
 def _read_clockings(entry: str, flag: str) -> tuple[tuple[float, float], ...]:
-    """Return angles of work and tool ball [deg], from angles of the work ball or WORK/TOOL."""
+    """Return pairs of angles of work and tool ball [deg] from a list of angles or WORK/TOOL."""
     if "/" not in entry:
         return tuple((angle, 0.0) for angle in _read_range(entry, flag))
     clockings = []
@@ -230,7 +231,7 @@ def design(
 
 
 def _running_order(plan: lb.Campaign) -> str:
-    """Return the tests of a plan, each with those of its settings that differ between tests."""
+    """Return the tests of a plan as text, each with the settings that differ between tests."""
     settings_by_test = []
     for test in plan.tests:
         settings_by_test.append(

@@ -1,4 +1,4 @@
-"""Arguments of several commands, made of their options: campaign, instrument, model."""
+"""Arguments of several commands, made from their options: campaign, instrument and model."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ __all__ = [
     "model_from",
 ]
 
-# Deflection of the mount in the paper's experiment, which Instrument's default is too.
+# Deflection of the mount in the paper's experiment [µm/bar]; also the default of the package.
 _MOUNT_UM_PER_BAR = 2.33
-# What the columns of a table can hold.
+# Quantities that the columns of a table can hold.
 _COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
 
 
@@ -51,7 +51,7 @@ def campaign_from(path: Path, **options: Any) -> lb.Campaign:
     path
         A campaign folder, a campaign.toml or a tidy CSV.
     **options
-        What options say of a tidy CSV, and of certificates.
+        Values of the options for a tidy CSV and for certificates.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def campaign_from(path: Path, **options: Any) -> lb.Campaign:
     Raises
     ------
     InputError
-        The campaign cannot be read, or options and files contradict each other.
+        If the campaign cannot be read, or options and files contradict each other.
     """
     certificates = {}
     for name in _CERTIFICATE_KEYWORDS:
@@ -72,12 +72,12 @@ def campaign_from(path: Path, **options: Any) -> lb.Campaign:
 
 
 def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[str, Any]:
-    """Return what options say of the instrument.
+    """Return the fields of `Instrument` that options state.
 
     Parameters
     ----------
     balls
-        Both balls, where one option says it of both.
+        Ball to use for both balls, if one option states both.
     **options
         Fields of `Instrument`, and DCC files: ``bar_dcc``, ``force_dcc``, ``work_dcc``,
         ``tool_dcc``.
@@ -90,7 +90,7 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
     Raises
     ------
     InputError
-        A DCC cannot be read, or says what an option says too.
+        If a DCC cannot be read, or an option states the same as a DCC.
     """
     from_files: dict[str, Any] = {}
     for kind in ("bar", "force"):
@@ -126,7 +126,7 @@ def campaign_fields(
     force_offset: float | None = None,
     **options: Any,
 ) -> dict[str, Any]:
-    """Return what options say of a campaign that its table does not say.
+    """Return the fields of `Campaign` that options state.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def campaign_fields(
 
 
 def _column_in(text: str) -> str | int:
-    """Return the header of a column, or its number from 1."""
+    """Return a column as its number, counted from 1, if the text is a number, else its header."""
     return int(text) if text.isdecimal() else text
 
 
@@ -174,7 +174,7 @@ def _read_sheets(text: str, flag: str) -> list[str]:
 
 
 def _layout(layout: Path | None = None, **options: Any) -> lb.Layout:
-    """Return the layout of a file, and what options say before it."""
+    """Return the layout of a layout file; options take precedence over the file."""
     from_file = lb.Layout() if layout is None else lb.read_layout(layout)
     columns = dict(from_file.columns)
     for role in _COLUMN_ROLES:
@@ -195,15 +195,15 @@ def model_from(
     Parameters
     ----------
     degree
-        Degree of compliance in force. Default: that of the file, else 1.
+        Degree of compliance in force. Default: that of the model file, or else 1.
     preset
         Name of a preset. Default: ``default``.
     without
         Terms to leave out.
     model
-        A model as TOML, instead of a preset.
+        Path of a model file (TOML), instead of a preset.
     drift
-        What drift follows: ``time`` or ``temperature``.
+        Quantity that drift is proportional to: ``time`` or ``temperature``; None: no drift term.
 
     Returns
     -------
@@ -212,7 +212,7 @@ def model_from(
     Raises
     ------
     InputError
-        Both a file and a preset are given, or one of them is unknown.
+        If both a model file and a preset are given, or one of them is unknown.
     """
     if model is not None and preset is not None:
         raise InputError(
@@ -237,7 +237,7 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
 
 _TABLE_OPTIONS = options_of("table", "labels")
 _CERTIFICATE_OPTIONS = options_of("certificates")
-# Keywords of `instrument_fields`; certificates of bar and force come from files alone.
+# Keywords of instrument_fields; certificates of bar and force are stated only in files.
 _CERTIFICATE_KEYWORDS = [
     *(option.to or name for name, option in _CERTIFICATE_OPTIONS.items()),
     "bar_certificate",

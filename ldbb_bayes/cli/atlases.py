@@ -1,4 +1,4 @@
-"""``ldbb-bayes machine``: what circular tests show of a machine, and the patterns of it."""
+"""Command ``ldbb-bayes machine``: parameters that circular tests show, and their patterns."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def write_atlases(machine: lb.Machine, circles: Sequence[lb.Circle], folder: Pat
     machine
         The machine.
     circles
-        At least one in every plane of the machine.
+        Circles, at least one in every plane of the machine.
     folder
-        Exists already.
+        Existing folder for the files.
     """
     first_circle: dict[str, lb.Circle] = {}
     for circle in circles:

@@ -1,4 +1,4 @@
-"""``ldbb-bayes import``, ``check``, ``simulate``: campaigns, before anything is fitted."""
+"""Commands ``import``, ``check`` and ``simulate`` of ``ldbb-bayes``: campaigns before a fit."""
 
 from __future__ import annotations
 

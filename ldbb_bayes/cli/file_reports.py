@@ -1,4 +1,4 @@
-"""The report of files: fit, comparison, average, next tests and page, in one folder."""
+"""Report made from files of readings: fit, comparison of models, next tests and page."""
 
 from __future__ import annotations
 
@@ -35,29 +35,33 @@ __all__ = ["AVERAGED_NAME", "STEPS", "WrittenReport", "page_settings", "report_f
 
 AVERAGED_NAME = "averaged.nc"
 _FILES_BESIDE_PAGE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
-# Steps of a report, and how long each lasts beside the others.
+# Steps of a report, with their approximate relative durations.
 STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
-# Of a log evidence [nat]: a third to a tenth of the time that 0.01 takes, which compare asks.
+# Tolerance of a log evidence [nat]. It takes a third to a tenth of the time that 0.01 takes, which
+# is the tolerance of the command compare.
 _TOLERANCE = 0.05
 
 
 class WrittenReport(NamedTuple):
-    """A report that stands in its folder."""
+    """A report that was written into its folder."""
 
     document: Document
-    #: What is printed.
+    #: Tables and sentences to print.
     parts: tuple[Any, ...]
-    #: Whether all fits reached their target.
+    #: Whether the fit reached its sampling target.
     converged: bool
 
 
 @dataclass(frozen=True)
 class _Analyses:
-    """What a report of files shows beside the fit; a text says why something cannot be had."""
+    """Results that a report shows in addition to the fit.
+
+    A text instead of a result is the reason why there is none.
+    """
 
     comparison: lb.Comparison | str
     averaged: xr.DataTree | None
-    #: Gives the tests to run next; waits for them the first time.
+    #: Function that returns the tests to run next; the first call waits for the computation.
     design: Callable[[], lb.Design | str]
 
 
@@ -77,16 +81,16 @@ def report_files(
     source
         The files.
     output
-        Where the report goes. Default: beside the first file.
+        Output of the report. Its folder is by default beside the first file.
     settings
         Options of the report.
     model
-        Compliance linear in force.
+        Model with compliance linear in force.
     steps
-        Is told of every step of `STEPS` that begins, as of
+        Context that shows progress by the steps of `STEPS`, for example that of
         `ldbb_bayes.cli.progress.step_progress`.
     ask
-        Whether what nothing states is asked for.
+        Whether to ask the user for facts that neither files nor options state.
 
     Returns
     -------
@@ -95,7 +99,7 @@ def report_files(
     Raises
     ------
     InputError
-        Files or options do not do; nothing is written.
+        If files or options cannot be used; nothing is written.
     """
     _check_settings(settings, source)
     output.out = output.out or source.report_folder()
@@ -110,7 +114,7 @@ def report_files(
         fit_result = fit_tables.full_result(fit, settings["ci_prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["ci_prob"])
         if campaign.tolerances:
-            # Decided once: what the sheets state, at their force.
+            # Decide conformity once, for the results and the force that the report states.
             decisions = lb.conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity
@@ -131,7 +135,7 @@ def report_files(
 
 
 def _check_settings(settings: dict[str, Any], source: ReportSource) -> None:
-    """Refuse options that go with fits alone."""
+    """Refuse options that are valid only for reports of fits."""
     for name in ("comparison", "design"):
         require(
             name not in settings,
@@ -144,7 +148,7 @@ def _check_settings(settings: dict[str, Any], source: ReportSource) -> None:
 
 
 def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
-    """Return the options that `ldbb_bayes.write_report` takes as they are.
+    """Return the options that are also arguments of `ldbb_bayes.write_report`.
 
     Parameters
     ----------
@@ -169,7 +173,7 @@ def _analyse(
     """Fit linear compliance, compare it with constant, average both, and choose the next tests."""
     seed = settings["seed"]
     models = {"constant": model.with_degree(0), "linear": model}
-    # The other process starts and imports meanwhile.
+    # Let the second process start and import modules during the fit.
     ahead(partial(callable, lb.compare), executor)
     begin("fit")
     fit = lb.sample(model, campaign, sampler="independent", seed=seed)
@@ -200,7 +204,7 @@ def _analyse(
 
 
 def _result_or_reason(work: Callable[[], Any]) -> Any:
-    """Return a result, or why it cannot be had: a page says so in its place."""
+    """Return a result, or the reason why there is none, which the page shows instead."""
     try:
         return work()
     except InputError as error:
@@ -214,7 +218,7 @@ def _write_beside_page(
     imported: lb.Imported | None,
     analyses: _Analyses,
 ) -> None:
-    """Write the fit, the campaign as it was understood, comparison and design."""
+    """Write the fit, the campaign as it was read, the comparison and the design."""
     write_result(fit, result, folder)
     if analyses.averaged is not None:
         lb.save(analyses.averaged, folder / AVERAGED_NAME)
@@ -235,7 +239,7 @@ def _write_beside_page(
 def _printed_parts(
     source: SourceCampaign, fit: xr.DataTree, result: dict[str, Any], analyses: _Analyses
 ) -> tuple[Any, ...]:
-    """Return assumptions, remarks, results without slopes, comparison, and what to run next."""
+    """Return the parts to print: assumptions, remarks, results, comparison and next tests."""
     campaign = campaign_of(fit)
     constant_names = model_of(fit).with_degree(0).bind(campaign).names
     parameters = {
@@ -267,7 +271,7 @@ def _printed_parts(
 
 
 def _assumed_parts(campaign: lb.Campaign, imported: lb.Imported | None) -> tuple[Any, ...]:
-    """Return what was assumed of files and balls."""
+    """Return the assumptions about files and balls as parts to print."""
     assumptions: tuple[Assumption, ...] = ()
     if imported is not None:
         assumptions = imported.assumptions

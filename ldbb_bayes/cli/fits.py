@@ -1,4 +1,4 @@
-"""``ldbb-bayes fit``, ``summarize``, ``demo``: posteriors, and what is written of them."""
+"""Commands ``fit``, ``summarize`` and ``demo`` of ``ldbb-bayes``: posteriors and their files."""
 
 from __future__ import annotations
 
@@ -91,14 +91,14 @@ def fit(
 def with_tolerances(
     campaign: lb.Campaign, model: lb.HybridModel, tolerances: Mapping[str, str]
 ) -> lb.Campaign:
-    """Return a campaign with further tolerances, which go before those it has.
+    """Return a campaign with further tolerances, which replace those of the same quantities.
 
     Parameters
     ----------
     campaign
         The campaign.
     model
-        What it will be fitted with.
+        Model with which the campaign will be fitted.
     tolerances
         Limits by quantity, for example ``{"C_XXX": "60 nm/N"}``.
 
@@ -109,7 +109,7 @@ def with_tolerances(
     Raises
     ------
     InputError
-        A limit cannot be read, or the model has no such quantity.
+        If a limit cannot be read, or the model has no such quantity.
     """
     stated = {inside_name(name): limit for name, limit in tolerances.items()}
     campaign = replace(campaign, tolerances={**campaign.tolerances, **stated})
@@ -138,11 +138,11 @@ def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path
     Parameters
     ----------
     posterior
-        The fit.
+        Posterior of the fit.
     result
-        Its summary, as of `ldbb_bayes.report.fit_tables.full_result`.
+        Summary of the fit from `ldbb_bayes.report.fit_tables.full_result`.
     folder
-        Is made where it does not exist.
+        Folder for the files; it is created if necessary.
     """
     folder.mkdir(exist_ok=True)
     lb.save(posterior, folder / "posterior.nc")

@@ -1,4 +1,4 @@
-"""``ldbb-bayes batch``, ``trend``, ``population``: many campaigns."""
+"""Commands ``batch``, ``trend`` and ``population`` of ``ldbb-bayes``: many campaigns."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ldbb_bayes.results import Table
 
 __all__ = ["batch", "population", "trend"]
 
-_LISTED = 10  # failures, and campaigns to look at, that are printed
+_LISTED = 10  # maximum number of failures, and of doubtful campaigns, that are printed
 
 _CAMPAIGNS_HELP = (
     "Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, or lists of any of"
@@ -92,7 +92,7 @@ def batch(
 
 
 def _batch_parts(result: lb.Batch) -> tuple[Table | str, ...]:
-    """Return counts, the first failures and doubts with their reasons, and where the table is."""
+    """Return the parts to print of a batch: counts, failures and doubts, and path of the table."""
     counts = (
         ("fitted", result.done),
         ("… not converged: do not use their numbers", result.not_converged),

@@ -1,8 +1,8 @@
-"""Options of the commands: how they are declared, read, and gathered into arguments.
+"""Options of the commands: their declaration, conversion, and grouping into arguments.
 
-A command is a function whose annotations carry an `Option`, or a `Group` of options that together
-make one argument. `command` spells them out for typer. What an option is called, means and defaults
-to stands in ``options.toml``.
+A command is a function whose annotations contain an `Option`, or a `Group` of options that together
+make one argument. `command` passes these options to Typer, the library that reads the command line.
+The file ``options.toml`` states the names, help texts and defaults of the options.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ __all__ = [
     "options_of",
 ]
 
-EXIT_MISSED = 1  # a target of sampling, an exactness or a certificate was missed
+EXIT_MISSED = 1  # exit code if a sampling target, an accuracy or a proof of optimality was missed
 EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130  # what a shell says of Ctrl-C: 128 + SIGINT
+EXIT_INTERRUPTED = 130  # exit code of shells for Ctrl-C: 128 + SIGINT
 REQUIRED = inspect.Parameter.empty
-# Short, so that names of options stay whole in the help on narrow terminals.
+# Placeholders of values in the help; short, so that option names fit on narrow terminals.
 _METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
 CATALOGUE: Mapping[str, Any] = tomllib.loads(
     (Path(__file__).parent / "options.toml").read_text(encoding="utf-8")
@@ -52,11 +52,11 @@ CATALOGUE: Mapping[str, Any] = tomllib.loads(
 
 
 class Kind(NamedTuple):
-    """A kind of value: the type that typer reads, and what makes the value of it."""
+    """A kind of option value: the type that Typer reads, and a function that converts it."""
 
     #: Type that typer reads.
     typed: Any
-    #: Makes the value of what was typed and the option's flag.
+    #: Function that returns the value, from what Typer read and the option's flag.
     read: Callable[[Any, str], Any]
     metavar: str | None = None
 
@@ -65,9 +65,9 @@ class Kind(NamedTuple):
 class Option:
     """One option of a command.
 
-    Its value is handed on as the keyword ``to``. An option that was not typed is not handed on, so
-    that the default of the function that gets it holds. ``settings`` are those of `typer.Option`,
-    with the ``name`` of the option where it is not that of the parameter.
+    The value is passed on as the keyword argument ``to``. An option without value is not passed on,
+    so that the called function uses its own default. ``settings`` are arguments of `typer.Option`,
+    and the ``name`` of the option if it differs from that of the parameter.
     """
 
     kind: Any
@@ -77,11 +77,11 @@ class Option:
     settings: Mapping[str, Any]
 
     def flag(self, name: str) -> str:
-        """Return what one types, for example ``--radius-mm``."""
+        """Return the option as typed on the command line, for example ``--radius-mm``."""
         return str(self.settings.get("name", "--" + name.replace("_", "-")))
 
     def parameter(self, name: str) -> inspect.Parameter:
-        """Return the parameter that typer reads."""
+        """Return the function parameter that declares the option to Typer."""
         settings = {key: value for key, value in self.settings.items() if key != "name"}
         typed = self.kind
         if isinstance(typed, Kind):
@@ -99,7 +99,7 @@ class Option:
         )
 
     def read(self, typed: Any, name: str) -> Any:
-        """Return the value of what was typed, None where nothing was."""
+        """Return the converted value of the option; None if the option was not typed."""
         if typed is None:
             return None
         if isinstance(self.kind, Kind):
@@ -113,8 +113,8 @@ class Option:
 class Group:
     """Options that together make one argument of a command.
 
-    ``positional`` is a parameter that is no option, where there is one; ``make`` gets its value
-    first.
+    ``make`` is the function that makes the argument. ``positional`` is a parameter that is not an
+    option, or None; its value is the first argument of ``make``.
     """
 
     options: Mapping[str, Option]
@@ -122,14 +122,14 @@ class Group:
     positional: inspect.Parameter | None
 
     def parameters(self) -> list[inspect.Parameter]:
-        """Return the parameters that typer reads."""
+        """Return the function parameters that declare the options to Typer."""
         parameters = [option.parameter(name) for name, option in self.options.items()]
         if self.positional is None:
             return parameters
         return [self.positional, *parameters]
 
     def take_from(self, typed: dict[str, Any]) -> Any:
-        """Make the argument, and take its options out of all that were typed."""
+        """Return the argument, and remove the values of its options from ``typed``."""
         positional = []
         if self.positional is not None:
             positional.append(typed.pop(self.positional.name))
@@ -147,15 +147,15 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
     Parameters
     ----------
     kind
-        A type that typer reads, or a `Kind`.
+        A type that Typer reads, or a `Kind`.
     help
-        What the help of the command says of it.
+        Help text of the option.
     default
-        Its value where it is not typed; None: it is not handed on.
+        Value if the option is not typed; None: the option is not passed on.
     to
-        Keyword it is handed on as. Default: its own name.
+        Keyword argument that gets the value. Default: the option's own name.
     **settings
-        Those of `typer.Option`, and ``name``, the flag.
+        Arguments of `typer.Option`, and ``name``, the flag.
 
     Returns
     -------
@@ -175,9 +175,9 @@ def group(
     Parameters
     ----------
     make
-        Gets the values by keyword and returns the argument. Default: a dictionary of them.
+        Function that gets the values by keyword and returns the argument. Default: dict.
     positional
-        A parameter that is no option, handed to ``make`` first.
+        A parameter that is not an option; its value is the first argument of ``make``.
     **options
         The options by name.
 
@@ -194,9 +194,9 @@ def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
     Parameters
     ----------
     *groups
-        Names of groups; a table within one is a panel of the help, with its options.
+        Names of groups. A table within a group is a panel of the help, with its options.
     **kinds
-        Kinds of values beside those that all commands have.
+        Kinds of values, by name, in addition to those of all commands.
 
     Returns
     -------
@@ -219,7 +219,7 @@ class _CatalogueEntry(NamedTuple):
 
 
 def _catalogue_entries(entries: Mapping[str, Any]) -> Iterator[_CatalogueEntry]:
-    """Yield the options of one group, those of a panel with its heading."""
+    """Yield the options of one group; those of a help panel get the panel's heading."""
     for name, entry in entries.items():
         if isinstance(entry, str):
             yield _CatalogueEntry(name, CATALOGUE["shared"][entry])
@@ -232,17 +232,18 @@ def _catalogue_entries(entries: Mapping[str, Any]) -> Iterator[_CatalogueEntry]:
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a function as a command: options spelled out, bad input answered in one message.
+    """Return a function as a command for Typer, which answers bad input with one message.
 
     Parameters
     ----------
     function
-        Its annotations carry the options, as an `Option` or a `Group`.
+        Function whose annotations contain the options, as an `Option` or a `Group`.
 
     Returns
     -------
     callable
-        What typer calls. Bad input ends it with exit code 2 and one message, never a traceback.
+        Function that Typer calls. For bad input it exits with code 2 and one message, without
+        traceback.
     """
     groups: dict[str, Group] = {}
     parameters: list[inspect.Parameter] = []
@@ -266,7 +267,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             function(**arguments, **typed)
             sys.stdout.flush()
         except BrokenPipeError:
-            # Whoever read the output has gone; what is flushed at exit must go somewhere.
+            # The reader of stdout has closed it; discard output that is flushed at exit.
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115, it stays open to the end
         except (OSError, ArithmeticError, ValueError) as error:
             reason = plain_reason(error)
@@ -280,14 +281,14 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _only_value(**values: Any) -> Any:
-    """Return the one value that was typed, None where none was."""
+    """Return the only value that was typed; None if none was typed."""
     for value in values.values():
         return value
     return None
 
 
 def fail(message: str, code: int) -> NoReturn:
-    """Say one thing on stderr and leave.
+    """Print a message on stderr and exit.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where a result goes: files in a folder, JSON on stdout, tables for reading."""
+"""Output of results: files in a folder, JSON on stdout, and tables for reading."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Output", "drawing", "figure_files", "show", "write_files"]
 
-_WIDTH = 120  # columns, where stdout is no terminal
-_NARROWEST = 40  # columns; narrower terminals wrap
+_WIDTH = 120  # width of tables if stdout is not a terminal [columns]
+_NARROWEST = 40  # smallest width of tables [columns]; narrower terminals wrap lines
 
 
 def show(*parts: Any) -> None:
@@ -33,7 +33,7 @@ def show(*parts: Any) -> None:
     Parameters
     ----------
     *parts
-        Tables (an empty line follows each), sentences and lists. Nothing is printed without any.
+        Tables (followed by an empty line), sentences and lists. Without parts nothing is printed.
     """
     width = _WIDTH
     if sys.stdout.isatty() or "COLUMNS" in os.environ:
@@ -51,7 +51,7 @@ def figure_files(names: Iterable[str], formats: Sequence[str] = ("png", "svg")) 
     names
         Names of figures.
     formats
-        Each figure has a file in every one of them.
+        File formats; each figure has one file in every format.
 
     Returns
     -------
@@ -64,19 +64,19 @@ def figure_files(names: Iterable[str], formats: Sequence[str] = ("png", "svg")) 
 
 
 def drawing(name: str, *results: Any) -> Callable[[], Figure]:
-    """Return what draws a figure of `ldbb_bayes.figures` when it is called.
+    """Return a function that draws a figure of `ldbb_bayes.figures`.
 
     Parameters
     ----------
     name
-        Function of `ldbb_bayes.figures`.
+        Name of a function of `ldbb_bayes.figures`.
     *results
-        Its arguments.
+        Arguments of that function.
 
     Returns
     -------
     callable
-        Draws the figure. matplotlib is loaded only where one is drawn.
+        Function without arguments that draws the figure. It loads matplotlib when it is called.
     """
 
     def draw() -> Figure:
@@ -95,11 +95,11 @@ def write_files(
     Parameters
     ----------
     folder
-        Exists already.
+        Existing folder.
     contents
-        By the name of the file: a record (.json), a table (.csv) or text.
+        Contents by file name: a record (.json), a table (.csv) or text.
     figures
-        What draws each figure, by its name.
+        Functions that draw the figures, by the names of the figures.
     """
     for name, content in contents.items():
         (folder / name).write_text(_text_of(name, content), encoding="utf-8")
@@ -118,20 +118,20 @@ def _text_of(name: str, content: Any) -> str:
 
 @dataclass
 class Output:
-    """Where a command's result goes: files into a folder, all or none, and stdout.
+    """Output of a command: files in a folder, of which all or none are written, and stdout.
 
     Parameters
     ----------
     out
-        Folder for the files. Without it none is written.
+        Folder for the files. Without a folder no file is written.
     force
         Whether files of an earlier result may be replaced.
     as_json
-        Whether stdout gets the record as JSON and nothing else.
+        Whether to print only the record, as JSON.
     quiet
-        Whether nothing is said of what was written.
+        Whether to omit the message about the written folder.
     files
-        Names of the files that a result of this command consists of.
+        Names of the files of a result of this command.
     """
 
     out: Path | None = None
@@ -141,19 +141,19 @@ class Output:
     files: tuple[str, ...] = ()
 
     def check(self, *files: str, figures: Collection[str] = ()) -> None:
-        """Refuse a folder whose files must not be replaced, before any work is done.
+        """Refuse an output folder whose files must not be replaced; call it before computations.
 
         Parameters
         ----------
         *files
             Files that this command writes; with ``force`` they are replaced.
         figures
-            Names of its figures.
+            Names of the figures that this command writes.
 
         Raises
         ------
         InputError
-            The folder holds a result already, or files that are none of these.
+            If the folder holds a result already, or files with other names.
         """
         self.files = (*files, *figure_files(figures))
         if self.out is not None:
@@ -174,20 +174,20 @@ class Output:
         Parameters
         ----------
         record
-            What is printed with ``--json``.
+            Record that is printed with ``--json``.
         result
-            What is printed for reading: a result, or a tuple of tables and sentences.
+            Result to print without ``--json``, or a tuple of tables and sentences.
         contents, figures
-            Files, as of `write_files`.
+            Files to write, see `write_files`.
         write_more
-            Writes into the folder what is neither record nor table nor figure.
+            Function that writes further files into the folder.
         note
-            What else is said of the folder, after its name.
+            Text to print after the name of the folder.
 
         Raises
         ------
         InputError
-            The folder cannot be written; nothing is left half-written.
+            If the folder cannot be written; no incomplete result is left.
         """
         if self.out is not None:
             with staged_folder(self.out, force=self.force, ours=self.files) as staging:

@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on stderr, none where stderr is no terminal."""
+"""Progress of long computations: a bar on stderr if stderr is a terminal."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 __all__ = ["counting_progress", "sampling_progress", "step_progress", "steps_of"]
 
-# Is told how many of how many are done.
+# Function that updates a bar; its arguments are usually the number done and the total number.
 Tell = Callable[..., None]
-# Begins a named step and returns what is told of it.
+# Function that begins a named step and returns the function that reports progress of the step.
 Begin = Callable[[str], Tell | None]
 
 
@@ -30,7 +30,10 @@ class _BarState(NamedTuple):
 def _progress_bar(
     state_of: Callable[..., _BarState], quiet: bool, title: str
 ) -> Iterator[Tell | None]:
-    """Show a bar; ``state_of`` makes its share and text of what the bar is told."""
+    """Show a bar and yield the function that updates it; None if there is no bar.
+
+    ``state_of`` converts the arguments of an update into the bar's share and text.
+    """
     if quiet or not sys.stderr.isatty():
         yield None
         return
@@ -74,56 +77,57 @@ def _step_state(share: float, step: str, done: int, total: int) -> _BarState:
 
 
 def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
-    """Return a bar that is told how many of how many are done, and how many failed.
+    """Return a bar that is updated with the numbers done, in total, and failed.
 
     Parameters
     ----------
     quiet
-        Whether there is to be no bar.
+        Whether to show no bar.
     title
-        What is counted.
+        Title of the bar: the things that are counted.
 
     Returns
     -------
     context manager
-        Of what is told; of None where there is no bar.
+        Yields the function that updates the bar, or None if there is no bar.
     """
     return _progress_bar(_counting_state, quiet, title)
 
 
 def sampling_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
-    """Return a bar that is told the states of an MCMC run.
+    """Return a bar that is updated with the states of an MCMC run.
 
     Parameters
     ----------
     quiet
-        Whether there is to be no bar.
+        Whether to show no bar.
     title
-        What is sampled.
+        Title of the bar.
 
     Returns
     -------
     context manager
-        Of what is told; of None where there is no bar.
+        Yields the function that updates the bar, or None if there is no bar.
     """
     return _progress_bar(_sampling_state, quiet, title)
 
 
 def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: float) -> Begin:
-    """Return what begins a named step of longer work.
+    """Return a function that begins a named step of a longer computation.
 
     Parameters
     ----------
     update
-        Is told the share of all steps that is done, the step, and how many of how many of the step
-        are done (0 of 0: unknown). None: nothing is told.
+        Function that is called with the completed share of all steps, the name of the step, and the
+        number done and the total number of the step (0 and 0: unknown). None: no reports.
     **weights
-        How long each step lasts beside the others, in their order.
+        Approximate relative durations of the steps, by name, in the order of the steps.
 
     Returns
     -------
     callable
-        Gets the name of a step that begins and returns what is told of it.
+        Function that gets the name of the step that begins and returns the function that reports
+        progress of this step, or None.
     """
     total_weight = sum(weights.values())
     weight_before: dict[str, float] = {}
@@ -146,19 +150,19 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
 
 @contextmanager
 def step_progress(quiet: bool, **weights: float) -> Iterator[Begin]:
-    """Show one bar over named steps.
+    """Show one bar for all named steps of a computation.
 
     Parameters
     ----------
     quiet
-        Whether there is to be no bar.
+        Whether to show no bar.
     **weights
-        As of `steps_of`.
+        Approximate relative durations of the steps, see `steps_of`.
 
     Yields
     ------
     callable
-        As `steps_of` returns.
+        Function that begins a step, see `steps_of`.
     """
     with _progress_bar(_step_state, quiet, "report") as update:
         yield steps_of(update, **weights)

@@ -1,4 +1,4 @@
-"""What ``ldbb-bayes report`` asks where a terminal can answer: machine, mount, balls."""
+"""Questions of ``ldbb-bayes report`` at a terminal, about machine, mount and balls."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ __all__ = ["MACHINES", "MachineType", "can_ask", "complete_campaign"]
 
 
 class MachineType(NamedTuple):
-    """A kind of machine in words, the chain of its joints, and what moves what."""
+    """A type of machine: its name, its topology, and the axes that move workpiece and tool."""
 
-    #: In words.
+    #: Name of the type in words.
     name: str
-    #: Chain of its joints, from workpiece to tool.
+    #: Topology: the chain of joints from workpiece to tool.
     topology: str
-    #: Which joints move workpiece and tool.
+    #: Description of which joints move the workpiece and which move the tool.
     looks: str
 
 
@@ -33,20 +33,20 @@ _ANSWERS = {"y": True, "yes": True, "j": True, "ja": True, "n": False, "no": Fal
 
 
 def can_ask() -> bool:
-    """Return whether a terminal can answer questions."""
+    """Return whether a user can answer questions at a terminal."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Campaign:
-    """Return a campaign with what its user answers about machine, mount and balls.
+    """Ask the user about machine, mount and balls, and return the campaign with the answers.
 
     Parameters
     ----------
     campaign
         The campaign.
     unstated
-        Which of ``topology``, ``mount`` and ``balls`` neither files nor options state; only these
-        are asked for.
+        Those of ``topology``, ``mount`` and ``balls`` that neither files nor options state. Only
+        these are asked for.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def _ask_topology(plane: str) -> str:
 
 
 def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
-    """Return the answer as ``read`` understands it; ask again where it does not."""
+    """Return the answer as converted by ``read``; ask again after an invalid answer."""
     while True:
         answer = typer.prompt(question, default=default, err=True, show_default=bool(default))
         try:

@@ -1,4 +1,4 @@
-"""``ldbb-bayes report``: from files as they are found, or from fits, to the page, in one go."""
+"""Command ``ldbb-bayes report``, which makes a page from files of readings or from fits."""
 
 from __future__ import annotations
 
@@ -101,12 +101,12 @@ def report(
 
 
 def report_figure_files() -> tuple[str, ...]:
-    """Return the files of figures that may be replaced: those of an earlier report."""
+    """Return the names of figure files of an earlier report, which may be replaced."""
     return figure_files(PICTURES, _FIGURE_FORMATS)
 
 
 def _print_report(output: Output, written: WrittenReport, figures: Path | None) -> None:
-    """Print the JSON of the report, or what is read of it and where it stands."""
+    """Print the report as JSON, or its results in words and the paths of its files."""
     folder = output.out or Path()
     if output.as_json:
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
@@ -119,11 +119,11 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
     typer.echo(line)
 
 
-# ---- the report of fits
+# ---- report of fits
 
 
 def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any]) -> WrittenReport:
-    """Write the page into the folder of the first fit, or into another."""
+    """Write the page into the folder of the first fit, or into the chosen folder."""
     source.refuse_table_options()
     paths = source.paths
     fit_folder = paths[0] if paths[0].is_dir() else paths[0].parent
@@ -169,7 +169,7 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
 
 
 def _check_report_folder(folder: Path, *, force: bool) -> None:
-    """Refuse a folder that holds a report already, or cannot be written to."""
+    """Refuse a folder that contains a report already, or that cannot be written to."""
     for name in REPORT_FILES:
         if (folder / name).exists() and not force:
             raise InputError(
@@ -180,12 +180,12 @@ def _check_report_folder(folder: Path, *, force: bool) -> None:
 
 
 def _stored_result(folder: Path, name: str) -> Path | None:
-    """Return the folder of a fit where it holds this result too."""
+    """Return the folder of a fit if it also contains a result of this name, else None."""
     return folder if (folder / f"{name}.json").exists() else None
 
 
 def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
-    """Return the design to show; None where one is to be found for a number of tests."""
+    """Return the path of the design to show; None if there is none or it must be computed."""
     if "tests" not in settings:
         return settings.get("design", _stored_result(fit_folder, "design"))
     if "design" in settings:
@@ -196,7 +196,10 @@ def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
 def _posteriors_by_name(
     posteriors: Sequence[xr.DataTree], paths: Sequence[Path]
 ) -> dict[str, xr.DataTree]:
-    """Return all but the first by their campaign's name, with the path where two share one."""
+    """Return all posteriors except the first, by the names of their campaigns.
+
+    If names are not unique, the file path is added to them.
+    """
     names = [str(record_of(posterior)["campaign"]["name"]) for posterior in posteriors]
     ambiguous = len(set(names)) < len(names)
     by_name = {}

@@ -1,4 +1,4 @@
-"""What ``ldbb-bayes report`` is made of: files as they are found, a campaign, or fits."""
+"""Input of ``ldbb-bayes report``: files of readings, a campaign, or fits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TOML_NAME = "campaign.toml"
 
 
 class SourceCampaign(NamedTuple):
-    """A campaign, and where it was imported what was assumed."""
+    """A campaign, and the record of its import with its assumptions; None if not imported."""
 
     campaign: lb.Campaign
     imported: Imported | None
@@ -42,20 +42,20 @@ def has_unstated_balls(campaign: lb.Campaign) -> bool:
 
 @dataclass(frozen=True)
 class ReportSource:
-    """Paths, and what options say of tables, of their campaign and of the instrument.
+    """Paths of the input, and options that describe tables, campaign and instrument.
 
     Parameters
     ----------
     files
-        As they were typed.
+        Paths as typed by the user.
     paths
-        The same with ``*`` and ``?`` expanded.
+        The same paths with ``*`` and ``?`` expanded.
     layout
-        What is stated about the tables.
+        Layout of the tables, as far as options state it.
     table
-        Fields of the campaign.
+        Fields of the campaign that options state.
     certificates
-        Fields of the instrument.
+        Fields of the instrument that options state.
     """
 
     files: Sequence[Path]
@@ -72,17 +72,17 @@ class ReportSource:
 
     @property
     def is_campaign(self) -> bool:
-        """Whether the first path is a campaign already, not tables to be imported."""
+        """Whether the first path is a campaign, which need not be imported from tables."""
         first = self.paths[0]
         return first.suffix.lower() == ".toml" or (first / TOML_NAME).is_file()
 
     def refuse_table_options(self) -> None:
-        """Refuse options that go with an import, beside a fit.
+        """Refuse options that describe tables; call it if the input is a fit.
 
         Raises
         ------
         InputError
-            An option of tables, machine or instrument is given.
+            If an option of tables, machine or instrument is given.
         """
         stated = self.layout != lb.Layout() or self.table or self.certificates
         require(
@@ -92,7 +92,7 @@ class ReportSource:
         )
 
     def report_folder(self) -> Path:
-        """Return where the report goes by default: beside the first path."""
+        """Return the default folder of the report, which is beside the first path."""
         first = self.paths[0]
         if first.name == TOML_NAME:
             first = first.parent
@@ -107,7 +107,7 @@ class ReportSource:
         Parameters
         ----------
         ask
-            Whether what nothing states about machine, mount and balls is asked for.
+            Whether to ask the user about machine, mount and balls if nothing states them.
 
         Returns
         -------
@@ -116,7 +116,7 @@ class ReportSource:
         Raises
         ------
         InputError
-            The files cannot be read, options do not go with them, or they hold no readings.
+            If files cannot be read or contain no readings, or options do not apply to them.
         """
         if self.is_campaign:
             campaign = self._read_campaign()

@@ -1,4 +1,4 @@
-"""Values of options as they are typed: names, numbers, points, pairs, balls."""
+"""Conversion of the typed values of options: names, numbers, points, pairs and balls."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ def names_in(text: str) -> tuple[str, ...]:
     Parameters
     ----------
     text
-        What was typed, for example ``"C_XXX, C_YYY"``.
+        Typed text, for example ``"C_XXX, C_YYY"``.
 
     Returns
     -------
     tuple of str
-        The names, in their order; empty ones are left out.
+        The names in the order of the text, without empty ones.
     """
     names = [name.strip() for name in text.split(",")]
     return tuple(name for name in names if name)
 
 
 def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
-    """Return values by name from an option that may be repeated, each time NAME=VALUE.
+    """Return values by name from an option NAME=VALUE that may be repeated.
 
     Parameters
     ----------
     entries
-        What was typed, for example ``["G=20 µm"]``.
+        Typed texts, for example ``["G=20 µm"]``.
     flag
-        The option, for messages.
+        Flag of the option, for messages.
     form
-        How an entry is to be written, for messages.
+        Correct form of an entry, for messages.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
     Raises
     ------
     InputError
-        An entry has no name, no value or no equals sign, or a name comes twice.
+        If an entry has no name, no value or no equals sign, or a name occurs twice.
     """
     values: dict[str, str] = {}
     for entry in entries:
@@ -65,26 +65,26 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
 
 
 def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
-    """Return finite numbers between separators.
+    """Return the finite numbers in a text, which separators divide.
 
     Parameters
     ----------
     text
-        What was typed, for example ``"36,742"``.
+        Typed text, for example ``"36,742"``.
     flag
-        The option, for messages.
+        Flag of the option, for messages.
     separator
-        What stands between two numbers.
+        Text between two numbers.
 
     Returns
     -------
     tuple of float
-        The numbers, in their order.
+        The numbers in the order of the text.
 
     Raises
     ------
     InputError
-        An entry is no finite number.
+        If an entry is not a finite number.
     """
     try:
         numbers = tuple(float(entry) for entry in text.split(separator))
@@ -98,24 +98,24 @@ def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
 
 
 def points_in(entries: Iterable[str], flag: str) -> list[tuple[float, ...]]:
-    """Return points from an option that may be repeated, each time X,Y,Z.
+    """Return points from an option X,Y,Z that may be repeated.
 
     Parameters
     ----------
     entries
-        What was typed, coordinates in mm, for example ``["0,-200,350"]``.
+        Typed texts with coordinates in mm, for example ``["0,-200,350"]``.
     flag
-        The option, for messages.
+        Flag of the option, for messages.
 
     Returns
     -------
     list of tuple of float
-        Three coordinates a point [mm].
+        Three coordinates for each point [mm].
 
     Raises
     ------
     InputError
-        An entry holds no three numbers.
+        If an entry does not consist of three numbers.
     """
     points = [numbers_in(text, flag) for text in entries]
     for point in points:
@@ -128,24 +128,24 @@ def points_in(entries: Iterable[str], flag: str) -> list[tuple[float, ...]]:
 
 
 def ball_in(text: str, flag: str) -> lb.Ball:
-    """Return a ball by its grade, or by its deviation from sphericity with a unit.
+    """Return the ball of a stated grade or of a stated deviation from sphericity.
 
     Parameters
     ----------
     text
-        What was typed, for example ``"G20"`` or ``"0.5um"``.
+        Typed text, for example ``"G20"`` or ``"0.5um"``.
     flag
-        The option, for messages.
+        Flag of the option, for messages.
 
     Returns
     -------
     Ball
-        A ball that is known by grade or by sphericity.
+        Ball with this grade or deviation from sphericity.
 
     Raises
     ------
     InputError
-        The text is neither, or the grade is unknown.
+        If the text is neither a known grade nor a length with its unit.
     """
     sphericity = re.fullmatch(r"(\d*\.?\d+) ?[uµμ]m", text.replace(",", "."))
     starts_like_number = text[:1] in set("+-.0123456789")
