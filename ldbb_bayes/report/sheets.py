@@ -316,7 +316,7 @@ def _banner(numbers: SheetNumbers) -> Banner:
     forces_N = campaign_of(findings.numbers).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
-        # What makes the numbers unusable is graver; all else is not.
+        # This reason comes first, or second if another one makes the numbers unusable.
         reasons.insert(1 if is_unusable else 0, outside)
 
     kind = "usable"
@@ -336,7 +336,7 @@ def _banner(numbers: SheetNumbers) -> Banner:
 
 
 def _missing_certificates(findings: Findings, words: Words) -> str:
-    """Return that not all of the instrument is certified, where that is so."""
+    """Return a note if certificates are missing for parts of the instrument; else nothing."""
     if findings.flat:
         return ""
     is_stated = [piece.is_stated for piece in _instrument(findings)]
@@ -351,7 +351,7 @@ def _missing_certificates(findings: Findings, words: Words) -> str:
 
 
 def _entries(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
-    """Yield names and texts of entries; what the campaign does not state is empty."""
+    """Yield names and texts of form fields; a text that the campaign does not state is empty."""
     campaign = bound_of(findings.posterior).campaign
     for key in _CAMPAIGN_ENTRIES:
         yield words(f"fields.{key}"), _shorten(str(getattr(campaign, key) or ""))
@@ -399,7 +399,7 @@ def _entries(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
 
 
 def _certificate_name(findings: Findings, key: str) -> str:
-    """Return the name of the certificate of a piece of the instrument, in brackets."""
+    """Return the name of the certificate of a part of the instrument, in brackets."""
     certificates = campaign_of(findings.posterior).instrument.certificates
     for name, certificate in certificates.items():
         if name.startswith(key):
@@ -408,15 +408,15 @@ def _certificate_name(findings: Findings, key: str) -> str:
 
 
 class _InstrumentPiece(NamedTuple):
-    """A piece of the instrument, and what is stated or assumed of it."""
+    """A part of the instrument with its certified or assumed uncertainty."""
 
     key: str
-    #: What a certificate states, or U (k = 2) as assumed.
+    #: Text of the value that a certificate states, or of the assumed U (k = 2).
     size: str
     is_stated: bool
 
 
-# Uncertainty that stands for each piece.
+# Name of the uncertainty that the sheets state for each part of the instrument.
 _UNCERTAINTY_OF_PIECE = {
     "bar": "bar_length",
     "work": "work_form_2",
@@ -428,7 +428,7 @@ _UNCERTAINTY_OF_PIECE = {
 
 
 def _instrument(findings: Findings) -> list[_InstrumentPiece]:
-    """Return the pieces of the instrument that the model has."""
+    """Return the parts of the instrument that the model has effects of."""
     bound = bound_of(findings.posterior)
     assumed = uncertainties(bound.campaign, bound.model.nuisances).assumed
     by_name = {uncertainty.name: uncertainty for uncertainty in assumed}
@@ -442,7 +442,7 @@ def _instrument(findings: Findings) -> list[_InstrumentPiece]:
 
 
 def _ball_size(findings: Findings, key: str) -> str:
-    """Return what is stated of a ball; empty where nothing is, and for other pieces."""
+    """Return the grade or sphericity stated for a ball; empty if none is, or for other parts."""
     if key not in ("work", "tool"):
         return ""
     ball = getattr(bound_of(findings.posterior).campaign.instrument, key)
@@ -452,7 +452,7 @@ def _ball_size(findings: Findings, key: str) -> str:
 
 
 def _size(key: str, uncertainty: Uncertainty) -> str:
-    """Return U (k = 2) of a piece, and the error of the bar's length where one is stated."""
+    """Return the text of U (k = 2) of a part, for the bar with its length error if stated."""
     if uncertainty.unit == "1" or key == "mount":
         size = f"{two_digits(2.0 * uncertainty.sd / (uncertainty.value or 1.0), 100.0)} %"
     elif uncertainty.unit == "rad":

@@ -1,6 +1,9 @@
-"""Results as tables and sentences, for a terminal, a notebook and the page.
+"""Results as tables and sentences, for the terminal, a notebook and the HTML page.
 
-`parts_of` returns the passages of a result; here stands one function a class of results.
+`parts_of` returns the passages (tables and sentences) of a result. This module has one function for
+each class of results. ln B is the log Bayes factor, by which the readings favour one model over
+another; elpd is the expected log predictive density, which states how well a model predicts
+readings that it has not seen.
 """
 
 from __future__ import annotations
@@ -37,23 +40,23 @@ from ldbb_bayes.units import (
 
 __all__ = ["comparison_parts", "parts_of"]
 
-_SMALL_SHARE = 0.005  # of a variance: smaller contributions to a budget stand together
-_NEGLIGIBLE_SHARE = 5e-4  # of a variance: less is not shown
-_LARGE_SHARE = 0.05  # of a variance: what limits a parameter has at least this
-_MOST_SOURCES = 3  # that limit a parameter, and are named
+_SMALL_SHARE = 0.005  # share of a variance below which a budget's contributions are added up
+_NEGLIGIBLE_SHARE = 5e-4  # share of a variance below which their sum is not shown
+_LARGE_SHARE = 0.05  # smallest share of a variance of a source that is named as limiting
+_MOST_SOURCES = 3  # largest number of sources that are named as limiting a parameter
 
 
 # ---- campaign and machine
 
 
 class _Setting(NamedTuple):
-    """A setting of a test: head of its column, and how it is written."""
+    """A setting of a test: head of its table column, and format template of its value."""
 
     head: str
     template: str
 
 
-# Shown where tests differ in them.
+# Settings of tests, by field; a table shows those in which its tests differ.
 _SETTINGS = {
     "plane": _Setting("plane", "{}"),
     "setup": _Setting("set-up", "{}"),
@@ -75,7 +78,7 @@ _CAMPAIGN_COLUMNS = {
 
 @parts_of.register
 def _(campaign: Campaign) -> tuple[Passage, ...]:
-    """Return a row per test; columns that no test fills are left out."""
+    """Return a table with one row per test, without columns that no test fills."""
     rows = []
     for test in campaign.tests:
         cells = [getattr(test, field) for field in _CAMPAIGN_COLUMNS.values()]
@@ -102,7 +105,10 @@ def _(result: Imported) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _(preview: CampaignPreview) -> tuple[Passage, ...]:
-    """Return a row per test; plane, set-up, radius and centre where tests differ in them."""
+    """Return a table with one row per test, and the remarks and assumptions of a preview.
+
+    Plane, set-up, radius and centre are columns only if the tests differ in them.
+    """
     varied = []
     for field in _SETTINGS:
         if len({getattr(test, field) for test in preview.tests}) > 1:
@@ -160,7 +166,11 @@ def _significant(value: float | None, digits: int) -> str:
 
 @parts_of.register
 def _(result: Uncertainties) -> tuple[Passage, ...]:
-    """Return nominal value, u, where that is from, and what certificate states it."""
+    """Return a table of the quantities assumed of the instrument, and the certificates.
+
+    Every row has the nominal value, standard uncertainty u, its source, and the place in
+    campaign.toml.
+    """
     rows = []
     for assumed in result.assumed:
         _, one, label = Term.owner(assumed.name).unit_of(assumed.name)
@@ -258,7 +268,7 @@ def _(simulation: Simulation) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _(fit: Fit) -> tuple[Passage, ...]:
-    # That the sampler missed its target stands in the verdict.
+    # The verdict already states whether the sampler missed its target.
     concerns = tuple(concern for concern in fit.concerns if concern.kind != "not-converged")
     return (wording.fit_verdict(fit), *wording.concern_sentences(concerns, {}))
 
@@ -288,7 +298,10 @@ def _(result: LeastSquares) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _(result: Identifiability) -> tuple[Passage, ...]:
-    """Return prior sd and u, contraction, information and verdict of every parameter."""
+    """Return a table of prior sd, u, contraction, information gain and verdict by parameter.
+
+    Sentences and the combinations of parameters that no reading can resolve follow the table.
+    """
     rows = []
     for name, entry in result.parameters.items():
         factor, unit = display_unit(entry.unit)
@@ -326,7 +339,11 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _(validation: Validation) -> tuple[Passage, ...]:
-    """Return the share of truths inside their intervals, its u, and whether ranks are uniform."""
+    """Return a table of how often credible intervals hold the true values in simulations.
+
+    The table also states whether the ranks of the true values among the draws are uniform. The
+    standard uncertainty of the shares and a verdict follow.
+    """
     coverage = validation.coverage()
     intervals = [name for name in coverage.columns if not name.startswith("u")]
     rows = []
@@ -346,7 +363,7 @@ def _(validation: Validation) -> tuple[Passage, ...]:
 
 @parts_of.register(ByName)
 def _(results: ByName[Any]) -> tuple[Passage, ...]:
-    """Return decisions on tolerances; or of budgets what limits every parameter."""
+    """Return a table of conformity decisions, or, for budgets, of what limits each parameter."""
     if not all(isinstance(result, Budget) for result in results.values()):
         return (conformity_table({name: result.as_dict() for name, result in results.items()}),)
     rows = []
@@ -427,13 +444,13 @@ def _budget_row(contribution: Any, factor: float) -> tuple[str, ...]:
 
 class _BudgetSource(NamedTuple):
     words: str
-    #: From the inside unit of its uncertainty to that for reading.
+    #: Factor from the internal unit of the source's uncertainty to the unit shown.
     factor: float
     unit: str
 
 
 def _budget_source(contribution: Any) -> _BudgetSource:
-    """Return what the source of a contribution is called, and the unit for reading."""
+    """Return the name of the source of a contribution to a budget, and the unit shown."""
     term_words = wording.source_words(contribution.term)
     if contribution.source == contribution.term:
         if contribution.unit == "N":
@@ -455,7 +472,7 @@ def comparison_parts(comparison: Comparison, *, rmse: bool = True) -> tuple[Pass
     Parameters
     ----------
     comparison
-        Of models.
+        Comparison of models.
     rmse
         Whether the RMSE of every model is shown.
 
@@ -483,7 +500,11 @@ def _(comparison: Comparison) -> tuple[Passage, ...]:
 
 
 def _models_table(comparison: Comparison, rmse: bool) -> Table:
-    """Return ln B over the first model, probability, leave-one-force-out and RMSE of every one."""
+    """Return a table of ln B, probability, elpd and RMSE of every model.
+
+    ln B and elpd are relative to the first model; elpd sums the predictions of every test from the
+    other tests.
+    """
     first = comparison.pair[0]
     rows = []
     for name, model in comparison.models.items():
@@ -506,7 +527,7 @@ def _models_table(comparison: Comparison, rmse: bool) -> Table:
 
 
 def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return ln B over the first model, and its error."""
+    """Return the cells of a model's ln B relative to the first model, and of its error."""
     first = comparison.pair[0]
     if name == first:
         return "0", "0"
@@ -516,7 +537,7 @@ def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return the difference of elpd to the first model, and its standard error."""
+    """Return the cells of a model's elpd minus that of the first model, and of its error."""
     first = comparison.pair[0]
     if name == first:
         return "0", "0"
@@ -527,7 +548,10 @@ def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def _assumptions_table(comparison: Comparison) -> Table:
-    """Return ln B under every assumption, and by how much the readings prefer it to the models'."""
+    """Return a table of ln B under other assumptions than those of the models.
+
+    Its last column states by how much the readings prefer each assumption to that of the models.
+    """
     rows = []
     for scaled in comparison.prior_sensitivity:
         assumption = f"slope scale {scaled.slope_scale:g}"
@@ -544,7 +568,10 @@ def _log_bayes_factor(value: float, error: float) -> tuple[str, str]:
 
 
 def _left_out_tests_table(comparison: Comparison) -> Table:
-    """Return p-values of every test left out, and what tells the models apart."""
+    """Return a table of the p-value of every test, as predicted from the other tests.
+
+    Its last column states how much better the second model predicts the test than the first.
+    """
     first, second = comparison.pair
     rows = []
     for name, test in comparison.tests.items():
@@ -579,7 +606,7 @@ def _p_value(p: float) -> str:
 
 @parts_of.register
 def _(design: Design) -> tuple[Passage, ...]:
-    """Return the tests and how often to run each, and the expected u of every parameter."""
+    """Return a table of the tests to run, one of the expected uncertainties, and sentences."""
     heads = [wording.PAGE["tests"].get(name, name) for name in ("force_N", *design.columns)]
     rows = []
     for row in design.table.to_numpy(dtype=object).tolist():
@@ -593,7 +620,10 @@ def _design_cell(value: Any) -> str:
 
 
 def _expected_table(design: Design) -> Table:
-    """Return the expected u beside that of baseline and other designs, floor and prior."""
+    """Return a table of the expected standard uncertainty u of every parameter.
+
+    Beside it are u with the other designs compared, the lower limit of u, and the prior sd.
+    """
     rows = []
     for name, expected in design.expected.items():
         factor, unit = display_unit(expected.unit)
