@@ -69,7 +69,7 @@ class _PanelData(NamedTuple):
     """Values that the panel of one parameter shows for n campaigns, in the unit of its axis."""
 
     place: Array  #: positions on the horizontal axis, 1..n
-    estimate: Array  #: from each campaign alone, shape (n,)
+    estimate: Array  #: estimate from each campaign alone, shape (n,)
     interval: Array  #: lower and upper ends of the credible intervals, shape (2, n)
     limits: Array  #: lower and upper control limits, shape (2, n), NaN at the first campaign
     is_outside: Array  #: whether the estimate is outside its limits, shape (n,)

@@ -33,7 +33,7 @@ class ChartPoints(NamedTuple):
     parameters' prior sd.
     """
 
-    estimate: Array  #: from each campaign alone, shape (n, p)
+    estimate: Array  #: estimate from each campaign alone, shape (n, p)
     sd: Array  #: standard deviations of the estimates, shape (n, p)
     limits: Array  #: lower and upper limits, shape (2, n, p), NaN at the first campaign
     #: uncertainty (sd) that the instrument's errors add to all campaigns alike, shape (p,)

@@ -29,7 +29,7 @@ __all__ = ["ANSWER_S", "dask_executor", "dask_setup"]
 
 # Time after which a scheduler that does not answer counts as missing [s].
 ANSWER_S = 10.0
-# Number of threads that wait for results, which is the number of jobs submitted at once.
+# Number of threads that wait for results, which limits the number of jobs sent to Dask at once.
 _WAITING_THREADS = 64
 # Loggers that are silenced: what they report is also raised as an exception.
 _LOGGERS = (

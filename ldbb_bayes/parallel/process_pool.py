@@ -59,7 +59,7 @@ def process_executor(workers: int = 0) -> Iterator[Executor]:
     Raises
     ------
     InputError
-        When the result of a job is asked for whose process cannot start.
+        A worker process cannot start; the result of the job that needed it raises the error.
     """
     refuse_to_nest()
     pool = _ProcessPool(workers or usable_cores())

@@ -199,7 +199,7 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
     Parameters
     ----------
     comparison
-        From `compare`.
+        Comparison that `compare` returns.
 
     Returns
     -------
@@ -229,7 +229,7 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
     Parameters
     ----------
     comparison
-        From `compare`.
+        Comparison that `compare` returns.
 
     Returns
     -------

@@ -116,7 +116,7 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
     Parameters
     ----------
     posterior
-        From `sample`, `load` or `average`.
+        Posterior from `sample`, `load` or `average`.
     words
         Labels. Default: English.
 
@@ -181,7 +181,7 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     Parameters
     ----------
     posterior
-        From `sample`, `load` or `average`.
+        Posterior from `sample`, `load` or `average`.
     names
         Names of the parameters. Default: those of the model among the direct compliances, C_CCY,
         and the geometric errors whose effects on the readings have the same pattern.

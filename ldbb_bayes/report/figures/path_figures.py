@@ -66,7 +66,7 @@ def circularity(posterior: xr.DataTree) -> Figure:
     Parameters
     ----------
     posterior
-        From `sample` or `load`.
+        Posterior from `sample` or `load`.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def contributions(posterior: xr.DataTree) -> Figure:
     Parameters
     ----------
     posterior
-        From `sample` or `load`.
+        Posterior from `sample` or `load`.
 
     Returns
     -------
@@ -156,7 +156,7 @@ def parameter_contributions(posterior: xr.DataTree) -> Figure:
     Parameters
     ----------
     posterior
-        From `sample` or `load`.
+        Posterior from `sample` or `load`.
 
     Returns
     -------

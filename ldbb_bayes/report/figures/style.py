@@ -92,7 +92,7 @@ def new_figure(width: float, height: float) -> Figure:
     -------
     Figure
     """
-    # Letters may be a little wider at another resolution.
+    # The extra padding allows for letters that are a little wider at another resolution.
     return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
 
 
