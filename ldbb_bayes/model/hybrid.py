@@ -80,7 +80,10 @@ def _default_terms() -> tuple[Term, ...]:
 class HybridModel(Result):
     """Model for any campaign: its nuisance terms and its priors.
 
-    ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε. InputError where the settings clash.
+    A reading is ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε. F is the force, F0 the
+    reference force, C_0 the compliances, C_1 and C_2 their slopes, E the geometric errors, j_C and
+    j_G their columns, and ε white noise. Nuisances are effects that are modelled but not of
+    interest. InputError if the settings contradict each other.
     """
 
     #: compliance constant (0), linear (1) or quadratic (2) in force; constant: linear with its
@@ -510,7 +513,7 @@ class BoundModel(Shown):
         self.interest = self._interest_columns()
 
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
-        """Return the setting of the whole campaign, linearised about the estimate Ĉ, Ê."""
+        """Return the setting of the whole campaign, linearised about estimated parameters."""
         setting = setting_of(
             self.campaign, self.compliances, self.model.reference_force_N, pilot=self.pilot
         )
@@ -530,7 +533,10 @@ class BoundModel(Shown):
         return setting
 
     def _estimate_of_pilot(self, pilot: Campaign) -> MachineEstimate:
-        """Return Ĉ and Ê of the pilot; values that its circles cannot show are as for a plan."""
+        """Return the estimated compliances and geometric errors of the pilot campaign.
+
+        Values that its circles cannot show are those of a plan without readings.
+        """
         bound = BoundModel(self.model, pilot)
         compliance_of = dict(zip(bound.compliances, bound.setting.compliance_estimate, strict=True))
         geometric_of = dict(zip(bound.geometric_errors, bound.geometric_estimate, strict=True))
@@ -572,12 +578,12 @@ class BoundModel(Shown):
 
     @property
     def compliances(self) -> tuple[ComplianceName, ...]:
-        """The compliances at degree 0, fixed ones included."""
+        """Names of the compliances (without slopes), fixed ones included."""
         return self._of_interest.compliances
 
     @property
     def geometric_errors(self) -> tuple[GeometricName, ...]:
-        """The geometric errors, fixed ones included."""
+        """Names of the geometric errors, fixed ones included."""
         return self._of_interest.geometric_errors
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
@@ -608,7 +614,10 @@ class BoundModel(Shown):
         return tuple(name for name in self.model.terms if name not in idle)
 
     def compliance_at(self, force_N: float) -> Array:
-        """Return the matrix A with C(F) = A β at a force F, shape (compliances, p)."""
+        """Return the matrix A, shape (compliances, p), with C(F) = A β at a force F.
+
+        C(F) are the compliances at F and β the parameters of interest.
+        """
         lever = force_N - self.setting.reference_force_N
         return compliance_rows(self.compliances, self.parameters, lever)
 
@@ -667,17 +676,19 @@ class BoundModel(Shown):
 
     @cached_property
     def given_interest(self) -> StructuredGaussian:
-        """Density p(y | β, φ) of the readings, with the nuisances integrated out.
+        """Density p(y | β, φ) of the readings y, with the nuisances integrated out.
 
-        Its coefficients are β − `centre`.
+        β are the parameters of interest and φ the hyper-parameters. The density is a function of
+        β − `centre`.
         """
         return self._structured(self.nuisance_columns, self.interest)
 
     @cached_property
     def collapsed(self) -> StructuredGaussian:
-        """Density p(y | φ) of the readings, with nuisances and β integrated out, not truncated.
+        """Density p(y | φ) of the readings y, with nuisances and β integrated out, not truncated.
 
-        The last coefficients common to all tests are the rivals of slopes and β − `centre`.
+        β are the parameters of interest and φ the hyper-parameters. The last coefficients that
+        are common to all tests are the rivals of slopes and β − `centre`.
         """
         nuisances = sorted(self.nuisance_columns, key=is_rival_of_slopes)
         interest = Columns(
@@ -697,11 +708,14 @@ class BoundModel(Shown):
         )
 
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
-        """Return the log likelihood ln p(y | β, φ), shape (w,), at φ (w, h) [mm] and β (w, p)."""
+        """Return the log likelihood ln p(y | β, φ) of the readings y, shape (w,).
+
+        The hyper-parameters φ have shape (w, h) [mm], the parameters of interest β shape (w, p).
+        """
         return self.given_interest.log_density(phi, beta - self.centre)
 
     def log_prior(self, beta: Array) -> Array:
-        """Return the log prior density ln p(β), shape (...); 0 if the prior is flat.
+        """Return the log prior density of parameters β (..., p), shape (...); 0 if it is flat.
 
         It is −inf where compliances are negative that must not be, and normalised over the rest.
         """
@@ -740,7 +754,8 @@ class BoundModel(Shown):
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
         """Return the log evidence ln p(y | φ), shape (w,), and the density p(β | y, φ).
 
-        If the prior is flat, the evidence lacks its normalising constant.
+        y are the readings, φ (w, h) [mm] the hyper-parameters and β the parameters of interest. If
+        the prior is flat, the evidence lacks its normalising constant.
         """
         log_evidence, shifted = self.collapsed.conditional(phi, last=len(self.names))
         conditional = ParameterConditional.factored(
@@ -750,13 +765,17 @@ class BoundModel(Shown):
         return log_evidence, conditional
 
     def log_evidence(self, phi: Array) -> Array:
-        """Return ln p(y | φ) alone, shape (w,); see `given`."""
+        """Return the log evidence ln p(y | φ) at hyper-parameters φ (w, h), shape (w,).
+
+        It is the same as that of `given`.
+        """
         return self.collapsed.log_density(phi)
 
     def draw_parameters(self, size: int, rng: np.random.Generator) -> Array:
-        """Return random draws of β from its prior inside the truncation, shape (size, p).
+        """Return random draws of the parameters β from their prior, shape (size, p).
 
-        InputError when the prior is flat.
+        If the prior is truncated, draws with negative compliances do not occur where these are
+        excluded. InputError when the prior is flat.
         """
         require(
             not self.model.prior.flat,
@@ -775,7 +794,7 @@ class BoundModel(Shown):
         return draws[:size]
 
     def draw_machine(self, rng: np.random.Generator) -> Array:
-        """Return a random machine's β (p,), drawn from the prior inside the truncation.
+        """Return the parameters β (p,) of a random machine, drawn from the truncated prior.
 
         If the prior sd of slopes is proportional to the size of compliances, the size is that of
         the drawn compliances.
@@ -791,7 +810,7 @@ class BoundModel(Shown):
                 return np.asarray(beta)
 
     def linearised_at(self, beta: Array) -> Setting:
-        """Return the setting linearised about parameters β (p,)."""
+        """Return the setting linearised about parameters of interest β (p,)."""
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta
         first_geometric = len(every_parameter) - len(self.geometric_errors)

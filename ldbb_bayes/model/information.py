@@ -59,7 +59,7 @@ class Information:
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """The nuisance terms, those of the noise last; reading noise is not one of them."""
+        """Names of the nuisance terms, those that act as noise last, without reading noise."""
         names = list(self.owners)
         for sources in self.noise:
             names += sources
@@ -71,14 +71,15 @@ class Information:
         return tuple(dict.fromkeys(owner for owner in self.owners if owner != OWN))
 
     def rows(self, fixed: Collection[str] = ()) -> Array:
-        """Return A whitened by the noise that is not fixed, shape (k, m).
+        """Return the columns of the coefficients in units of the noise that is not fixed.
 
-        Columns are in units of the prior sd.
+        They have shape (k, m) for k reduced readings and m coefficients, which are in units of
+        their prior sd.
         """
         return np.concatenate(self.blocks(fixed))
 
     def blocks(self, fixed: Collection[str] = ()) -> list[Array]:
-        """Return `rows` block by block of readings.
+        """Return the result of `rows` as one array for each block of readings.
 
         Raises
         ------
