@@ -367,7 +367,7 @@ def _confounding_sentence(degeneracies: Sequence[Degeneracy], meaning: str) -> I
 
 
 def standing_words(standing: Standing) -> str:
-    """Return a sentence on a limitation that no choice of tests can remove."""
+    """Return a sentence on parameters and an effect that the tests cannot tell from them."""
     names = _joined_parameters(standing.parameters)
     return str(_SENTENCES["standing"][standing.kind].format(names=names))
 

@@ -1,7 +1,7 @@
 """Figures of a comparison of models: evidence, and curves together with local fits.
 
 ln B is the log Bayes factor, by which the readings favour one model over another. A local fit uses
-only tests at neighbouring forces.
+only the tests at two neighbouring forces.
 """
 
 from __future__ import annotations
