@@ -1,4 +1,4 @@
-"""Fields of the campaign that its files state, and what is assumed where they state nothing."""
+"""Fields of the campaign that files state, and values that are assumed for unstated fields."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
 
 __all__ = ["find_resolution", "note_assumed_fields", "take_stated_fields"]
 
-# Fields that lines above a table may state, and the options that state them otherwise.
+# Fields of the campaign that lines above a table may state, with the options for these fields.
 _OPTIONS = {
     "plane": "--plane",
     "resolution_um": "--resolution-um",
@@ -26,22 +26,22 @@ _OPTIONS = {
     "feed_mm_per_min": "--feed-mm-per-min",
     **{key: option_for(key) for key in LABELS},
 }
-# Fields of which each test may have a value of its own.
+# Fields that may differ from test to test.
 _FIELDS_OF_EACH = ("plane", "date")
-# Fields of which all values are named: people, places and instruments.
+# Fields for people, places and instruments; if several are stated, all are listed.
 _NAMES = ("operator", "place", "ball_bar", "force_device")
-# Fields of which several values do not contradict each other.
+# Fields for which several different values are no contradiction.
 _MAY_DIFFER = (*_NAMES, "ball_bar_calibrated", "feed_mm_per_min")
-# Decimal places to which stated numbers are compared.
+# Number of decimals to which stated numbers are compared.
 _COMPARED_PLACES = 9
-# The smallest and the largest step that a readout may have [µm].
+# Smallest and largest step that a readout may have [µm].
 _SMALLEST_STEP_UM = 0.001
 _LARGEST_STEP_UM = 5.0
-# The largest step of a readout as a share of the span of its readings.
+# Largest step of a readout, as a share of the span of the readings.
 _LARGEST_STEP_SHARE = 0.1
-# Share by which a force may differ from what the force law makes of its pressure.
+# Relative difference from the force law above which stated forces are noted.
 _OFF_FORCE_LAW = 0.05
-# What is assumed of the machine where nothing states it, and the option that does.
+# Values that are assumed for unstated fields, with the options that state these fields.
 _ASSUMED = {
     "topology": ("wCAFYXZSt", "--topology"),
     "plane": ("XY", "--plane"),
@@ -49,29 +49,30 @@ _ASSUMED = {
     "resolution_um": ("0.24 µm", "--resolution-um"),
     "mount": ("readings compensated for its deflection", "--raw"),
 }
-# Characters of a list that a message shows.
+# A message shows so many characters of a list.
 _LIST_SHOWN = 200
 
 
 class _StatedValue(NamedTuple):
-    """A value of a field, and where it is stated."""
+    """A value of a field, and the place that states it."""
 
     value: Any
-    source: str  # inside the file of the test
-    place: str  # with the file
+    source: str  # line or name that states the value
+    place: str  # the source with its file
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
-    """Fill the campaign's fields that nobody gave from lines above tables and from names.
+    """Fill unstated fields of the campaign from lines above tables and from names.
 
-    Plane and temperature go to each test, the other fields to the campaign.
+    Planes and temperatures are fields of each test; a plane common to all tests, and all other
+    fields, are fields of the campaign.
 
     Parameters
     ----------
     campaign
-        Fields of the campaign that options state; stated fields are added.
+        Fields of the campaign that options state; fields found in the files are added.
     recordings
-        The tests; planes and temperatures are added to their fields.
+        Recordings of the tests; planes and temperatures are added to their fields.
     """
     for key in _OPTIONS:
         places = _places_by_value(recordings, key)
@@ -86,9 +87,10 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 
 
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
-    """Return where each value of a field is stated, which is noted, in tests without a certain one.
+    """Return the place of each value of a field that files state, by value; all are noted.
 
-    Planes go to the fields of their tests.
+    Tests for which a user or a column states the field are passed over. A plane is added to the
+    fields of its test.
     """
     places: dict[Any, str] = {}
     for recording in recordings:
@@ -109,7 +111,7 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
 
 
 def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
-    """Note a stated value; a plane goes to the fields of its test."""
+    """Note a stated value as an assumption; add a plane to the fields of its test."""
     text = stated.value
     if key in UNITS_SHOWN:
         text = f"{stated.value:g} {UNITS_SHOWN[key]}"
@@ -119,7 +121,10 @@ def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
 
 
 def _stated_values(recording: Recording, key: str) -> dict[Any, _StatedValue]:
-    """Return what the lines above a table state of a field, and of the plane its name, by value."""
+    """Return the values of a field that lines above a table state, by value.
+
+    A plane may also be stated by the names of test, column, sheet and file.
+    """
     values: dict[Any, _StatedValue] = {}
     if key == "plane":
         plane = plane_in_name(recording.names())
@@ -140,7 +145,7 @@ def _stated_values(recording: Recording, key: str) -> dict[Any, _StatedValue]:
 
 
 def _certain_value(recording: Recording, key: str) -> Any:
-    """Return what a user or a column states of a field; None where neither does."""
+    """Return the value of a field that a user or a column states; None where neither does."""
     value = recording.stated.get(key)
     if not value:
         value = recording.fields.get(key)
@@ -156,7 +161,10 @@ def _certain_value(recording: Recording, key: str) -> Any:
 def _note_contradictions(
     recording: Recording, key: str, certain: Any, values: Mapping[Any, _StatedValue]
 ) -> None:
-    """Note values other than the certain one; raw readings are never taken as compensated."""
+    """Note stated values that differ from the certain one, which a user or a column states.
+
+    A line that calls readings raw while they are said to be compensated is an `InputError`.
+    """
     different = {value: stated for value, stated in values.items() if value != certain}
     if "raw" in different:
         raise InputError(
@@ -169,7 +177,7 @@ def _note_contradictions(
 
 
 def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:
-    """Refuse several values where there is one, and planes that do not exist."""
+    """Raise an `InputError` for contradicting values of a field, and for unknown planes."""
     listed = " and ".join(f"{value} in {place}" for value, place in places.items())
     remedy = f"Correct the lines, or give {_OPTIONS[key]}."
     require(
@@ -183,7 +191,7 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
 
 
 def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str]) -> bool:
-    """Return whether all tests have the one plane that is stated."""
+    """Return whether only one plane is stated and all tests have it."""
     planes = {recording.fields.get("plane") for recording in recordings}
     return len(places) == 1 and planes == set(places)
 
@@ -191,8 +199,8 @@ def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str])
 def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> None:
     """Set a field of the campaign from its stated values.
 
-    People, places and instruments are all named; of calibrations the last counts, of other dates
-    the first. Feeds that differ are not of the campaign.
+    All people, places and instruments are listed. Of dates of calibration the latest counts, of
+    other dates the earliest. Feeds that differ leave the campaign's feed unset.
     """
     if key == "mount":
         campaign[key] = MountCompensation(compensated=list(values) == ["compensated"])
@@ -205,7 +213,7 @@ def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> No
 
 
 def _take_temperature(recording: Recording) -> None:
-    """Set the temperature of a test from the first line that states one."""
+    """Set the temperature of a test, if unstated, from the first line that states one."""
     statements = recording.statements.get("temperature_C", ())
     if not statements or "temperature_C" in recording.stated:
         return
@@ -224,16 +232,18 @@ def _take_temperature(recording: Recording) -> None:
 def find_resolution(
     campaign: dict[str, Any], tests: Sequence[CircularTest], log: AssumptionLog
 ) -> None:
-    """Set the resolution to the smallest step of the readings, where a readout may have it.
+    """Set an unstated resolution to the smallest step of the readings.
+
+    Nothing is set unless the readings of every test have a step that a readout may have.
 
     Parameters
     ----------
     campaign
-        Fields of the campaign; nothing is done where they hold a resolution.
+        Fields of the campaign, to which the resolution is added.
     tests
-        All tests; each has to have a likely step.
+        All tests.
     log
-        Notes the resolution.
+        Log to which the resolution is added.
     """
     if "resolution_um" in campaign:
         return
@@ -258,7 +268,7 @@ def note_assumed_fields(
     log: AssumptionLog,
     unclear: Mapping[str, str],
 ) -> tuple[str, ...]:
-    """Note what the model needs of the machine and nothing states.
+    """Note the usual values that are assumed for unstated fields of the campaign.
 
     Parameters
     ----------
@@ -267,13 +277,13 @@ def note_assumed_fields(
     tests
         All tests.
     log
-        Notes what is assumed.
+        Log to which the assumptions are added.
     unclear
-        By field, why a line that speaks of it was not understood.
+        Notes of lines that could not be understood, by the field they are about.
 
     Returns
     -------
-    The fields for which the usual value is taken.
+    The fields that have their usual values.
     """
     reasons = dict(unclear)
     assumed = []
@@ -292,7 +302,7 @@ def note_assumed_fields(
 
 
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
-    """Note forces that differ from the usual force law, and forces that follow from it."""
+    """Note forces that differ from the usual force law, and that it supplies missing forces."""
     law = ForceLaw()
     options = "--force-slope, --force-offset"
     stated = []

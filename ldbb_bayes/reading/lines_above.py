@@ -1,4 +1,4 @@
-"""Lines above a table, and what they state: numbers, names, dates and directions."""
+"""Statements in the lines above a table: numbers, names, dates and directions."""
 
 from __future__ import annotations
 
@@ -35,30 +35,31 @@ __all__ = [
     "statements_in",
 ]
 
-# Line numbers (or places) and texts.
+# Lines as pairs of line number (or place) and text.
 Lines = Sequence[tuple[int | str, str]]
 
 
 @dataclass(frozen=True)
 class LineStatement:
-    """One value that a line states."""
+    """One value of a field that a line states."""
 
-    #: in the unit of its field's name; NaN where a mark may be decimal or of thousands: 1,000
+    #: value in the unit that the field's name ends with; NaN if a mark may be decimal or separate
+    #: thousands: 1,000
     value: Any
-    unit: str  #: as the line names it; empty where it names none
-    line: int | str
+    unit: str  #: unit as the line writes it; empty if it names none
+    line: int | str  #: line number, or place of the line
 
 
 class _Quantity(NamedTuple):
-    """A quantity that stands in a line with its number."""
+    """A quantity of which a line may state the number."""
 
-    words: str  #: a pattern
-    usual_unit: str  #: where the line names none; empty: it has to name one
-    units: Mapping[str, float]  #: with their sizes in ours
+    words: str  #: pattern of the words for the quantity
+    usual_unit: str  #: unit if the line names none; empty if it must name one
+    units: Mapping[str, float]  #: sizes of the allowed units in the unit of the field
 
 
 def _expand_parts() -> dict[str, str]:
-    """Return the parts of patterns, each with those before it filled in."""
+    """Return the named parts of patterns; each may contain earlier parts, which are filled in."""
     expanded: dict[str, str] = {}
     for name, pattern in WORDS["parts"].items():
         expanded[name] = pattern % expanded
@@ -79,33 +80,35 @@ def _quantities() -> dict[str, _Quantity]:
 
 _PARTS = _expand_parts()
 _QUANTITIES = _quantities()
-# A number in a line: not the beginning of a clock, a date or a longer number.
+# Pattern of a number in a line that is not the beginning of a time, a date or a longer number.
 _WHOLE_NUMBER = rf"(?P<number>{NUMBER_IN_TEXT})(?![\d:/]|[.,]\d|[\-−]\d|\s\d{{3}}(?!\d))(?!')"
-# A unit before the number: "in" and a word, or brackets.
+# Pattern of a unit before the number: "in" and a word, or a text in brackets.
 _UNIT_BEFORE = r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?P<brackets>[^\])]*)[\])])"
-# What follows the number, in the same cell or in the next.
+# Pattern of what follows the number, in the same cell or in the next.
 _FOLLOWING = r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"
-# Words before a name, by field; and a cell or line that holds a name after such words.
+# Patterns of the words before a name ("Operator"), by field, and of a cell or line that holds a
+# name after such words.
 _NAME_WORDS = {key: words % _PARTS for key, words in WORDS["names"].items()}
 _NAME_AFTER = rf"{_PARTS['cell']}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
-# Patterns of what is stated in words, by field.
+# Patterns of statements in words, by field.
 _IN_WORDS = {key: words % _PARTS for key, words in WORDS["in_words"].items()}
 _IN_WORDS |= {key: _NAME_AFTER % words for key, words in _NAME_WORDS.items()}
-# A cell that is nothing but the words before a name or a date.
+# Pattern of a cell that holds only the words before a name or a date.
 _LABEL = re.compile(
     "|".join((*_NAME_WORDS.values(), "date|datum|plane|ebene", _PARTS["calibrated"])),
     re.IGNORECASE,
 )
 # Fields that are dates.
 _DATES = ("date", "ball_bar_calibrated")
-# A date of calibration behind the name of a ball bar.
+# Pattern of the words for a date of calibration after the name of a ball bar.
 _CALIBRATED_BEHIND = re.compile(rf",\s*{_PARTS['calibrated']}", re.IGNORECASE)
 _PRODUCT = re.compile(_PARTS["product"], re.IGNORECASE)
-# Readings or the mount as subject of a sentence, and words around them that decide nothing.
+# Patterns of readings or the mount as subject of a sentence, and of filling words, which do not
+# decide whether readings are compensated.
 _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT_STATES = {state: WORDS["mount"][state] for state in ("raw", "compensated")}
-# The beginnings of months' names, in English and German.
+# First three letters of the months' names, in English and German.
 _MONTHS = (
     "jan",
     "feb",
@@ -121,15 +124,15 @@ _MONTHS = (
     "dec dez",
 )
 _DIRECTION_WORDS: Mapping[str, Any] = WORDS["directions"]
-# CW or CCW, in any word for it.
+# Pattern of any word for CW or CCW.
 _SENSE = re.compile(
     rf"(?<![a-zA-Z])({_DIRECTION_WORDS['clock_hand']}|ccw|cw|{_DIRECTION_WORDS['in_words']})"
     r"(?![a-z])",
     re.IGNORECASE,
 )
-# A word for direction, and what follows it.
+# Pattern of a word for direction, and what follows it.
 _DIRECTION = re.compile(_DIRECTION_WORDS["after"], re.IGNORECASE)
-# Words by which a line speaks of a field, whether it is understood or not.
+# Patterns of words that show that a line is about a field, whether it is understood or not.
 _SUBJECTS = {
     "force_N": re.compile(rf"\b{_QUANTITIES['force_N'].words}\b", re.IGNORECASE),
     "pressure_bar": re.compile(rf"\b{_QUANTITIES['pressure_bar'].words}\b", re.IGNORECASE),
@@ -143,7 +146,7 @@ _SUBJECTS = {
 def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
     """Return all that lines state, by field.
 
-    What has no known unit, or is of another kind (maximum, ambient, …), is left alone.
+    Numbers without a known unit, and quantities of another kind (maximum, ambient, …), are ignored.
     """
     statements: dict[str, list[LineStatement]] = {}
     for line, content in lines:
@@ -160,7 +163,7 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 
 @cache
 def _pattern(words: str) -> re.Pattern[str]:
-    """Return the pattern of words, a unit perhaps, the number, and what follows it."""
+    """Return the pattern of the given words, an optional unit, a number, and what follows it."""
     between = rf"{_PARTS['between']}{{0,4}}"
     return re.compile(
         rf"\b{words}\b{between}(?:{_UNIT_BEFORE}{between})?{_WHOLE_NUMBER}{_FOLLOWING}",
@@ -171,7 +174,7 @@ def _pattern(words: str) -> re.Pattern[str]:
 def _stated_number(
     key: str, quantity: _Quantity, match: re.Match[str], line: int | str
 ) -> LineStatement | None:
-    """Return the number of a match in our unit; None for another quantity or unit."""
+    """Return the number of a match in the unit of its field; None for other quantities or units."""
     if OTHER_QUANTITY.search(_words_before_number(match)):
         return None
     following = match["following"]
@@ -191,14 +194,14 @@ def _stated_number(
 
 
 def _words_before_number(match: re.Match[str]) -> str:
-    """Return what stands in the cell before the number."""
+    """Return the text before the number in its cell."""
     before_match = match.string[: match.start()]
     cell = re.split(r"[;,|\t]", before_match)[-1]
     return cell + match.string[match.start() : match.start("number")]
 
 
 def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
-    """Return the unit of a name, or None."""
+    """Return the one of the allowed units that a text names; None if it names none of them."""
     wanted = {name.casefold(), unit_named(name).casefold()}
     for unit in units:
         if unit.casefold() in wanted:
@@ -207,7 +210,10 @@ def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
 
 
 def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
-    """Yield fields with plane, date (ISO 8601), names, and whether readings are compensated."""
+    """Yield the fields that a text states in words, each with its value.
+
+    They are the plane, dates (in ISO 8601), names, and whether readings are raw or compensated.
+    """
     for key, pattern in _IN_WORDS.items():
         for match in re.finditer(pattern, text, re.IGNORECASE):
             groups = [group for group in match.groups() if group]
@@ -220,7 +226,7 @@ def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _value_in_words(key: str, value: str, matched: str) -> str:
-    """Return the value of a field from the words for it; empty where they are no value."""
+    """Return the value of a field from its words in a line; empty if they are no value."""
     if key == "plane":
         return re.sub("[-/]", "", value.upper())
     if key in _DATES:
@@ -233,7 +239,7 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
 
 
 def _is_header_beside(key: str, value: str, matched: str) -> bool:
-    """Return whether the words after a label are another label, or the header of a column."""
+    """Return whether the words after a label are no value but another label, or a header."""
     if key == "ball_bar" and _PRODUCT.fullmatch(value):
         return False
     if _LABEL.fullmatch(value):
@@ -242,7 +248,7 @@ def _is_header_beside(key: str, value: str, matched: str) -> bool:
 
 
 def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
-    """Yield raw or compensated where a passage says so of the readings."""
+    """Yield "raw" or "compensated" if a passage states this of the readings or the mount."""
     remaining = " ".join(_FILLING.sub(" ", passage.casefold()).split())
     if not (_READINGS.search(passage) or (is_whole_line and "ompens" in remaining)):
         return
@@ -252,7 +258,7 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
 
 
 def _iso_date(text: str) -> str:
-    """Return a date as ISO 8601; empty for one that the calendar lacks."""
+    """Return a date in ISO 8601; empty for a date that does not exist."""
     first, second, third = re.findall(r"[^-/., ]+", text.casefold())
     day = first
     month = second
@@ -272,7 +278,7 @@ def _iso_date(text: str) -> str:
 
 
 def _month_number(name: str) -> str:
-    """Return the number of a month; 0 for a word that is none."""
+    """Return the number of a month; 0 for a word that is no month."""
     for k, beginnings in enumerate(_MONTHS, start=1):
         if name[:3] in beginnings:
             return str(k)
@@ -280,7 +286,7 @@ def _month_number(name: str) -> str:
 
 
 def is_label(text: str) -> bool:
-    """Return whether a text is nothing but the words before a value: ``Operator``, ``Radius``."""
+    """Return whether a text is only a label of a value: ``Operator``, ``Radius``."""
     if _LABEL.fullmatch(text) or _DIRECTION.fullmatch(text):
         return True
     quantities = _QUANTITIES.values()
@@ -293,9 +299,10 @@ def is_direction(text: str) -> bool:
 
 
 def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
-    """Return CW and CCW as lines state them after a word for direction, and as names hold them.
+    """Return the directions, CW and CCW, that lines and names state.
 
-    Of the names the first counts that holds any.
+    A line states a direction after a word for direction. Of the names, only the first that
+    contains a direction counts.
     """
     directions: set[str] = set()
     for name in names:
@@ -310,7 +317,7 @@ def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
 
 
 def _direction_after(text: str) -> set[str]:
-    """Return the senses in what follows a word for direction."""
+    """Return CW and CCW, as far as stated in the text after a word for direction."""
     senses = _senses(text)
     if len(senses) > 1:
         # A line may list both before it states one: (CW/CCW): CCW.
@@ -330,7 +337,7 @@ def _senses(text: str) -> set[str]:
 
 
 def not_understood(lines: Lines) -> dict[str, str]:
-    """Return, by field, the first line that speaks of it without a value that is understood."""
+    """Return, by field, a note of the first line about the field that could not be understood."""
     unclear: dict[str, str] = {}
     for line, text in lines:
         if _is_understood(line, text):
