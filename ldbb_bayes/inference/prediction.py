@@ -1,4 +1,10 @@
-"""Readings of new circles under the posterior, and bands around them."""
+"""Readings of new circles under the posterior, and bands around them.
+
+β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+hyper-parameters, the scales of the noise and of other effects. Shared nuisances are effects that
+are modelled but not of interest and that several tests have in common. The 25 basis coefficients of
+a circle are its harmonics of the orders 0 to 12. Draws are random draws.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +37,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_left_out"]
 
-# Draws at most by which readings are predicted.
+# Largest number of draws from which readings are predicted.
 _DRAWS = 4000
 
 
@@ -39,34 +45,34 @@ _DRAWS = 4000
 def predict(
     posterior: xr.DataTree, plan: Campaign, *, ci_prob: float = 0.95, seed: int = 1
 ) -> pd.DataFrame:
-    """Predict the readings of new circles on the machine of a posterior.
+    """Return predicted readings of new circles on the machine of a posterior.
 
-    Bar, balls, mount and force device are those of the posterior. Machine and what circles share
-    come from the posterior; set-up shift, discrepancy, scatter, random force error and white noise
-    are drawn anew. What the campaign says nothing of, such as the bar's length at another radius,
-    has its prior. Nuisances are integrated out: draws of them, given each draw of the posterior,
-    are not kept; `nuisances` gives their mean and sd.
+    Bar, balls, mount and force device are those of the posterior. The effects of the machine and of
+    shared nuisances are drawn from the posterior. Set-up shift, discrepancy, random force error and
+    white noise are drawn anew. Effects that the campaign does not show, such as the length of the
+    bar at another radius, are drawn from their prior.
 
     Parameters
     ----------
     posterior : DataTree
-        From `sample`, `load` or `average`.
+        Posterior from `sample`, `load` or `average`.
     plan : Campaign
-        The circles; any readings are ignored.
+        The circles to predict; any readings in it are ignored.
     ci_prob : float
         Probability of the equal-tailed interval of a reading.
     seed : int
+        Seed of the random draws.
 
     Returns
     -------
     DataFrame
-        One row per test and angle: test, force_N, angle_deg, mean_um, median_um, ci_low_um,
-        ci_high_um.
+        Columns test, force_N, angle_deg, mean_um, median_um, ci_low_um and ci_high_um, with one row
+        per test and angle.
 
     Raises
     ------
     InputError
-        For another machine, or circles that show parameters which the fit does not have.
+        For a plan on another machine, or for circles that depend on parameters which the fit lacks.
 
     Examples
     --------
@@ -96,7 +102,10 @@ def predict(
 
 
 def new_circles(draws: ModelDraws, plan: Campaign, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield readings (draws, n) [mm] of each planned test in turn, one circle for every draw."""
+    """Yield predicted readings of each planned test in turn [mm], shape (draws, n).
+
+    Each draw of the posterior gives one circle of n readings.
+    """
     measured, planned = _bind_with_plan(draws.bound, plan)
     names = planned.hyper_prior.names
     phi = planned.hyper_prior.draw(len(draws.beta), rng)
@@ -116,9 +125,10 @@ def _draw_shared_of_plan(
     beta: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Draw machine plus shared nuisances of the planned tests, (draws, tests, 25) [mm].
+    """Return the machine plus random draws of shared nuisances for the planned tests [mm].
 
-    Nuisances that the measured tests have come from their posterior, others from their prior.
+    The basis coefficients have shape (draws, tests, 25). Nuisances that the measured tests also
+    have are drawn from their posterior, others from their prior.
     """
     value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
     learnt: list[str] = []
@@ -141,22 +151,26 @@ def _draw_shared_of_plan(
 def readings_drawn(
     coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.random.Generator
 ) -> Array:
-    """Draw readings (draws, n) [mm] of circles (draws, 25) with white noise of sd (draws,)."""
+    """Return readings of circles with random white noise [mm], shape (draws, n).
+
+    ``coefficients`` holds basis coefficients [mm], shape (draws, 25); ``sigma_mm`` holds the sd of
+    white noise, shape (draws,).
+    """
     smooth = coefficients @ basis(angle_rad).T
     return np.asarray(smooth + sigma_mm[:, None] * rng.standard_normal(smooth.shape))
 
 
 class _MeasuredAndPlanned(NamedTuple):
-    """The tests measured and those planned, bound with the same nuisances."""
+    """Model bound to the tests measured and to the tests planned, with the same nuisances."""
 
     measured: BoundModel
     planned: BoundModel
 
 
 def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
-    """Bind the tests measured and those planned as one campaign's.
+    """Return a model bound to the tests measured and to those planned, as if of one campaign.
 
-    Both have the balls' forms, radii and directions of either.
+    Both have the nuisances of all these tests, such as ball forms and bar lengths.
     """
     campaign = bound.campaign
     machine = (campaign.topology, dict(campaign.frames_mm))
@@ -193,26 +207,27 @@ def replicate_left_out(
     *,
     circles_per_draw: int = 1,
 ) -> Array:
-    """Draw circles that the other tests expect in the place of a test of ``bound``.
+    """Return random circles that the other tests predict for a test that is left out.
 
     Parameters
     ----------
     bound : BoundModel
-        With the test.
+        Model bound to all tests, also the one left out.
     remaining : Nodes
-        Of the posterior without it.
+        Nodes of the posterior without that test.
     name : str
-        Of the test.
+        Name of the test left out.
     size : int
         Number of circles.
     rng : Generator
+        Generator of random numbers.
     circles_per_draw : int
-        Circles of one posterior draw.
+        Number of circles for each draw of the posterior.
 
     Returns
     -------
     array, shape (size, 25)
-        Their least-squares harmonics [mm].
+        Harmonics of each circle [mm], fitted by least squares.
     """
     r = bound.test_names.index(name)
     beta, phi = remaining.draw(-(-size // circles_per_draw), rng)
@@ -235,9 +250,11 @@ def band_um(
     *,
     prob: float = 0.95,
 ) -> Array:
-    """Return the equal-tailed pointwise band of readings, white noise included, (2, angles) [µm].
+    """Return the lower and upper limit of readings at every angle [µm], shape (2, angles).
 
-    From coefficients (draws, 25) [mm] and the sd of white noise (draws,) [mm].
+    The limits enclose a reading, white noise included, with probability ``prob`` at each angle
+    and are equal-tailed. ``coefficients`` holds basis coefficients [mm], shape (draws, 25);
+    ``sigma_mm`` holds the sd of white noise, shape (draws,).
     """
     readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
     return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3

@@ -1,4 +1,9 @@
-"""Tables of a posterior: parameters, hyper-parameters and shared nuisances."""
+"""Tables of a posterior: parameters, hyper-parameters and shared nuisances.
+
+Parameters are compliances, their slopes and geometric errors. Hyper-parameters φ are the scales of
+the noise and of other effects. Shared nuisances are effects that are modelled but not of interest
+and that several tests have in common, such as ball form and bar length.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +23,11 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["check_probability", "nuisances", "numbers_of", "priors_of", "result_json", "summarize"]
 
-# What the record keeps so that the campaign and the model can be made again.
+# Entries of a record that only serve to make campaign and model again; `result_json` omits them.
 _FOR_REBUILDING = frozenset(
     ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
 )
-# Draws at most by which nuisances are summarized.
+# Largest number of random draws from which nuisances are summarized.
 _DRAWS = 1000
 
 
@@ -32,16 +37,17 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
     Parameters
     ----------
     posterior : DataTree
-        From `sample` or `load`.
+        Posterior from `sample` or `load`.
     ci_prob : float
         Probability of the equal-tailed credible interval.
 
     Returns
     -------
     DataFrame
-        Columns unit, mean, sd, median, ci_low, ci_high, prior_mean and prior_sd (of proper priors;
-        of parameters before truncation), ess_bulk, ess_tail, rhat. ``attrs["fit"]`` is the `Fit`:
-        whether the numbers can be used (``state``), and what to mind.
+        Columns unit, mean, sd, median, ci_low, ci_high, prior_mean, prior_sd, ess_bulk, ess_tail
+        and rhat. The prior columns are filled for proper priors only; those of parameters are the
+        prior before truncation. ``attrs["fit"]`` is the `Fit`, with warnings and whether the
+        numbers can be used (``state``).
     """
     check_probability(ci_prob)
     prior_sd, prior_mean = priors_of(posterior)
@@ -66,9 +72,9 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
 
 
 def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, Any]:
-    """Return the result of a fit as documented for ``fit --json``.
+    """Return the result of a fit in the form that ``fit --json`` writes.
 
-    The key of the interval is named after its probability.
+    The key of a credible interval contains its probability: ``ci95`` for 95 %.
     """
     check_probability(ci_prob)
     record = record_of(posterior)
@@ -98,20 +104,24 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
 
 
 def _entry(draws: Array, unit: str, prior_sd: float | None, ci_prob: float) -> dict[str, Any]:
-    """Return the entry of a parameter or hyper-parameter."""
+    """Return the entry of a parameter or hyper-parameter in the result of a fit."""
     numbers = numbers_of(draws, ci_prob)
     interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
     return {"unit": unit, **numbers, f"ci{100 * ci_prob:g}": interval, "prior_sd": prior_sd}
 
 
 def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
-    """Return prior sd, None where flat, and prior mean of the parameters that have a prior."""
+    """Return the prior sd and the prior mean, each by name.
+
+    The sd is None for a parameter with a flat prior. Means are given only for parameters with a
+    proper prior.
+    """
     model = record_of(posterior)["model"]
     return model["prior_sd"], model["prior_mean"]
 
 
 def numbers_of(draws: Array, ci_prob: float) -> dict[str, float]:
-    """Return mean, sd, median, and ci_low and ci_high of the equal-tailed interval, of draws."""
+    """Return mean, sd, median and the ends of the equal-tailed interval of random draws."""
     tail = 50.0 * (1.0 - ci_prob)
     low, median, high = np.percentile(draws, [tail, 50.0, 100.0 - tail])
     return {
@@ -124,7 +134,7 @@ def numbers_of(draws: Array, ci_prob: float) -> dict[str, float]:
 
 
 def check_probability(ci_prob: float) -> None:
-    """Refuse a probability that is not between 0 and 1."""
+    """Raise an `InputError` for a probability that is not between 0 and 1."""
     require(
         0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95."
     )
@@ -137,13 +147,14 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     Parameters
     ----------
     posterior : DataTree
-        From `sample`, `load` or `average`.
+        Posterior from `sample`, `load` or `average`.
 
     Returns
     -------
     DataFrame
-        One row per coefficient: term, unit (mm; per bar, N, h or K), mean, sd, prior_sd (at the
-        posterior mean of φ). The mount's is its deviation from the nominal deflection.
+        Columns term, unit, mean, sd and prior_sd, with one row per coefficient. Units are mm, or mm
+        per bar, N, h or K. The prior sd is that at the posterior mean of φ. Coefficients of the
+        mount are deviations from its nominal deflection.
     """
     draws_by_model = model_draws_of(posterior, _DRAWS)
     mean_phi = np.concatenate([draws.phi for draws in draws_by_model]).mean(axis=0)
@@ -158,7 +169,10 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
 
 
 def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
-    """Return term, unit and prior sd at φ (h,) of every shared nuisance coefficient."""
+    """Return a table with term, unit and prior sd of every shared nuisance coefficient.
+
+    The prior sd is that at the hyper-parameters φ, shape (h,).
+    """
     value = dict(zip(bound.hyper_prior.names, phi, strict=True))
     rows = {}
     for kind, columns in bound.columns_of.items():
@@ -170,9 +184,9 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
 
 
 def _moments(draws: ModelDraws, names: list[Any]) -> tuple[Array, Array]:
-    """Return mean and variance of nuisances given each draw, (draws, coefficients).
+    """Return means and variances of nuisance coefficients given each draw of β and φ.
 
-    They are zero where the model has no such coefficient.
+    Both have the shape (draws, coefficients). They are zero for a coefficient that the model lacks.
     """
     bound = draws.bound
     shifted = draws.beta - bound.centre
