@@ -1,4 +1,10 @@
-"""Densities of circles left out, in the layout that ArviZ's checks and comparisons read."""
+"""Densities of circles left out, in the layout that ArviZ's checks and comparisons read.
+
+y_r are the readings of test r, y_−r those of all other tests. φ are the h hyper-parameters, the
+scales of the noise and of other effects; λ_r among them is the scale of the scatter of circle r
+alone. β are the p parameters: compliances, their slopes and geometric errors. Truncation restricts
+β to compliances that are not negative. k̂ is the Pareto shape of the tail of importance weights.
+"""
 
 from __future__ import annotations
 
@@ -21,15 +27,15 @@ from ldbb_bayes.results import Array
 
 __all__ = ["log_likelihood_of_tests", "with_predictive"]
 
-# ln λ of a circle, to sum over: its density and the likelihood are wide beside the steps.
+# Values of ln λ over which a circle's scale is summed; the steps are small beside its density.
 _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
-# Tolerance of evidences and of probabilities of the truncation [nat].
+# Tolerance of log evidences and of log probabilities of the truncation [nat].
 _TOLERANCE = 1e-2
-# Densities with a larger Pareto k̂ are tempered ...
+# Densities with a Pareto k̂ above this are tempered: raised to a power below one, ...
 _LARGE_K = 0.4
-# ... to about this one,
+# ... the power being this value over k̂, ...
 _TEMPERED_K = 0.2
-# taking k̂ to be no larger than this.
+# ... where k̂ is taken to be at most this.
 _LARGEST_K = 2.0
 
 
@@ -40,16 +46,17 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     Parameters
     ----------
     posterior : DataTree
-        From `sample` or `load`.
+        Posterior from `sample` or `load`.
     draws : int
-        At most so many, evenly picked; the groups posterior, sample_stats and log_prior keep the
-        same ones.
+        Largest number of draws used, evenly spaced. The groups posterior, sample_stats and
+        log_prior of the result keep the same draws.
     seed : int
+        Seed of the random draws of new circles.
 
     Returns
     -------
     DataTree
-        With the groups ``posterior_predictive`` and ``log_likelihood``, see the notes.
+        Posterior with the groups ``posterior_predictive`` and ``log_likelihood``; see the notes.
 
     Raises
     ------
@@ -58,18 +65,20 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
 
     Notes
     -----
-    ``posterior_predictive.reading_mm`` (chain, draw, reading), beside ``observed_data.reading_mm``:
-    a new circle in the place of every test, with the scatter of the circle that was there. For
-    ``arviz_stats.loo_pit``, ``per_test`` of both groups is the range of each test's readings [mm].
+    ``posterior_predictive.reading_mm`` (chain, draw, reading) holds the readings of a new circle
+    for every test, with the scatter of the circle measured; the readings measured are
+    ``observed_data.reading_mm``. ``per_test`` of both groups is the range of the readings of each
+    test [mm], for ``arviz_stats.loo_pit``.
 
-    ``log_likelihood.per_test`` (chain, draw, test): ln p(y_r | y_−r, φ), the readings of one circle
-    given those of all others, which are not independent of it, and the hyper-parameters; all that
-    is linear and the circle's own λ_r are integrated out, inside the truncation. The harmonic mean
-    of p is the density of a circle left out (Bürkner, Gabry and Vehtari 2021): ``arviz.loo``
-    estimates what `compare` computes. Only the hyper-parameters that circles share must bear a
-    circle's absence, which keeps Pareto's k low; where it is above 0.4 all the same, p is raised to
-    a power below one and scaled so that its harmonic mean is the exact density. The sum over
-    circles is not ln p of all of them: for the sensitivity to that see ``Fit.sensitivity``.
+    ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
+    readings of test r, given those of all other tests and the hyper-parameters. All unknowns that
+    enter linearly, and the scale λ_r of the circle itself, are integrated out under the truncation.
+    The harmonic mean of p over draws is the density of a circle left out (Bürkner, Gabry and
+    Vehtari 2021), so that ``arviz.loo`` estimates what `compare` computes. Pareto's k̂ is low, as
+    leaving a circle out changes only the weights of the hyper-parameters that circles share. If it
+    exceeds 0.4 nevertheless, p is raised to a power below one and scaled so that its harmonic mean
+    is the exact density. The sum of ln p over tests is not the log likelihood of all readings; for
+    the sensitivity of the posterior to the latter see ``Fit.sensitivity``.
     """
     require(
         "averaged" not in record_of(posterior),
@@ -114,7 +123,7 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
 
 
 def _thin_chains(posterior: xr.DataTree, draws: int) -> xr.DataTree:
-    """Return the posterior with so many draws of each chain at most, evenly picked."""
+    """Return a posterior with at most ``draws`` draws of each chain, evenly spaced."""
     chosen = evenly_spaced(int(posterior["posterior"].sizes["draw"]), draws)
     thinned = posterior.copy()
     for group in ("posterior", "sample_stats", "log_prior"):
@@ -126,7 +135,7 @@ def _thin_chains(posterior: xr.DataTree, draws: int) -> xr.DataTree:
 def _draw_readings(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> list[Array]:
-    """Draw readings (draws, n) [mm] of a new circle in the place of every test."""
+    """Return random readings of a new circle for every test [mm], each of shape (draws, n)."""
     coefficients = new_circle_coefficients(bound, phi, beta, rng)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
     return [
@@ -136,14 +145,20 @@ def _draw_readings(
 
 
 def _ranges(readings_by_test: Sequence[Array]) -> Array:
-    """Return the range of each test's readings (…, n), shape (…, tests)."""
+    """Return the range of the readings of each test, shape (…, tests).
+
+    The readings of a test have the shape (…, n).
+    """
     return np.stack([np.ptp(readings, axis=-1) for readings in readings_by_test], axis=-1)
 
 
 def _sampled_group(
     variables: dict[str, tuple[str, Array]], chains: int, coordinates: dict[str, Array]
 ) -> xr.DataTree:
-    """Return a group of variables by name, each a dimension and an array (chains × draws, …)."""
+    """Return a group of a DataTree from arrays of draws, split into chains.
+
+    ``variables`` holds, by name, a dimension and an array of shape (chains × draws, dimension).
+    """
     data = {}
     draws = 0
     for name, (dimension, values) in variables.items():
@@ -155,9 +170,10 @@ def _sampled_group(
 
 
 def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
-    """Return ln p(y_r | y_−r, φ), without the λ_r in φ (w, h), shape (w, tests).
+    """Return ln p(y_r | y_−r, φ) for every test r at w values of φ, shape (w, tests).
 
-    See `with_predictive`.
+    φ has the shape (w, h). The scale λ_r of the circle of test r is integrated out. See
+    `with_predictive`.
     """
     log_evidence = in_chunks(partial(_log_evidence, bound), phi)
     log_density = np.empty((len(phi), len(bound.test_names)))
@@ -176,7 +192,7 @@ def _without_test(bound: BoundModel, name: str) -> BoundModel:
 
 
 def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> Array:
-    """Return ln p(y | φ) with a circle's scale λ integrated out, shape (w,)."""
+    """Return ln p(y | φ) with the scale λ of one circle integrated out, shape (w,)."""
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)
     log_prior = bound.hyper_prior.log_density(grid) + _LOG_LAMBDA
@@ -188,9 +204,10 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
 
 
 def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
-    """Return ln p(y_r | y_−r, φ) (w, tests), tempered where Pareto's k̂ of 1/p is large.
+    """Return ln p(y_r | y_−r, φ), tempered for tests with a large Pareto k̂ of 1/p.
 
-    A tempered density is scaled so that its harmonic mean over the draws is the exact density.
+    The shape is (w, tests). A tempered density is raised to a power below one and scaled so that
+    its harmonic mean over the draws is the exact density.
     """
     moderate = log_density.copy()
     for r, name in enumerate(bound.test_names):
@@ -205,13 +222,16 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
 
 
 def _exact_log_evidence(bound: BoundModel) -> float:
-    """Return ln p(y), all parameters and hyper-parameters integrated out."""
+    """Return ln p(y), with all parameters and hyper-parameters integrated out."""
     posterior = HyperPosterior(bound, truncated=bound.truncation.active)
     return posterior.nodes(_TOLERANCE).evidence.log_value
 
 
 def _log_evidence(bound: BoundModel, phi: Array) -> Array:
-    """Return ln p(y | φ) inside the truncation, but for P(T) of the prior, shape (w,)."""
+    """Return ln p(y | φ) under the truncation, shape (w,).
+
+    It is not divided by P(T), the prior probability of the truncation.
+    """
     if not bound.truncation.active:
         return bound.log_evidence(phi)
     log_evidence, conditional = bound.given(phi)

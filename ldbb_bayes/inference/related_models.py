@@ -1,4 +1,11 @@
-"""Models that are one Gaussian given φ: nodes and evidence of one from the nodes of another."""
+"""Nodes and evidence of a model, computed from those of a related larger model.
+
+φ are the hyper-parameters, the scales of the noise and of other effects. Given φ, the coefficients
+(the parameters and the rivals of slopes) have a Gaussian posterior. Related models differ only in
+the Gaussian priors of coefficients, and in truncation, so that the posterior of one follows from
+that of the other. Nodes are weighted points that represent p(φ | y), where y are the readings.
+Truncation T restricts compliances to values that are not negative.
+"""
 
 from __future__ import annotations
 
@@ -16,46 +23,46 @@ from ldbb_bayes.results import Array
 
 __all__ = ["RelatedModels"]
 
-# Prior sds that differ relatively by no more than this are the same.
+# Largest relative difference of prior sds that count as equal.
 _SAME_SD = 1e-12
 
 
 class _Conditionals(NamedTuple):
-    """Gaussian conditionals of coefficients at n nodes."""
+    """Gaussian posteriors of p coefficients given φ, at n nodes."""
 
-    mean: Array  #: (p, n)
-    covariance: Array  #: (p, p, n)
+    mean: Array  #: means, shape (p, n)
+    covariance: Array  #: covariances, shape (p, p, n)
 
 
 class _ChangedModel(NamedTuple):
-    """What another prior of the coefficients makes of the nodes."""
+    """Changes at the nodes if the coefficients have another prior."""
 
-    log_ratio: Array  #: ln of the ratio of p(y | φ) (n,)
-    conditionals: _Conditionals  #: of the coefficients asked for, under the other prior
+    log_ratio: Array  #: ln of p(y | φ) under the other prior over p(y | φ), shape (n,)
+    conditionals: _Conditionals  #: posteriors of the coefficients asked for, under the other prior
 
 
 class _ChangedPrior(NamedTuple):
-    """A coefficient whose prior sd is another; an sd of zero fixes the coefficient at zero."""
+    """Coefficient that has a different prior sd in another model."""
 
-    coefficient: int
-    mean: float
-    sd: float
-    other_sd: float
+    coefficient: int  #: index of the coefficient
+    mean: float  #: prior mean
+    sd: float  #: prior sd in the model with nodes
+    other_sd: float  #: prior sd in the other model; zero fixes the coefficient at zero
 
 
 class RelatedModels:
-    """Models that differ only in priors of some coefficients: p(φ | y) and P(T | y, φ) of each.
+    """Nodes of models that differ from a model with nodes only in priors of some coefficients.
 
-    They differ only in the prior sd of parameters and of rivals of slopes, s₀ of the model with
-    nodes and s₁ of another, or fix some at zero. The ratio of their priors is a reading of the
-    coefficient at its prior mean, of variance v = 1/(1/s₁² − 1/s₀²), or for one that is fixed an
-    exact one at zero (the Savage-Dickey ratio): the posterior is conditioned on one after the
-    other.
+    Let a coefficient have the prior sd s₀ in the model with nodes and s₁ in another model. The
+    ratio of the two priors acts like an additional reading of the coefficient: its value is the
+    prior mean, its variance 1/(1/s₁² − 1/s₀²). If the other model fixes the coefficient at zero, it
+    is an exact reading of zero (Savage-Dickey ratio). The Gaussian posterior is conditioned on
+    these readings one after the other.
 
     Parameters
     ----------
     plain : Nodes
-        Of the largest model, without truncation.
+        Nodes of the largest model, without truncation.
     tolerance : float
         Error asked of every log evidence [nat].
     """
@@ -68,7 +75,8 @@ class RelatedModels:
     def nodes(self, posterior: HyperPosterior) -> Nodes:
         """Return nodes of another model.
 
-        They are computed anew where the model has other parameters, or these nodes do not suit it.
+        They are computed anew if that model has further coefficients, or if the present nodes do
+        not reach the tolerance for it.
         """
         if not set(posterior.bound.coefficients) <= set(self._bound.coefficients):
             return posterior.nodes(self._tolerance)
@@ -83,7 +91,7 @@ class RelatedModels:
         return posterior.nodes(self._tolerance)
 
     def _truncate(self, posterior: HyperPosterior, plain: Integral) -> Nodes:
-        """Multiply the density of the nodes by P(T | y, φ) of the other model."""
+        """Return nodes with their density multiplied by P(T | y, φ) of the other model."""
         coefficients = list(self._bound.coefficients)
         rows = posterior.bound.physical.rows
         constrained = np.flatnonzero((rows != 0.0).any(axis=0))
@@ -101,7 +109,7 @@ class RelatedModels:
 
     @cached_property
     def _conditionals(self) -> _Conditionals:
-        """Conditionals of the coefficients at the nodes."""
+        """Gaussian posteriors of the coefficients given φ at the nodes."""
         bound = self._bound
         free = self._integral.free
         p = len(bound.coefficients)
@@ -117,7 +125,7 @@ class RelatedModels:
         return _Conditionals(mean + centre[:, None], covariance)
 
     def _changed_priors(self, bound: BoundModel) -> list[_ChangedPrior]:
-        """Return the coefficients whose prior sd the other model changes."""
+        """Return the coefficients that have a different prior sd in the other model."""
         other_priors = bound.coefficients
         changed = []
         for j, (name, (mean, sd)) in enumerate(self._bound.coefficients.items()):
@@ -129,9 +137,9 @@ class RelatedModels:
     def _change_prior(
         self, bound: BoundModel, coefficients: list[int], nodes: Index
     ) -> _ChangedModel:
-        """Condition the nodes on the change to another model's prior.
+        """Return the changes at the given nodes under the prior of another model.
 
-        ``coefficients`` are those whose conditionals are returned.
+        ``coefficients`` are the indices of the coefficients with posteriors in the result.
         """
         log_ratio = np.zeros(len(nodes))
         changed = self._changed_priors(bound)
