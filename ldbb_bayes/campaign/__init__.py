@@ -1,1 +1,1 @@
-"""What was measured, or is to be: circular tests, campaigns, plans, and the files they live in."""
+"""Circular tests, campaigns and plans, and the files in which they are stored."""

@@ -40,8 +40,8 @@ class _TestFile(TestFields):
     arc_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
 
 
-# Tables of certified values: key U_um of the table [bar] is the field bar_U_um of `Instrument`, and
-# likewise for other keys.
+# Tables of certified values; key U_um of the table [bar] is the field bar_U_um of `Instrument`. The
+# other keys follow the same rule.
 @dataclass(frozen=True, config=_STRICT)
 class _Balls:
     work: Ball = field(default_factory=Ball)

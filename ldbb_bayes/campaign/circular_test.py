@@ -154,7 +154,7 @@ class CircularTest(TestFields):
         return array
 
     def _faults(self, angle: Array | None, reading: Array | None) -> Iterator[str]:
-        """Yield, for each thing wrong with the test, what it must have and how to mend it."""
+        """Yield, for each fault of the test, what the test must have and how to mend it."""
         if angle is None:
             yield "have angles, got none. Give angle_deg (or angle_rad)."
             return

@@ -1,1 +1,1 @@
-"""Files as they are found: measurements of spreadsheets and instruments, made into campaigns."""
+"""Import of foreign files, such as spreadsheets and exports of instruments, as campaigns."""

@@ -77,7 +77,7 @@ def looks_like_number(cell: str) -> bool:
 
 
 def is_missing(cell: str) -> bool:
-    """Return whether a cell stands for a missing number.
+    """Return whether a cell is a sign for a missing number, such as NaN or a dash.
 
     A row with a missing number belongs to the table; reading it is an error that names its line.
     """

@@ -60,7 +60,7 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
     """Return whether a row of a list is that of the test, which it must name.
 
-    A row in which the name is only the value of a label is none: ``File | test 1``.
+    A row in which the name is only the value of a label, such as ``Operator:``, does not count.
     """
     named = wanted & {comparable(cell) for cell in filled}
     if not named:

@@ -43,9 +43,9 @@ def select_sheets(
 ) -> SheetSelection:
     """Return the sheets with a table of angles and readings, and the sheets left out.
 
-    Without such a table, one of several sheets in a workbook, or a file that a pattern with ``*``
-    or ``?`` matched, is left out, which is noted; any other sheet raises an `InputError`. If no
-    sheet has such a table, that is an `InputError` too.
+    A sheet without such a table is left out, and noted, if it is one of several in a workbook, or
+    a file that a pattern with ``*`` or ``?`` matched. Other sheets without a table of numbers, and
+    files none of which has a table, raise an `InputError`.
 
     Parameters
     ----------
