@@ -1,7 +1,8 @@
-"""By how much every parameter differs between two campaigns of one kind of machine.
+"""Difference of every parameter between two campaigns on machines of the same kind.
 
-Before and after a repair, machine A and B. Independent instruments: the difference of independent
-posteriors. The same bar, balls, mount and force device: their errors cancel (`common_instrument`).
+Examples are a machine before and after a repair, or machines A and B. With different instruments,
+the posteriors are independent. With the same bar, balls, mount and force device, the errors of the
+instrument largely cancel in the difference (`common_instrument`).
 """
 
 from __future__ import annotations
@@ -26,18 +27,18 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["differences"]
 
-# Pairs of draws behind the interval of a difference of independent posteriors.
+# Number of pairs of posterior draws from which the interval of a difference is computed.
 _DRAWS = 20_000
 
 
 class _Differences(NamedTuple):
-    """The parameters of two campaigns compared."""
+    """Comparison of the parameters of two campaigns."""
 
-    means: Array  #: of both (2, names)
-    difference: Array  #: second less first (names,)
-    sd: Array  #: of the difference (names,)
-    interval: Array  #: ends of the equal-tailed interval (2, names)
-    increase: Array  #: probability that the parameter has grown (names,)
+    means: Array  #: posterior means in both campaigns, shape (2, names)
+    difference: Array  #: mean of second minus first campaign, shape (names,)
+    sd: Array  #: standard uncertainty of the difference, shape (names,)
+    interval: Array  #: ends of the equal-tailed interval of the difference, shape (2, names)
+    increase: Array  #: probability that the second value is larger, shape (names,)
     conflict: Conflict | None = None
 
 
@@ -49,12 +50,12 @@ def differences(
     same_instrument: bool = False,
     ci_prob: float = 0.95,
 ) -> pd.DataFrame:
-    """Return every parameter of ``other`` less that of ``posterior``.
+    """Return the difference of every parameter, ``other`` minus ``posterior``.
 
     Parameters
     ----------
     posterior, other : DataTree
-        Of machines with the same topology, planes and joint frames.
+        Posteriors of machines with the same topology, planes and joint frames.
     same_instrument : bool
         Whether bar, balls, mount and force device were the same.
     ci_prob : float
@@ -63,10 +64,11 @@ def differences(
     Returns
     -------
     DataFrame
-        One row per parameter both have, offsets of the tool ball left out: unit, first, second
-        (means, at the first one's reference force), difference, sd, ci_low, ci_high,
-        probability_of_increase. ``attrs["conflict"]``: of one instrument, the coefficient in which
-        the campaigns disagree most about it, and the p-value of that (Bonferroni); else None.
+        One row per parameter that both have, without offsets of the tool ball. Columns are unit,
+        first, second (means at the reference force of the first), difference, sd, ci_low, ci_high
+        and probability_of_increase. With the same instrument, ``attrs["conflict"]`` is the
+        instrument's coefficient about which the campaigns disagree most, and the p-value of the
+        disagreement (Bonferroni); otherwise it is None.
 
     Raises
     ------
@@ -114,7 +116,7 @@ def differences(
 def _compare_one_instrument(
     bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array], levels: Array
 ) -> _Differences:
-    """Compare campaigns run with one instrument, normal at the mean hyper-parameters."""
+    """Compare campaigns run with one instrument, by normal distributions at the mean φ."""
     joint = joint_difference(bounds, phi, rows)
     return _Differences(
         means=joint.means,
@@ -127,7 +129,7 @@ def _compare_one_instrument(
 
 
 def _compare_independent(first: Array, second: Array, levels: Array) -> _Differences:
-    """Compare independent posteriors from draws of the parameters, each (draws, names)."""
+    """Compare independent posteriors from draws, each of shape (draws, names)."""
     means = np.array([first.mean(axis=0), second.mean(axis=0)])
     rng = np.random.default_rng(0)
     second_draws = second[rng.integers(len(second), size=_DRAWS)]
@@ -143,7 +145,7 @@ def _compare_independent(first: Array, second: Array, levels: Array) -> _Differe
 
 
 def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str) -> None:
-    """Refuse posteriors of the same readings, and of other machines or planes."""
+    """Refuse posteriors of the same readings, or of different machines or planes."""
     campaign = first.campaign
     other = second.campaign
     require(
@@ -171,7 +173,10 @@ def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str)
 
 
 def _rows_at_force(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:
-    """Return rows that take β to these parameters at another reference force, (names, p)."""
+    """Return the matrix, shape (names, p), that maps β to parameters at a reference force.
+
+    β are the p parameters at the model's own reference force.
+    """
     rows = np.zeros((len(names), len(bound.names)))
     lever = reference_force_N - bound.setting.reference_force_N
     for i, name in enumerate(names):

@@ -1,8 +1,8 @@
-"""Slopes against other explanations of a change with force, every combination weighed.
+"""Slopes compared with rival explanations of a change with force.
 
-Slopes, joint load, a curved mount and a curved force law may each explain a change with force:
-every combination is a model, as probable as another beforehand, and the exact evidence says how
-probable it is afterwards.
+Slopes of the compliances, load on the joints, a nonlinear mount and a nonlinear force device may
+each explain why readings change with force. Every combination of them is a model. All have the same
+prior probability, and their evidences give the posterior probabilities.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["Explained", "Explanations", "explanations", "subsets"]
 
 # The name of the slopes among the explanations.
 _SLOPES = "slopes"
-# Above this log Bayes factor [nat] the readings ask for slopes.
+# The readings support slopes where ln B of slopes over no slopes is above this [nat].
 _ASKING = 1.0
 
 
@@ -32,26 +32,29 @@ _ASKING = 1.0
 class Explained:
     """One combination of explanations of a change with force."""
 
-    by: tuple[str, ...]
-    log_evidence: float  #: [nat]
-    log_evidence_error: Finite  #: [nat]
-    probability: float  #: posterior
+    by: tuple[str, ...]  #: names of the explanations combined
+    log_evidence: float  #: log evidence of the combination [nat]
+    log_evidence_error: Finite  #: error of the log evidence [nat]
+    probability: float  #: posterior probability of the combination
 
 
 @dataclass(frozen=True)
 class Explanations:
-    """Every combination of what explains a change with force, all as probable beforehand."""
+    """All combinations of explanations of a change with force, equally probable beforehand."""
 
-    inclusion_probability: dict[str, float]  #: by explanation
-    models: tuple[Explained, ...]  #: the likeliest first
-    averaged: Assumed  #: with slopes and without, averaged over the other explanations
-    alone: Assumed  #: with slopes and without, no other explanation: the paper's question
+    inclusion_probability: dict[str, float]  #: posterior probability of each explanation
+    models: tuple[Explained, ...]  #: the combinations, the most probable first
+    #: ln B of slopes over no slopes, averaged over the other explanations
+    averaged: Assumed
+    #: ln B of slopes over no slopes without any other explanation, as in the paper
+    alone: Assumed
 
     @property
     def instead(self) -> tuple[str, ...]:
-        """What explains the readings as well as slopes; else nothing.
+        """Explanations that make slopes unnecessary; empty where there are none.
 
-        Not empty only where the readings would ask for slopes were there nothing else.
+        They are not empty only where the readings would support slopes if there were no other
+        explanation, and do not support them otherwise.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)
@@ -59,20 +62,20 @@ class Explanations:
 
 
 def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return every combination of names, all of them first."""
+    """Return every combination of names, the one of all names first."""
     choices = itertools.product((True, False), repeat=len(names))
     return [tuple(itertools.compress(names, choice)) for choice in choices]
 
 
 def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
-    """Weigh every combination of slopes and of the rivals of slopes.
+    """Compute the evidence of every combination of slopes and their rival explanations.
 
     Parameters
     ----------
     pair : mapping of str to HybridModel
-        Two models whose difference are the slopes, without them first, both with the same rivals.
+        The model without slopes, then the same with slopes; both have the same rivals.
     evidences : Evidences
-        Nodes to use and to add to.
+        Evidences that are known already; new ones are added.
     """
     constant, linear = pair.values()
     names = (_SLOPES, *linear.rivals)
@@ -96,7 +99,7 @@ def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Expla
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # First row: with slopes. Last column: no rival.
+    # The first row has the models with slopes, the last column those without rivals.
     by_slopes = log_evidence.reshape(2, -1)
     errors = error.reshape(2, -1)
     averaged = np.logaddexp.reduce(by_slopes, axis=1) - np.log(by_slopes.shape[1])
@@ -113,7 +116,7 @@ def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Expla
 def _compare_slopes(
     label: str, pair: Mapping[str, HybridModel], log_evidence: Array, error: float
 ) -> Assumed:
-    """Compare the two models from their log evidences, with slopes first."""
+    """Compare two models from their log evidences, of which that with slopes comes first."""
     with_slopes, without_slopes = log_evidence.tolist()
     values = dict(zip(pair, (without_slopes, with_slopes), strict=True))
     return Assumed(label, with_slopes - without_slopes, error, values)

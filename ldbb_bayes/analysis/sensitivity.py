@@ -1,4 +1,4 @@
-"""Two models compared under other assumptions about how circles differ from one another."""
+"""Compare two models under other assumptions about how circles differ from one another."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from ldbb_bayes.results import Finite
 
 __all__ = ["WHITE_NOISE", "Assumed", "Change", "changed", "discrepancy_assumptions", "under"]
 
-# From a model to the same under another assumption.
+# Function that returns a model changed to another assumption.
 Change = Callable[[HybridModel], HybridModel]
-# The assumption that leaves nothing but white noise.
+# Label of the assumption that circles differ by white noise only.
 WHITE_NOISE = "white noise only, no truncation"
-# The assumption that changes nothing.
+# Label of the assumption that leaves the models as they are.
 _UNCHANGED = "as in the model"
 
 
 class _Alternative(NamedTuple):
-    """Another idea of how circles differ."""
+    """Another assumption about how circles differ from one another."""
 
     label: str
-    kind: type[Term]  #: the term that it is about
-    term: Term | None  #: what takes its place
+    kind: type[Term]  #: class of the term that is replaced
+    term: Term | None  #: term that replaces it; None to leave it out
 
 
 _ALTERNATIVES = (
@@ -45,7 +45,7 @@ _ALTERNATIVES = (
 
 @dataclass(frozen=True)
 class Assumed:
-    """The comparison under one assumption: log evidence of both models, second over first [nat]."""
+    """Log evidences of two models and their log Bayes factor under one assumption [nat]."""
 
     assumption: str
     log_bayes_factor: float
@@ -54,14 +54,15 @@ class Assumed:
 
     @property
     def best(self) -> float:
-        """The larger of the log evidences."""
+        """The larger log evidence of the two models [nat]."""
         return max(self.log_evidence.values())
 
 
 def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
-    """Return assumptions of how circles may differ from one another, by label.
+    """Return assumptions about how circles may differ from one another, by label.
 
-    First what the models say, then one idea after the other changed, and last white noise alone.
+    The first leaves the models unchanged, each of the next changes one term, and the last leaves
+    only white noise.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:
@@ -73,7 +74,7 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
 
 
 def _term_of_kind(model: HybridModel, kind: type[Term]) -> Term | None:
-    """Return a model's term of a kind, or None."""
+    """Return the model's term of a class, or None if it has none."""
     for term in model.nuisances:
         if isinstance(term, kind):
             return term
@@ -85,7 +86,7 @@ def _leave_unchanged(model: HybridModel) -> HybridModel:
 
 
 def _change_to(alternative: _Alternative) -> Change:
-    """Return the change of a model to an alternative."""
+    """Return the function that changes a model to an alternative assumption."""
 
     def change(model: HybridModel) -> HybridModel:
         if alternative.term is None:
@@ -102,7 +103,7 @@ def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
 def changed(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return the two models under every assumption that leaves a difference between them."""
+    """Return two models under each assumption, except where it makes them the same."""
     pair = tuple(pair)
     pairs = {}
     for label, change in changes.items():
@@ -117,7 +118,7 @@ def under(
     assumptions: Mapping[str, Sequence[HybridModel]],
     weigh: Callable[..., Sequence[Nodes]],
 ) -> tuple[Assumed, ...]:
-    """Return the two models compared under every assumption.
+    """Return log evidences and ln B of two models under every assumption.
 
     Parameters
     ----------
@@ -126,7 +127,7 @@ def under(
     assumptions : mapping of str to sequence of HybridModel
         The two models by assumption, from `changed`.
     weigh : callable
-        Returns the nodes of models.
+        Function that returns the quadrature nodes of models, from which their evidence follows.
     """
     names = tuple(names)
     comparisons = []

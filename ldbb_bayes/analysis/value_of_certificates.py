@@ -14,7 +14,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["CERTIFICATES", "uncertainty_with", "worth_of_certificates"]
 
-# Certificates one could have, and what they would state of the instrument.
+# Certificates that the instrument could have, and the values that they would state.
 CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
     "bar ± 1 µm": {"bar_U_um": 1.0},
@@ -31,7 +31,8 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
 def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
     """Return the standard uncertainty of every parameter that these certificates would leave.
 
-    The variance given φ is averaged over φ as the readings know it without the certificates.
+    The variance given the hyper-parameters φ (the scales of the noise and of other effects) is
+    averaged over their posterior without the certificates.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     Returns
     -------
     ndarray
-        Shape (p,), in inside units.
+        Standard uncertainties, shape (p,), in internal units (mm, N, rad).
     """
     certified_campaign = replace(bound.campaign, instrument=instrument)
     certified = BoundModel(bound.model, certified_campaign, pilot=bound.pilot)
@@ -57,10 +58,10 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
 def worth_of_certificates(
     bound: BoundModel, weight: Array, phi: Array
 ) -> dict[str, dict[str, float]]:
-    """Return standard uncertainties by what is certified and by parameter.
+    """Return standard uncertainties by certificate, then by parameter.
 
-    They are those with none of `CERTIFICATES`, with each one that the instrument does not have yet,
-    and with all of these.
+    The cases are no further certificate, each one of `CERTIFICATES` that the instrument does not
+    have yet, and all of these together.
 
     Parameters
     ----------
@@ -74,7 +75,7 @@ def worth_of_certificates(
     Returns
     -------
     dict
-        Standard uncertainties in inside units.
+        Standard uncertainties in internal units (mm, N, rad).
     """
     missing = _missing_certificates(bound.campaign.instrument)
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}
@@ -92,7 +93,7 @@ def worth_of_certificates(
 
 
 def _missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]:
-    """Return the certificates of which the instrument states nothing yet."""
+    """Return the certificates that the instrument does not have yet."""
     uncertified = Instrument()
     missing = {}
     for name, statements in CERTIFICATES.items():

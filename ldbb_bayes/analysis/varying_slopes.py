@@ -1,7 +1,8 @@
 """Subsets of slopes: which compliances vary with force, and C(F) averaged over the subsets.
 
-Every compliance may have a slope or none. Where there are too many subsets (several planes), those
-are weighed that a search from the best to its neighbours visits first.
+Every compliance C may have a slope with force F or none, and each subset of slopes is a model with
+its own evidence. Where there are too many subsets (several planes), only some are considered: a
+search starts from no slopes and from all slopes, and goes on to the neighbours of the best subset.
 """
 
 from __future__ import annotations
@@ -33,14 +34,15 @@ __all__ = [
     "slope_subsets",
 ]
 
-# Draws behind the curves C(F), and forces at which they are stated.
+# Number of posterior draws from which the curves C(F) are computed, and number of their forces.
 _DRAWS = 4000
 _CURVE_POINTS = 41
-# Up to so many subsets all are weighed; of more only so many.
+# Up to ``_ALL_SUBSETS`` subsets, the evidences of all are computed; otherwise those of
+# ``_SEARCHED_SUBSETS`` only.
 _ALL_SUBSETS = 729
 _SEARCHED_SUBSETS = 100
 
-# Which compliances have a slope.
+# Whether each compliance has a slope.
 Choice = tuple[bool, ...]
 
 
@@ -48,9 +50,9 @@ Choice = tuple[bool, ...]
 class SlopeSubset:
     """One subset of slopes."""
 
-    varying: tuple[str, ...]  #: the compliances that vary with force
-    log_evidence: float  #: [nat]
-    probability: float  #: posterior
+    varying: tuple[str, ...]  #: names of the compliances that vary with force
+    log_evidence: float  #: log evidence of the model with these slopes [nat]
+    probability: float  #: posterior probability of the subset
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class VaryingSlope:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """C(F) of one compliance with its equal-tailed credible band, in inside units."""
+    """C(F) of one compliance with its equal-tailed credible band, in units of mm, N and rad."""
 
     unit: str
     force_N: Numbers
@@ -76,13 +78,13 @@ class Curve:
 class AveragedSlopes(NamedTuple):
     """Slopes averaged over their subsets."""
 
-    slopes: dict[str, VaryingSlope]  #: by compliance
-    subsets: tuple[SlopeSubset, ...]  #: the most probable first
+    slopes: dict[str, VaryingSlope]  #: probability of a slope, by compliance
+    subsets: tuple[SlopeSubset, ...]  #: subsets of slopes, the most probable first
     curves: dict[str, Curve]  #: C(F) averaged over the subsets, by compliance
 
 
 def count_subsets(model: HybridModel, campaign: Campaign) -> int:
-    """Return how many models `slope_subsets` weighs."""
+    """Return the number of models whose evidence `slope_subsets` computes."""
     possible = 2 ** len(_slope_names(model, campaign))
     if possible <= _ALL_SUBSETS:
         return possible
@@ -92,14 +94,14 @@ def count_subsets(model: HybridModel, campaign: Campaign) -> int:
 def slope_subsets(
     model: HybridModel, evidences: Evidences, *, seed: int, ci_prob: float = 0.95
 ) -> AveragedSlopes:
-    """Weigh subsets of slopes at degree 1 and average over them.
+    """Compute the evidence of subsets of slopes, and average C(F) over the subsets.
 
     Parameters
     ----------
     model : HybridModel
-        Of degree 1, with all slopes.
+        Model of degree 1 with all slopes.
     evidences : Evidences
-        Nodes to use and to add to.
+        Evidences that are known already; new ones are added.
     seed : int
         Seed of the draws behind the curves.
     ci_prob : float
@@ -146,9 +148,10 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 
 
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
-    """Search subsets from no slope and from all, the neighbours of the best subset first.
+    """Return the nodes of subsets of slopes, found by a search that follows the best subsets.
 
-    Neighbours differ in one slope. The search ends at the largest number of subsets.
+    The search starts from no slopes and from all slopes. It goes on to the neighbours of the best
+    subset, which differ in one slope, and ends after ``_SEARCHED_SUBSETS`` subsets.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):
@@ -176,10 +179,11 @@ def averaged_curves(
     Parameters
     ----------
     weighed : sequence of Nodes
-        Of the models.
+        Quadrature nodes of each model.
     probability : ndarray, shape (models,)
-        Their posterior probabilities.
+        Posterior probabilities of the models.
     seed : int
+        Seed of the random draws.
     ci_prob : float
         Probability of the bands.
     """

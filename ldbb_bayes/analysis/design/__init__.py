@@ -1,4 +1,4 @@
-"""The best tests to run next: criteria, candidates, search, forecast and the design itself."""
+"""Design of the next campaign: criteria, candidates, search, forecast and result."""
 
 from ldbb_bayes.analysis.design.campaign_design import (
     Certificate,

@@ -1,4 +1,4 @@
-"""The objective of a campaign's candidates, from the information in the bound model."""
+"""Objective of the search for a design, computed from the model bound to the candidate tests."""
 
 from __future__ import annotations
 
@@ -23,15 +23,17 @@ __all__ = ["objective_of", "prediction_weight"]
 
 # Elements below this share of the largest in their column are rounding errors.
 _ROUNDING_ERROR = 1e-12
-# Forces over the pilot's range at which criterion I averages the variance of the prediction.
+# Number of forces, over the range of the pilot (the campaign that a design starts from), at which
+# criterion I averages the variance of the prediction.
 _PREDICTED_FORCES = 33
 
 
 def prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
     """Return the weights W of criterion I, shape (s, s).
 
-    tr(W S⁻¹) is the variance of C_j(F) / prior variance of C_j, averaged over the pilot's forces
-    and the compliances j that the chosen parameters concern.
+    There are s chosen parameters, and S is their precision. tr(W S⁻¹) is the variance of C_j(F)
+    divided by the prior variance of C_j, averaged over the pilot's range of force F and over the
+    compliances j to which the chosen parameters belong.
     """
     pilot_forces = (bound.pilot or bound.campaign).forces_N
     columns = [bound.names.index(name) for name in chosen]
@@ -63,16 +65,16 @@ def objective_of(
     run
         Number of tests already run.
     phi
-        Hyper-parameters of the pilot, shape (K, h) [mm].
+        K values of the hyper-parameters of the pilot, shape (K, h) [mm].
     chosen
         Names of the parameters of interest.
     criterion
-        Of the design.
+        Criterion of the design.
 
     Returns
     -------
     Objective
-        With the information of every candidate at every φ.
+        Objective with the information of every candidate for every φ.
     """
     rows = []
     prior = []
@@ -91,13 +93,13 @@ def objective_of(
 class _Layout(NamedTuple):
     """Columns and rows of the information that an objective needs."""
 
-    columns: NDArray[np.int_]  # those of interest last
-    rows: NDArray[np.int_]  # of a block; in others all elements are zero
-    has_prior: NDArray[np.bool_]  # of the columns
+    columns: NDArray[np.int_]  # indices of the columns, parameters of interest last
+    rows: NDArray[np.int_]  # indices of the rows of a block that are not zero everywhere
+    has_prior: NDArray[np.bool_]  # whether each column has a proper prior
 
 
 def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -> _Layout:
-    """Return the layout, which is the same at every φ, from the information at one of them."""
+    """Return the layout from the information at one φ; it is the same for every φ."""
     interest = [information.names.index(name) for name in chosen]
     columns = _connected_columns(blocks, interest)
     largest_by_row = np.abs(blocks[:, :, columns]).max(axis=(0, 2))
@@ -106,7 +108,7 @@ def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -
 
 
 def _stack_blocks(blocks: Sequence[Array]) -> Array:
-    """Return blocks of at most 25 rows as one array, rounding errors set to zero."""
+    """Return blocks of at most 25 rows as one array, with rounding errors set to zero."""
     rows = max(len(block) for block in blocks)
     stacked = np.zeros((len(blocks), rows, blocks[0].shape[1]))
     for k, block in enumerate(blocks):
@@ -116,9 +118,9 @@ def _stack_blocks(blocks: Sequence[Array]) -> Array:
 
 
 def _connected_columns(blocks: Array, interest: Sequence[int]) -> NDArray[np.int_]:
-    """Return the columns that share readings with those of interest, directly or through others.
+    """Return indices of columns that act on the same readings as the parameters of interest.
 
-    Those of interest come last.
+    Columns that do so only through other columns are included. Columns of interest come last.
     """
     size = np.abs(blocks)
     shares_readings = np.einsum("rij,rik->jk", size, size) > 0.0

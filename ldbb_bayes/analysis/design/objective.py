@@ -1,7 +1,9 @@
-"""The objective of the search for a design: a criterion averaged over the hyper-parameters.
+"""Objective of the search for a design: a criterion averaged over the hyper-parameters.
 
-A design is a number of tests n_i of every candidate. Each test adds its information G_iᵀG_i to the
-precision M of all parameters: M = P + Σ n_i G_iᵀG_i.
+A design consists of n_i tests of each candidate i. Each test adds its information G_iᵀG_i, where
+G_i are the derivatives of its readings with respect to the parameters, in sds of the noise. The
+precision (inverse covariance) of all parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision
+before these tests. The criterion Φ is the figure of merit to be made large.
 """
 
 from __future__ import annotations
@@ -16,9 +18,10 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Objective"]
 
-# A column of which less than this share remains beside the other columns is undetermined.
+# A parameter is undetermined where less than this share of its column of the Cholesky factor is
+# independent of the columns before it.
 _SINGULAR_SHARE = 1e-6
-# Number of matrix elements that `Objective.after_adding` holds at a time.
+# Largest number of matrix elements that `Objective.after_adding` holds in memory at a time.
 _CHUNK_SIZE = 1 << 22
 
 
@@ -26,16 +29,16 @@ _CHUNK_SIZE = 1 << 22
 class Objective(Shown):
     """Φ of designs, averaged over K values of the hyper-parameters.
 
-    Designs are given by counts, shape (candidates,).
+    Designs are given by the counts of tests of each candidate, shape (candidates,).
     """
 
-    #: G (K, candidates, m, p), in sd of the noise: one test of a candidate adds GᵀG to the
-    #: precision
+    #: G, shape (K, candidates, m, p): derivatives of m reduced readings with respect to p
+    #: parameters, in sds of the noise; one test of a candidate adds GᵀG to the precision
     rows: Array
-    #: P (K, p, p): the precision matrix before these tests, of prior and tests already run; zeros
-    #: where flat
+    #: P, shape (K, p, p): precision before these tests, from prior and tests already run; zeros
+    #: where the prior is flat
     prior: Array
-    #: s: the last s of the p parameters are of interest, all others are projected out
+    #: number s of parameters of interest: the last s of the p parameters; the others are nuisances
     interest: int
     criterion: Criterion  #: `Determinant`, `Variance` or `LogBayesFactor`
 
@@ -49,17 +52,20 @@ class Objective(Shown):
         return replace(self, rows=self.rows[:, chosen])
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the efficiency, 0 … 1, of a design of this value relative to the best."""
+        """Return the efficiency, 0 … 1, of a design with value Φ relative to the best value."""
         if not np.isfinite(value):
             return 0.0
         return self.criterion.efficiency(value, best)
 
     def value(self, counts: Array) -> float:
-        """Return Φ of a design, −inf where it leaves something undetermined."""
+        """Return Φ of a design, −inf where it leaves a parameter undetermined."""
         return float(self._values(self._precision(counts)).mean())
 
     def after_adding(self, counts: Array, chosen: Array) -> Array:
-        """Return Φ with one more test of each chosen candidate in turn, shape (chosen,)."""
+        """Return Φ of the design with one more test of a candidate, for each chosen candidate.
+
+        The shape is (chosen,).
+        """
         total = np.zeros(len(chosen))
         base = self._precision(counts)
         size = max(1, _CHUNK_SIZE // base.size)
@@ -73,7 +79,8 @@ class Objective(Shown):
     def sensitivity(self, counts: Array) -> tuple[float, Array]:
         """Return Φ and ∂Φ/∂n_i, shape (candidates,).
 
-        With ∂Φ/∂M = D Dᵀ, ∂Φ/∂n_i is the mean of ‖G_ki D_k‖² over the K hyper-parameters.
+        With the derivative ∂Φ/∂M = D_k D_kᵀ at the k-th value of the hyper-parameters, ∂Φ/∂n_i is
+        the mean of ‖G_ki D_k‖² over k.
         """
         s = self.interest
         precision = self._precision(counts)
@@ -93,14 +100,14 @@ class Objective(Shown):
         return float(self.criterion.value(root).mean()), slope / len(root)
 
     def _precision(self, counts: Array) -> Array:
-        """Return M, shape (K, p, p)."""
+        """Return the precision M of all parameters, shape (K, p, p)."""
         support = np.flatnonzero(counts)
         scaled = self.rows[:, support] * np.sqrt(counts[support])[:, None, None]
         stacked = scaled.reshape(len(scaled), -1, scaled.shape[-1])
         return np.asarray(self.prior + np.swapaxes(stacked, -1, -2) @ stacked)
 
     def _values(self, precision: Array) -> Array:
-        """Return Φ of every matrix M, −inf where it is singular."""
+        """Return Φ for every precision matrix M, −inf where M is singular."""
         try:
             root = np.linalg.cholesky(precision)
         except np.linalg.LinAlgError:
@@ -109,7 +116,7 @@ class Objective(Shown):
             return np.concatenate([self._values(matrix[None]) for matrix in precision])
         values = self.criterion.value(root[:, -self.interest :, -self.interest :])
         if self._has_undetermined_prior:
-            # Rounding alone may let the factorisation of a singular matrix succeed.
+            # Because of rounding, the factorisation may succeed for a singular matrix.
             root_diagonal = np.diagonal(root, axis1=-2, axis2=-1)
             remaining_share = root_diagonal / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
             values = np.where(remaining_share.min(axis=-1) < _SINGULAR_SHARE, -np.inf, values)
@@ -117,5 +124,5 @@ class Objective(Shown):
 
     @cached_property
     def _has_undetermined_prior(self) -> bool:
-        """Whether the tests must determine something that nothing determines before."""
+        """Whether a parameter is undetermined before the tests."""
         return bool(np.linalg.matrix_rank(self.prior).min() < self.prior.shape[-1])

@@ -1,4 +1,9 @@
-"""The best shares of tests (an approximate design), with the certificate of their optimality."""
+"""Best shares of tests (an approximate design), with a certificate that they are the best.
+
+Shares are the fractions of N tests run at each candidate; n_i, the share times N, need not be a
+whole number. The criterion Φ is the figure of merit to be made large. The sensitivity of candidate
+i is N ∂Φ/∂n_i.
+"""
 
 from __future__ import annotations
 
@@ -15,34 +20,34 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_shares"]
 
-# Values that differ by less, relative to the largest, count as equal: the first of them in the
-# candidates' order is taken.
+# Values whose difference, relative to the largest, is below this count as equal. Among equal
+# candidates the first is taken.
 _EQUALITY_TOLERANCE = 1e-9
-# Rounds of solving for the shares of a few candidates, and letting others join them.
+# Largest number of rounds; in each, candidates join the active ones, and shares are optimized.
 _MAX_ROUNDS = 400
-# Iterations of SLSQP in each round.
+# Largest number of iterations of the solver SLSQP in each round.
 _SOLVER_ITERATIONS = 40
-# Candidates of the largest sensitivity that may join in a round.
+# Largest number of candidates that may join the active ones in a round.
 _JOINING_CANDIDATES = 3
-# Candidates, evenly spread, that the first round begins with.
+# Number of evenly spread candidates that are active in the first round.
 _FIRST_CANDIDATES = 32
-# A share below this is zero.
+# A share below this counts as zero.
 _ZERO_SHARE = 1e-10
-# Together the shares of newly joined candidates start at least at this.
+# Lower bound of each share at the start of the solver, times the number of active candidates.
 _STARTING_SHARE = 0.02
-# Loss that SLSQP sees where the shares leave something undetermined.
+# Value of the loss function where the shares leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
-# Tolerance of SLSQP in the first round, the least it is ever asked for, and its ratio to the
-# excess that is still there.
+# Tolerance of SLSQP: in the first round, the smallest ever used, and its ratio to the excess of the
+# sensitivity over the bound that remains.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
-# A round that gains less, relative to the bound, ends the search.
+# The search ends where a round raises Φ by less than this, relative to the bound.
 _NO_GAIN = 1e-13
 
 
 def largest_positions(values: Array, number: int = 1) -> NDArray[np.intp]:
-    """Return the positions of the largest values; equal ones keep their order."""
+    """Return the indices of the largest values, largest first; equal values keep their order."""
     finite = np.isfinite(values)
     unit = _EQUALITY_TOLERANCE * max(float(np.abs(values[finite]).max(initial=0.0)), 1e-300)
     rounded = np.where(finite, np.rint(values / unit), -np.inf)
@@ -50,7 +55,7 @@ def largest_positions(values: Array, number: int = 1) -> NDArray[np.intp]:
 
 
 def is_better(value: float, reference: float) -> bool:
-    """Return whether a value exceeds the reference by more than rounding."""
+    """Return whether a value exceeds the reference by more than rounding errors."""
     if not np.isfinite(reference):
         return bool(value > reference)
     return bool(value > reference + _EQUALITY_TOLERANCE * max(1.0, abs(reference)))
@@ -63,9 +68,9 @@ class Optimum(Shown):
     If the shares are the best, no sensitivity exceeds their mean over the shares.
     """
 
-    share: Array  #: shape (candidates,), sum 1
-    value: float  #: Φ
-    sensitivity: Array  #: N ∂Φ/∂n_i, shape (candidates,)
+    share: Array  #: share of the tests by candidate, shape (candidates,); their sum is 1
+    value: float  #: value Φ of the criterion
+    sensitivity: Array  #: sensitivities N ∂Φ/∂n_i, shape (candidates,)
     bound: float  #: mean of the sensitivities over the shares
 
     @property
@@ -83,9 +88,9 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
     Parameters
     ----------
     objective
-        The criterion of the candidates.
+        Criterion as a function of the counts of the candidates.
     share
-        Shares, shape (candidates,), sum 1.
+        Shares of the tests, shape (candidates,); their sum is 1.
     tests
         Number of tests, N.
 
@@ -101,18 +106,18 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
 def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
     """Return the shares of N tests that make Φ largest.
 
-    The algorithm is fully corrective: the shares of a few candidates are solved for, and candidates
-    whose sensitivity exceeds the bound join them, until the relative excess is within the
-    tolerance.
+    The algorithm is fully corrective: it optimizes the shares of a few active candidates, then adds
+    candidates whose sensitivity exceeds the bound, and repeats this until the relative excess over
+    the bound is within the tolerance.
 
     Parameters
     ----------
     objective
-        The criterion of the candidates.
+        Criterion as a function of the counts of the candidates.
     tests
-        Number of tests, N. It does not matter where the prior is flat.
+        Number of tests, N. The result does not depend on it if the prior is flat.
     tolerance
-        Of the relative excess; `Optimum.excess` says what was reached.
+        Tolerance of the relative excess; `Optimum.excess` is the value reached.
 
     Returns
     -------
@@ -122,7 +127,7 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     Raises
     ------
     InputError
-        If all candidates do not determine the parameters.
+        If all candidates together do not determine the parameters.
     """
     n = objective.candidates
     share = np.full(n, 1.0 / n)
@@ -160,7 +165,7 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
 
 
 def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
-    """Return the candidates of the largest sensitivities above the bound, at least the first."""
+    """Return candidates with the largest sensitivities above the bound, at least one candidate."""
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
     above = highest[optimum.sensitivity[highest] > optimum.bound]
     if len(above):
@@ -169,7 +174,7 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
 
 
 def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
-    """Return the best shares among few candidates, by SLSQP."""
+    """Return the best shares of a few candidates, computed with SLSQP."""
     n = objective.candidates
     if n == 1:
         return np.ones(1)
