@@ -172,7 +172,7 @@ def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
         ]
         text = f"{kind.__name__}({', '.join(assignments)})"
     while len(text) > longest and assignments:
-        # Within another object there is no room for a part of one.
+        # An object within another object is displayed by its class name alone if it is too long.
         assignments = assignments[:-1] if longest == _LONGEST_REPR else []
         text = f"{kind.__name__}({', '.join([*assignments, '…'])})"
     return text

@@ -51,7 +51,8 @@ _IN_UNIT_OF_ROW = frozenset(
         "baseline_sd",
     )
 )
-# Columns whose texts name the rows of a frame that has row numbers only; the first one present.
+# Columns whose texts may name the rows of a frame that has only row numbers. The first that the
+# frame has is used.
 _NAMING = ("parameter", "quantity", "source")
 # Units before which a line is not broken.
 _UNIT = r"%|°|bar\b|[nµm]?m\b|k?N\b|[nµm]?rad\b|per kN|nats?\b|times\b|u\b"

@@ -108,7 +108,8 @@ _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
 _NEAR_ZERO_SHARE = 0.2
 # Keys of `ranked` below this share of the largest count as zero.
 _ZERO_SHARE = 1e-12
-# An interval whose middle lies off the mean by more than this share of half its width is skewed.
+# An interval is skewed if its middle differs from the mean by more than this share of half its
+# width.
 _SKEWED_SHARE = 0.2
 
 

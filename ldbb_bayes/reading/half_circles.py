@@ -19,7 +19,7 @@ __all__ = ["MeasuredArc", "join_half_circles"]
 # Shortest and longest arc that counts as a half circle [deg].
 _SHORTEST_HALF_DEG = 150.0
 _LONGEST_HALF_DEG = 240.0
-# Fields in which two halves of one test may differ.
+# Fields of a test in which its two halves, from different files, may differ.
 _FIELDS_OF_A_FILE = ("name", "time_s", "temperature_C")
 # Largest gap between two halves of one circle, in steps of the angle.
 _LARGEST_GAP_STEPS = 3.0

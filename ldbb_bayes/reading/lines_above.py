@@ -320,7 +320,7 @@ def _direction_after(text: str) -> set[str]:
     """Return CW and CCW, as far as stated in the text after a word for direction."""
     senses = _senses(text)
     if len(senses) > 1:
-        # A line may list both before it states one: (CW/CCW): CCW.
+        # A line may list both directions before it states one: "Direction (CW/CCW): CCW".
         return _senses(re.split(r"[:=;|\t]", text)[-1])
     return senses
 

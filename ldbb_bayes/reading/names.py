@@ -24,8 +24,8 @@ LOAD_IN_NAME = re.compile(
     r"(kN|daN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
     re.IGNORECASE,
 )
-# Pattern of a load that may be two numbers or one: a substitute for a decimal point (3_5bar), or a
-# blank between thousands (1 238 N). Forces of 10 236 N do not occur.
+# Pattern of a load that can be read in two ways: with a sign in place of a decimal point (3_5bar),
+# or with a blank that may stand between thousands (1 238 N). Forces of 10 236 N do not occur.
 _AMBIGUOUS_LOAD = re.compile(
     r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)"
     r"|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])"
