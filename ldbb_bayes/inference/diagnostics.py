@@ -1,4 +1,8 @@
-"""Convergence, importance weights and sensitivity of draws, computed by ArviZ."""
+"""Convergence, importance weights and sensitivity of random draws, computed by ArviZ.
+
+ESS is the effective sample size. k̂ is the shape of the Pareto distribution fitted to the largest
+weights; if it is large, averages with these weights cannot be trusted.
+"""
 
 from __future__ import annotations
 
@@ -20,33 +24,34 @@ __all__ = [
     "power_sensitivity",
 ]
 
-# Powers to which a factor of the joint density is raised (Kallioinen et al. 2023, ArviZ's default).
+# Powers to which a factor of the joint density is raised (Kallioinen et al. 2023, ArviZ default).
 _LOWER_POWER = 0.99
 _UPPER_POWER = 1.01
 # Tail probabilities at which the tail ESS is computed (Vehtari et al. 2021).
 _TAILS = (0.05, 0.95)
-# ArviZ fits the Pareto tail to a fifth of few draws, and needs five of them.
+# Smallest number of weights: ArviZ fits the Pareto tail to a fifth of them and needs five.
 _FEWEST_WEIGHTS = 25
-# Log ratios that spread less are equal.
+# Log ratios with a smaller range than this count as equal.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
-# With fewer effective draws the weights cannot be judged.
+# Weights cannot be judged if their effective sample size is not above this.
 _FEWEST_EFFECTIVE = 10.0
 # Largest k̂ of reliable weights, however many draws there are (Vehtari et al. 2024).
 _LARGEST_GOOD_K = 0.7
 
 
 class Diagnostics(NamedTuple):
-    """Convergence of every parameter, each of shape (d,)."""
+    """Convergence diagnostics of d parameters."""
 
-    ess_bulk: Array
-    ess_tail: Array
-    rhat: Array
+    ess_bulk: Array  #: effective sample size for the mean, shape (d,)
+    ess_tail: Array  #: effective sample size for the tails, shape (d,)
+    rhat: Array  #: rank-normalised split R-hat, shape (d,)
 
 
 def diagnose(chain: Array) -> Diagnostics:
-    """Return bulk ESS, tail ESS and rank-normalised split R-hat of a chain (chains, draws, d).
+    """Return bulk ESS, tail ESS and rank-normalised split R-hat of d parameters.
 
-    See Vehtari et al. 2021; tail ESS is the smaller of those at 5 % and 95 %.
+    The draws have the shape (chains, draws, d). See Vehtari et al. 2021; the tail ESS is the
+    smaller of the two at the quantiles of 5 % and 95 %.
     """
     axes = {"chain_axis": 0, "draw_axis": 1}
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -60,13 +65,13 @@ def diagnose(chain: Array) -> Diagnostics:
 def power_sensitivity(
     draws: Mapping[str, Array], log_densities: Mapping[str, Array]
 ) -> dict[str, dict[str, float]]:
-    """Return how much each parameter's posterior changes when a factor of the density is rescaled.
+    """Return the sensitivity of each parameter to factors of the joint density, such as the prior.
 
-    Each factor of the joint density is raised to a power near one (power-scaling, Kallioinen et al.
-    2023); the sensitivity is the cumulative Jensen-Shannon distance by which a power of two would
-    move the posterior, above 0.05 a parameter counts as sensitive. Draws and log densities have
-    shape (chains, draws). A factor that is constant has sensitivity 0. The weights are so even that
-    they need no smoothing.
+    Each factor is raised to a power near one (power-scaling, Kallioinen et al. 2023). The
+    sensitivity is the cumulative Jensen-Shannon distance that the posterior of the parameter moves,
+    scaled to a doubling of the power; a parameter counts as sensitive above 0.05. A constant factor
+    has sensitivity 0. Draws and log densities have the shape (chains, draws). The weights of the
+    draws are so even that they need no smoothing.
     """
     stacked = np.stack([np.ravel(values) for values in draws.values()])
     sensitivity: dict[str, dict[str, float]] = {name: {} for name in draws}
@@ -88,24 +93,25 @@ def power_sensitivity(
 
 
 def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
-    """Return weights of draws under a density raised to a power, one row a parameter."""
+    """Return weights of the draws for a factor raised to a power, one equal row per parameter."""
     log_weight = (power - 1.0) * (log_density - log_density.mean())
     return np.broadcast_to(np.exp(log_weight).ravel(), (parameters, log_weight.size))
 
 
 class SmoothedWeights(NamedTuple):
-    """Importance weights, shape (n,), whose largest are smoothed by a Pareto tail."""
+    """Importance weights with the largest ones smoothed by a Pareto distribution."""
 
-    weights: Array
-    pareto_k: float  #: shape of the tail
-    largest_pareto_k: float  #: above which weights cannot be trusted
+    weights: Array  #: normalised weights, shape (n,)
+    pareto_k: float  #: shape k̂ of the Pareto distribution
+    largest_pareto_k: float  #: largest k̂ with which the weights can be trusted
 
 
 def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     """Return Pareto-smoothed importance weights (Vehtari et al. 2024).
 
-    ``log_ratio`` is ln of target over proposal at independent draws, up to a constant. k̂ is
-    infinite where hardly a draw counts or the tail cannot be judged, −inf for equal weights.
+    ``log_ratio`` is ln of target density over proposal density at n independent draws, up to a
+    constant. k̂ is infinite if very few draws carry all the weight or the tail cannot be judged; it
+    is −inf if all weights are equal.
     """
     good_k = min(_LARGEST_GOOD_K, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < _EQUAL_LOG_RATIOS:
@@ -129,9 +135,9 @@ def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
 
 
 def pareto_k(log_weight: Array) -> float:
-    """Return the shape k̂ of the Pareto tail of importance weights, from their logarithms (n,).
+    """Return the shape k̂ of the Pareto tail of importance weights from their n logarithms.
 
-    −inf where the largest weights are equal, infinite where there are too few weights to judge.
+    It is −inf if the largest weights are equal, and infinite if there are too few weights to judge.
     """
     try:
         shape = _smooth_tail(log_weight)[1]
@@ -145,7 +151,7 @@ def pareto_k(log_weight: Array) -> float:
 
 
 def _smooth_tail(log_weight: Array) -> tuple[Array, float]:
-    """Smooth the largest weights; return log weights and k̂, not a number where the fit fails."""
+    """Return log weights with the largest smoothed, and k̂; both are NaN if the fit fails."""
     with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
         smoothed, shape = array_stats.psislw(-log_weight)
     return smoothed, float(shape)

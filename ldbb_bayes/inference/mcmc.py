@@ -1,6 +1,8 @@
-"""Log densities sampled by ensembles of walkers until there are enough draws.
+"""Sampling of a log density by ensembles of walkers until there are enough random draws.
 
-The only importer of emcee; it knows nothing of circles.
+A walker is a point that moves at random through the d coordinates; its places are the draws. The
+sampler is emcee. Steps are run in blocks; after each block the effective sample size (ESS) and
+R-hat of the draws are assessed. A redraw replaces the point of a walker by an independent one.
 """
 
 from __future__ import annotations
@@ -29,50 +31,50 @@ __all__ = [
     "run_ensembles",
 ]
 
-# Blocks double in length after so many of one length ...
+# Number of blocks of one length, in units of the first length, before blocks double in length.
 _BLOCKS_PER_LENGTH = 4
-# ... but at most so often,
+# Largest number of times that blocks double in length.
 _LARGEST_DOUBLING = 5
-# and from the third doubling on the steps between stored draws double instead.
+# Number of doublings after which the steps between stored draws double, not the number of draws.
 _DOUBLINGS_STORED = 2
-# Share of differential-evolution moves of factor 1, which jump between modes.
+# Share of moves with factor 1 among differential-evolution moves; these jump between modes.
 _JUMP_SHARE = 0.1
-# Share of moves that draw independent points, where there is something to draw them from.
+# Share of moves that propose independent points, if there is a source of such points.
 _REDRAW_SHARE = 0.9
-# So many draws of each ensemble are kept at most, unless the ESS asked for needs more.
+# Largest number of draws kept of each ensemble, unless the ESS asked for needs more.
 _MOST_DRAWS = 25_000
-# Independent points drawn at a time.
+# Number of independent points drawn at a time.
 _STOCK = 512
 
 
 class BlockPlan(NamedTuple):
-    """How a block of steps is stored."""
+    """Length of a block of steps, and which of its steps are stored."""
 
-    draws: int  #: stored draws
-    thin: int  #: steps between them
+    draws: int  #: number of draws stored of each walker
+    thin: int  #: number of steps from one stored draw to the next
 
 
 @dataclass(frozen=True)
 class StoppingRule(Shown):
-    """When to stop sampling.
+    """Rule that decides when sampling stops.
 
-    Every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, or ``max_steps`` are
-    spent.
+    Sampling stops when every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, or
+    when ``max_steps`` are used up.
     """
 
-    ess: float = 1000.0
-    rhat: float = 1.01
-    max_steps: int = 20_000  #: of each ensemble
-    #: steps between the first looks; later ones are further apart, and of a long run not every step
-    #: is stored
+    ess: float = 1000.0  #: smallest effective sample size
+    rhat: float = 1.01  #: largest R-hat
+    max_steps: int = 20_000  #: largest number of steps of each ensemble
+    #: number of steps before the first assessment; later assessments are further apart, and not
+    #: every step of a long run is stored
     block: int = 20
-    discard: float = 0.25  #: share of the stored draws given up as burn-in at every look
-    #: The kept draws must also span this many autocorrelation times, as implied by the smallest
-    #: bulk ESS: an ensemble that has hardly moved can look well mixed.
+    discard: float = 0.25  #: share of the stored draws discarded as burn-in at every assessment
+    #: number of autocorrelation times, estimated from the smallest bulk ESS, that the draws kept
+    #: must span; an ensemble that has hardly moved can otherwise look well mixed
     lengths: float = 6.0
 
     def next_block(self, steps: int) -> BlockPlan:
-        """Return how the block after so many steps is stored; the target does not enter."""
+        """Return the plan of the next block after the given number of steps."""
         blocks = steps / (_BLOCKS_PER_LENGTH * self.block)
         doublings = min(int(np.log2(1.0 + blocks)), _LARGEST_DOUBLING)
         thin = 2 ** max(doublings - _DOUBLINGS_STORED, 0)
@@ -81,22 +83,22 @@ class StoppingRule(Shown):
 
 @dataclass(frozen=True)
 class Assessment:
-    """The worst ESS and R-hat over all parameters."""
+    """Smallest ESS and largest R-hat of all parameters."""
 
-    ess_bulk_min: float
-    ess_tail_min: float
-    rhat_max: float
-    worst: int = 0  #: position of the parameter with the smallest ESS
+    ess_bulk_min: float  #: smallest effective sample size for the mean
+    ess_tail_min: float  #: smallest effective sample size for the tails
+    rhat_max: float  #: largest R-hat
+    worst: int = 0  #: index of the parameter with the smallest ESS
 
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:
-        """Return whether so many walkers in all (0: independent draws) reach the target.
+        """Return whether the draws meet a stopping rule; False if a diagnostic is NaN.
 
-        False where a diagnostic is not a number.
+        ``walkers`` is the number of walkers of all ensembles, or 0 for independent draws.
         """
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
-        """Return the share reached of the sample sizes asked for."""
+        """Return the smallest ratio of a sample size reached to the sample size asked for."""
         shares = [self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess]
         if walkers > 0:
             shares.append(self.ess_bulk_min / (rule.lengths * walkers))
@@ -105,47 +107,48 @@ class Assessment:
 
 @dataclass(frozen=True)
 class Progress:
-    """What a run reports at every look."""
+    """Report of a run each time that its draws are assessed."""
 
-    steps: int
-    max_steps: int
-    target_ess: float
+    steps: int  #: number of steps so far
+    max_steps: int  #: largest number of steps
+    target_ess: float  #: effective sample size asked for
     assessment: Assessment
-    seconds_left: float | None = None  #: an estimate; None while there is nothing to go by
+    seconds_left: float | None = None  #: estimate of the time left [s]; None if unknown
 
 
 @dataclass(frozen=True, eq=False)
 class EnsembleRun:
-    """Draws of a run, and how it went."""
+    """Draws of a run, and how well the run converged."""
 
-    chain: Array  #: (ensembles, draws, d), walker-major
+    #: draws, shape (ensembles, draws, d), with all draws of one walker after each other
+    chain: Array
     assessment: Assessment
-    converged: bool
-    steps: int  #: of each ensemble
-    walkers: int  #: of each ensemble
-    acceptance: float  #: mean acceptance fraction
+    converged: bool  #: whether the stopping rule is met
+    steps: int  #: number of steps of each ensemble
+    walkers: int  #: number of walkers of each ensemble
+    acceptance: float  #: mean share of proposals accepted
 
 
 class WeightedPoints(NamedTuple):
     """Independent points with their importance weights."""
 
-    points: Array  #: (size, d)
-    log_weight: Array  #: ln of target over proposal, (size,)
-    log_target: Array  #: ln of the target density, (size,)
+    points: Array  #: coordinates of the points, shape (size, d)
+    log_weight: Array  #: ln of target density over proposal density, shape (size,)
+    log_target: Array  #: ln of the target density, shape (size,)
 
 
 class Redraw(Protocol):
-    """A source of independent points near the target."""
+    """Source of independent random points from a proposal density near the target density."""
 
     def draw(self, size: int, random: np.random.RandomState) -> WeightedPoints:
-        """Return so many independent points."""
+        """Return ``size`` independent random points with their weights."""
 
     def log_weight(self, points: Array) -> Array:
-        """Return ln of target over proposal at any points, shape (n,)."""
+        """Return ln of target density over proposal density at n points, shape (n,)."""
 
 
 def assess(chain: Array) -> Assessment:
-    """Return the worst diagnostics over the last axis of a chain (chains, draws, d)."""
+    """Return the worst diagnostics of the d coordinates of a chain, shape (chains, draws, d)."""
     bulk, tail, rhat = diagnose(chain)
     worst = int(np.argmin(np.minimum(bulk, tail)))
     return Assessment(float(bulk.min()), float(tail.min()), float(rhat.max()), worst)
@@ -160,20 +163,24 @@ def run_ensembles(
     progress: Callable[[Progress], None] | None = None,
     redraw: Redraw | None = None,
 ) -> EnsembleRun:
-    """Run one ensemble per start until the rule is met.
+    """Return the run of several ensembles until the stopping rule is met.
 
     Moves are differential evolution, mixed with independent draws from ``redraw``.
 
     Parameters
     ----------
     log_density : callable
-        Maps (n, d) to (n,); −inf is allowed, NaN is not.
+        Function that returns the log density, shape (n,), at points of shape (n, d). It may be −inf
+        but not NaN.
     starts : array, shape (ensembles, walkers, d)
+        Starting points of the walkers.
     rule : StoppingRule
-        Most looks assess only the coordinate that was worst at the look before.
+        Rule that decides when to stop. Most assessments consider only the coordinate that was worst
+        before; all are considered before the run ends.
     seed : SeedSequence
+        Seed of the random numbers.
     progress : callable, optional
-        Called with a `Progress` at every look.
+        Called with a `Progress` at every assessment.
     redraw : Redraw, optional
         Source of independent points.
 
@@ -220,7 +227,7 @@ def run_ensembles(
 def _seconds_left(
     assessment: Assessment, rule: StoppingRule, steps: int, walkers: int, elapsed: float
 ) -> float | None:
-    """Return the time until the target is reached at the present pace, or the steps are spent."""
+    """Return the estimated time until the run stops [s], or None if it cannot be estimated."""
     share = assessment.share(rule, walkers=walkers)
     if not share > 0.0:
         return None
@@ -246,10 +253,10 @@ class _Ensemble:
         self._sampler.log_prob_fn = log_density
         twister: Any = np.random.RandomState(seed.generate_state(8)).get_state()
         self._state = emcee.State(start, random_state=twister)
-        self.acceptance = 0.0  #: of the last block
+        self.acceptance = 0.0  #: share of proposals accepted in the last block
 
     def run(self, plan: BlockPlan) -> Array:
-        """Run the next block and return the stored draws, (draws, walkers, d)."""
+        """Return the stored draws of the next block, shape (draws, walkers, d)."""
         self._sampler.reset()
         self._state = self._sampler.run_mcmc(
             self._state, plan.draws, thin_by=plan.thin, skip_initial_state_check=True
@@ -261,7 +268,7 @@ class _Ensemble:
 
 
 def _moves(redraw: Redraw | None) -> list[tuple[Any, float]]:
-    """Return the moves of an ensemble, each with its share."""
+    """Return the kinds of moves of an ensemble, each with its share of all moves."""
     moves = [
         (emcee.moves.DEMove(), 1.0 - _JUMP_SHARE),
         (emcee.moves.DEMove(gamma0=1.0), _JUMP_SHARE),
@@ -273,16 +280,17 @@ def _moves(redraw: Redraw | None) -> list[tuple[Any, float]]:
 
 
 class _StoredBlock(NamedTuple):
-    """Stored draws of all ensembles."""
+    """Stored draws of all ensembles from one block of steps."""
 
-    thin: int  #: steps between draws
-    draws: Array  #: (ensembles, draws, walkers, d)
+    thin: int  #: number of steps from one stored draw to the next
+    draws: Array  #: draws, shape (ensembles, draws, walkers, d)
 
 
 def _kept_draws(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
-    """Return the draws after burn-in, (ensembles, draws, d), walker-major.
+    """Return the draws after burn-in, shape (ensembles, draws, d).
 
-    Their spacing is that of the last block, wider where there are very many.
+    All draws of one walker follow each other. The number of steps between them is that of the last
+    block, or larger if there are very many draws.
     """
     spacing = blocks[-1].thin
     evenly_spaced = []
@@ -299,21 +307,21 @@ def _kept_draws(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
 
 
 class RedrawMove:
-    """Independent proposals for all walkers (Tierney 1994).
+    """Move of emcee that proposes an independent point to every walker (Tierney 1994).
 
-    A proposal is accepted with probability min(1, ratio of weights, there over here); a weight is
-    target over proposal.
+    The weight of a point is its target density over its proposal density. A proposal is accepted
+    with probability min(1, weight of the proposed point / weight of the present point).
     """
 
     def __init__(self, redraw: Redraw) -> None:
         self._redraw = redraw
         self._stock: WeightedPoints | None = None
-        # Of the state after the last proposal: walkers, and their log weights.
+        # Coordinates of all walkers after the last proposal, and their log weights.
         self._last_coordinates = np.zeros(0)
         self._last_log_weight = np.zeros(0)
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Return the next state of the ensemble, and whose proposals were accepted."""
+        """Return the next state of the ensemble, and which walkers accepted their proposals."""
         walkers = len(state.coords)
         log_weight = self._log_weight_of(state.coords)
         proposed = self._take(walkers, model.random)
@@ -326,7 +334,10 @@ class RedrawMove:
         return state, accepted
 
     def _log_weight_of(self, coordinates: Array) -> Array:
-        """Return log weights of the walkers; new ones only where another move displaced them."""
+        """Return the log weights of all walkers.
+
+        They are computed anew only for walkers that another move has displaced.
+        """
         displaced = np.ones(len(coordinates), dtype=bool)
         if self._last_coordinates.size:
             displaced = (coordinates != self._last_coordinates).any(axis=1)
@@ -336,7 +347,7 @@ class RedrawMove:
         return log_weight
 
     def _take(self, size: int, random: np.random.RandomState) -> WeightedPoints:
-        """Return so many points from the stock, which is filled as needed."""
+        """Return ``size`` points from the stock of independent points, refilled as needed."""
         stock = self._stock
         while stock is None or len(stock.points) < size:
             fresh = self._redraw.draw(_STOCK, random)
