@@ -1,4 +1,7 @@
-"""Find further tests that would separate what no reading of a campaign separates."""
+"""Find further tests that would resolve the degeneracies of a campaign.
+
+A degeneracy is a combination of coefficients that no reading resolves.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +18,15 @@ from ldbb_bayes.model.hybrid import BoundModel
 
 __all__ = ["Cure", "cures"]
 
-# Arcs below this angle are not full circles [°].
+# A test whose arc is below this angle is not a full circle [°].
 _FULL_CIRCLE_DEG = 355.0
-# Fewer different angles than these do not resolve the orders of a circle.
+# Fewer different angles than this do not resolve the Fourier orders of a circle.
 _FEWEST_ANGLES = 36
-# Angles of the full circles that are tried [°].
+# Angles of the full circles that are tried as further tests [°].
 _FULL_CIRCLE_ANGLES_DEG = np.arange(120) * 3.0
-# Decimals of an angle [°] to which repeated angles count as one.
+# Angles [°] that agree to this number of decimals count as one.
 _ANGLE_DECIMALS = 6
-# Turns of a ball that separate its form from the machine, besides none [°].
+# Angles by which a ball is turned, to separate its form error from the machine [°].
 _CLOCKINGS_DEG = (45.0, 90.0)
 # Forces that are tried, as shares of the lowest and of the highest force.
 _LOWER_FORCE_SHARE = 0.5
@@ -33,7 +36,7 @@ _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
 
 
 class Cure(StrEnum):
-    """What would separate a degeneracy's members: further tests, or a calibration."""
+    """Remedy that would resolve a degeneracy: further tests, or a calibration."""
 
     FORCES = "forces"
     WORK_BALL = "work ball"
@@ -46,17 +49,17 @@ class Cure(StrEnum):
 
 
 def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
-    """Return for each degeneracy what would end it.
+    """Return the remedies that would resolve each degeneracy.
 
-    Tests are tried by adding them to the plan and looking for the degeneracy again; a nuisance can
-    always be calibrated.
+    Further tests are tried by adding them to the plan and looking for the degeneracy again. A
+    degeneracy with a nuisance can always be resolved by a calibration.
 
     Parameters
     ----------
     bound
         Model bound to a campaign or plan.
     aliases
-        Its `degeneracies`.
+        The `degeneracies` of the bound model.
     """
     plan = bound.campaign.plan()
     remaining_after: dict[Cure, tuple[Degeneracy, ...]] = {}
@@ -86,7 +89,7 @@ def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
 
 
 def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
-    """Return whether both have the nuisance in one pattern, or share two parameters."""
+    """Return whether two degeneracies have the same kind of nuisance, or share two parameters."""
     if degeneracy.term != candidate.term:
         return False
     if degeneracy.term:
@@ -101,7 +104,7 @@ def _pattern(nuisance: str) -> str:
 
 
 def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
-    """Return tests that can be added to a plan, by what is new about them."""
+    """Return tests that can be added to a plan, by remedy."""
     further = {
         Cure.FORCES: _at_other_forces(plan),
         Cure.WORK_BALL: _clocked(plan, work_ball=True),
@@ -121,7 +124,7 @@ def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
 
 
 def _at_other_forces(plan: Campaign) -> list[CircularTest]:
-    """Return the test of the lowest force at a lower force and at one above the highest."""
+    """Return the test of the lowest force, at a lower force and at one above the highest."""
     forces = plan.forces_N
     first = plan.tests[int(forces.argmin())]
     lower = round(_LOWER_FORCE_SHARE * float(forces.min()), 3)
@@ -132,7 +135,7 @@ def _at_other_forces(plan: Campaign) -> list[CircularTest]:
 def _clocked(
     plan: Campaign, *, work_ball: bool = False, tool_ball: bool = False
 ) -> list[CircularTest]:
-    """Return all tests again with balls clocked further."""
+    """Return copies of all tests with balls turned further."""
     tests = []
     for test in plan.tests:
         for turn in _CLOCKINGS_DEG:
@@ -148,7 +151,7 @@ def _clocked(
 
 
 def _at_other_radius(plan: Campaign) -> list[CircularTest]:
-    """Return all tests again at two thirds of the radius."""
+    """Return copies of all tests at two thirds of the radius."""
     first = plan.tests[int(plan.forces_N.argmin())]
     radius = float(first.radius_mm or plan.radius_mm)
     other_radius = round(radius * 2.0 / 3.0, 1)

@@ -1,4 +1,4 @@
-"""Circularity of the readings as they are, balls, bar and mount included."""
+"""Circularity of the readings as measured, with the errors of balls, bar and mount."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["measured_circularity"]
 
-# From this arc on a circle is full: squareness and scale mismatch can be read from it.
+# From this arc on a circle counts as full, so that it shows squareness and scale mismatch.
 _FULL_CIRCLE_DEG = 350.0
 
 
 def measured_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return circular-test quantities of the readings as they are, balls, bar and mount included.
+    """Return circular-test quantities of the readings, errors of the instrument included.
 
     Parameters
     ----------
     posterior : DataTree or Campaign
-        Nothing of a fit enters.
+        Campaign, or posterior whose campaign is used; the fit is not used.
 
     Returns
     -------
@@ -131,7 +131,7 @@ def _pairs(tests: Sequence[CircularTest]) -> list[_Pair]:
 
 
 def _same_place(test: CircularTest, other: CircularTest) -> bool:
-    """Say whether two tests have the same circle, force, set-up and clocking."""
+    """Return whether two tests have the same circle, force, set-up and clocking."""
     return (
         test.circle == other.circle
         and test.force_N == other.force_N

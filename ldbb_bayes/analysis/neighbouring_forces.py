@@ -1,10 +1,12 @@
 """Local fits: constant compliance and geometry at every two neighbouring force levels.
 
-What varies from pair to pair is what a slope would have to explain. For every pair both the paper's
-least squares (Tables 7 and 8) and the posterior with nuisances. Pairs overlap and share ball form,
-bar length and mount: neighbouring estimates err together, so the scatter of the points says less
-than their bars seem to. Geometry is free in every pair, which therefore estimates the tangent
-d(F C)/dF = C + F dC/dF, not C(F) itself: the two are one only where compliance is constant.
+A slope would have to explain the variation from pair to pair. Each pair is fitted by the paper's
+least squares (Tables 7 and 8), and by the posterior of the model with nuisances (effects that are
+modelled but not of interest). Pairs overlap and share ball form, bar length and mount, so that the
+errors of their estimates are correlated and the points scatter less than their error bars suggest.
+Geometric errors are fitted anew in every pair. A pair therefore estimates the tangent
+d(F C)/dF = C + F dC/dF, which equals the compliance C(F) only where it does not change with the
+force F.
 """
 
 from __future__ import annotations
@@ -43,10 +45,11 @@ def local_fits(
     Parameters
     ----------
     model : HybridModel
-        Nuisances and priors; its degree is set to 0. What belongs to the campaign (two balls, Ĉ)
-        stays the campaign's.
+        Model with nuisances and priors; its degree is set to 0. Properties that depend on the
+        campaign (number of ball forms, estimate Ĉ of the compliances) are those of the whole
+        campaign.
     campaign : Campaign
-        With readings.
+        Campaign with readings.
     ci_prob : float
         Probability of the equal-tailed credible intervals.
     seed : int
@@ -57,7 +60,7 @@ def local_fits(
     DataFrame
         One row per pair and parameter: force_low_N, force_high_N, force_N (mean of the pair's
         tests), tests, parameter, unit, least_squares, least_squares_u (white noise alone; not a
-        number where the pair does not determine it), mean, sd, ci_low, ci_high; in inside units.
+        number where the pair does not determine it), mean, sd, ci_low, ci_high; in internal units.
 
     Raises
     ------
@@ -67,7 +70,7 @@ def local_fits(
     check_campaign(campaign)
     check_comparable(model, campaign)
     check_probability(ci_prob)
-    # Two circles cannot show which one scatters more.
+    # Two circles cannot show which of them scatters more.
     constant = model.with_degree(0).without("circle-scale")
     all_tests = constant.bind(campaign)
     levels = np.array([0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])

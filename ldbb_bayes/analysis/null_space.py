@@ -1,4 +1,4 @@
-"""Find a sparse basis of the directions of a design that no reading can resolve."""
+"""Find a sparse basis of the combinations of coefficients that no reading can resolve."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EXACT_SHARE", "NullSpace"]
 
-# A vector counts as exact where it moves no reading by more than this share of what its first
-# coefficient moves by itself.
+# A combination counts as unresolved only if it changes no reading by more than this share of what
+# its first coefficient changes alone.
 EXACT_SHARE = 0.05
-# Coefficients whose effect is below such a share of the largest are dropped, coarsest share first.
+# Coefficients with an effect below a share of the largest are dropped; these shares are tried.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
-# A sparse vector may move the readings by at most this share of the limit.
+# A sparse combination may change the readings by at most this share of the limit.
 _SPARSE_LIMIT_SHARE = 0.5
 # A preferred pivot must have a longer row of the null space than this, other pivots projected out.
 _LEAST_PIVOT_LENGTH = 0.05
@@ -25,7 +25,7 @@ _LENGTH_DECIMALS = 6
 
 
 class NullSpace:
-    """Directions of scaled coefficients that move no reading by more than a limit.
+    """Combinations of scaled coefficients that change no reading by more than a limit.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class NullSpace:
         return basis
 
     def _imitation(self, target: int, imitators: NDArray[np.intp]) -> Array | None:
-        """Return one unit of the target and the imitators that undo it, or None if they cannot."""
+        """Return a unit of a coefficient and others that cancel it in the readings, or None."""
         solved = np.zeros(self.scaled.shape[1])
         solution = np.linalg.lstsq(
             self._triangle[:, imitators], self._triangle[:, target], rcond=_RANK_TOLERANCE

@@ -1,4 +1,4 @@
-"""Tolerances: which quantities may have one, and reading them from texts with a unit."""
+"""Tolerances: the quantities that may have one, and reading them from texts with a unit."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ __all__ = [
 _UPPER = ("upper",)
 _LOWER = ("lower",)
 _BOTH = ("lower", "upper")
-# Quantities of the machine's path, and the side that a single number limits.
+# Quantities of the machine's circular path, and the side that a tolerance of one number limits.
 PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
-# Deflection and tilt under their own force and moment: cannot be negative.
+# Names of direct compliances: deflection along a force, or tilt about a moment, never negative.
 _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
 _NEVER_NEGATIVE = re.compile(_DIRECT_COMPLIANCE.pattern + r"|stiffness_.|G(_..)?")
-# The forces at which C(F) may be stated: these shares of the least and of the largest tested.
+# C(F) may be stated between these multiples of the smallest and of the largest force tested.
 _LEAST_FORCE_SHARE = 0.1
 _LARGEST_FORCE_SHARE = 1.5
 # Signs before a number, and the sides that they limit.
@@ -45,10 +45,10 @@ _UNIT_CHARACTER = re.compile(r"[^\W\d]|[%°]")
 
 @dataclass(frozen=True)
 class Tolerance(Shown):
-    """What a quantity may be, limits included, in inside units (mm, N, rad)."""
+    """Limits of a quantity, themselves allowed, in internal units (mm, N, rad)."""
 
-    lower: float | None = None  #: limit; None: no limit on that side
-    upper: float | None = None  #: limit; None: no limit on that side
+    lower: float | None = None  #: lower limit; None where there is none
+    upper: float | None = None  #: upper limit; None where there is none
 
     def __post_init__(self) -> None:
         low, high = self.ends
@@ -64,7 +64,7 @@ class Tolerance(Shown):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Both limits, infinite where there is none."""
+        """Lower and upper limit, infinite where there is none."""
         return (
             -np.inf if self.lower is None else self.lower,
             np.inf if self.upper is None else self.upper,
@@ -73,21 +73,21 @@ class Tolerance(Shown):
 
 @dataclass(frozen=True)
 class Quantity:
-    """What may have a tolerance: its unit, and the sides that a single number limits."""
+    """A quantity that may have a tolerance: its unit, and the sides that a single number limits."""
 
     unit: str
     sides: tuple[str, ...]
 
 
 def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[str, Quantity]:
-    """Return what may have a tolerance, by name.
+    """Return the quantities that may have a tolerance, by name.
 
     Parameters
     ----------
     units : mapping of str to str
         Units of the parameters, by name.
     planes : collection of str
-        The planes in which the machine's path may have a tolerance.
+        The planes in which the machine's circular path may have a tolerance.
     """
     by_name = {}
     for name, unit in units.items():
@@ -108,7 +108,7 @@ def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[s
 
 
 def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
-    """Return what may have a tolerance in a bound model, by name."""
+    """Return the quantities of a bound model that may have a tolerance, by name."""
     units = {parameter.name: parameter.unit for parameter in bound.parameters}
     return quantities(units, bound.setting.planes)
 
@@ -116,11 +116,12 @@ def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
 def tolerances_in(
     known: Mapping[str, Quantity], given: Mapping[str, str | Tolerance]
 ) -> dict[str, Tolerance]:
-    """Return tolerances by name: texts with a unit read, names and limits checked.
+    """Return tolerances by name, after reading texts with a unit and checking names and limits.
 
-    ``60 nm/N`` is an upper limit of what cannot be negative, of a stiffness a lower one
-    (``18 N/µm``), of anything else ±; ``−20..40 µrad`` is both, and ``≤``, ``≥`` or ``±`` before a
-    number say which.
+    A single number such as ``60 nm/N`` is the upper limit of a quantity that cannot be negative. It
+    is the lower limit of a stiffness (``18 N/µm``), and both limits (±) of any other quantity. A
+    text such as ``−20..40 µrad`` gives both limits; ``≤``, ``≥`` or ``±`` before a number says
+    which limit it is.
     """
     tolerances = {}
     for stated_name, stated in given.items():
@@ -144,7 +145,7 @@ def tolerances_in(
 
 
 def check_force(campaign: Campaign, force_N: float | None) -> None:
-    """Refuse a force far from those tested, at which nothing can be stated; None passes."""
+    """Refuse a force too far from those tested to state anything at it; None is allowed."""
     if force_N is None:
         return
     least = float(campaign.forces_N.min())
@@ -180,7 +181,7 @@ def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
 
 
 def _read_range(subject: str, text: str, lower: str, upper: str, inside_unit: str) -> Tolerance:
-    """Read both limits; a lower one without unit has that of the upper."""
+    """Read both limits; a lower limit without unit has the unit of the upper limit."""
     if not _UNIT_CHARACTER.search(_EXPONENT.sub("", lower)):
         lower += _NUMBER.sub("", upper)
     low = to_inside(lower, inside_unit, subject)
