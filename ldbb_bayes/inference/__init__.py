@@ -1,1 +1,1 @@
-"""What follows: the posterior, its diagnostics and its predictions."""
+"""Inference from readings: the posterior, its diagnostics, its evidence and its predictions."""

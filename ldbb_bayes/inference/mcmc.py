@@ -31,7 +31,7 @@ __all__ = [
     "run_ensembles",
 ]
 
-# Number of blocks of one length, in units of the first length, before blocks double in length.
+# Number of blocks of one length before blocks double in length.
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that blocks double in length.
 _LARGEST_DOUBLING = 5

@@ -193,7 +193,7 @@ class HyperPosterior:
         tolerance : float
             Error asked for [nat].
         orthant : callable, optional
-            Function that takes indices of nodes and returns the `Orthant` from which P(T | y, φ)
+            Function that takes indices of nodes and returns the problems from which P(T | y, φ)
             is computed there. By default it is computed from the nodes.
         bounded : bool
             Whether ``integral`` already contains the upper bound of P(T | y, φ), which is then
@@ -261,7 +261,7 @@ class HyperPosterior:
 
     @cached_property
     def sample_nodes(self) -> Integral:
-        """Points of `proposal` with P(T | y, φ) itself instead of its upper bound."""
+        """Points of ``proposal`` with P(T | y, φ) itself instead of its upper bound."""
         return self._replace_bound(self.proposal)
 
     def _replace_bound(self, integral: Integral) -> Integral:
