@@ -1,4 +1,4 @@
-"""Columns of the machine's model on the circle of one test, at any force."""
+"""Columns of the design matrix for the circle of one test, at any force."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ __all__ = [
 
 # Angles at which paths are stated, 0°, 1° … 359°.
 ANGLE_RAD = np.arange(360) * (np.pi / 180.0)
-# Places of cos 2θ and sin 2θ among the coefficients of the basis.
+# Indices of cos 2θ and sin 2θ among the Fourier coefficients.
 COS2, SIN2 = harmonic_index(2)
 
 
 class MachineColumns(NamedTuple):
-    """Columns of the parameters on one circle."""
+    """Fourier coefficients of one circle per unit of each parameter."""
 
-    elastic: Array  #: of compliances and slopes (25, p)
-    geometric: Array  #: of geometric errors (25, p)
+    elastic: Array  #: columns of compliances and slopes, shape (25, p)
+    geometric: Array  #: columns of geometric errors, shape (25, p)
 
 
 class SecondOrderFactors(NamedTuple):
-    """What the second harmonic of a circle stands for [µm/m per µm]."""
+    """Scale mismatch and squareness per second harmonic of a circle [µm/m per µm]."""
 
-    scale_mismatch: float  #: per cos 2θ
-    squareness: float  #: per sin 2θ
+    scale_mismatch: float  #: scale mismatch per amplitude of cos 2θ
+    squareness: float  #: squareness per amplitude of sin 2θ
 
 
 def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns:

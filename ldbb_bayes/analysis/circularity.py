@@ -1,7 +1,8 @@
-"""Circular-test quantities in the sense of ISO 230-4, of the machine's own path.
+"""Circular-test quantities of ISO 230-4 for the machine's own tool path, without the instrument.
 
-Radial deviations are small beside R: a shift of the centre by (a, b) takes a cos θ + b sin θ from
-them (to e²/2R: 0.01 µm for a circle 50 µm off centre).
+Radial deviations are small compared with the radius R, so that a shift of the centre by (a, b)
+lowers them by a cos θ + b sin θ. The error of this approximation is e²/2R for an eccentricity e:
+0.01 µm for a circle that is 50 µm off centre.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ __all__ = [
     "summarise_draws",
 ]
 
-# Units of the quantities of every path, of planes run both ways, and of minimum zones.
+# Units of the quantities of every tool path, of planes run both ways, and of minimum zones.
 QUANTITIES = {
     "G": "µm",
     "F_max": "µm",
@@ -57,9 +58,9 @@ QUANTITIES = {
 }
 BIDIRECTIONAL = {"G_b": "µm", "D": "µm"}
 MINIMUM_ZONES = {"G_minimum_zone": "µm", "G_b_minimum_zone": "µm"}
-# Coefficients of the basis without radius and centre.
+# Indices of the Fourier coefficients other than radius and centre.
 _CENTRED = np.arange(SIZE) >= 3
-# Names of the hysteresis's coefficients: constant, and proportional to the force.
+# Names of the coefficients of hysteresis: the constant part, and that proportional to force.
 _CONSTANT_HYSTERESIS = re.compile(r"hysteresis_(?!force)")
 _PROPORTIONAL_HYSTERESIS = re.compile("hysteresis_force")
 
@@ -72,17 +73,17 @@ def circularity(
     ci_prob: float = 0.95,
     draws: int = 2000,
 ) -> pd.DataFrame:
-    """Return circular-test quantities of the machine's own path, with credible intervals.
+    """Return circular-test quantities of the machine's own tool path, with credible intervals.
 
     Parameters
     ----------
     posterior : DataTree
     forces_N : sequence of float
-        Default: 0 (geometry alone) and the tested forces.
+        Forces of the bar; default: 0 (geometric errors alone) and the tested forces.
     ci_prob : float
         Probability of the intervals.
     draws : int
-        Draws of the posterior, evenly picked.
+        Number of posterior draws used, evenly spaced among all.
 
     Returns
     -------
@@ -106,16 +107,16 @@ def circularity(
 
 
 class PathDraws(NamedTuple):
-    """Draws of the quantities of a path in one plane at one force."""
+    """Posterior draws of the quantities of a tool path in one plane at one force."""
 
     place: dict[str, Any]  #: plane, radius_mm and force_N
-    quantities: dict[str, Array]  #: by the names of `circularity`, each (draws,)
+    quantities: dict[str, Array]  #: draws by the names of `circularity`, shape (draws,) each
 
 
 def path_draws(
     posterior: xr.DataTree, forces_N: Sequence[float] = (), draws: int = 2000
 ) -> Iterator[PathDraws]:
-    """Yield draws of every quantity of `circularity`, by plane and force."""
+    """Yield posterior draws of every quantity of `circularity`, for each plane and force."""
     bound = bound_of(posterior)
     draws_of_models = model_draws_of(posterior, draws)
     hysteresis = _draw_hysteresis(bound, draws_of_models)
@@ -139,7 +140,7 @@ def path_draws(
 
 
 def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Array]:
-    """Return the quantities of one path, from coefficients of the basis (draws, 25)."""
+    """Return the quantities of one tool path from Fourier coefficients, shape (draws, 25)."""
     factors = second_order_factors(bound, r)
     trace = np.where(_CENTRED, path_um, 0.0) @ basis(ANGLE_RAD).T
     return {
@@ -175,10 +176,10 @@ def summarise_draws(values: Array, ci_prob: float) -> dict[str, float]:
 
 
 class _Hysteresis(NamedTuple):
-    """Half the difference of the two directions, draws of coefficients of the basis."""
+    """Half the difference between the directions of travel, as draws of Fourier coefficients."""
 
-    constant: Array  #: (draws, 25) [mm]
-    proportional: Array  #: (draws, 25) [mm/N]
+    constant: Array  #: part independent of force, shape (draws, 25) [mm]
+    proportional: Array  #: part proportional to force, shape (draws, 25) [mm/N]
 
     def at_force(self, force_N: float) -> Array:
         return self.constant + force_N * self.proportional
@@ -187,7 +188,7 @@ class _Hysteresis(NamedTuple):
 def _draw_hysteresis(
     bound: BoundModel, draws_of_models: Sequence[ModelDraws]
 ) -> dict[str, _Hysteresis]:
-    """Draw the hysteresis of every plane run both ways, of all models one after the other."""
+    """Return random draws of hysteresis for each plane run both ways, model after model."""
     if not bound.setting.both_ways:
         return {}
     by_model = [_draw_hysteresis_of_model(model_draws) for model_draws in draws_of_models]

@@ -25,9 +25,9 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["COMPLIANCE", "DRAWS", "GEOMETRY", "TOGETHER", "contribution_paths", "contributions"]
 
-# Draws of the posterior behind the contributions.
+# Number of posterior draws from which contributions are computed.
 DRAWS = 2000
-# Names of the sources that are sums of others.
+# Names of the sources that are sums of other sources.
 TOGETHER = "compliance and geometry"
 COMPLIANCE = "compliance"
 GEOMETRY = "geometry"

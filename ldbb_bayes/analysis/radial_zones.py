@@ -12,17 +12,17 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Zone", "least_squares_zone", "minimum_zone_width"]
 
-# A centre and a radius need three angles.
+# Three angles are needed to determine a centre and a radius.
 _FEWEST_ANGLES = 3
 
 
 @dataclass(frozen=True)
 class Zone:
-    """A path about the centre of its least-squares circle, in the unit of the deviations."""
+    """Radial deviations of a tool path about the centre of its least-squares circle."""
 
     lower: float  #: smallest radial deviation from the nominal radius
-    upper: float  #: largest radial deviation
-    mean: float  #: of the least-squares circle
+    upper: float  #: largest radial deviation from the nominal radius
+    mean: float  #: mean radial deviation, that of the least-squares circle
 
     @property
     def width(self) -> float:
@@ -42,9 +42,10 @@ def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
 
 
 def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
-    """Return the width of the zone about the centre that makes it narrowest.
+    """Return the width of the minimum zone, about the centre that makes it narrowest.
 
-    A linear programme, solved exactly: lower ≤ ρ − a cos θ − b sin θ ≤ upper for the centre (a, b).
+    It is the solution of a linear programme: upper − lower is smallest subject to
+    lower ≤ ρ − a cos θ − b sin θ ≤ upper, for radial deviations ρ and the centre (a, b).
     """
     columns = _circle_columns(angle_rad, deviation)
     scale = max(float(np.abs(deviation).max()), np.finfo(float).tiny)
@@ -71,7 +72,7 @@ def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
 
 
 def _circle_columns(angle_rad: Array, deviation: Array) -> Array:
-    """Return the columns of radius and centre, shape (n, 3)."""
+    """Return the design matrix of radius and centre at n angles, shape (n, 3)."""
     require(
         len(deviation) >= _FEWEST_ANGLES and len(angle_rad) == len(deviation),
         f"a zone must have at least {_FEWEST_ANGLES} angles with a deviation each, got"

@@ -1,4 +1,4 @@
-"""Whether the numbers of a certificate can be used, and the reasons against it."""
+"""Judge whether the numbers of a certificate can be used, and give reasons against it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ldbb_bayes.results import Result
 __all__ = ["Judgement", "Reason", "ReasonKind", "Use", "is_determined", "state_of"]
 
 
-# A parameter whose u is at least this share of the prior's is hardly determined by the readings.
+# The readings hardly determine a parameter whose u is at least this share of its prior sd.
 _HARDLY_DETERMINED = 0.9
 
 
