@@ -1,8 +1,9 @@
-"""Uniformity of ranks: the band that the empirical distribution of uniform ranks stays inside.
+"""Test whether ranks are uniform: a band for their empirical distribution.
 
-Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and Computing
-32:32 (2022): pointwise binomial intervals, their level adjusted so that all of them hold together
-with the probability asked for. That probability is computed exactly here, level by level.
+The method is that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity,
+Statistics and Computing 32:32 (2022). The band consists of a binomial interval at every rank. The
+probability of the single intervals is adjusted so that all of them hold together with the
+probability asked for; this joint probability is computed exactly.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# Bisections of the pointwise level: to double precision.
+# Number of bisections of the probability of a single interval, to reach double precision.
 _BISECTIONS = 40
 
 
@@ -57,7 +58,7 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     more_than = bdtrc(counts, replicates, level)
 
     def pointwise_intervals(excluded: float) -> tuple[Array, Array]:
-        """Return binomial intervals that leave out less than this probability at every level."""
+        """Return binomial intervals that exclude less than this probability at every rank."""
         lower = (at_most < 0.5 * excluded).sum(axis=0)
         upper = (more_than > 0.5 * excluded).sum(axis=0)
         return lower, upper

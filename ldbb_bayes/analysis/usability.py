@@ -27,7 +27,7 @@ class Use(StrEnum):
 
 
 class ReasonKind(StrEnum):
-    """Why numbers cannot be used, or only with reservation."""
+    """Kind of reason against the use of numbers."""
 
     NOT_CONVERGED = "not-converged"
     MISFIT = "misfit"
@@ -45,14 +45,14 @@ class Reason(Result):
     """One reason why numbers cannot be used, or only with reservation."""
 
     kind: ReasonKind
-    names: tuple[str, ...] = ()  #: of the parameters or tests that it is about
-    #: what parameters that are not determined are confounded with
+    names: tuple[str, ...] = ()  #: names of the parameters or tests concerned
+    #: terms or parameters with which parameters that are not determined are confounded
     partners: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Judgement(Result):
-    """Whether the numbers can be used, and all reasons against it, the gravest first."""
+    """Judgement whether the numbers can be used, and all reasons against it, the gravest first."""
 
     use: Use
     reasons: tuple[Reason, ...] = ()
@@ -61,7 +61,7 @@ class Judgement(Result):
 def is_determined(entry: ParameterIdentifiability) -> bool:
     """Return whether the readings determine a parameter.
 
-    It is identified, or its u is at most a third of what the prior says.
+    They do where it is identified, or where its u is at most a third of its prior sd.
     """
     return entry.verdict == Verdict.IDENTIFIED or not entry.contraction < _HARDLY_DETERMINED
 
@@ -75,20 +75,21 @@ def state_of(
 ) -> Judgement:
     """Return whether the numbers of a certificate can be used.
 
-    Not: where the sampler missed its target, the model does not expect the readings, or these
-    contradict non-negative compliance. With reservation: where what is stated is hardly determined
-    by the readings, rests on the prior, noise is above what its prior expects, forces are too few
-    for the degree, or the answer of the comparison hangs on assumptions.
+    They cannot be used where the sampler missed its target, the model does not expect the readings,
+    or the readings contradict non-negative compliances. They can be used with reservation where the
+    readings hardly determine a stated parameter, a result depends on the prior, the noise is larger
+    than its prior expects, there are too few forces for the degree, or the result of the comparison
+    depends on assumptions.
 
     Parameters
     ----------
     fit : Fit
     verdicts : mapping of str to ParameterIdentifiability
-        By parameter.
+        Verdicts by parameter.
     stated : collection of str
         The parameters on the certificate.
     comparison : Comparison, optional
-        Of models, where the certificate states one.
+        Comparison of models, where the certificate states one.
     """
     grave = _grave_reasons(fit)
     reservations = _reservations(fit, verdicts, stated)
@@ -103,7 +104,7 @@ def state_of(
 
 
 def _grave_reasons(fit: Fit) -> list[Reason]:
-    """Return why the numbers cannot be used."""
+    """Return the reasons why the numbers cannot be used."""
     reasons = []
     if fit.state == State.UNUSABLE:
         reasons.append(Reason(ReasonKind.NOT_CONVERGED))
