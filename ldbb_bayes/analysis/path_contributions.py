@@ -53,10 +53,11 @@ def contributions(
     Returns
     -------
     DataFrame
-        One row per plane and source: the two together, compliance, geometry, every compliance (its
-        slope included) and every geometric error; radius_mm, force_N; maximum, minimum and
-        peak_to_peak of the mean path; median, sd, ci_low and ci_high of the peak-to-peak. Where a
-        source is hardly known its median exceeds the peak-to-peak of its mean, which may be zero.
+        One row per plane and source. Sources are all effects together, all compliances, all
+        geometric errors, every compliance (its slope included) and every geometric error. Columns
+        are radius_mm and force_N; maximum, minimum and peak_to_peak of the mean contribution; and
+        median, sd, ci_low and ci_high of the peak-to-peak. For a source that is hardly known, the
+        median exceeds the peak-to-peak of the mean contribution, which may be zero.
     """
     check_probability(ci_prob)
     bound = bound_of(posterior)

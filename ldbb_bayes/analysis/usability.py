@@ -14,7 +14,8 @@ from ldbb_bayes.results import Result
 __all__ = ["Judgement", "Reason", "ReasonKind", "Use", "is_determined", "state_of"]
 
 
-# The readings hardly determine a parameter whose u is at least this share of its prior sd.
+# The readings hardly determine a parameter with a contraction 1 − Var(β | y) / Var(β) below this:
+# its u is then more than about a third of its prior sd.
 _HARDLY_DETERMINED = 0.9
 
 
