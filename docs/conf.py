@@ -295,9 +295,8 @@ def comments() -> dict[tuple[str, str], str]:
     return found
 
 
-@cache
 def kinds() -> dict[str, type]:
-    """Classes of the package by name."""
+    """Classes by name, of those modules of the package that are imported by now."""
     modules = [module for name, module in sys.modules.items() if name.startswith("ldbb_bayes.")]
     return {
         name: own
