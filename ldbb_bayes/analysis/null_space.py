@@ -71,7 +71,7 @@ class NullSpace:
     def _independent_vectors(
         self, columns: NDArray[np.intp], *, preferred: NDArray[np.bool_]
     ) -> dict[int, Array]:
-        """Return a basis of the null space of some columns, by pivot."""
+        """Return a basis of the null space of these columns: a vector for each pivot column."""
         pivots = columns[_choose_pivots(self._orthonormal_basis(columns), preferred)]
         imitators = np.setdiff1d(columns, pivots)
         basis = {}

@@ -35,8 +35,8 @@ _MINIMUM_ARC_DEG = 180.0
 _LARGEST_READING_MM = 100.0
 # A circle counts as full if its largest gap between angles is at most so many median steps.
 _ORDINARY_GAP = 3.0
-# Forces that differ by less than this share of the largest count as the same: a regulator repeats
-# a force no better.
+# Forces count as the same if they differ by less than this fraction of the largest force: a
+# pressure regulator does not repeat a force more closely.
 _SAME_FORCE_SHARE = 1e-3
 # Relative tolerance within which steps of the angle count as equal, and an arc as one turn.
 _EVEN_TOLERANCE = 1e-6

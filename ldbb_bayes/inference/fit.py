@@ -37,8 +37,8 @@ __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 
 # Power-scaling sensitivity above which a posterior moves with the prior (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
-# A failing check of an order matters if leaving its test out changes a parameter by more than this
-# [u].
+# A failing check of a harmonic order matters if leaving out the test changes a parameter by more
+# than this number of standard uncertainties.
 _LARGEST_SHIFT = 0.5
 # A failing check of noise matters if the noise found widens an interval by more than this share.
 _LARGEST_WIDENING = 0.1
@@ -245,7 +245,7 @@ def assess_fit(
 
 
 def _quality(bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Array) -> FitQuality:
-    """Return the quality of fit of the mean prediction, averaged over models by their shares."""
+    """Return the quality of fit of the mean prediction, averaged over models."""
     predictions = []
     for share, draws in zip(shares, draws_by_model, strict=True):
         thinned = draws.thinned(int(np.ceil(share * _QUALITY_DRAWS)))
@@ -258,7 +258,7 @@ def _quality(bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Ar
 def _average_checks(
     draws_by_model: Sequence[ModelDraws], shares: Array, rng: np.random.Generator
 ) -> dict[str, TestChecks]:
-    """Return the posterior predictive checks of each test, averaged over models by their shares."""
+    """Return the posterior predictive checks of each test, averaged over models."""
     checks = []
     for share, draws in zip(shares, draws_by_model, strict=True):
         thinned = draws.thinned(int(np.ceil(share * _CHECKED_DRAWS)))

@@ -464,7 +464,7 @@ class Nodes:
         """Return quantiles of β, shape (levels, p).
 
         They are the quantiles of a mixture of Gaussians p(β | y, φ), with φ picked from the nodes.
-        With truncation, each Gaussian is also given a random draw along the directions that
+        With truncation, each Gaussian is also conditional on a random draw of the components that
         truncation restricts.
         """
         rng = np.random.default_rng(seed)

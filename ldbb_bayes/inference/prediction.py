@@ -125,7 +125,7 @@ def _draw_shared_of_plan(
     beta: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Return the machine plus random draws of shared nuisances for the planned tests [mm].
+    """Return predicted readings of the planned tests: machine and shared nuisances [mm].
 
     The basis coefficients have shape (draws, tests, 25). Nuisances that the measured tests also
     have are drawn from their posterior, others from their prior.

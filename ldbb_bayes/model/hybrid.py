@@ -90,8 +90,8 @@ class HybridModel(Result):
     #: slopes at zero
     degree: int = 1
     nuisances: tuple[Term, ...] = field(default_factory=_default_terms)
-    prior: Prior = field(default_factory=Prior.default)  #: of parameters and hyper-parameters
-    #: F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally
+    prior: Prior = field(default_factory=Prior.default)  #: prior of parameters and hyper-parameters
+    #: Reference force F0 [N]. Default: the middle of the campaign's forces. F0 = 0 gives Eq. 33.
     reference_force_N: float | None = None
     preset: Preset = "default"  #: where the model started from
     #: parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a

@@ -182,9 +182,9 @@ def _sort_nuisances(
 ) -> _Nuisances:
     """Sort nuisances into diagonal noise, shared columns and private columns.
 
-    Private columns are used by a single test. If a circle is an arc (``near_uniform`` is None),
-    only one noise of the basis can be made diagonal: the one with the most basis functions is
-    chosen, and the others become private columns.
+    Private columns are used by a single test. If a test covers an arc only (``near_uniform``
+    is None), a single noise term of basis functions can be made diagonal: the one with the most
+    basis functions is chosen, and the others become private columns.
     """
     noise = [term for term in terms if isinstance(term, BasisNoise)]
     columns = [term for term in terms if isinstance(term, Columns)]

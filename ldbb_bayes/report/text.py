@@ -537,7 +537,7 @@ def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return the cells of a model's elpd minus that of the first model, and of its error."""
+    """Return the difference in elpd to the first model, and its standard error, as two cells."""
     first = comparison.pair[0]
     if name == first:
         return "0", "0"
@@ -606,7 +606,7 @@ def _p_value(p: float) -> str:
 
 @parts_of.register
 def _(design: Design) -> tuple[Passage, ...]:
-    """Return a table of the tests to run, one of the expected uncertainties, and sentences."""
+    """Return tables of the tests to run and of expected uncertainties, and what they mean."""
     heads = [wording.PAGE["tests"].get(name, name) for name in ("force_N", *design.columns)]
     rows = []
     for row in design.table.to_numpy(dtype=object).tolist():

@@ -147,9 +147,10 @@ class Design(Forecast):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns beside the force that describe a test in the tables.
+        """Columns of the table that describe a test, apart from its force.
 
-        They are clockings and radius, and plane, direction and set-up where these differ.
+        They are the clockings of the balls and the radius, and plane, direction and set-up where
+        tests differ in them.
         """
         return tuple(str(column) for column in self.table.columns[1:-1])
 

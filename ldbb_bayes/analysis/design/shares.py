@@ -75,9 +75,9 @@ class Optimum(Shown):
 
     @property
     def excess(self) -> float:
-        """Largest sensitivity relative to the bound, minus one.
+        """Largest sensitivity divided by the bound that it has at the optimum, minus one.
 
-        For a concave Φ no design is better by more than bound · excess.
+        If the criterion is concave, no design exceeds this one by more than bound · excess.
         """
         return float(self.sensitivity.max() / self.bound - 1.0)
 

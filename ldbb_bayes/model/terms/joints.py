@@ -36,7 +36,7 @@ class JointLoad(Term):
     remedy = "Measure the axis' deflection under its own load."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return the columns of this term in the design matrix of a campaign."""
         columns = []
         for axis, estimate in setting.driven_axes():
             values = self._laws(
