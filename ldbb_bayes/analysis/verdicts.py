@@ -1,9 +1,9 @@
 """Judge whether each parameter is identified, prior-limited or confounded.
 
-A parameter is confounded where another effect cannot be told from it. β are the parameters
-(compliances, their slopes and geometric errors), nuisances the effects that are modelled but not of
-interest, and y the readings. A degeneracy is a combination of coefficients that no reading
-resolves.
+A parameter is confounded where the readings cannot separate it from another effect. β are the
+parameters (compliances, their slopes and geometric errors), nuisances the effects that are modelled
+but not of interest, and y the readings. A degeneracy is a combination of coefficients that no
+reading resolves.
 
 Everything is computed for the linear Gaussian model at one value of the hyper-parameters φ (the
 scales of the noise and of other effects), without truncation (the condition that compliances must
