@@ -13,7 +13,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from pkgutil import walk_packages
+from pkgutil import resolve_name, walk_packages
 from typing import Any
 
 from docutils import nodes
@@ -235,8 +235,7 @@ def api(names: str) -> str:
     """What public names are, and their docstrings."""
     rows, lines = {}, ["```{eval-rst}", ".. currentmodule:: ldbb_bayes"]
     for name in names.split():
-        module, _, last = f"ldbb_bayes.{name}".rpartition(".")
-        what: Any = getattr(import_module(module), last)
+        what: Any = resolve_name(f"ldbb_bayes.{name}")
         kind = (
             "module" if inspect.ismodule(what) else "class" if inspect.isclass(what) else "function"
         )
@@ -246,10 +245,10 @@ def api(names: str) -> str:
             .replace("\n", " ")
             .replace("|", "\\|")
         )
-        same = kind == "class" and what.__name__ != last
+        same = kind == "class" and what.__name__ != name.rpartition(".")[2]
         hidden = ["model_config", *getattr(what, "__dataclass_fields__", ())]
         role = "mod" if kind == "module" else "obj"
-        rows[f"{{py:{role}}}`{last} <ldbb_bayes.{name}>`"] = (
+        rows[f"{{py:{role}}}`{name} <ldbb_bayes.{name}>`"] = (
             f"Another name of `{what.__name__}`." if same else first
         )
         lines += [

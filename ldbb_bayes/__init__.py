@@ -10,6 +10,8 @@ from typing import Any
 
 import lazy_loader
 
+from ldbb_bayes.deprecation import NEW_NAMES, warn_of_new_name
+
 __version__ = "0.2.0"
 
 _import_public_name, _names, _public = lazy_loader.attach_stub(__name__, __file__)
@@ -18,6 +20,12 @@ __all__ = ["__version__", *_public]
 
 def __getattr__(name: str) -> Any:
     """Return a public name; the first use also loads the words in which results print."""
+    if name in NEW_NAMES:
+        warn_of_new_name(name)
+        room_name, _, renamed = NEW_NAMES[name].rpartition(".")
+        if room_name:
+            return getattr(_import_public_name(room_name), renamed)
+        name = renamed
     value = _import_public_name(name)
     import ldbb_bayes.report.text  # noqa: F401 - it registers how results are printed
 

@@ -42,7 +42,7 @@ def written() -> dict[Path, str]:
         **spans,
         **{kind.__name__: kind() for kind in Term.kinds.values()},
         "prior": lb.Prior.default(),
-        "rule": lb.StoppingRule(),
+        "rule": lb.inference.StoppingRule(),
         "limit": {
             "half": verdicts.MAJORITY,
             "contracted": verdicts.CONTRACTION_LIMIT,

@@ -15,7 +15,7 @@ makes a part again (`--quick`: fewer) and compares them row by row with those ke
 about all that are kept. The smallest study:
 
     def measure(effort: Effort) -> dict[str, Any]:
-        return {"rmse_um": lb.least_squares(lb.read_campaign(DATA /
+        return {"rmse_um": lb.fit_least_squares(lb.read_campaign(DATA /
         "recovered_experiment")).quality.rmse_um}
 
     run(Study(Path(__file__).resolve().parent, measure))

@@ -27,7 +27,7 @@ ALLOWED = {
 for user in ("report", "fleet", "cli", "app"):
     ALLOWED[user] |= {"reading"}
 ALLOWED["cli"] |= {"app"}  # one command starts the page in the browser
-LEAVES = {"errors", "files", "parallel", "results", "tables", "units"}
+LEAVES = {"deprecation", "errors", "files", "parallel", "results", "tables", "units"}
 FORBIDDEN = {
     "telling",
     "begun",

@@ -23,7 +23,7 @@ from ldbb_bayes.report.wording import cure_words, remedy_words
 
 
 @dataclass(frozen=True)
-class PitchError(lb.Term):
+class PitchError(lb.terms.Term):
     """cos 5θ, sin 5θ in proportion to the radius, the same in all tests: pitch of the screws, with
     a scale of its own."""
 
@@ -32,24 +32,26 @@ class PitchError(lb.Term):
     remedy = "Measure the screws' pitch with a laser."
 
     @property
-    def scales(self) -> tuple[lb.Scale, ...]:
-        return (lb.Scale("pitch", self.scale_um, "π", "pitch error"),)
+    def scales(self) -> tuple[lb.terms.Scale, ...]:
+        return (lb.terms.Scale("pitch", self.scale_um, "π", "pitch error"),)
 
-    def columns(self, setting: Setting) -> tuple[lb.Columns, ...]:
+    def columns(self, setting: Setting) -> tuple[lb.terms.Columns, ...]:
         values = setting.harmonics([5]) * (setting.radius_mm / 150.0)[:, None, None]
-        return (lb.Columns(("pitch_error_cos5", "pitch_error_sin5"), values, np.ones(2), "pitch"),)
+        return (
+            lb.terms.Columns(("pitch_error_cos5", "pitch_error_sin5"), values, np.ones(2), "pitch"),
+        )
 
 
 @dataclass(frozen=True)
-class KnownLobe(lb.Term):
+class KnownLobe(lb.terms.Term):
     """cos 5θ of 3 µm, known to ``sd_um``."""
 
     sd_um: float = 1e-4
 
-    def columns(self, setting: Setting) -> tuple[lb.Columns, ...]:
+    def columns(self, setting: Setting) -> tuple[lb.terms.Columns, ...]:
         sd = np.array([self.sd_um * 1e-3])
         mean = np.array([3e-3])
-        return (lb.Columns(("known_lobe",), setting.harmonics([5])[:, :, :1], sd, mean=mean),)
+        return (lb.terms.Columns(("known_lobe",), setting.harmonics([5])[:, :, :1], sd, mean=mean),)
 
 
 MODEL = lb.HybridModel.first(0).without("ball-form").with_term(PitchError())
@@ -93,7 +95,9 @@ def test_toml_both_ways() -> None:
 def test_fit_finds_it(posterior: Any, campaign: lb.Campaign) -> None:
     """The amplitude that the plain mean of the circles' fifth order has; the scale learnt with
     it."""
-    table = lb.nuisances(posterior).loc[["pitch_error_cos5", "pitch_error_sin5"]]
+    table = lb.inference.summarize_nuisances(posterior).loc[
+        ["pitch_error_cos5", "pitch_error_sin5"]
+    ]
     assert set(table["term"]) == {"PitchError"}
     phase = 5.0 * campaign.tests[0].angles_rad()
     readings = np.mean([test.readings_mm() for test in campaign.tests], axis=0)
@@ -111,7 +115,7 @@ def test_identify_knows_it(campaign: lb.Campaign) -> None:
 
 
 def test_budgets_know_it(posterior: Any) -> None:
-    budgets = lb.budgets(posterior)
+    budgets = lb.analysis.budget_uncertainty(posterior)
     for budget in budgets.values():
         assert -1e-9 <= budget.share("PitchError") < 0.1
     words = remedy_words(replace(budgets["C_XXX"], heaviest="PitchError"))
@@ -147,14 +151,14 @@ def test_an_alias_of_it_is_stated_with_its_cure() -> None:
 
 
 @dataclass(frozen=True)
-class SecondOrder(lb.Term):
+class SecondOrder(lb.terms.Term):
     """cos 2θ, sin 2θ: geometry in another name."""
 
     sd_um: float = 2.0
 
-    def columns(self, setting: Setting) -> tuple[lb.Columns, ...]:
+    def columns(self, setting: Setting) -> tuple[lb.terms.Columns, ...]:
         return (
-            lb.Columns(
+            lb.terms.Columns(
                 ("second_order_cos2", "second_order_sin2"),
                 setting.harmonics([2]),
                 np.full(2, self.sd_um * 1e-3),
@@ -163,27 +167,27 @@ class SecondOrder(lb.Term):
 
 
 def test_a_term_that_is_no_dataclass_is_refused() -> None:
-    class Loose(lb.Term):
+    class Loose(lb.terms.Term):
         pass
 
     message = r"nuisances must be terms, got Loose\. Derive its class from Term"
     refuses(message, lb.HybridModel.first().with_term, Loose())
-    lb.Term.kinds.pop("Loose")
+    lb.terms.Term.kinds.pop("Loose")
 
 
 def test_a_term_with_the_name_of_another_is_refused() -> None:
     module = {"__module__": __name__}
     with pytest.raises(InputError, match="a term must have a name of its own, got BallForm"):
-        dataclasses.make_dataclass("BallForm", [], bases=(lb.Term,), namespace=module)
+        dataclasses.make_dataclass("BallForm", [], bases=(lb.terms.Term,), namespace=module)
 
 
 def test_columns_of_another_shape_are_refused() -> None:
     message = r"columns of a, b must have values of shape \(tests, 25, 2\)"
-    refuses(message, lb.Columns, ("a", "b"), np.zeros((4, 25, 1)), np.ones(2))
+    refuses(message, lb.terms.Columns, ("a", "b"), np.zeros((4, 25, 1)), np.ones(2))
 
 
 def test_one_number_is_the_sd_and_mean_of_all_columns() -> None:
-    columns = lb.Columns(("a", "b"), np.zeros((4, 25, 2)), 2e-3, mean=1)
+    columns = lb.terms.Columns(("a", "b"), np.zeros((4, 25, 2)), 2e-3, mean=1)
     np.testing.assert_array_equal(columns.sd, [2e-3, 2e-3])
     np.testing.assert_array_equal(columns.mean, [1.0, 1.0])
 
@@ -195,7 +199,7 @@ def test_an_unknown_term_of_a_file_is_refused() -> None:
 
 @pytest.mark.slow
 def test_simulation_based_calibration_passes() -> None:
-    validation = lb.validate(MODEL, plan((24,) * 4), replicates=24, draws=49)
+    validation = lb.calibrate(MODEL, plan((24,) * 4), replicates=24, draws=49)
     assert validation.calibrated
     assert "pitch" in json.dumps(validation.as_dict())
 

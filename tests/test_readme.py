@@ -68,7 +68,7 @@ def test_the_layout_reads_a_file(root: Path, tmp_path: Path) -> None:
         "\n".join(["Winkel [°];Messwert", *rows]), encoding="utf-8"
     )
     imported = ldbb_bayes.import_campaign(
-        tmp_path / "Versuch 1.csv", layout=ldbb_bayes.read_layout(tmp_path / "layout.toml")
+        tmp_path / "Versuch 1.csv", layout=ldbb_bayes.reading.read_layout(tmp_path / "layout.toml")
     )
     assert (imported.campaign.tests[0].force_N, imported.campaign.readings) == (36.0, 72)
     for name in ({*Layout.model_fields} | {*TestLayout.__dataclass_fields__}) - {

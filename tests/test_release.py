@@ -80,6 +80,6 @@ def test_an_earlier_name_is_answered_with_a_warning() -> None:
         assert sampler_named("quadrature") == "independent"
     assert sampler_named("joint") == "joint"
     model = lb.HybridModel.default()
-    drift = lb.Drift("temperature")
+    drift = lb.terms.Drift("temperature")
     with pytest.warns(FutureWarning, match="the method 'including' is called 'with_term' now"):
         assert model.including(drift) == model.with_term(drift)

@@ -40,13 +40,13 @@ def posterior(campaign: lb.Campaign) -> xr.DataTree:
 
 
 @pytest.fixture(scope="module")
-def design() -> lb.Design:
+def design() -> lb.analysis.Design:
     return lb.design(lb.HybridModel.paper(0), plan(), tests=3, forces_N=FORCES_N)
 
 
 @pytest.fixture(scope="module")
-def validation() -> lb.Validation:
-    return lb.validate(MODEL, plan((24,) * 3, forces_N=FORCES_N), replicates=10, draws=9)
+def validation() -> lb.analysis.Validation:
+    return lb.calibrate(MODEL, plan((24,) * 3, forces_N=FORCES_N), replicates=10, draws=9)
 
 
 @pytest.fixture(scope="module")
@@ -55,23 +55,23 @@ def machines() -> pd.DataFrame:
 
 
 @pytest.fixture(scope="module")
-def population(machines: pd.DataFrame) -> lb.Population:
-    return lb.population(machines.assign(machine_id=[f"M{k}" for k in range(6)]))
+def population(machines: pd.DataFrame) -> lb.fleet.Population:
+    return lb.fleet.fit_population(machines.assign(machine_id=[f"M{k}" for k in range(6)]))
 
 
-def public_terms() -> list[lb.Term]:
+def public_terms() -> list[lb.terms.Term]:
     terms = []
     for name in lb.__all__:
         kind = getattr(lb, name)
-        if isclass(kind) and issubclass(kind, lb.Term):
+        if isclass(kind) and issubclass(kind, lb.terms.Term):
             terms.append(kind())
     return terms
 
 
-def batch_with_a_failure() -> lb.Batch:
+def batch_with_a_failure() -> lb.fleet.Batch:
     failure = {"campaign": "<b>", "reason": "none"}
     folder = Path("b")
-    return lb.Batch(folder, folder, 2, 1, 1, 0, 0, (failure,), (), 1, 2.0, resumed=False)
+    return lb.fleet.Batch(folder, folder, 2, 1, 1, 0, 0, (failure,), (), 1, 2.0, resumed=False)
 
 
 @pytest.fixture(scope="module")
@@ -87,11 +87,11 @@ def objects_of_campaign(campaign: lb.Campaign) -> list[Any]:
         machine,
         campaign.tests[0].circle,
         lb.Ball(grade="G5"),
-        lb.describe(machine),
-        lb.Layout(forces_N=[36.0]),
-        lb.preview(campaign),
-        lb.uncertainties(campaign),
-        lb.Imported(campaign, lb.Layout(), (), ()),
+        lb.describe_machine(machine),
+        lb.reading.Layout(forces_N=[36.0]),
+        lb.check_campaign(campaign),
+        lb.terms.uncertainties(campaign),
+        lb.reading.Imported(campaign, lb.reading.Layout(), (), ()),
     ]
 
 
@@ -102,15 +102,17 @@ def objects_of_model(campaign: lb.Campaign) -> list[Any]:
         MODEL.bind(campaign),
         MODEL.prior,
         *public_terms(),
-        lb.Columns(("bow_cos5",), np.zeros((3, 25, 1)), np.ones(1)),
-        lb.BasisNoise("kappa", np.ones(25)),
+        lb.terms.Columns(("bow_cos5",), np.zeros((3, 25, 1)), np.ones(1)),
+        lb.terms.BasisNoise("kappa", np.ones(25)),
         lb.identify(MODEL, campaign),
-        lb.StoppingRule(),
-        lb.Evidences(campaign),
+        lb.inference.StoppingRule(),
+        lb.inference.Evidences(campaign),
         MODEL.simulate(campaign, seed=1),
         lb.log_density(MODEL, campaign),
         Gaussian.of(np.zeros(2), np.eye(2)),
-        lb.PopulationPrior(400.0, 6, 6, {"C_XXX": 5e-5}, {"C_XXX": 1e-6}, "0" * 64, "wCAFYXZSt"),
+        lb.fleet.PopulationPrior(
+            400.0, 6, 6, {"C_XXX": 5e-5}, {"C_XXX": 1e-6}, "0" * 64, "wCAFYXZSt"
+        ),
     ]
 
 
@@ -118,25 +120,25 @@ def objects_of_model(campaign: lb.Campaign) -> list[Any]:
 def objects_of_results(
     campaign: lb.Campaign,
     posterior: xr.DataTree,
-    design: lb.Design,
-    validation: lb.Validation,
-    population: lb.Population,
+    design: lb.analysis.Design,
+    validation: lb.analysis.Validation,
+    population: lb.fleet.Population,
     machines: pd.DataFrame,
-    compared: lb.Comparison,
+    compared: lb.analysis.Comparison,
 ) -> list[Any]:
-    conformity = lb.conformity(posterior, {"G": "30 µm", "C_XXX": "80 nm/N"})
-    budgets = lb.budgets(posterior)
+    conformity = lb.assess_conformity(posterior, {"G": "30 µm", "C_XXX": "80 nm/N"})
+    budgets = lb.analysis.budget_uncertainty(posterior)
     return [
-        next(iter(lb.verdicts(posterior).values())),
-        lb.least_squares(campaign),
+        next(iter(lb.analysis.judge_posterior(posterior).values())),
+        lb.fit_least_squares(campaign),
         design,
         validation,
         population,
         budgets,
         budgets["C_XXX"],
-        lb.trend(machines),
+        lb.fleet.find_trend(machines),
         batch_with_a_failure(),
-        lb.Tolerance(upper=1.0),
+        lb.analysis.Tolerance(upper=1.0),
         conformity,
         conformity["G"],
         compared,
@@ -155,9 +157,9 @@ def objects(
 def tables(
     campaign: lb.Campaign,
     posterior: xr.DataTree,
-    design: lb.Design,
-    validation: lb.Validation,
-    population: lb.Population,
+    design: lb.analysis.Design,
+    validation: lb.analysis.Validation,
+    population: lb.fleet.Population,
 ) -> list[pd.DataFrame]:
     """The tables of every public function that returns one, the summary first."""
     machine = campaign.machine()
@@ -166,20 +168,20 @@ def tables(
     other_posterior = fitted(MODEL, lb.Campaign(simulated(campaign.plan(), seed=2).tests))
     return [
         lb.summarize(posterior),
-        lb.nuisances(posterior),
-        lb.circularity(posterior),
-        lb.contributions(posterior),
-        lb.least_squares(campaign).table,
-        *lb.measured_circularity(posterior),
-        lb.marginals(MODEL, campaign),
-        lb.differences(posterior, other_posterior),
+        lb.inference.summarize_nuisances(posterior),
+        lb.analysis.predict_circularity(posterior),
+        lb.analysis.decompose_deviation(posterior),
+        lb.fit_least_squares(campaign).table,
+        *lb.analysis.measure_circularity(posterior),
+        lb.inference.marginalize(MODEL, campaign),
+        lb.analysis.compare_posteriors(posterior, other_posterior),
         lb.local_fits(MODEL, campaign),
-        lb.belonging({"constant": MODEL}, campaign, replicates=400),
+        lb.find_outlying_tests({"constant": MODEL}, campaign, replicates=400),
         validation.coverage(),
         design.expected_table(),
         population.machines_table(),
-        lb.patterns(machine, circle, angle),
-        lb.hybrid_jacobian(machine, circle, angle, 300.0, degree=1),
+        lb.machine.patterns(machine, circle, angle),
+        lb.machine.hybrid_jacobian(machine, circle, angle, 300.0, degree=1),
     ]
 
 
@@ -203,7 +205,7 @@ def check_page(text: str) -> None:
 
 
 def test_the_objects_are_of_every_public_class(objects: list[Any]) -> None:
-    kinds = {lb.InputError, lb.Scale, lb.Unit}
+    kinds = {lb.InputError, lb.terms.Scale, lb.terms.Unit}
     for example in objects:
         kinds.update(type(example).__mro__)
     for name in lb.__all__:

@@ -33,7 +33,7 @@ from ldbb_bayes.units import ranked
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Budget", "Contribution", "budgets"]
+__all__ = ["Budget", "Contribution", "budget_uncertainty"]
 
 Kind = Literal["A", "B"]
 
@@ -116,7 +116,7 @@ class _NoiseSource(NamedTuple):
 
 
 @one_blas_thread
-def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
+def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     """Return the uncertainty budget of every parameter of a posterior.
 
     Parameters
@@ -132,7 +132,7 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
 
     Examples
     --------
-    >>> print(lb.budgets(posterior)["C_XXX"])
+    >>> print(lb.analysis.budget_uncertainty(posterior)["C_XXX"])
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)

@@ -28,7 +28,7 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.parallel import Lost, done
 from ldbb_bayes.results import Array, Numbers, Result, readable
 
-__all__ = ["LOG_LIKELIHOOD", "Validation", "validate"]
+__all__ = ["LOG_LIKELIHOOD", "Validation", "calibrate"]
 
 # Name of the log likelihood among the ranked quantities.
 LOG_LIKELIHOOD = "log_likelihood"
@@ -159,7 +159,7 @@ def _percent(prob: float) -> str:
     return f"{100 * prob:g}"
 
 
-def validate(
+def calibrate(
     model: HybridModel,
     plan: Campaign,
     *,

@@ -25,6 +25,7 @@ from ldbb_bayes.analysis.circle_columns import (
     second_order_factors,
 )
 from ldbb_bayes.campaign.campaign import distinct_forces
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.inference.coefficients import (
     ModelDraws,
     draw_shared,
@@ -43,8 +44,8 @@ __all__ = [
     "MINIMUM_ZONES",
     "QUANTITIES",
     "PathDraws",
-    "circularity",
     "path_draws",
+    "predict_circularity",
     "summarise_draws",
 ]
 
@@ -66,11 +67,12 @@ _PROPORTIONAL_HYSTERESIS = re.compile("hysteresis_force")
 
 
 @one_blas_thread
-def circularity(
+@renamed_keyword("ci_prob", "prob")
+def predict_circularity(
     posterior: xr.DataTree,
     forces_N: Sequence[float] = (),
     *,
-    ci_prob: float = 0.95,
+    prob: float = 0.95,
     draws: int = 2000,
 ) -> pd.DataFrame:
     """Return circular-test quantities of the machine's own tool path, with credible intervals.
@@ -80,7 +82,7 @@ def circularity(
     posterior : DataTree
     forces_N : sequence of float
         Forces of the bar; default: 0 (geometric errors alone) and the tested forces.
-    ci_prob : float
+    prob : float
         Probability of the intervals.
     draws : int
         Number of posterior draws used, evenly spaced among all.
@@ -96,27 +98,29 @@ def circularity(
         less the nominal one (G and F are then of the mean path). A G is a largest difference: where
         the path is not known it is more often too large than too small.
     """
-    check_probability(ci_prob)
+    check_probability(prob)
     units = QUANTITIES | BIDIRECTIONAL
     rows = []
     for path in path_draws(posterior, forces_N, draws):
         for quantity, values in path.quantities.items():
             row = {"quantity": quantity, "unit": units[quantity], "mean": float(values.mean())}
-            rows.append(path.place | row | summarise_draws(values, ci_prob))
-    return readable(pd.DataFrame(rows), f"The machine's own path, {100 * ci_prob:g} % intervals")
+            rows.append(path.place | row | summarise_draws(values, prob))
+    return readable(pd.DataFrame(rows), f"The machine's own path, {100 * prob:g} % intervals")
 
 
 class PathDraws(NamedTuple):
     """Posterior draws of the quantities of a tool path in one plane at one force."""
 
     place: dict[str, Any]  #: plane, radius_mm and force_N
-    quantities: dict[str, Array]  #: draws by the names of `circularity`, shape (draws,) each
+    quantities: dict[
+        str, Array
+    ]  #: draws by the names of `predict_circularity`, shape (draws,) each
 
 
 def path_draws(
     posterior: xr.DataTree, forces_N: Sequence[float] = (), draws: int = 2000
 ) -> Iterator[PathDraws]:
-    """Yield posterior draws of every quantity of `circularity`, for each plane and force."""
+    """Yield posterior draws of each quantity of `predict_circularity`, by plane and force."""
     bound = bound_of(posterior)
     draws_of_models = model_draws_of(posterior, draws)
     hysteresis = _draw_hysteresis(bound, draws_of_models)
@@ -164,9 +168,9 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
     return {"G_b": np.ptp(traces, axis=1), "D": path_um[:, 0]}
 
 
-def summarise_draws(values: Array, ci_prob: float) -> dict[str, float]:
+def summarise_draws(values: Array, prob: float) -> dict[str, float]:
     """Return sd, median and the ends of the equal-tailed interval of draws, as columns."""
-    low, median, high = np.quantile(values, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob])
+    low, median, high = np.quantile(values, [0.5 - 0.5 * prob, 0.5, 0.5 + 0.5 * prob])
     return {
         "sd": float(values.std()),
         "median": float(median),

@@ -38,10 +38,11 @@ from ldbb_bayes.analysis.rival_explanations import Explanations
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
 from ldbb_bayes.analysis.varying_slopes import Curve, SlopeSubset, VaryingSlope
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import check_comparable, log_bayes_factor, probabilities
 from ldbb_bayes.inference.evidences import Evidences, leave_one_out
-from ldbb_bayes.inference.least_squares import least_squares
+from ldbb_bayes.inference.least_squares import fit_least_squares
 from ldbb_bayes.inference.nodes import Evidence, Nodes
 from ldbb_bayes.inference.residuals import fit_quality
 from ldbb_bayes.inference.summary import check_probability
@@ -300,7 +301,7 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
 
     Examples
     --------
-    >>> comparison = lb.read_comparison("comparison")
+    >>> comparison = lb.analysis.read_comparison("comparison")
     """
     return read_result(path, "comparison", "compare", Comparison.from_dict)
 
@@ -350,13 +351,14 @@ def _report_nothing() -> None:
 
 
 @one_blas_thread
+@renamed_keyword("ci_prob", "prob")
 def compare(
     models: Mapping[str, HybridModel],
     campaign: Campaign,
     *,
     evidence_only: bool = False,
     tolerance: float = 1e-2,
-    ci_prob: float = 0.95,
+    prob: float = 0.95,
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
     evidences: Evidences | None = None,
@@ -375,7 +377,7 @@ def compare(
         as fast: no test is left out, and there are no subsets of slopes and no local fits.
     tolerance : float
         Error asked of every log evidence [nat].
-    ci_prob : float
+    prob : float
         Probability of the bands of C(F) and of the intervals of local fits.
     seed : int
         Seed of the random draws behind replicates and bands.
@@ -404,14 +406,14 @@ def compare(
     >>> linear = lb.HybridModel.default(degree=1)
     >>> print(lb.compare({"constant": linear.with_degree(0), "linear": linear}, campaign))
     """
-    check_probability(ci_prob)
+    check_probability(prob)
     if evidences is None:
         evidences = Evidences(campaign, tolerance=tolerance)
     _check_models(models, campaign, evidences)
     evidences = evidences.of_campaign(campaign)
     agenda = _agenda(models, campaign, evidence_only=evidence_only)
     first, second = agenda.pair
-    local_fits = _begin_local_fits(agenda, campaign, ci_prob, executor)
+    local_fits = _begin_local_fits(agenda, campaign, prob, executor)
     if progress is not None:
         total = _count_steps(agenda, len(models), campaign)
         if executor is None:
@@ -436,10 +438,10 @@ def compare(
     curves: dict[str, Curve] = {}
     if agenda.weighs_subsets:
         slopes, slope_subsets, curves = varying_slopes.slope_subsets(
-            agenda.linear, evidences, seed=seed, ci_prob=ci_prob
+            agenda.linear, evidences, seed=seed, prob=prob
         )
     log_densities = _left_out_log_densities(nodes_by_model, left_out_nodes)
-    compared_models = _compare_models(nodes_by_model, log_densities, seed, ci_prob)
+    compared_models = _compare_models(nodes_by_model, log_densities, seed, prob)
     compared_tests = _compare_tests(
         nodes_by_model, left_out_nodes, log_densities, seed, evidences.tolerance
     )
@@ -540,12 +542,12 @@ def _count_steps(agenda: _Agenda, models: int, campaign: Campaign) -> int:
 
 
 def _begin_local_fits(
-    agenda: _Agenda, campaign: Campaign, ci_prob: float, executor: Executor | None
+    agenda: _Agenda, campaign: Campaign, prob: float, executor: Executor | None
 ) -> Callable[[], pd.DataFrame]:
     """Begin local fits; return a function that returns their table, empty where not asked for."""
     if not agenda.fits_locally:
         return pd.DataFrame
-    fit = partial(neighbouring_forces.local_fits, agenda.largest, campaign, ci_prob=ci_prob)
+    fit = partial(neighbouring_forces.local_fits, agenda.largest, campaign, prob=prob)
     return ahead(fit, executor)
 
 
@@ -678,7 +680,7 @@ def _compare_models(
     nodes_by_model: Mapping[str, Nodes],
     log_densities: Mapping[str, Array],
     seed: int,
-    ci_prob: float,
+    prob: float,
 ) -> dict[str, ComparedModel]:
     """Return evidence, fit and parameter estimates of every model."""
     log_evidence = [nodes.evidence.log_value for nodes in nodes_by_model.values()]
@@ -698,7 +700,7 @@ def _compare_models(
             degree=nodes.bound.model.degree,
             parameters=_parameter_estimates(nodes),
             compliance_against_force=varying_slopes.averaged_curves(
-                [nodes], np.ones(1), seed, ci_prob
+                [nodes], np.ones(1), seed, prob
             ),
         )
     return compared
@@ -708,7 +710,7 @@ def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
     """Return the RMSE of the paper's least-squares fit [µm], or NaN with too few forces."""
     if campaign.force_levels < model.degree + 2:
         return np.nan
-    fit = least_squares(
+    fit = fit_least_squares(
         campaign, model.degree, reference_force_N=model.reference_force_N, fixed=model.fixed
     )
     return fit.quality.rmse_um

@@ -33,7 +33,7 @@ from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByName, Result
 from ldbb_bayes.units import is_direct
 
-__all__ = ["Conformity", "Decision", "conformity", "draws_at", "normal_conformity"]
+__all__ = ["Conformity", "Decision", "assess_conformity", "draws_at", "normal_conformity"]
 
 # Where fewer posterior draws than this lie beyond a limit, or within it, the probability is that of
 # the tail of a normal distribution instead of a share of draws.
@@ -77,7 +77,7 @@ class Conformity(Result):
 
 
 @one_blas_thread
-def conformity(
+def assess_conformity(
     posterior: xr.DataTree,
     tolerances: Mapping[str, str | Tolerance] | None = None,
     *,

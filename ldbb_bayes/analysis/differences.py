@@ -18,6 +18,7 @@ from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circle_columns import offsets
 from ldbb_bayes.analysis.common_instrument import Conflict, joint_difference
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
 from ldbb_bayes.inference.summary import check_probability
@@ -25,7 +26,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
 
-__all__ = ["differences"]
+__all__ = ["compare_posteriors"]
 
 # Number of pairs of posterior draws from which the interval of a difference is computed.
 _DRAWS = 20_000
@@ -43,12 +44,13 @@ class _Differences(NamedTuple):
 
 
 @one_blas_thread
-def differences(
+@renamed_keyword("ci_prob", "prob")
+def compare_posteriors(
     posterior: xr.DataTree,
     other: xr.DataTree,
     *,
     same_instrument: bool = False,
-    ci_prob: float = 0.95,
+    prob: float = 0.95,
 ) -> pd.DataFrame:
     """Return the difference of every parameter, ``other`` minus ``posterior``.
 
@@ -58,7 +60,7 @@ def differences(
         Posteriors of machines with the same topology, planes and joint frames.
     same_instrument : bool
         Whether bar, balls, mount and force device were the same.
-    ci_prob : float
+    prob : float
         Probability of the intervals.
 
     Returns
@@ -75,7 +77,7 @@ def differences(
     InputError
         For other machines, or a flat prior with ``same_instrument``.
     """
-    check_probability(ci_prob)
+    check_probability(prob)
     bounds = [bound_of(posterior), bound_of(other)]
     first, second = bounds
     _check_comparable_machines(first, second, record_of(other)["campaign"]["name"])
@@ -87,7 +89,7 @@ def differences(
     rows = [_rows_at_force(bound, names, reference_force_N) for bound in bounds]
     first_beta, first_phi = draws_of(posterior, first)
     second_beta, second_phi = draws_of(other, second)
-    levels = np.array([0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
+    levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
     if same_instrument:
         phi = [first_phi.mean(axis=0), second_phi.mean(axis=0)]
         compared = _compare_one_instrument(bounds, phi, rows, levels)
@@ -110,7 +112,7 @@ def differences(
     table.attrs["conflict"] = None
     if compared.conflict is not None:
         table.attrs["conflict"] = tuple(compared.conflict)
-    return readable(table, f"Second less first, {100 * ci_prob:g} % intervals")
+    return readable(table, f"Second less first, {100 * prob:g} % intervals")
 
 
 def _compare_one_instrument(

@@ -20,7 +20,7 @@ from ldbb_bayes.machine.parameters import geometric_names
 from ldbb_bayes.model.prior import compliance_unit, geometric_unit
 from ldbb_bayes.results import Array, Result
 
-__all__ = ["DescribedMachine", "VisibleParameter", "describe"]
+__all__ = ["DescribedMachine", "VisibleParameter", "describe_machine"]
 
 # Radii at which patterns are sampled [mm]. Four suffice, because a pattern is a polynomial in the
 # radius R of degree 3 at most.
@@ -78,7 +78,7 @@ class DescribedMachine(Result):
     condition_number: float
 
 
-def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachine:
+def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachine:
     """Return the parameters of a machine that circular tests can determine.
 
     Parameters
@@ -101,7 +101,7 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
 
     Examples
     --------
-    >>> print(lb.describe(lb.Machine()))
+    >>> print(lb.describe_machine(lb.Machine()))
     """
     circles = tuple(circles) or tuple(Circle(plane=plane) for plane in machine.planes)
     _check_circles(machine, circles)

@@ -18,13 +18,13 @@ from ldbb_bayes.model.fourier import SIZE, basis
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.results import Array, readable
 
-__all__ = ["measured_circularity"]
+__all__ = ["measure_circularity"]
 
 # From this arc on a circle counts as full, so that it shows squareness and scale mismatch.
 _FULL_CIRCLE_DEG = 350.0
 
 
-def measured_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame, pd.DataFrame]:
+def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return circular-test quantities of the readings, errors of the instrument included.
 
     Parameters

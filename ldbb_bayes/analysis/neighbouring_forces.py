@@ -17,9 +17,10 @@ import numpy as np
 import pandas as pd
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign, distinct_forces
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import check_comparable
-from ldbb_bayes.inference.least_squares import least_squares
+from ldbb_bayes.inference.least_squares import fit_least_squares
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.hybrid import HybridModel
@@ -37,8 +38,9 @@ _COMPONENTS = 2048
 
 
 @one_blas_thread
+@renamed_keyword("ci_prob", "prob")
 def local_fits(
-    model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95, seed: int = 0
+    model: HybridModel, campaign: Campaign, *, prob: float = 0.95, seed: int = 0
 ) -> pd.DataFrame:
     """Fit constant compliance and geometry to every pair of neighbouring force levels.
 
@@ -50,7 +52,7 @@ def local_fits(
         campaign.
     campaign : Campaign
         Campaign with readings.
-    ci_prob : float
+    prob : float
         Probability of the equal-tailed credible intervals.
     seed : int
         Seed of the quantiles.
@@ -69,11 +71,11 @@ def local_fits(
     """
     check_campaign(campaign)
     check_comparable(model, campaign)
-    check_probability(ci_prob)
+    check_probability(prob)
     # Two circles cannot show which of them scatters more.
     constant = model.with_degree(0).without("circle-scale")
     all_tests = constant.bind(campaign)
-    levels = np.array([0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
+    levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
     tables = []
     near = None
     for names in _pairs(campaign):
@@ -84,7 +86,7 @@ def local_fits(
         mean, sd = nodes.moments(spare=_SPARE, points=_POINTS_INSIDE)
         low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)
         window = replace(campaign.select(names), foreseen=campaign.scope)
-        squares = least_squares(window, fixed=constant.fixed).table
+        squares = fit_least_squares(window, fixed=constant.fixed).table
         forces = bound.setting.force_N
         columns = {
             "force_low_N": float(forces.min()),
@@ -103,7 +105,7 @@ def local_fits(
         tables.append(pd.DataFrame(columns))
     return readable(
         pd.concat(tables, ignore_index=True),
-        f"Fits of neighbouring forces, {100 * ci_prob:g} % intervals",
+        f"Fits of neighbouring forces, {100 * prob:g} % intervals",
     )
 
 

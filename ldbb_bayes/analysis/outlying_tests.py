@@ -34,7 +34,7 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
 
-__all__ = ["FALSE_ALARMS", "JudgedTest", "belonging", "judge_circle", "judge_tests"]
+__all__ = ["FALSE_ALARMS", "JudgedTest", "find_outlying_tests", "judge_circle", "judge_tests"]
 
 # Family-wise error: probability that any test of a campaign is flagged although all belong.
 FALSE_ALARMS = 0.02
@@ -73,7 +73,7 @@ class JudgedTest:
 
 
 @one_blas_thread
-def belonging(
+def find_outlying_tests(
     models: Mapping[str, HybridModel],
     campaign: Campaign,
     *,
@@ -111,7 +111,7 @@ def belonging(
     Examples
     --------
     >>> model = lb.HybridModel.default(degree=1)
-    >>> print(lb.belonging({"linear": model}, campaign))
+    >>> print(lb.find_outlying_tests({"linear": model}, campaign))
     """
     check_campaign(campaign)
     tests = len(campaign.tests)
@@ -163,7 +163,7 @@ def judge_tests(
         Quadrature nodes of the posterior given all tests but one, by model and by the test left
         out, as returned by `leave_one_out`.
     seed, tolerance, replicates
-        As in `belonging`.
+        As in `find_outlying_tests`.
     """
     rng = np.random.default_rng(seed)
     names = _any_nodes(nodes_by_model).bound.test_names

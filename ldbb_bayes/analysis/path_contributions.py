@@ -16,6 +16,7 @@ from ldbb_bayes.analysis.circle_columns import (
     offsets,
 )
 from ldbb_bayes.analysis.circularity import summarise_draws
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.fourier import basis
@@ -23,7 +24,14 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
 
-__all__ = ["COMPLIANCE", "DRAWS", "GEOMETRY", "TOGETHER", "contribution_paths", "contributions"]
+__all__ = [
+    "COMPLIANCE",
+    "DRAWS",
+    "GEOMETRY",
+    "TOGETHER",
+    "contribution_paths",
+    "decompose_deviation",
+]
 
 # Number of posterior draws from which contributions are computed.
 DRAWS = 2000
@@ -37,8 +45,9 @@ _VALUE_COLUMNS = ["maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high
 
 
 @one_blas_thread
-def contributions(
-    posterior: xr.DataTree, force_N: float | None = None, *, ci_prob: float = 0.95
+@renamed_keyword("ci_prob", "prob")
+def decompose_deviation(
+    posterior: xr.DataTree, force_N: float | None = None, *, prob: float = 0.95
 ) -> pd.DataFrame:
     """Return largest, smallest and peak-to-peak contributions to the reading of one circle [µm].
 
@@ -47,7 +56,7 @@ def contributions(
     posterior : DataTree
     force_N : float, optional
         Default: the highest tested.
-    ci_prob : float
+    prob : float
         Probability of the intervals.
 
     Returns
@@ -59,7 +68,7 @@ def contributions(
         median, sd, ci_low and ci_high of the peak-to-peak. For a source that is hardly known, the
         median exceeds the peak-to-peak of the mean contribution, which may be zero.
     """
-    check_probability(ci_prob)
+    check_probability(prob)
     bound = bound_of(posterior)
     beta, _ = draws_of(posterior, bound, DRAWS)
     force = float(bound.setting.force_N.max())
@@ -73,10 +82,10 @@ def contributions(
             mean_path = path.mean(axis=0)
             place = {"plane": plane, "radius_mm": radius_mm, "force_N": force, "source": source}
             ends = {"maximum": float(mean_path.max()), "minimum": float(mean_path.min())}
-            rows.append(place | ends | summarise_draws(np.ptp(path, axis=1), ci_prob))
+            rows.append(place | ends | summarise_draws(np.ptp(path, axis=1), prob))
     table = pd.DataFrame(rows).rename(columns={"median": "peak_to_peak"})
     table = table.reindex(columns=[*_PLACE_COLUMNS, *_VALUE_COLUMNS])
-    caption = f"Contributions to the reading, {100 * ci_prob:g} % intervals of the peak-to-peak"
+    caption = f"Contributions to the reading, {100 * prob:g} % intervals of the peak-to-peak"
     return readable(table, caption, dict.fromkeys(_VALUE_COLUMNS, "µm"))
 
 
@@ -85,7 +94,7 @@ def contribution_paths(
 ) -> Mapping[str, Array]:
     """Return contributions on the circle of test r, each (draws, 360) [µm], by source.
 
-    Angles are 0°, 1° … 359°; sources are those of `contributions`, or some ``only``.
+    Angles are 0°, 1° … 359°; sources are those of `decompose_deviation`, or some ``only``.
     """
     turn = basis(ANGLE_RAD).T * 1e3
     paths = {}

@@ -72,7 +72,7 @@ class Curve:
     median: Numbers
     low: Numbers
     high: Numbers
-    ci_prob: float
+    prob: float
 
 
 class AveragedSlopes(NamedTuple):
@@ -92,7 +92,7 @@ def count_subsets(model: HybridModel, campaign: Campaign) -> int:
 
 
 def slope_subsets(
-    model: HybridModel, evidences: Evidences, *, seed: int, ci_prob: float = 0.95
+    model: HybridModel, evidences: Evidences, *, seed: int, prob: float = 0.95
 ) -> AveragedSlopes:
     """Compute the evidence of subsets of slopes, and average C(F) over the subsets.
 
@@ -104,7 +104,7 @@ def slope_subsets(
         Evidences that are known already; new ones are added.
     seed : int
         Seed of the draws behind the curves.
-    ci_prob : float
+    prob : float
         Probability of the bands of the curves.
     """
     slope_names = _slope_names(model, evidences.campaign)
@@ -134,7 +134,7 @@ def slope_subsets(
     return AveragedSlopes(
         slopes,
         tuple(ranked(subsets, lambda subset: subset.probability)),
-        averaged_curves(list(nodes_by_choice.values()), probability, seed, ci_prob),
+        averaged_curves(list(nodes_by_choice.values()), probability, seed, prob),
     )
 
 
@@ -172,7 +172,7 @@ def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, N
 
 
 def averaged_curves(
-    weighed: Sequence[Nodes], probability: Array, seed: int, ci_prob: float
+    weighed: Sequence[Nodes], probability: Array, seed: int, prob: float
 ) -> dict[str, Curve]:
     """Return C(F) over the tested forces, averaged over models, by compliance.
 
@@ -184,7 +184,7 @@ def averaged_curves(
         Posterior probabilities of the models.
     seed : int
         Seed of the random draws.
-    ci_prob : float
+    prob : float
         Probability of the bands.
     """
     rng = np.random.default_rng(seed)
@@ -200,7 +200,7 @@ def averaged_curves(
             beta, phi = nodes.draw(int(count), rng)
             draws.append(compliance_curves(nodes.bound, phi, beta, forces, rng))
     curves = np.concatenate(draws)
-    levels = [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob]
+    levels = [0.5 - 0.5 * prob, 0.5, 0.5 + 0.5 * prob]
     low, median, high = np.quantile(curves, levels, axis=0)
     mean = curves.mean(axis=0)
     by_compliance = {}
@@ -212,6 +212,6 @@ def averaged_curves(
             median=median[:, j],
             low=low[:, j],
             high=high[:, j],
-            ci_prob=ci_prob,
+            prob=prob,
         )
     return by_compliance

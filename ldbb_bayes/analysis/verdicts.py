@@ -58,9 +58,9 @@ __all__ = [
     "hyper_parameter_nodes",
     "identify",
     "judge_parameters",
+    "judge_posterior",
     "prior_dominated_share",
     "variance_share_removed",
-    "verdicts",
 ]
 
 # More than this share of a parameter's variance counts as most of it.
@@ -139,7 +139,7 @@ class ParameterIdentifiability(Result):
     information_gain: Number
     confounding: dict[str, float]  #: 1 − Var(β | y, term known) / Var(β | y), by term
     #: shares of terms, reading noise and the parameters' own priors in the variance, as in
-    #: `budgets`; they sum to one
+    #: `budget_uncertainty`; they sum to one
     shares: dict[str, float]
 
 
@@ -223,7 +223,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
 
 
 @one_blas_thread
-def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
+def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
     """Return the verdict on every parameter of a posterior.
 
     Parameters
@@ -239,7 +239,7 @@ def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
 
     Examples
     --------
-    >>> print(lb.verdicts(posterior)["C_XXX"])
+    >>> print(lb.analysis.judge_posterior(posterior)["C_XXX"])
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)

@@ -81,7 +81,7 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
             "refused": refusal(error, folder),
             "wrong": _wrong_entries(folder, choices, error),
         }
-    preview = lb.preview(campaign)
+    preview = lb.check_campaign(campaign)
     traces = [_trace(campaign, plane) for plane in campaign.machine().planes]
     assumptions: Sequence[Assumption] = ()
     if imported is not None:
@@ -168,7 +168,7 @@ def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
     An entry is marked as stated if a certificate states it.
     """
     entries_by_piece: dict[str, list[dict[str, Any]]] = {}
-    for assumed in lb.uncertainties(campaign).assumed:
+    for assumed in lb.terms.uncertainties(campaign).assumed:
         piece = assumed.certificate.partition("_")[0] or assumed.name.partition("_")[0]
         if piece in ("work", "tool"):
             entry = _ball_entry(campaign, assumed, piece)

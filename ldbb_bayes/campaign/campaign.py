@@ -115,8 +115,8 @@ class CampaignFields(Shown):
     ball_bar: Label | None = None  #: type and number of the ball bar
     ball_bar_calibrated: Date | None = None  #: date of the ball bar's calibration, ISO 8601
     force_device: Label | None = None  #: device that makes or measures the force, its certificate
-    #: limits with their units, by quantity: {"C_XXX": "60 nm/N"}; see `conformity`. They do not
-    #: influence a fit.
+    #: limits with their units, by quantity: {"C_XXX": "60 nm/N"}; see `assess_conformity`. They do
+    #: not influence a fit.
     tolerances: Mapping[str, str] = field(default_factory=dict)
     feed_mm_per_min: Number | None = None  #: feed along the circle
     #: resolution of the readout; the standard deviation of the noise is at least resolution/√12

@@ -15,7 +15,14 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
-__all__ = ["CampaignPreview", "Remark", "RemarkKind", "TestPreview", "preview", "resolution_of"]
+__all__ = [
+    "CampaignPreview",
+    "Remark",
+    "RemarkKind",
+    "TestPreview",
+    "check_campaign",
+    "resolution_of",
+]
 
 # Highest order of the Fourier series fitted to the readings of a test.
 _ORDER = 12
@@ -147,7 +154,7 @@ class CampaignPreview(Result):
     remarks: tuple[Remark, ...]
 
 
-def preview(campaign: Campaign) -> CampaignPreview:
+def check_campaign(campaign: Campaign) -> CampaignPreview:
     """Return a preview of a campaign or plan without fitting the model.
 
     Parameters

@@ -54,7 +54,7 @@ def identify(
         "schema": 1,
         "campaign": campaign.name,
         "degree": model.degree,
-        **lb.with_words(result),
+        **lb.report.with_words(result),
     }
     parameters = pd.DataFrame.from_dict(record["parameters"], orient="index")
     contents = {
@@ -75,7 +75,7 @@ def identify(
 
 def _with_remarks(result: object, campaign: lb.Campaign) -> tuple[Any, ...]:
     """Return the printed parts of a result, and remarks about odd readings of its campaign."""
-    preview = lb.preview(campaign)
+    preview = lb.check_campaign(campaign)
     remarks = [
         f"Note: {wording.remark_words(remark)}"
         for remark in preview.remarks
@@ -118,7 +118,7 @@ def compare(
     output.check("comparison.json", "local_fits.csv", figures=_COMPARISON_FIGURES)
     with counting_progress(output.quiet, "models weighed") as progress:
         result = lb.compare(models, campaign, **settings, progress=progress)
-    record = {"schema": 1, "seed": settings["seed"], **lb.with_words(result)}
+    record = {"schema": 1, "seed": settings["seed"], **lb.report.with_words(result)}
     output.deliver(
         record,
         _with_remarks(result, campaign),
@@ -210,7 +210,7 @@ def design(
         figures=["expected_widths"],
     )
     result = lb.design(model, campaign, **settings)
-    record = {"schema": 1, "seed": settings["seed"], **lb.with_words(result)}
+    record = {"schema": 1, "seed": settings["seed"], **lb.report.with_words(result)}
     plan = result.plan(seed=settings["seed"])
     contents = {
         "model.toml": model_to_toml(result.model),
@@ -278,12 +278,12 @@ def validate(
         executor_named(**pool) as executor,
         counting_progress(output.quiet, "simulated campaigns") as progress,
     ):
-        result = lb.validate(model, campaign, **settings, executor=executor, progress=progress)
+        result = lb.calibrate(model, campaign, **settings, executor=executor, progress=progress)
     record = {
         "schema": 1,
         "campaign": campaign.name,
         "seed": settings["seed"],
-        **lb.with_words(result),
+        **lb.report.with_words(result),
     }
     ranks = pd.DataFrame(result.ranks, columns=list(result.names))
     output.deliver(

@@ -96,12 +96,12 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
     for kind in ("bar", "force"):
         file = options.pop(f"{kind}_dcc", None)
         if file is not None:
-            for name, value in lb.read_dcc(file).fields(kind).items():
+            for name, value in lb.campaign.read_dcc(file).fields(kind).items():
                 from_files[f"{kind}_{name}"] = value
     for ball in ("work", "tool"):
         file = options.pop(f"{ball}_dcc", None)
         if file is not None:
-            from_files[ball] = lb.Ball(**lb.read_dcc(file).fields("ball"))
+            from_files[ball] = lb.Ball(**lb.campaign.read_dcc(file).fields("ball"))
 
     for name in from_files:
         if name in options:
@@ -147,12 +147,12 @@ def campaign_fields(
     fields = dict(options)
     if raw or mount_um_per_bar is not None:
         deflection = _MOUNT_UM_PER_BAR if mount_um_per_bar is None else mount_um_per_bar
-        fields["mount"] = lb.MountCompensation(deflection, compensated=not raw)
+        fields["mount"] = lb.campaign.MountCompensation(deflection, compensated=not raw)
     if force_slope is not None or force_offset is not None:
-        default = lb.ForceLaw()
+        default = lb.campaign.ForceLaw()
         slope = default.slope_N_per_bar if force_slope is None else force_slope
         offset = default.offset_N if force_offset is None else force_offset
-        fields["force_law"] = lb.ForceLaw(slope, offset)
+        fields["force_law"] = lb.campaign.ForceLaw(slope, offset)
     return fields
 
 
@@ -173,9 +173,9 @@ def _read_sheets(text: str, flag: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
-def _layout(layout: Path | None = None, **options: Any) -> lb.Layout:
+def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
     """Return the layout of a layout file; options take precedence over the file."""
-    from_file = lb.Layout() if layout is None else lb.read_layout(layout)
+    from_file = lb.reading.Layout() if layout is None else lb.reading.read_layout(layout)
     columns = dict(from_file.columns)
     for role in _COLUMN_ROLES:
         if f"{role}_column" in options:
@@ -227,7 +227,7 @@ def model_from(
             chosen = chosen.with_degree(degree)
     chosen = chosen.without(*without)
     if drift is not None:
-        chosen = chosen.with_term(lb.Drift(drift))  # type: ignore[arg-type]
+        chosen = chosen.with_term(lb.terms.Drift(drift))  # type: ignore[arg-type]
     return chosen
 
 

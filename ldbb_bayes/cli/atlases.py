@@ -23,7 +23,7 @@ ATLAS_FILES = figure_files(
 )
 
 
-def write_atlases(machine: lb.Machine, circles: Sequence[lb.Circle], folder: Path) -> None:
+def write_atlases(machine: lb.Machine, circles: Sequence[lb.machine.Circle], folder: Path) -> None:
     """Write the patterns of compliances and geometric errors on the first circle of every plane.
 
     Parameters
@@ -35,7 +35,7 @@ def write_atlases(machine: lb.Machine, circles: Sequence[lb.Circle], folder: Pat
     folder
         Existing folder for the files.
     """
-    first_circle: dict[str, lb.Circle] = {}
+    first_circle: dict[str, lb.machine.Circle] = {}
     for circle in circles:
         first_circle.setdefault(circle.plane, circle)
     for plane in machine.planes:
@@ -77,8 +77,8 @@ def machine(
     circles = []
     for plane in chain.planes:
         for centre in settings.get("centre", [(0.0, 0.0, 0.0)]):
-            circles.append(lb.Circle(centre_mm=centre, plane=plane))
-    description = lb.describe(chain, circles)
+            circles.append(lb.machine.Circle(centre_mm=centre, plane=plane))
+    description = lb.describe_machine(chain, circles)
     record = {"schema": 1, **description.as_dict()}
     output.check("machine.json", *ATLAS_FILES)
     output.deliver(

@@ -33,7 +33,7 @@ def import_(
         ),
     ],
     out: Annotated[Path, option(Path, "Campaign folder to write.", REQUIRED, metavar="CAMPAIGN")],
-    layout: Annotated[lb.Layout, arguments.LAYOUT_OPTIONS],
+    layout: Annotated[lb.reading.Layout, arguments.LAYOUT_OPTIONS],
     name: Annotated[
         dict[str, Any], group(campaign_fields, name=option(str, "Name of the campaign."))
     ],
@@ -67,9 +67,9 @@ def _size(campaign: lb.Campaign) -> str:
 @command
 def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.JSON]) -> None:
     """Show what is in a campaign, what looks odd, and what a fit will assume. Fits nothing."""
-    preview = lb.preview(campaign)
-    uncertainties = lb.uncertainties(campaign)
-    record = lb.with_words(preview) | {
+    preview = lb.check_campaign(campaign)
+    uncertainties = lb.terms.uncertainties(campaign)
+    record = lb.report.with_words(preview) | {
         "uncertainties": uncertainties.as_dict()["assumed"],
         "certificates": dict(uncertainties.certificates),
     }

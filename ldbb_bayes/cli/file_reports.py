@@ -59,10 +59,10 @@ class _Analyses:
     A text instead of a result is the reason why there is none.
     """
 
-    comparison: lb.Comparison | str
+    comparison: lb.analysis.Comparison | str
     averaged: xr.DataTree | None
     #: Function that returns the tests to run next; the first call waits for the computation.
-    design: Callable[[], lb.Design | str]
+    design: Callable[[], lb.analysis.Design | str]
 
 
 def report_files(
@@ -111,11 +111,11 @@ def report_files(
     with steps as begin, second_process() as executor:
         fit, analyses = _analyse(campaign, model, begin, settings, executor)
         stated_posterior = fit if analyses.averaged is None else analyses.averaged
-        fit_result = fit_tables.full_result(fit, settings["ci_prob"])
-        stated_result = fit_tables.full_result(stated_posterior, settings["ci_prob"])
+        fit_result = fit_tables.full_result(fit, settings["prob"])
+        stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
             # Decide conformity once, for the results and the force that the report states.
-            decisions = lb.conformity(stated_posterior, force_N=settings.get("force_N"))
+            decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity
             stated_result["conformity"] = conformity
@@ -159,7 +159,7 @@ def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
     -------
     dict
     """
-    names = ("ci_prob", "language", "annex", "force_N")
+    names = ("prob", "language", "annex", "force_N")
     return {name: settings[name] for name in names if name in settings}
 
 
@@ -184,7 +184,7 @@ def _analyse(
             lb.compare,
             models,
             campaign,
-            ci_prob=settings["ci_prob"],
+            prob=settings["prob"],
             progress=begin("compare"),
             executor=executor,
             evidences=evidences,
@@ -215,7 +215,7 @@ def _write_beside_page(
     folder: Path,
     fit: xr.DataTree,
     result: dict[str, Any],
-    imported: lb.Imported | None,
+    imported: lb.reading.Imported | None,
     analyses: _Analyses,
 ) -> None:
     """Write the fit, the campaign as it was read, the comparison and the design."""
@@ -232,7 +232,7 @@ def _write_beside_page(
         ("design.json", analyses.design()),
     ):
         if not isinstance(result_or_reason, str):
-            records[name] = {"schema": 1, **lb.with_words(result_or_reason)}
+            records[name] = {"schema": 1, **lb.report.with_words(result_or_reason)}
     write_files(folder, records)
 
 
@@ -250,9 +250,11 @@ def _printed_parts(
         heading = "Linear compliance:"
     parts: list[Any] = [
         *_assumed_parts(campaign, source.imported),
-        *wording.preview_sentences(lb.preview(campaign)),
+        *wording.preview_sentences(lb.check_campaign(campaign)),
         heading,
-        fit_tables.results_table(result | {"parameters": parameters}, lb.verdicts(fit)),
+        fit_tables.results_table(
+            result | {"parameters": parameters}, lb.analysis.judge_posterior(fit)
+        ),
     ]
     if "conformity" in result:
         parts.append(fit_tables.conformity_table(result["conformity"]))
@@ -270,7 +272,7 @@ def _printed_parts(
     return tuple(parts)
 
 
-def _assumed_parts(campaign: lb.Campaign, imported: lb.Imported | None) -> tuple[Any, ...]:
+def _assumed_parts(campaign: lb.Campaign, imported: lb.reading.Imported | None) -> tuple[Any, ...]:
     """Return the assumptions about files and balls as parts to print."""
     assumptions: tuple[Assumption, ...] = ()
     if imported is not None:

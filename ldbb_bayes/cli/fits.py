@@ -53,10 +53,10 @@ def fit(
 
     Exit code 1 when the sampler missed its target.
     """
-    check_probability(settings["ci_prob"])
+    check_probability(settings["prob"])
     prior_record: dict[str, Any] = {}
     if prior_from is not None:
-        prior = lb.prior_from(prior_from)
+        prior = lb.fleet.read_population_prior(prior_from)
         doubts = list(prior.doubts(campaign))
         for doubt in doubts:
             typer.echo(f"--prior-from: {doubt}", err=True)
@@ -70,7 +70,7 @@ def fit(
         }
     campaign = with_tolerances(campaign, model, tolerances)
     output.check(*RESULT_FILES)
-    rule = lb.StoppingRule(ess=settings["ess"], max_steps=settings["max_steps"])
+    rule = lb.inference.StoppingRule(ess=settings["ess"], max_steps=settings["max_steps"])
     with sampling_progress(output.quiet, "sampling") as progress:
         posterior = lb.sample(
             model,
@@ -80,7 +80,7 @@ def fit(
             rule=rule,
             progress=progress,
         )
-    result = full_result(posterior, settings["ci_prob"]) | prior_record
+    result = full_result(posterior, settings["prob"]) | prior_record
     output.deliver(
         result, parts_of_fit(result), write_more=partial(write_result, posterior, result)
     )
@@ -182,13 +182,13 @@ def demo(
         shutil.copytree(source, staging / "campaign")
         for name, posterior in posteriors.items():
             write_result(posterior, results[name], staging / name)
-        lb.save_figures(posteriors["linear"], staging / "figures")
+        lb.figures.save_figures(posteriors["linear"], staging / "figures")
         document = lb.write_report(posteriors["linear"], staging / "linear", comparison=comparison)
 
     parts: list[Any] = []
     for name, posterior in posteriors.items():
         parts.append(f"{name.capitalize()} compliance")
-        parts.append(results_table(results[name], lb.verdicts(posterior)))
+        parts.append(results_table(results[name], lb.analysis.judge_posterior(posterior)))
     parts += [
         wording.comparison_sentences(comparison)[0],
         document.state,

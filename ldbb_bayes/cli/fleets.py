@@ -58,7 +58,7 @@ def batch(
 ) -> None:
     """Fit many campaigns, each by itself, into one table with a row per campaign (Parquet).
 
-    lb.read_batch reads the table. A campaign that cannot be fitted is a row that says why.
+    lb.fleet.read_batch reads the table. A campaign that cannot be fitted is a row that says why.
     Whatever stops a batch, the same command with --resume goes on to the very same table. Exit code
     0 also when campaigns failed, 1 when one missed its sampling target. The options for tidy CSVs
     apply to those among the campaigns.
@@ -67,7 +67,7 @@ def batch(
         typer.echo(f"{out} holds no unfinished batch: this one begins anew.", err=True)
     try:
         with counting_progress(quiet, "campaigns") as progress:
-            result = lb.batch(
+            result = lb.fleet.run_batch(
                 campaigns,
                 out,
                 executor=partial(executor_named, **pool),
@@ -86,12 +86,14 @@ def batch(
             " with it.",
             EXIT_INTERRUPTED,
         )
-    Output(as_json=as_json).deliver({"schema": 1, **lb.with_words(result)}, _batch_parts(result))
+    Output(as_json=as_json).deliver(
+        {"schema": 1, **lb.report.with_words(result)}, _batch_parts(result)
+    )
     if result.not_converged:
         raise typer.Exit(EXIT_MISSED)
 
 
-def _batch_parts(result: lb.Batch) -> tuple[Table | str, ...]:
+def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
     """Return the parts to print of a batch: counts, failures and doubts, and path of the table."""
     counts = (
         ("fitted", result.done),
@@ -133,13 +135,13 @@ def trend(
     """
     output.check("trend.json", "trend.csv", figures=["control_chart"])
     rows = read_batch(batches, FLEET_COLUMNS)
-    result = lb.trend(rows, tolerances=tolerances, **settings)
-    record = {"schema": 1, **lb.with_words(result)}
+    result = lb.fleet.find_trend(rows, tolerances=tolerances, **settings)
+    record = {"schema": 1, **lb.report.with_words(result)}
     output.deliver(
         record,
         result,
         {"trend.json": record, "trend.csv": result.estimates},
-        {"control_chart": partial(lb.control_chart, result)},
+        {"control_chart": partial(lb.fleet.draw_control_chart, result)},
     )
 
 
@@ -157,8 +159,8 @@ def population(
     output.check("population.json", "machines.csv")
     rows = read_batch(batches, FLEET_COLUMNS)
     with counting_progress(output.quiet, "machines left out") as progress:
-        result = lb.population(rows, **settings, progress=progress)
-    record = lb.with_words(result)
+        result = lb.fleet.fit_population(rows, **settings, progress=progress)
+    record = lb.report.with_words(result)
     contents = {
         "population.json": record,
         "machines.csv": result.machines_table().rename_axis("machine").reset_index(),

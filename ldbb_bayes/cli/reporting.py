@@ -63,7 +63,7 @@ def report(
         ),
     ],
     model: arguments.ChosenModel,
-    layout: Annotated[lb.Layout, arguments.LAYOUT_OPTIONS],
+    layout: Annotated[lb.reading.Layout, arguments.LAYOUT_OPTIONS],
     table: arguments.TableFields,
     certificates: arguments.Certificates,
 ) -> None:
@@ -74,7 +74,7 @@ def report(
     beside the first. Of a fit, the page goes into its own folder. Exit code 1 when a fit missed its
     target; the page then says so at its top.
     """
-    check_probability(settings["ci_prob"])
+    check_probability(settings["prob"])
     source = ReportSource(files, matching(files), layout, table, certificates)
     require(
         model.degree == 1,
@@ -144,10 +144,10 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
     tolerances_in(quantities_of(bound_of(first)), tolerances)
     comparison = None
     if comparison_file is not None:
-        comparison = lb.read_comparison(comparison_file)
+        comparison = lb.analysis.read_comparison(comparison_file)
     design = None
     if design_file is not None:
-        design = lb.read_design(design_file)
+        design = lb.analysis.read_design(design_file)
     averaged = None
     if (fit_folder / AVERAGED_NAME).exists():
         averaged = lb.load(fit_folder / AVERAGED_NAME)

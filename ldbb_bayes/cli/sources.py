@@ -60,7 +60,7 @@ class ReportSource:
 
     files: Sequence[Path]
     paths: Sequence[Path]
-    layout: lb.Layout
+    layout: lb.reading.Layout
     table: Mapping[str, Any]
     certificates: Mapping[str, Any]
 
@@ -84,7 +84,7 @@ class ReportSource:
         InputError
             If an option of tables, machine or instrument is given.
         """
-        stated = self.layout != lb.Layout() or self.table or self.certificates
+        stated = self.layout != lb.reading.Layout() or self.table or self.certificates
         require(
             not stated,
             "options of tables, machine and instrument must go with files, got a fit,"
@@ -153,7 +153,7 @@ class ReportSource:
             " fits go side by side.",
         )
         require(
-            self.layout == lb.Layout(),
+            self.layout == lb.reading.Layout(),
             f"options of an import must go with tables, got a campaign, {first}. Leave them out.",
         )
         labels = {}

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.campaign_row import Job, Settings, failed_row, fit_row
 from ldbb_bayes.fleet.dataset import DATASET, check_pyarrow, read_batch, write_dataset
@@ -33,7 +34,7 @@ from ldbb_bayes.results import Result
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Batch", "batch"]
+__all__ = ["Batch", "run_batch"]
 
 # Largest number of campaigns that the result of a batch lists by name, separately for those that
 # failed and for those in doubt.
@@ -65,7 +66,8 @@ class Batch(Result):
         return read_batch(self.out)
 
 
-def batch(
+@renamed_keyword("ci_prob", "prob")
+def run_batch(
     campaigns: Iterable[str | os.PathLike[str]],
     out: str | os.PathLike[str],
     *,
@@ -74,7 +76,7 @@ def batch(
     executor: Executor | Callable[[], AbstractContextManager[Executor | None]] | None = None,
     seed: int = 1,
     ess: float = 1000.0,
-    ci_prob: float = 0.95,
+    prob: float = 0.95,
     compare: bool = True,
     table: Mapping[str, Any] | None = None,
     certificates: Mapping[str, Any] | None = None,
@@ -97,7 +99,7 @@ def batch(
         campaigns (``@FILE``); see `gather`.
     out : folder for the rows and the table.
     model : model of the fits; default: compliance linear in force.
-    sampler, seed, ess, ci_prob
+    sampler, seed, ess, prob
         As for `sample` and `summarize`, whose numbers the rows hold.
     executor : where campaigns are fitted; default: in this process, one after the other. A function
         that starts an executor, such as `process_executor`, may be given instead: it is called once
@@ -105,8 +107,8 @@ def batch(
     compare : whether to compare linear with constant compliance by their evidences.
     table : fields of `Campaign` for tidy CSVs, which have no campaign.toml to state them.
     certificates : fields of `Instrument` for all campaigns; they replace those in campaign.toml.
-    tolerances : limits by quantity for all campaigns, see `conformity`; they replace those in
-        campaign.toml.
+    tolerances : limits by quantity for all campaigns, see `assess_conformity`; they replace those
+        in campaign.toml.
     resume : continue an earlier run in ``out``; where there is none, begin.
     retry : when resuming, also try failed campaigns again.
     force : replace an earlier batch in ``out``.
@@ -130,7 +132,7 @@ def batch(
         sampler=sampler_named(sampler),
         seed=_checked_seed(seed),
         ess=_checked_ess(ess),
-        ci_prob=_checked_probability(ci_prob),
+        prob=_checked_probability(prob),
         compare=compare,
         table=dict(table or {}),
         certificates=dict(certificates or {}),
@@ -187,9 +189,9 @@ def _checked_ess(ess: float) -> float:
     return float(ess)
 
 
-def _checked_probability(ci_prob: float) -> float:
-    check_probability(ci_prob)
-    return float(ci_prob)
+def _checked_probability(prob: float) -> float:
+    check_probability(prob)
+    return float(prob)
 
 
 def _number(paths: Iterable[str]) -> list[Job]:

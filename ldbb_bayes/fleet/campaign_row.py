@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ldbb_bayes.analysis.conformity import conformity
+from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
 from ldbb_bayes.errors import InputError, plain_reason
@@ -30,7 +30,7 @@ from ldbb_bayes.inference.summary import numbers_of
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256
 from ldbb_bayes.parallel import one_blas_thread, versions
-from ldbb_bayes.report.fit_tables import fit_in_words
+from ldbb_bayes.report.fit_tables import describe_fit
 
 __all__ = ["Job", "Settings", "failed_row", "fit_row"]
 
@@ -50,7 +50,7 @@ class Settings:
     sampler: str = "independent"
     seed: int = 1
     ess: float = 1000.0
-    ci_prob: float = 0.95
+    prob: float = 0.95
     compare: bool = True
     #: fields of `Campaign` that tidy CSVs do not state
     table: Mapping[str, Any] = field(default_factory=dict)
@@ -172,7 +172,7 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     rule = StoppingRule(ess=settings.ess)
     posterior = sample_from(density, settings.sampler, seed=settings.seed, rule=rule, prior_draws=0)
     record = record_of(posterior)
-    words = fit_in_words(posterior)
+    words = describe_fit(posterior)
     columns: dict[str, Any] = {}
     breakdowns = []
     for name, compute_columns in _beside_the_fit(settings, campaign, density, posterior).items():
@@ -190,7 +190,7 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
         "warnings": [*words["warnings"], *breakdowns],
         "log_prob_truncation": record["fit"]["log_prob_truncation"],
         "rmse_um": record["fit"]["rmse_um"],
-        "parameters": _parameter_numbers(posterior, settings.ci_prob),
+        "parameters": _parameter_numbers(posterior, settings.prob),
     }
 
 
@@ -228,14 +228,16 @@ def _statistics_columns(density: HyperPosterior) -> dict[str, Any]:
 
 
 def _conformity_columns(posterior: xr.DataTree) -> dict[str, Any]:
-    decisions = {name: decision.as_dict() for name, decision in conformity(posterior).items()}
+    decisions = {
+        name: decision.as_dict() for name, decision in assess_conformity(posterior).items()
+    }
     return {"conformity": decisions}
 
 
-def _parameter_numbers(posterior: xr.DataTree, ci_prob: float) -> dict[str, dict[str, Any]]:
+def _parameter_numbers(posterior: xr.DataTree, prob: float) -> dict[str, dict[str, Any]]:
     """Return the unit, moments and interval of every parameter and hyper-parameter."""
     numbers: dict[str, dict[str, Any]] = {}
     for name, draws in posterior["posterior"].data_vars.items():
         unit = draws.attrs.get("unit", "")
-        numbers[str(name)] = {"unit": unit, **numbers_of(draws.to_numpy(), ci_prob)}
+        numbers[str(name)] = {"unit": unit, **numbers_of(draws.to_numpy(), prob)}
     return numbers

@@ -152,14 +152,14 @@ class Levels(NamedTuple):
     interval: Array  #: lower and upper ends of the credible intervals, shape (2, p)
 
 
-def current_levels(posteriors: Gaussian, probabilities: Array, *, ci_prob: float = 0.95) -> Levels:
+def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 0.95) -> Levels:
     """Return every parameter at the last campaign: its level plus the step, if there was one.
 
     Parameters
     ----------
     posteriors : Gaussians under every hypothesis, see `hypotheses`.
     probabilities : probabilities of the hypotheses, shape (r, n, p).
-    ci_prob : probability of the intervals.
+    prob : probability of the intervals.
     """
     _, n, p = probabilities.shape
     combinations = np.eye(p, posteriors.mean.shape[-1]) + np.zeros((n, p, p, 1))
@@ -169,7 +169,7 @@ def current_levels(posteriors: Gaussian, probabilities: Array, *, ci_prob: float
     weight = probabilities.ravel()
     counts = weight > _NEGLIGIBLE_WEIGHT * weight.max()
     weight = weight[counts] / weight[counts].sum()
-    tail = 0.5 - 0.5 * ci_prob
+    tail = 0.5 - 0.5 * prob
     interval = mixture_quantiles(weight, mean[counts], sd[counts], (tail, 1.0 - tail))
     level, level_sd = mixture_moments(weight, mean[counts], sd[counts])
     return Levels(level, level_sd, interval)

@@ -17,7 +17,7 @@ from ldbb_bayes.report.wording import probability_words
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
-__all__ = ["control_chart"]
+__all__ = ["draw_control_chart"]
 
 # Probability of a change above which the chart marks it by a line.
 _VISIBLE_PROBABILITY = 0.05
@@ -30,7 +30,7 @@ _MARGIN = 0.9
 
 
 @styled
-def control_chart(trend: Trend) -> Figure:
+def draw_control_chart(trend: Trend) -> Figure:
     """Return the control chart of a trend.
 
     The panel of a parameter shows the estimate from each campaign alone, in order of time, its
@@ -39,7 +39,7 @@ def control_chart(trend: Trend) -> Figure:
 
     Parameters
     ----------
-    trend : trend of one machine, as the function `trend` returns it.
+    trend : trend of one machine, as the function `find_trend` returns it.
     """
     columns = min(len(trend.parameters), _COLUMNS)
     figure, all_axes = panels(len(trend.parameters), columns, _PANEL_HEIGHT, _MARGIN, sharex=True)

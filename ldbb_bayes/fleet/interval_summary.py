@@ -19,20 +19,20 @@ class Summary(Result):
     interval: tuple[float, float]
 
 
-def keyed(record: Any, ci_prob: float) -> Any:
+def keyed(record: Any, prob: float) -> Any:
     """Return a record in which the word interval in names gives way to the probability (ci95).
 
     Parameters
     ----------
     record : dictionaries, lists and values that are to be written as JSON.
-    ci_prob : probability of the intervals.
+    prob : probability of the intervals.
     """
     if isinstance(record, dict):
-        key = f"ci{100 * ci_prob:g}"
+        key = f"ci{100 * prob:g}"
         renamed: dict[str, Any] = {}
         for name, value in record.items():
-            renamed[name.replace("interval", key)] = keyed(value, ci_prob)
+            renamed[name.replace("interval", key)] = keyed(value, prob)
         return renamed
     if isinstance(record, list):
-        return [keyed(value, ci_prob) for value in record]
+        return [keyed(value, prob) for value in record]
     return record

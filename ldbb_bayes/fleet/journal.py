@@ -123,7 +123,7 @@ def batch_identity(settings: Settings) -> dict[str, Any]:
     Options and versions of software, by the name under which a difference is reported.
     """
     identity: dict[str, Any] = {"model": model_sha256(settings.model)[:12]}
-    for name in ("sampler", "seed", "ess", "ci_prob", "compare"):
+    for name in ("sampler", "seed", "ess", "prob", "compare"):
         identity[name] = getattr(settings, name)
     options_by_kind = {
         "table option": settings.table,

@@ -26,6 +26,7 @@ import pandas as pd
 from pydantic import Field
 from scipy.special import ndtri
 
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.campaign_statistics import mixture_covariance
 from ldbb_bayes.fleet.compliance_meaning import Meaning
@@ -66,7 +67,7 @@ from ldbb_bayes.units import (
     state,
 )
 
-__all__ = ["PooledMachine", "PooledParameter", "Population", "pool", "population"]
+__all__ = ["PooledMachine", "PooledParameter", "Population", "fit_population", "pool"]
 
 # Smallest number of machines for which each machine is compared with the others.
 _FEWEST_MACHINES = 6
@@ -150,7 +151,7 @@ class Population(Result):
     pareto_k: float  #: Pareto's k̂ of the weights of the spreads' draws: the lower the better
     trusted: bool  #: whether Pareto's k̂ is low enough
     caveats: tuple[Caveat, ...]  #: limitations of the result
-    ci_prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
+    prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
     #: whether every machine could be compared with the others
     judged: Annotated[bool, Field(exclude=True)]
     #: SHA-256 of the campaigns, so that no campaign can take a prior made from its own readings
@@ -166,7 +167,10 @@ class Population(Result):
         return max(abs(z) for z in self.machine[name].z.values())
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the content of population.json, from whose ``next`` `prior_from` makes a prior."""
+        """Return the content of population.json.
+
+        `read_population_prior` makes a prior from its entry ``next``.
+        """
         next_machine = {}
         for name, parameter in self.parameters.items():
             if _CONSTANT_COMPLIANCE.fullmatch(name):
@@ -179,7 +183,7 @@ class Population(Result):
             "schema": 1,
             "kind": "population",
             "machines": len(self.machine),
-            **keyed(super().as_dict(), self.ci_prob),
+            **keyed(super().as_dict(), self.prob),
             "next": next_machine,
             "not_belonging": list(self.not_belonging),
         }
@@ -223,7 +227,7 @@ def _population_parts(result: Population) -> tuple[Table | str, ...]:
         "mean",
         "U of the bar",
         "spread",
-        f"spread, {100 * result.ci_prob:g} %",
+        f"spread, {100 * result.prob:g} %",
         "next machine",
     )
     rows = [_table_row(name, parameter) for name, parameter in result.parameters.items()]
@@ -258,7 +262,8 @@ def _without_unit(summary: Summary, unit: str) -> str:
     return stated.removesuffix(f" {shown_unit}")
 
 
-def population(
+@renamed_keyword("ci_prob", "prob")
+def fit_population(
     rows: pd.DataFrame,
     *,
     parameters: Sequence[str] | None = None,
@@ -268,7 +273,7 @@ def population(
     reference_force_N: float | None = None,
     spread_scale: float = 0.3,
     one_instrument: bool = True,
-    ci_prob: float = 0.95,
+    prob: float = 0.95,
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
@@ -287,7 +292,7 @@ def population(
         reference forces, measured with one bar.
     spread_scale : scale of each spread's prior, HalfNormal(spread_scale · reference sd of the
         parameter), see `reference_sd`.
-    ci_prob : probability of the credible intervals.
+    prob : probability of the credible intervals.
     seed : seed of the random draws.
     progress : function called with the number of machines for which spreads have been drawn anew
         and the number of machines for which they are to be.
@@ -298,7 +303,7 @@ def population(
         If the rows are not those of a batch, there are fewer than two machines, the machines differ
         in their joints, or an option is out of range.
     """
-    check_probability(ci_prob)
+    check_probability(prob)
     if not 0.0 < spread_scale < np.inf:
         raise InputError(
             f"spread_scale must be a finite number above zero, got {spread_scale}. The default is"
@@ -317,9 +322,7 @@ def population(
             "a population must have at least two machines, got only"
             f" {statistics.machines[0]}. {advice}"
         )
-    pooled = pool(
-        statistics, spread_scale=spread_scale, ci_prob=ci_prob, seed=seed, progress=progress
-    )
+    pooled = pool(statistics, spread_scale=spread_scale, prob=prob, seed=seed, progress=progress)
     lacks_id = [not isinstance(machine_id, str) for machine_id in relied["machine_id"]]
     if any(lacks_id):
         caveats.append(Caveat(CaveatKind.MACHINES_OF_THEIR_OWN, tuple(labels(relied[lacks_id]))))
@@ -332,21 +335,21 @@ def pool(
     statistics: FleetStatistics,
     *,
     spread_scale: float = 0.3,
-    ci_prob: float = 0.95,
+    prob: float = 0.95,
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
-    """Return the population that the machines of the given campaigns come from; see `population`.
+    """Return the population that the machines of campaigns come from; see `fit_population`.
 
     Parameters
     ----------
     statistics : likelihoods of campaigns of at least two machines.
-    spread_scale, ci_prob, seed, progress
-        As for `population`.
+    spread_scale, prob, seed, progress
+        As for `fit_population`.
     """
     machines, likelihood = machine_likelihoods(statistics)
     density = SpreadDensity(likelihood, spread_scale)
-    tails = (0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob)
+    tails = (0.5 - 0.5 * prob, 0.5 + 0.5 * prob)
     spreads = draw_spreads(
         density,
         len(statistics.parameters),
@@ -376,7 +379,7 @@ def pool(
         pareto_k=spreads.pareto_k,
         trusted=spreads.trusted,
         caveats=tuple(_caveats(statistics, parameters, spreads, judged, machines)),
-        ci_prob=ci_prob,
+        prob=prob,
         judged=judged is not None and not judged.doubtful.any(),
     )
 

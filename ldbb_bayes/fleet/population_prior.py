@@ -19,7 +19,7 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.wording import PAGE
 from ldbb_bayes.results import Shown, read_result
 
-__all__ = ["PopulationPrior", "digest_of", "prior_from"]
+__all__ = ["PopulationPrior", "digest_of", "read_population_prior"]
 
 # Largest relative difference of two reference forces that count as the same.
 _SAME_FORCE = 1e-9
@@ -150,7 +150,7 @@ def _check_takes_prior(model: HybridModel, name: str) -> None:
         )
 
 
-def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:
+def read_population_prior(path: str | os.PathLike[str]) -> PopulationPrior:
     """Return the prior that a population gives for one more machine.
 
     Parameters

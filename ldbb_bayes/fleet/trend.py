@@ -27,6 +27,7 @@ from scipy.special import ndtri
 
 from ldbb_bayes.analysis.conformity import Conformity, normal_conformity
 from ldbb_bayes.analysis.tolerances import Tolerance, quantities, tolerances_in
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.fleet.change_point import (
     Levels,
@@ -58,7 +59,7 @@ from ldbb_bayes.units import (
     round_uncertainty,
 )
 
-__all__ = ["ParameterChange", "Trend", "Visit", "trend"]
+__all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 
 # Probability of a change below which the table does not state its size. The table shows
 # probabilities to three decimals, so that smaller ones appear as zero.
@@ -198,7 +199,8 @@ def _trend_record(trend: Trend) -> dict[str, Any]:
 
 
 @one_blas_thread
-def trend(
+@renamed_keyword("ci_prob", "prob")
+def find_trend(
     rows: pd.DataFrame,
     *,
     machine: str | None = None,
@@ -213,7 +215,7 @@ def trend(
     repeatability: float = 0.01,
     probability: float = 0.5,
     threshold: float = 0.95,
-    ci_prob: float = 0.95,
+    prob: float = 0.95,
 ) -> Trend:
     """Return whether a parameter of one machine has changed, which, when and by how much.
 
@@ -226,8 +228,8 @@ def trend(
     parameters, reference_force_N, one_instrument
         See `fleet_statistics`; default: all constant compliances at the median of the campaigns'
         reference forces, measured with one bar.
-    tolerances : limits of parameters and stiffnesses, see `conformity`; default: those stated by
-        the newest campaign.
+    tolerances : limits of parameters and stiffnesses, see `assess_conformity`; default: those
+        stated by the newest campaign.
     change_scale : prior standard deviation of a change, in units of the parameter's reference sd
         (see `reference_sd`); the default is 2e-5 mm/N for C_XXX.
     repeatability : scale of the half-normal prior of r, in the same units, where r is the standard
@@ -235,7 +237,7 @@ def trend(
         for C_XXX, which is 2 % of a usual 5e-5 mm/N.
     probability : prior probability of a change.
     threshold : posterior probability above which a change is reported.
-    ci_prob : probability of the credible intervals.
+    prob : probability of the credible intervals.
 
     Raises
     ------
@@ -243,7 +245,7 @@ def trend(
         If there are fewer than two campaigns, the rows are of several machines and none is chosen,
         only some campaigns have dates, or an option is out of range.
     """
-    check_probability(ci_prob)
+    check_probability(prob)
     _check_option("change_scale", change_scale)
     _check_option("repeatability", repeatability)
     _check_option("probability", probability, below_one=True)
@@ -276,7 +278,7 @@ def trend(
     names = labels(relied.iloc[order])
     dates = [statistics.dates[i] for i in order]
     visits = _visits(names, dates, step_probabilities)
-    changes = _parameter_changes(statistics, posteriors, probabilities, chart, ci_prob)
+    changes = _parameter_changes(statistics, posteriors, probabilities, chart, prob)
     change_probability = 1.0 - float(probabilities[:, -1].sum())
     false_alarm = (1.0 - threshold) / threshold * probability / (1.0 - probability)
     newest_tolerances = relied["tolerances"].iloc[order[-1]]
@@ -288,7 +290,7 @@ def trend(
             "repeatability": repeatability,
             "probability": probability,
             "threshold": threshold,
-            "ci": ci_prob,
+            "ci": prob,
             "one_instrument": bool(statistics.instrument),
         },
         probability=change_probability,
@@ -298,7 +300,7 @@ def trend(
         parameters=changes,
         most_probable=ranked(changes, lambda name: changes[name].probability)[0],
         caveats=(*caveats, *_caveats_of_series(statistics)),
-        estimates=_estimates(statistics, visits, chart, step_probabilities, ci_prob),
+        estimates=_estimates(statistics, visits, chart, step_probabilities, prob),
         conformity=_conformities(statistics, names, chart, tolerances, newest_tolerances),
     )
 
@@ -376,13 +378,13 @@ def _parameter_changes(
     posteriors: Gaussian,
     probabilities: Array,
     chart: ChartPoints,
-    ci_prob: float,
+    prob: float,
 ) -> dict[str, ParameterChange]:
-    levels = current_levels(posteriors, probabilities, ci_prob=ci_prob)
+    levels = current_levels(posteriors, probabilities, prob=prob)
     changes = {}
     for j, name in enumerate(statistics.parameters):
         changes[name] = _parameter_change(
-            statistics, j, posteriors, probabilities[:, :-1, j], levels, chart, ci_prob
+            statistics, j, posteriors, probabilities[:, :-1, j], levels, chart, prob
         )
     return changes
 
@@ -394,7 +396,7 @@ def _parameter_change(
     step_probabilities: Array,
     levels: Levels,
     chart: ChartPoints,
-    ci_prob: float,
+    prob: float,
 ) -> ParameterChange:
     """Return the step of parameter j.
 
@@ -406,7 +408,7 @@ def _parameter_change(
     weight = np.full(step_probabilities.size, 1.0 / step_probabilities.size)
     if total > 0.0:
         weight = (step_probabilities / total).ravel()
-    change = _change(weight, posteriors.mean[:, :-1, j, -1], posteriors.sd[:, :-1, j, -1], ci_prob)
+    change = _change(weight, posteriors.mean[:, :-1, j, -1], posteriors.sd[:, :-1, j, -1], prob)
     level, level_sd = mixture_moments(
         weight, posteriors.mean[:, :-1, j, j].ravel(), posteriors.sd[:, :-1, j, j].ravel()
     )
@@ -429,12 +431,12 @@ def _parameter_change(
     )
 
 
-def _change(weight: Array, mean: Array, sd: Array, ci_prob: float) -> Summary:
+def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
     """Return the size of a change averaged over hypotheses, in units of the prior's sd."""
     mean = mean.ravel()
     sd = sd.ravel()
     counts = weight > 0.0
-    tail = 0.5 - 0.5 * ci_prob
+    tail = 0.5 - 0.5 * prob
     low, high = mixture_quantiles(weight[counts], mean[counts], sd[counts], (tail, 1.0 - tail))
     mixture_mean, mixture_sd = mixture_moments(weight, mean, sd)
     return Summary(float(mixture_mean), float(mixture_sd), (float(low), float(high)))
@@ -455,11 +457,11 @@ def _estimates(
     visits: Sequence[Visit],
     chart: ChartPoints,
     step_probabilities: Array,
-    ci_prob: float,
+    prob: float,
 ) -> pd.DataFrame:
     """Return the table `Trend.estimates`, with one row per campaign and parameter."""
     n, p = chart.estimate.shape
-    reach = float(ndtri(0.5 + 0.5 * ci_prob)) * chart.sd
+    reach = float(ndtri(0.5 + 0.5 * prob)) * chart.sd
     low, high = chart.limits
     sized = np.stack(
         (chart.estimate, chart.sd, chart.estimate - reach, chart.estimate + reach, low, high)

@@ -19,7 +19,7 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByRow, Numbers, Result, readable
 
-__all__ = ["LeastSquares", "least_squares"]
+__all__ = ["LeastSquares", "fit_least_squares"]
 
 # A Jacobian is singular if its smallest singular value is below this share of its largest.
 _SINGULAR = 1e-10
@@ -45,7 +45,7 @@ class LeastSquares(Result):
 
 
 @one_blas_thread
-def least_squares(
+def fit_least_squares(
     campaign: Campaign,
     degree: int = 0,
     *,

@@ -17,6 +17,7 @@ import pandas as pd
 import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.coefficients import (
     ModelDraws,
@@ -42,8 +43,9 @@ _DRAWS = 4000
 
 
 @one_blas_thread
+@renamed_keyword("ci_prob", "prob")
 def predict(
-    posterior: xr.DataTree, plan: Campaign, *, ci_prob: float = 0.95, seed: int = 1
+    posterior: xr.DataTree, plan: Campaign, *, prob: float = 0.95, seed: int = 1
 ) -> pd.DataFrame:
     """Return predicted readings of new circles on the machine of a posterior.
 
@@ -58,7 +60,7 @@ def predict(
         Posterior from `sample`, `load` or `average`.
     plan : Campaign
         The circles to predict; any readings in it are ignored.
-    ci_prob : float
+    prob : float
         Probability of the equal-tailed interval of a reading.
     seed : int
         Seed of the random draws.
@@ -79,10 +81,10 @@ def predict(
     >>> circle = lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0))
     >>> table = lb.predict(posterior, lb.Plan((circle,)))
     """
-    check_probability(ci_prob)
+    check_probability(prob)
     check_campaign(plan)
     rng = np.random.default_rng(seed)
-    levels = [0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob]
+    levels = [0.5, 0.5 - 0.5 * prob, 0.5 + 0.5 * prob]
     circles = [new_circles(draws, plan, rng) for draws in model_draws_of(posterior, _DRAWS)]
     tables = []
     for test, *readings_by_model in zip(plan.tests, *circles, strict=True):

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import warn_of_untrusted_weights
 from ldbb_bayes.inference.independent_sampler import TooRoughError, draw_jointly
@@ -21,18 +22,19 @@ from ldbb_bayes.model.mixtures import mixture_moments
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
 
-__all__ = ["marginals"]
+__all__ = ["marginalize"]
 
 # Number of random draws from which quantiles of the hyper-parameters are computed.
 _DRAWS = 16_384
 
 
 @one_blas_thread
-def marginals(
+@renamed_keyword("ci_prob", "prob")
+def marginalize(
     model: HybridModel,
     campaign: Campaign,
     *,
-    ci_prob: float = 0.95,
+    prob: float = 0.95,
     tolerance: float = 1e-3,
     seed: int = 1,
 ) -> pd.DataFrame:
@@ -45,7 +47,7 @@ def marginals(
     model : HybridModel
     campaign : Campaign
         Campaign with readings.
-    ci_prob : float
+    prob : float
         Probability of the equal-tailed credible interval.
     tolerance : float
         Relative error of the integrals behind means and standard deviations.
@@ -69,9 +71,7 @@ def marginals(
         "marginals must be asked of a campaign with readings, got a plan. Run the tests or"
         " simulate.",
     )
-    require(
-        0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95."
-    )
+    require(0.0 < prob < 1.0, f"prob must lie between 0 and 1, got {prob}. For 95 % give 0.95.")
     require(
         0.0 < tolerance < 1.0,
         f"tolerance must lie between 0 and 1, got {tolerance}. For example 1e-3.",
@@ -80,7 +80,7 @@ def marginals(
     posterior = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
     nodes = posterior.nodes(tolerance)
     warn_of_untrusted_weights(nodes)
-    levels = np.array([0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
+    levels = np.array([0.5, 0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
     phi = bound.hyper_prior.phi(nodes.integral.free)
     phi_mean, phi_sd = mixture_moments(nodes.integral.weight, phi, 0.0 * phi)
     phi_draws = bound.hyper_prior.phi(_draw_free(posterior, seed))
@@ -92,7 +92,7 @@ def marginals(
     )
     units = [parameter.unit for parameter in bound.parameters]
     table.insert(0, "unit", [*units, *bound.hyper_prior.units])
-    return readable(table, f"Marginals by quadrature, {100 * ci_prob:g} % intervals")
+    return readable(table, f"Marginals by quadrature, {100 * prob:g} % intervals")
 
 
 def _draw_free(posterior: HyperPosterior, seed: int) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.coefficients import ModelDraws, shared_terms
 from ldbb_bayes.inference.diagnostics import diagnose
@@ -21,7 +22,14 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
 
-__all__ = ["check_probability", "nuisances", "numbers_of", "priors_of", "result_json", "summarize"]
+__all__ = [
+    "check_probability",
+    "numbers_of",
+    "priors_of",
+    "result_json",
+    "summarize",
+    "summarize_nuisances",
+]
 
 # Entries of a record that only serve to make campaign and model again; `result_json` omits them.
 _FOR_REBUILDING = frozenset(
@@ -31,14 +39,15 @@ _FOR_REBUILDING = frozenset(
 _DRAWS = 1000
 
 
-def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
+@renamed_keyword("ci_prob", "prob")
+def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
     """Return a table with one row per parameter and hyper-parameter, in mm, N and rad.
 
     Parameters
     ----------
     posterior : DataTree
         Posterior from `sample` or `load`.
-    ci_prob : float
+    prob : float
         Probability of the equal-tailed credible interval.
 
     Returns
@@ -49,7 +58,7 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
         prior before truncation. ``attrs["fit"]`` is the `Fit`, with warnings and whether the
         numbers can be used (``state``).
     """
-    check_probability(ci_prob)
+    check_probability(prob)
     prior_sd, prior_mean = priors_of(posterior)
     variables = posterior["posterior"].data_vars
     draws = [variable.transpose("chain", "draw").values for variable in variables.values()]
@@ -59,7 +68,7 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
         name = str(key)
         rows[name] = {
             "unit": variable.attrs.get("unit", ""),
-            **numbers_of(draws[index], ci_prob),
+            **numbers_of(draws[index], prob),
             "prior_mean": prior_mean.get(name, np.nan),
             "prior_sd": prior_sd[name],
             "ess_bulk": diagnostics.ess_bulk[index],
@@ -68,15 +77,15 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
         }
     table = pd.DataFrame.from_dict(rows, orient="index")
     table.attrs["fit"] = fit_of(posterior)
-    return readable(table, f"Posterior, {100 * ci_prob:g} % intervals")
+    return readable(table, f"Posterior, {100 * prob:g} % intervals")
 
 
-def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, Any]:
+def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]:
     """Return the result of a fit in the form that ``fit --json`` writes.
 
     The key of a credible interval contains its probability: ``ci95`` for 95 %.
     """
-    check_probability(ci_prob)
+    check_probability(prob)
     record = record_of(posterior)
     result: dict[str, Any] = {"schema": record["schema"]}
     for section in ("campaign", "model"):
@@ -89,25 +98,25 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
         name = str(key)
         unit = variable.attrs.get("unit", "")
         if name in record["model"]["groups"]:
-            entry = _entry(variable.values, unit, prior_sd[name], ci_prob)
+            entry = _entry(variable.values, unit, prior_sd[name], prob)
             result["parameters"][name] = entry | {"prior_mean": prior_mean.get(name)}
         elif unit == "mm":
             sd_mm = prior_sd[name]
             sd_um = None if sd_mm is None else sd_mm * 1e3
-            result["hyper"][f"{name}_um"] = _entry(variable.values * 1e3, "um", sd_um, ci_prob)
+            result["hyper"][f"{name}_um"] = _entry(variable.values * 1e3, "um", sd_um, prob)
         else:
-            result["hyper"][name] = _entry(variable.values, unit, prior_sd[name], ci_prob)
+            result["hyper"][name] = _entry(variable.values, unit, prior_sd[name], prob)
     for section in ("averaged", "sampler", "fit", "provenance"):
         if section in record:
             result[section] = record[section]
     return result
 
 
-def _entry(draws: Array, unit: str, prior_sd: float | None, ci_prob: float) -> dict[str, Any]:
+def _entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict[str, Any]:
     """Return the entry of a parameter or hyper-parameter in the result of a fit."""
-    numbers = numbers_of(draws, ci_prob)
+    numbers = numbers_of(draws, prob)
     interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
-    return {"unit": unit, **numbers, f"ci{100 * ci_prob:g}": interval, "prior_sd": prior_sd}
+    return {"unit": unit, **numbers, f"ci{100 * prob:g}": interval, "prior_sd": prior_sd}
 
 
 def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
@@ -120,9 +129,9 @@ def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str
     return model["prior_sd"], model["prior_mean"]
 
 
-def numbers_of(draws: Array, ci_prob: float) -> dict[str, float]:
+def numbers_of(draws: Array, prob: float) -> dict[str, float]:
     """Return mean, sd, median and the ends of the equal-tailed interval of random draws."""
-    tail = 50.0 * (1.0 - ci_prob)
+    tail = 50.0 * (1.0 - prob)
     low, median, high = np.percentile(draws, [tail, 50.0, 100.0 - tail])
     return {
         "mean": float(draws.mean()),
@@ -133,15 +142,13 @@ def numbers_of(draws: Array, ci_prob: float) -> dict[str, float]:
     }
 
 
-def check_probability(ci_prob: float) -> None:
+def check_probability(prob: float) -> None:
     """Raise an `InputError` for a probability that is not between 0 and 1."""
-    require(
-        0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95."
-    )
+    require(0.0 < prob < 1.0, f"prob must lie between 0 and 1, got {prob}. For 95 % give 0.95.")
 
 
 @one_blas_thread
-def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
+def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     """Return the posterior of the shared nuisance coefficients.
 
     Parameters

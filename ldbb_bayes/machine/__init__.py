@@ -1,1 +1,5 @@
 """Model of the machine: kinematic chain, exact readings of circles, and Jacobians."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

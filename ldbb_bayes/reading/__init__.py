@@ -1,1 +1,5 @@
 """Import of foreign files, such as spreadsheets and exports of instruments, as campaigns."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ldbb_bayes.analysis.verdicts import verdicts
+from ldbb_bayes.analysis.verdicts import judge_posterior
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.fit_tables import fit_in_words
+from ldbb_bayes.report.fit_tables import describe_fit
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_name
@@ -61,9 +62,8 @@ def dsi_unit(*units: str) -> str:
     return notation or r"\one"
 
 
-def write_dcc(
-    posterior: xr.DataTree, path: str | os.PathLike[str], *, ci_prob: float = 0.95
-) -> Path:
+@renamed_keyword("ci_prob", "prob")
+def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: float = 0.95) -> Path:
     """Write the results of a fit as XML in the format of a digital calibration certificate.
 
     The file holds mean, U (k = 2), interval and covariance of every compliance and geometric error
@@ -76,7 +76,7 @@ def write_dcc(
         Posterior from `sample`, `load` or `average`.
     path
         File to write.
-    ci_prob
+    prob
         Probability of the intervals.
 
     Returns
@@ -87,14 +87,14 @@ def write_dcc(
     Raises
     ------
     InputError
-        ``ci_prob`` is not a probability.
+        ``prob`` is not a probability.
 
     Examples
     --------
-    >>> lb.write_dcc(posterior, "dcc.xml").name  # doctest: +SKIP
+    >>> lb.report.write_dcc(posterior, "dcc.xml").name  # doctest: +SKIP
     'dcc.xml'
     """
-    result = result_json(posterior, ci_prob=ci_prob)
+    result = result_json(posterior, prob=prob)
     campaign = campaign_of(posterior)
     entries = result["parameters"]
     draws = np.stack([np.ravel(posterior["posterior"].dataset[name]) for name in entries])
@@ -107,12 +107,12 @@ def write_dcc(
         version=result["provenance"]["versions"]["ldbb-bayes"],
         fitted=result["provenance"]["started"][:10],
         identifier=f"ldbb_bayes-{digest[:_DIGEST_LENGTH]}",
-        verdict=fit_in_words(posterior)["verdict"],
-        parameters=_parameter_entries(posterior, entries, draws, f"ci{100 * ci_prob:g}"),
+        verdict=describe_fit(posterior)["verdict"],
+        parameters=_parameter_entries(posterior, entries, draws, f"ci{100 * prob:g}"),
         covariance=_covariance_columns(covariance, [entry["unit"] for entry in entries.values()]),
-        factor=_coverage_factor(draws, covariance, ci_prob),
+        factor=_coverage_factor(draws, covariance, prob),
         models=len(result.get("averaged", {}).get("models", ())),
-        ci_prob=ci_prob,
+        prob=prob,
     )
     write_whole(Path(path), text.encode())
     return Path(path)
@@ -149,7 +149,7 @@ def _parameter_entries(
 
     Entry ``within`` is the share of random draws that lie in mean ± U.
     """
-    verdict_by_name = verdicts(posterior)
+    verdict_by_name = judge_posterior(posterior)
     parameters = []
     for (name, entry), parameter_draws in zip(entries.items(), draws, strict=True):
         low, high = entry[interval]

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import pandas as pd
 import xarray as xr
 
-from ldbb_bayes.analysis.budgets import budgets
-from ldbb_bayes.analysis.circularity import circularity
+from ldbb_bayes.analysis.budgets import budget_uncertainty
+from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.comparison import Comparison, compare
-from ldbb_bayes.analysis.conformity import conformity
+from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.design import Design, design
-from ldbb_bayes.analysis.verdicts import verdicts
-from ldbb_bayes.campaign.preview import CampaignPreview, preview
+from ldbb_bayes.analysis.verdicts import judge_posterior
+from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
 from ldbb_bayes.inference.summary import summarize
@@ -48,7 +48,7 @@ class Findings:
     ----------
     posterior
         Posterior of the fit.
-    ci_prob
+    prob
         Probability of the credible intervals.
     comparison
         Comparison of constant and linear compliance, or the reason why there is none.
@@ -61,7 +61,7 @@ class Findings:
     """
 
     posterior: xr.DataTree
-    ci_prob: float
+    prob: float
     comparison: Compared
     recommended: Callable[[], Recommended]
     averaged: xr.DataTree | None = None
@@ -95,36 +95,36 @@ class Findings:
     @cached_property
     def result(self) -> dict[str, Any]:
         """Results of the fit, as ``fit --json`` states them."""
-        return fit_tables.full_result(self.posterior, self.ci_prob)
+        return fit_tables.full_result(self.posterior, self.prob)
 
     @cached_property
     def summary(self) -> pd.DataFrame:
         """Table of the results of the fit, with diagnostics of the random draws."""
-        return summarize(self.posterior, ci_prob=self.ci_prob)
+        return summarize(self.posterior, prob=self.prob)
 
     @cached_property
     def seen(self) -> CampaignPreview:
         """Preview of the campaign: what its readings show without a model."""
-        return preview(campaign_of(self.posterior))
+        return check_campaign(campaign_of(self.posterior))
 
     @cached_property
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
         """Verdict on every parameter: how far the readings determine it."""
-        return verdicts(self.posterior)
+        return judge_posterior(self.posterior)
 
     @cached_property
     def budgets(self) -> Mapping[str, Budget]:
         """Uncertainty budget of every parameter."""
-        return budgets(self.posterior)
+        return budget_uncertainty(self.posterior)
 
     @cached_property
     def path(self) -> pd.DataFrame:
         """Circular-test quantities of the machine's tool path."""
-        return circularity(self.posterior, ci_prob=self.ci_prob)
+        return predict_circularity(self.posterior, prob=self.prob)
 
     def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
         """Decide conformity with the tolerances, at a force [N]."""
-        return conformity(self.numbers, self.tolerances or None, force_N=force_N)
+        return assess_conformity(self.numbers, self.tolerances or None, force_N=force_N)
 
     @property
     def flat(self) -> bool:
@@ -143,7 +143,7 @@ class Beside:
     result
         Results of its fit, as ``fit --json`` states them.
     differences
-        Differences from the first campaign, see `ldbb_bayes.differences`.
+        Differences from the first campaign, see `compare_posteriors`.
     """
 
     name: str
@@ -154,7 +154,7 @@ class Beside:
 def find(
     posterior: xr.DataTree,
     *,
-    ci_prob: float = 0.95,
+    prob: float = 0.95,
     tests: int | None = None,
     comparison: Compared | None = None,
     recommended: Recommended | Callable[[], Recommended] | None = None,
@@ -165,7 +165,7 @@ def find(
 
     Parameters
     ----------
-    posterior, ci_prob, tests, comparison, recommended, averaged, tolerances
+    posterior, prob, tests, comparison, recommended, averaged, tolerances
         As for `ldbb_bayes.write_report`.
 
     Returns
@@ -190,7 +190,7 @@ def find(
             return recommended()
         return recommended
 
-    return Findings(posterior, ci_prob, comparison, next_tests, averaged, tolerances)
+    return Findings(posterior, prob, comparison, next_tests, averaged, tolerances)
 
 
 def _check_readings(kind: str, stated: Campaign | None, campaign: Campaign) -> None:

@@ -12,11 +12,11 @@ import numpy as np
 
 from ldbb_bayes import units
 from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
-from ldbb_bayes.analysis.conformity import conformity
+from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
-from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
+from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, check_campaign
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
-from ldbb_bayes.inference.summary import nuisances, result_json
+from ldbb_bayes.inference.summary import result_json, summarize_nuisances
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, Shown, Table
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FitWords",
     "conformity_table",
-    "fit_in_words",
+    "describe_fit",
     "full_result",
     "further_remarks",
     "nuisance_table",
@@ -80,14 +80,14 @@ def three_digits(value: float) -> str:
 # ---- the JSON of a fit
 
 
-def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
+def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
     """Return all results of a fit, with nuisance coefficients, warnings and conformity decisions.
 
     Parameters
     ----------
     posterior
         Posterior of the fit.
-    ci_prob
+    prob
         Probability of the credible intervals.
 
     Returns
@@ -95,11 +95,11 @@ def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
     dict
         The record that ``fit --json`` prints.
     """
-    result = result_json(posterior, ci_prob=ci_prob)
-    result["nuisances"] = nuisances(posterior).to_dict(orient="index")
-    result["fit"] |= fit_in_words(posterior)
+    result = result_json(posterior, prob=prob)
+    result["nuisances"] = summarize_nuisances(posterior).to_dict(orient="index")
+    result["fit"] |= describe_fit(posterior)
     if campaign_of(posterior).tolerances:
-        decisions = conformity(posterior)
+        decisions = assess_conformity(posterior)
         result["conformity"] = {name: decision.as_dict() for name, decision in decisions.items()}
     return result
 
@@ -111,7 +111,7 @@ class FitWords(Shown, dict[str, Any]):
         return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
 
 
-def fit_in_words(posterior: xr.DataTree) -> FitWords:
+def describe_fit(posterior: xr.DataTree) -> FitWords:
     """Return the state of a fit, its verdict, misfits and warnings in words.
 
     Parameters
@@ -127,7 +127,7 @@ def fit_in_words(posterior: xr.DataTree) -> FitWords:
     fit = fit_of(posterior)
     bound = bound_of(posterior)
     alike = degeneracies(bound)
-    campaign_preview = preview(bound.campaign)
+    campaign_preview = check_campaign(bound.campaign)
     warnings = [
         *wording.concern_sentences(fit.concerns, record_of(posterior)["sampler"]),
         *wording.check_notes(fit),
@@ -201,7 +201,7 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     Parameters
     ----------
     decisions
-        Decisions by quantity, each as a dictionary; see `conformity`.
+        Decisions by quantity, each as a dictionary; see `assess_conformity`.
 
     Returns
     -------

@@ -11,8 +11,8 @@ from dataclasses import asdict
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.analysis.measured_paths import measured_circularity
-from ldbb_bayes.analysis.path_contributions import contributions
+from ldbb_bayes.analysis.measured_paths import measure_circularity
+from ldbb_bayes.analysis.path_contributions import decompose_deviation
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.summary import summarize
 from ldbb_bayes.report import wording
@@ -58,8 +58,8 @@ def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.Da
     names = [*bound.names, *map(str, bound.hyper_prior.names)]
     covariance = pd.DataFrame(np.cov(draws), names, names)
     correlation = pd.DataFrame(np.corrcoef(draws), names, names)
-    measured, pairs = measured_circularity(posterior)
-    by_source = _with_unit_suffixes(contributions(posterior, ci_prob=findings.ci_prob))
+    measured, pairs = measure_circularity(posterior)
+    by_source = _with_unit_suffixes(decompose_deviation(posterior, prob=findings.prob))
     frames = {
         "results": _results(findings),
         "covariance": covariance.rename_axis("parameter"),
@@ -110,7 +110,7 @@ def _averaged(findings: Findings) -> pd.DataFrame:
     In some of the models slopes are exactly zero, so that mean and U do not describe them.
     """
     averaged = findings.numbers
-    summary = summarize(averaged, ci_prob=findings.ci_prob)
+    summary = summarize(averaged, prob=findings.prob)
     summary = summary.drop(columns=["ess_bulk", "ess_tail", "rhat"])
     parameters = bound_of(averaged).parameters
     summary = summary.loc[[parameter.name for parameter in parameters if parameter.degree == 0]]

@@ -13,8 +13,9 @@ import pandas as pd
 import xarray as xr
 from markupsafe import Markup
 
-from ldbb_bayes.analysis.differences import differences
+from ldbb_bayes.analysis.differences import compare_posteriors
 from ldbb_bayes.analysis.tolerances import check_force
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.files import check_target, staged_folder, write_whole
 from ldbb_bayes.inference.posterior import campaign_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json
@@ -130,7 +131,7 @@ def compose(
     title = f"Loaded double ball bar: {name}"
     if others:
         side_by_side = beside(
-            findings.result, others, same_instrument=same_instrument, ci_prob=findings.ci_prob
+            findings.result, others, same_instrument=same_instrument, prob=findings.prob
         )
         sections.insert(0, Section("beside", "Campaigns side by side", tuple(side_by_side)))
         title += f", beside {wording.joined([other.name for other in others])}"
@@ -211,13 +212,14 @@ def check_folder(folder: Path) -> None:
     check_target(target, force=True, ours=TABLE_FILES)
 
 
+@renamed_keyword("ci_prob", "prob")
 def write_report(
     posterior: xr.DataTree,
     folder: str | os.PathLike[str],
     *,
     beside_it: Mapping[str, xr.DataTree] | None = None,
     same_instrument: bool = False,
-    ci_prob: float = 0.95,
+    prob: float = 0.95,
     tests: int | None = None,
     comparison: Compared | None = None,
     recommended: Recommended | Callable[[], Recommended] | None = None,
@@ -243,7 +245,7 @@ def write_report(
         Posteriors of other campaigns to compare with this one.
     same_instrument : bool
         Whether the other campaigns used the same bar, balls, mount and force device.
-    ci_prob : float
+    prob : float
         Probability of the credible intervals.
     tests : int, optional
         Number of circles to recommend. Default: as many as the campaign has.
@@ -290,11 +292,13 @@ def write_report(
     words_of(language)
     others = []
     for name, other in (beside_it or {}).items():
-        difference = differences(posterior, other, same_instrument=same_instrument, ci_prob=ci_prob)
-        others.append(Beside(name, result_json(other, ci_prob=ci_prob), difference))
+        difference = compare_posteriors(
+            posterior, other, same_instrument=same_instrument, prob=prob
+        )
+        others.append(Beside(name, result_json(other, prob=prob), difference))
     findings = find(
         posterior,
-        ci_prob=ci_prob,
+        prob=prob,
         tests=tests,
         comparison=comparison,
         recommended=recommended,
@@ -331,7 +335,7 @@ def write_report(
     write_whole(folder / "report.json", json_text(record).encode())
     write_whole(folder / "report.html", page.encode())
     write_whole(folder / "report.pdf", pdf)
-    write_dcc(findings.numbers, folder / "dcc.xml", ci_prob=ci_prob)
+    write_dcc(findings.numbers, folder / "dcc.xml", prob=prob)
     return document
 
 

@@ -16,7 +16,7 @@ from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.cures import cures
 from ldbb_bayes.analysis.design import Design
-from ldbb_bayes.analysis.machine_description import describe
+from ldbb_bayes.analysis.machine_description import describe_machine
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.report import fit_tables, text, wording
 from ldbb_bayes.report.findings import Beside, Findings
@@ -82,7 +82,7 @@ def results(findings: Findings) -> Iterator[Part]:
     nuisances = fit_tables.nuisance_table(findings.result["nuisances"])
     yield Details("What the fit says of other effects", (nuisances,))
     tests = campaign_of(findings.posterior)
-    description = describe(tests.machine(), [test.circle for test in tests.tests])
+    description = describe_machine(tests.machine(), [test.circle for test in tests.tests])
     yield Details("What the parameters are", parts_of(description))
 
 
@@ -299,7 +299,7 @@ def glossary(findings: Findings) -> Iterator[Part]:
 
 
 def beside(
-    first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, ci_prob: float
+    first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, prob: float
 ) -> Iterator[Part]:
     """Yield the section on the differences of other campaigns from the first one.
 
@@ -313,7 +313,7 @@ def beside(
         The other campaigns.
     same_instrument
         Whether the other campaigns used the same bar, balls, mount and force device.
-    ci_prob
+    prob
         Probability of the credible intervals.
 
     Yields
@@ -323,10 +323,10 @@ def beside(
     name = str(first["campaign"]["name"])
     yield wording.instrument_words(first["model"]["reference_force_N"], same_instrument)
     yield tuple(
-        wording.change_sentence(name, other.name, other.differences, ci_prob) for other in others
+        wording.change_sentence(name, other.name, other.differences, prob) for other in others
     )
     for other in others:
-        yield _differences_table(name, other, f"{100 * ci_prob:g} %")
+        yield _differences_table(name, other, f"{100 * prob:g} %")
 
 
 def _differences_table(first: str, other: Beside, percent: str) -> Table:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ldbb_bayes.analysis.circularity import circularity
+from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.analysis.usability import is_determined
 from ldbb_bayes.inference.posterior import bound_of
@@ -178,8 +178,8 @@ class SheetNumbers:
     @cached_property
     def _summaries(self) -> dict[str, Mapping[str, float]]:
         """Mean, sd, median and interval of the draws, by parameter."""
-        ci_prob = self.findings.ci_prob
-        return {name: numbers_of(draws, ci_prob) for name, draws in self._draws.items()}
+        prob = self.findings.prob
+        return {name: numbers_of(draws, prob) for name, draws in self._draws.items()}
 
     def _quantity_words(self, name: Any, degree: int) -> str:
         """Return the name of a compliance or geometric error in words."""
@@ -254,8 +254,8 @@ class SheetNumbers:
 
         They are affected by the effects that the geometric errors are confounded with.
         """
-        ci_prob = self.findings.ci_prob
-        table = circularity(self.findings.numbers, [self.force_N], ci_prob=ci_prob)
+        prob = self.findings.prob
+        table = predict_circularity(self.findings.numbers, [self.force_N], prob=prob)
         has_several_planes = table["plane"].nunique() > 1
         hangs_on = self._partners_of_geometry()
         stated = {}

@@ -102,7 +102,7 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     ]
     yield _table_with_U(numbers, words("sheet.results", force=force, middle=middle), quantities)
     yield from _conformity(numbers)
-    yield words("notes.U", percent=words.number(f"{100 * findings.ci_prob:g}"))
+    yield words("notes.U", percent=words.number(f"{100 * findings.prob:g}"))
     traces = picture(
         "traces", findings.posterior, words("sheet.traces"), words=words.table["figures"]
     )
@@ -163,7 +163,7 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     yield _table_with_intervals(numbers, [*numbers.parameters.values(), *numbers.path.values()])
     yield words(
         "notes.u",
-        percent=words.number(f"{100 * findings.ci_prob:g}"),
+        percent=words.number(f"{100 * findings.prob:g}"),
         force=words.number(f"{numbers.force_N:.4g}"),
     )
     yield words("notes.words", names="; ".join(_meanings_of_partners(numbers)))
@@ -241,7 +241,7 @@ def _table(
     numbers: SheetNumbers, caption: str, keys: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> Table:
     words = numbers.words
-    percent = words.number(f"{100 * numbers.findings.ci_prob:g}")
+    percent = words.number(f"{100 * numbers.findings.prob:g}")
     heads = {key: words(f"heads.{key}", percent=percent) for key in keys}
     text_columns = [heads["symbol"], heads["unit"], heads["remark"]]
     return Table.of(caption, list(heads.values()), rows, text=text_columns)

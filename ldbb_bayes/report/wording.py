@@ -877,13 +877,13 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float) -> str:
+def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) -> str:
     """Return a sentence on the parameters in which a campaign differs from the first one."""
-    tail = 0.5 - 0.5 * ci_prob
+    tail = 0.5 - 0.5 * prob
     probability = table["probability_of_increase"]
     sizes = []
     for name, row in table[(probability > 1.0 - tail) | (probability < tail)].iterrows():
         interval = (row["ci_low"], row["ci_high"])
         size = plus_minus(row["difference"], row["sd"], interval, row["unit"])
         sizes.append(f"{display_name(str(name))} {size}")
-    return _sentence("change_sentence", first, other, sizes, f"{100 * ci_prob:g}")
+    return _sentence("change_sentence", first, other, sizes, f"{100 * prob:g}")

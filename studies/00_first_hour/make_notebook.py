@@ -46,7 +46,7 @@ CELLS = (
         " lb.read_campaign(lb.embedded_campaign())\ncampaign"
     ),
     "What is in the campaign, and what looks odd, before anything is fitted:",
-    "lb.preview(campaign)",
+    "lb.check_campaign(campaign)",
     "The model: compliance linear in force, and everything that is not the machine.",
     "linear = lb.HybridModel.default(degree=1)\nlinear",
     (

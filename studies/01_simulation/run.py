@@ -33,7 +33,7 @@ from study import DATA, Study, run
 
 TABLES = DATA / "published_tables"
 MACHINE = lb.Machine("wCAFYXZSt", "XY")
-CIRCLE = lb.Circle()
+CIRCLE = lb.machine.Circle()
 ANGLE = np.deg2rad(np.arange(0.0, 360.0, 0.5))
 PAPERS_STEP_DEG = 30.0
 PAPERS_ANGLE = np.deg2rad(np.arange(0.0, 360.0 + PAPERS_STEP_DEG, PAPERS_STEP_DEG))
@@ -69,8 +69,8 @@ def on_page(name: str) -> str:
 
 def tables_1_and_2() -> dict[str, Any]:
     """Parameters kept and sets that look alike, as printed and as found from the Jacobian."""
-    found = lb.describe(MACHINE)
-    atlas = lb.patterns(MACHINE, CIRCLE, ANGLE)
+    found = lb.describe_machine(MACHINE)
+    atlas = lb.machine.patterns(MACHINE, CIRCLE, ANGLE)
     elastic = atlas[[name for name in atlas.columns if name.startswith("C_")]]
     singular = np.linalg.svd(elastic.to_numpy(), compute_uv=False)
     sets = {
@@ -115,7 +115,9 @@ def tables_1_and_2() -> dict[str, Any]:
 
 def scaled_jacobian(forces_N: tuple[float, ...]) -> np.ndarray:
     """J_H of Eq. 30, each column divided by its norm."""
-    jacobian = np.vstack([lb.hybrid_jacobian(MACHINE, CIRCLE, ANGLE, force) for force in forces_N])
+    jacobian = np.vstack(
+        [lb.machine.hybrid_jacobian(MACHINE, CIRCLE, ANGLE, force) for force in forces_N]
+    )
     return jacobian / np.linalg.norm(jacobian, axis=0)
 
 
@@ -123,7 +125,7 @@ def readings_mm(values: Values, force_N: float, angle_rad: np.ndarray) -> np.nda
     """The exact model (Eq. 13 and 20)."""
     elastic = {name: value for name, value in values.items() if name.startswith("C_")}
     errors = {name: value for name, value in values.items() if name.startswith("E_")}
-    return lb.exact_reading_mm(
+    return lb.machine.exact_reading_mm(
         MACHINE, CIRCLE, angle_rad, force_N=force_N, compliances=elastic, geometric_errors=errors
     )
 
@@ -131,7 +133,7 @@ def readings_mm(values: Values, force_N: float, angle_rad: np.ndarray) -> np.nda
 def estimated(values: Values, angle_rad: np.ndarray = PAPERS_ANGLE) -> dict[str, float]:
     """Eq. 31 of exact readings at all eight forces."""
     jacobian = pd.concat(
-        [lb.hybrid_jacobian(MACHINE, CIRCLE, angle_rad, force) for force in FORCES_N]
+        [lb.machine.hybrid_jacobian(MACHINE, CIRCLE, angle_rad, force) for force in FORCES_N]
     )
     scale = np.linalg.norm(jacobian, axis=0)
     reading = np.concatenate([readings_mm(values, force, angle_rad) for force in FORCES_N])
@@ -248,7 +250,7 @@ def simulation() -> dict[str, dict[float, tuple[np.ndarray, np.ndarray]]]:
 
 def linearisation_um(values: Values) -> float:
     """Largest |exact − linear| reading of geometric errors [µm]."""
-    jacobian = lb.hybrid_jacobian(MACHINE, CIRCLE, ANGLE, 0.0)
+    jacobian = lb.machine.hybrid_jacobian(MACHINE, CIRCLE, ANGLE, 0.0)
     linear = sum(value * jacobian[name].to_numpy() for name, value in values.items())
     return float(1e3 * np.abs(readings_mm(values, 0.0, ANGLE) - linear).max())
 
@@ -319,7 +321,7 @@ def reach() -> dict[str, Any]:
 
 
 def _unit(name: str) -> str:
-    return {seen.name: seen.unit for seen in lb.describe(MACHINE).geometric_errors}[name]
+    return {seen.name: seen.unit for seen in lb.describe_machine(MACHINE).geometric_errors}[name]
 
 
 def atlas_swing() -> float:

@@ -73,7 +73,7 @@ def log_bayes_factor(linear: lb.HybridModel, campaign: lb.Campaign) -> float:
         lb.log_evidence(model, campaign, tolerance=TOLERANCE)
         for model in (linear, linear.with_degree(0))
     )
-    return lb.log_bayes_factor(own, least)[0]
+    return lb.inference.log_bayes_factor(own, least)[0]
 
 
 def measure(beliefs: Sequence[str]) -> dict[str, Any]:
@@ -88,7 +88,7 @@ def measure(beliefs: Sequence[str]) -> dict[str, Any]:
     for belief in beliefs:
         campaign = stated if STATED in belief else plain
         model = BELIEFS[belief](FIRST)
-        table = lb.marginals(model, campaign, tolerance=TOLERANCE)
+        table = lb.inference.marginalize(model, campaign, tolerance=TOLERANCE)
         own = table.loc[list(names)]
         factor = own["unit"].map(lambda unit: SHOWN[unit][0])
         found[belief] = {

@@ -33,18 +33,20 @@ GLOBAL = {"constant": ("#009E73", (0, (6, 2))), "linear": ("#CC79A7", (0, (6, 2,
 def part_um(estimate: Mapping[str, float], force_N: float, *, start: str) -> np.ndarray:
     """Reading at 0° … 360° from the parameters whose names start so, tool offsets left out, shape
     (361,) [µm]."""
-    jacobian = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), np.deg2rad(ANGLE_DEG), force_N)
+    jacobian = lb.machine.hybrid_jacobian(
+        lb.Machine(), lb.machine.Circle(), np.deg2rad(ANGLE_DEG), force_N
+    )
     names = [name for name in jacobian.columns if name.startswith(start) and name not in OFFSETS]
     return 1e3 * (jacobian[names] @ pd.Series(estimate)[names]).to_numpy()
 
 
-def upper_pair(pairs: Mapping[Pair, lb.LeastSquares], test: str) -> Pair:
+def upper_pair(pairs: Mapping[Pair, lb.inference.LeastSquares], test: str) -> Pair:
     """The pair in which a test is the upper force; of the lowest force, its only pair."""
     return next((pair for pair in pairs if pair[1] == test), next(iter(pairs)))
 
 
 @lb.figures.styled
-def local_traces(campaign: lb.Campaign, pairs: Mapping[Pair, lb.LeastSquares]) -> Figure:
+def local_traces(campaign: lb.Campaign, pairs: Mapping[Pair, lb.inference.LeastSquares]) -> Figure:
     """Fig. 11 (b): readings and what each pair of neighbouring forces predicts for its two
     circles."""
     figure = lb.figures.new_figure(9.6, 5.0)
@@ -119,7 +121,9 @@ def contributions(campaign: lb.Campaign, estimates: Mapping[str, Mapping[str, fl
 def parameter_contributions(table: pd.DataFrame, force_N: float) -> Figure:
     """Figs. 9, 10 and 13, 14: every parameter's part of the reading by least squares, with its 95 %
     band by white noise."""
-    jacobian = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), np.deg2rad(ANGLE_DEG), force_N)
+    jacobian = lb.machine.hybrid_jacobian(
+        lb.Machine(), lb.machine.Circle(), np.deg2rad(ANGLE_DEG), force_N
+    )
     figure = lb.figures.new_figure(10.4, 6.8)
     panels: Any = figure.subplots(2, 2)
     for row, start, words in zip(
@@ -169,7 +173,7 @@ def on_page(name: str) -> str:
 
 @lb.figures.styled
 def with_least_squares(
-    figure: Figure, fits: Mapping[str, lb.LeastSquares], forces_N: np.ndarray
+    figure: Figure, fits: Mapping[str, lb.inference.LeastSquares], forces_N: np.ndarray
 ) -> Figure:
     """Figs. 15 and 16: the paper's own global lines, of constant and of linear compliance (Eq. 33),
     added to the package's."""

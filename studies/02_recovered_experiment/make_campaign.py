@@ -83,7 +83,10 @@ def estimation_map(forces_N: tuple[float, ...]) -> np.ndarray:
     angle = np.arange(READINGS) * 2 * np.pi / READINGS
     basis = harmonics(angle)
     jacobian = np.vstack(
-        [lb.hybrid_jacobian(lb.Machine(), lb.Circle(), angle, force) for force in forces_N]
+        [
+            lb.machine.hybrid_jacobian(lb.Machine(), lb.machine.Circle(), angle, force)
+            for force in forces_N
+        ]
     )
     scale = np.linalg.norm(jacobian, axis=0)
     pseudo_inverse = np.linalg.pinv(jacobian / scale, rcond=1e-12) / scale[:, None]

@@ -72,11 +72,11 @@ def campaign() -> lb.Campaign:
 
 
 @cache
-def pairs() -> Mapping[Pair, lb.LeastSquares]:
+def pairs() -> Mapping[Pair, lb.inference.LeastSquares]:
     """Least squares of every pair of neighbouring forces (Tables 7 and 8)."""
     names = [test.name for test in campaign().tests]
     return {
-        (low, high): lb.least_squares(campaign().select([low, high]))
+        (low, high): lb.fit_least_squares(campaign().select([low, high]))
         for low, high in pairwise(names)
     }
 
@@ -142,7 +142,7 @@ def completions(found: Recovered) -> dict[str, Any]:
         }
     rows = {}
     for name, values in made.items():
-        table = lb.marginals(CONSTANT, campaign_of(values), tolerance=1e-2)
+        table = lb.inference.marginalize(CONSTANT, campaign_of(values), tolerance=1e-2)
         rows[name] = {
             p: {"mean": float(table.loc[p, "mean"]), "sd": float(table.loc[p, "sd"])}
             for p in table.index
@@ -169,13 +169,13 @@ def completions(found: Recovered) -> dict[str, Any]:
 
 def _change(other: lb.Campaign) -> float:
     """Largest relative change of the estimates of Eq. 31."""
-    own, new = (lb.least_squares(one).table["estimate"] for one in (campaign(), other))
+    own, new = (lb.fit_least_squares(one).table["estimate"] for one in (campaign(), other))
     return float((new / own - 1.0).abs().max())
 
 
 def tables_5_to_8() -> dict[str, list[dict[str, Any]]]:
     """Every printed number beside the estimate of Eq. 31 from the shipped readings."""
-    whole = lb.least_squares(campaign())
+    whole = lb.fit_least_squares(campaign())
     local = {tuple(float(name[1:]) for name in pair): found for pair, found in pairs().items()}
     found: dict[str, list[dict[str, Any]]] = {}
     for number, stem in enumerate(
@@ -199,7 +199,9 @@ def tables_5_to_8() -> dict[str, list[dict[str, Any]]]:
     return found
 
 
-def _cell(printed: str, name: str, squares: lb.LeastSquares, forces: str) -> dict[str, Any]:
+def _cell(
+    printed: str, name: str, squares: lb.inference.LeastSquares, forces: str
+) -> dict[str, Any]:
     value, u = squares.table.loc[in_code(name), ["estimate", "u"]]
     return {
         "forces_N": forces or "all",
@@ -216,7 +218,7 @@ def table_9() -> dict[str, Any]:
     circles fitted together (all)."""
     printed = pd.read_csv(TABLES / "table_9_fitness.csv").set_index("force_N")
     fits = {
-        column: lb.least_squares(campaign(), degree).quality
+        column: lb.fit_least_squares(campaign(), degree).quality
         for degree, column in enumerate(("constant", "linear"))
     }
     rows: dict[str, Any] = {}
@@ -267,7 +269,7 @@ def figure_values() -> list[dict[str, Any]]:
     readings."""
     top = max(campaign().tests, key=lambda test: test.force_N or 0.0)
     force = float(top.force_N or 0.0)
-    whole = lb.least_squares(campaign()).estimate
+    whole = lb.fit_least_squares(campaign()).estimate
     last = pairs()[upper_pair(pairs(), top.name)].estimate
     geometry = np.array([part_um(own.estimate, force, start="E_") for own in pairs().values()])
     known = {
@@ -277,7 +279,9 @@ def figure_values() -> list[dict[str, Any]]:
         "8c geometry smallest": part_um(whole, force, start="E_").min(),
         "12 change of geometry with force": np.ptp(geometry, axis=0).max(),
     }
-    jacobian = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), np.deg2rad(np.arange(360.0)), force)
+    jacobian = lb.machine.hybrid_jacobian(
+        lb.Machine(), lb.machine.Circle(), np.deg2rad(np.arange(360.0)), force
+    )
     size = np.ptp(jacobian.to_numpy(), axis=0) * 1e3
     for number, kind, estimate in (
         ("9", "C_", whole),
@@ -357,7 +361,7 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
     """Figs. 7 to 16, and the harmonics."""
     found = recover()
     whole = campaign()
-    fits = {"constant": lb.least_squares(whole), "linear": lb.least_squares(whole, 1)}
+    fits = {"constant": lb.fit_least_squares(whole), "linear": lb.fit_least_squares(whole, 1)}
     top = whole.tests[-1]
     force = float(top.force_N or 0.0)
     local = {test.name: pairs()[upper_pair(pairs(), test.name)] for test in whole.tests}

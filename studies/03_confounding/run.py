@@ -168,7 +168,7 @@ def completions(campaign: lb.Campaign) -> dict[str, Any]:
     names = {f"{sign} 1 u": f"cos 4θ at the lowest force, {sign} 1 u" for sign in "−+"}
     rows: dict[str, Any] = {}
     for label, step in steps.items():
-        table = lb.marginals(FREE, completed(campaign, step), tolerance=1e-2)
+        table = lb.inference.marginalize(FREE, completed(campaign, step), tolerance=1e-2)
         on = bounded["parameters"][names.get(label, label)]["C_CCY"]
         rows[label] = {
             "cos_4_um": cos_4[0] + step,
@@ -176,7 +176,7 @@ def completions(campaign: lb.Campaign) -> dict[str, Any]:
             "on": {word: SHOWN["C_CCY"][0] * value for word, value in on.items()},
         }
     squares = [
-        lb.least_squares(completed(campaign, step)).estimate["C_CCY"] for step in steps.values()
+        lb.fit_least_squares(completed(campaign, step)).estimate["C_CCY"] for step in steps.values()
     ]
     return {
         "rows": rows,
@@ -191,7 +191,7 @@ def synthetic_form(campaign: lb.Campaign) -> dict[str, Any]:
     confused with."""
     rows = {}
     for factor in SYNTHETIC:
-        table = lb.marginals(FREE, with_form_scaled(campaign, factor))
+        table = lb.inference.marginalize(FREE, with_form_scaled(campaign, factor))
         tau = {word: 1e3 * float(table.loc["tau", word]) for word in ("mean", "sd")}
         rows[f"{factor:g}"] = {
             "tau_um": tau,
@@ -215,7 +215,7 @@ def gain_difference(campaign: lb.Campaign) -> dict[str, float]:
     """E_XX1 − E_YY1 of the joint posterior, with form [µm/m]."""
     # So many draws that another seed moves the sd by less than a hundredth.
     drawn = lb.sample(
-        FREE, campaign, sampler="independent", seed=1, rule=lb.StoppingRule(ess=40_000.0)
+        FREE, campaign, sampler="independent", seed=1, rule=lb.inference.StoppingRule(ess=40_000.0)
     )["posterior"]
     difference = 1e6 * (drawn["E_XX1"] - drawn["E_YY1"])
     return {"mean": float(difference.mean()), "sd": float(difference.std())}
@@ -230,9 +230,9 @@ def measure() -> dict[str, Any]:
     """Everything the page states, in units for reading."""
     campaign = lb.read_campaign(DATA / "recovered_experiment")
     fits = {
-        "least squares": lb.marginals(lb.HybridModel.paper(degree=0), campaign),
-        "without form": lb.marginals(FREE.without("ball-form"), campaign),
-        "with form": lb.marginals(FREE, campaign),
+        "least squares": lb.inference.marginalize(lb.HybridModel.paper(degree=0), campaign),
+        "without form": lb.inference.marginalize(FREE.without("ball-form"), campaign),
+        "with form": lb.inference.marginalize(FREE, campaign),
     }
     printed = published()
     fitted: dict[str, Any] = {}
@@ -241,7 +241,7 @@ def measure() -> dict[str, Any]:
         fitted[name] = {"unit": unit, "published": printed[name] * factor} | {
             k: _read(t, name) for k, t in fits.items()
         }
-    unshifted = lb.marginals(FREE.without("setup-shift"), campaign)
+    unshifted = lb.inference.marginalize(FREE.without("setup-shift"), campaign)
     others = {
         name: (
             {"unit": unit, "published": printed[name] * factor}
@@ -286,7 +286,8 @@ def measure() -> dict[str, Any]:
         "calibrated_um": CALIBRATED_UM,
         "lowest_force_N": float(campaign.forces_N.min()),
         "statements": [
-            d["statement"] for d in lb.with_words(lb.identify(CONSTANT, campaign))["degeneracies"]
+            d["statement"]
+            for d in lb.report.with_words(lb.identify(CONSTANT, campaign))["degeneracies"]
         ],
     }
 

@@ -61,17 +61,17 @@ def fits_of(campaign: lb.Campaign) -> Fits:
     """Columns of a campaign of one circle."""
     middle = 0.5 * (campaign.forces_N.min() + campaign.forces_N.max())
     machine = campaign.machine()
-    circle = lb.Circle(campaign.radius_mm)
+    circle = lb.machine.Circle(campaign.radius_mm)
     columns = pd.concat(
         [
-            lb.hybrid_jacobian(
+            lb.machine.hybrid_jacobian(
                 machine, circle, test.angles_rad(), test.force_N, degree=1, reference_force_N=middle
             )
             for test in campaign.tests
         ],
         ignore_index=True,
     )
-    constant = lb.least_squares(campaign).estimate
+    constant = lb.fit_least_squares(campaign).estimate
     columns["equal"] = columns["C_XXX_1"] + columns["C_YYY_1"]
     columns["difference"] = columns["C_XXX_1"] - columns["C_YYY_1"]
     columns["force law"] = sum(constant[name.removesuffix("_1")] * columns[name] for name in SLOPES)
@@ -121,7 +121,7 @@ def least_squares(campaign: lb.Campaign) -> dict[str, Any]:
 
 def c_ccy(campaign: lb.Campaign, force_N: float) -> float:
     """C_CCY(F) by least squares with linear compliance [µrad/(N m)]."""
-    found = lb.least_squares(campaign, 1, reference_force_N=force_N).estimate
+    found = lb.fit_least_squares(campaign, 1, reference_force_N=force_N).estimate
     return 1e9 * found["C_CCY"]
 
 
@@ -176,8 +176,8 @@ def evidence(campaign: lb.Campaign) -> dict[str, Any]:
     """ln B over constant compliance [nat] of a common-mode curvature, of subsets of slopes, and of
     all six, by assumption.
 
-    The curvature is a bar length that changes with F (F − F0): `lb.Drift` over times chosen so, its
-    prior sd that of a slope.
+    The curvature is a bar length that changes with F (F − F0): `lb.terms.Drift` over times chosen
+    so, its prior sd that of a slope.
     """
     curve = campaign.forces_N * (
         campaign.forces_N - 0.5 * (campaign.forces_N.min() + campaign.forces_N.max())
@@ -193,7 +193,7 @@ def evidence(campaign: lb.Campaign) -> dict[str, Any]:
     linear = lb.HybridModel.first(1)
     slope_sd = float(lb.identify(linear, campaign).parameters["C_XXX_1"].prior_sd)
     length_um = 1e3 * slope_sd * float(np.abs(curve).max())
-    common = lb.Drift("time", length_um=length_um, centre_um=CENTRE_UM)
+    common = lb.terms.Drift("time", length_um=length_um, centre_um=CENTRE_UM)
     others = [name for name in SLOPES if name not in EQUAL]
     models = {
         "common mode": constant.with_term(common),
@@ -212,7 +212,9 @@ def evidence(campaign: lb.Campaign) -> dict[str, Any]:
             name: lb.log_evidence(change(model), timed, tolerance=1e-2)
             for name, model in models.items()
         }
-        found[label] = {name: lb.log_bayes_factor(own, least)[0] for name, own in each.items()}
+        found[label] = {
+            name: lb.inference.log_bayes_factor(own, least)[0] for name, own in each.items()
+        }
     return found
 
 

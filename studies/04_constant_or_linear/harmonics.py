@@ -103,7 +103,8 @@ class Data:
     def columns(self) -> dict[str, Array]:
         """Harmonics of the columns of Eq. 20 and 21 at every force, each (6, k) [mm per unit]."""
         jacobian = [
-            lb.hybrid_jacobian(lb.Machine(), lb.Circle(), angles(), force) for force in FORCES_N
+            lb.machine.hybrid_jacobian(lb.Machine(), lb.machine.Circle(), angles(), force)
+            for force in FORCES_N
         ]
         fitted = np.array(
             [np.linalg.lstsq(self.basis, own.to_numpy(), rcond=None)[0] for own in jacobian]

@@ -275,10 +275,15 @@ def with_scaled(factor: float) -> dict[str, Any]:
             lb.log_evidence(ASSUMPTIONS[label](model), campaign, tolerance=1e-2)
             for model in MODELS.values()
         )
-        found[label] = lb.log_bayes_factor(most, least)[0]
-    kappa = 1e3 * lb.marginals(MODELS["constant"], campaign, tolerance=1e-2).loc["kappa", "mean"]
+        found[label] = lb.inference.log_bayes_factor(most, least)[0]
+    kappa = (
+        1e3
+        * lb.inference.marginalize(MODELS["constant"], campaign, tolerance=1e-2).loc[
+            "kappa", "mean"
+        ]
+    )
     rmse = {
-        name: lb.least_squares(campaign, degree).quality.rmse_um
+        name: lb.fit_least_squares(campaign, degree).quality.rmse_um
         for degree, name in enumerate(MODELS)
     }
     return {**found, "kappa_um": kappa, "rmse_um": rmse}

@@ -39,7 +39,7 @@ SHOWN = {"common mode": BLUE, "the other four": ORANGE, "all six": GREY}
 
 
 @cache
-def comparison() -> lb.Comparison:
+def comparison() -> lb.analysis.Comparison:
     """Constant against linear compliance, everything else as by default."""
     linear = lb.HybridModel.first(degree=1)
     return lb.compare(
@@ -59,7 +59,9 @@ def compared() -> dict[str, Any]:
         "kappa_um": (
             1e3
             * float(
-                lb.marginals(lb.HybridModel.first(0), undetermined.recovered()).loc["kappa", "mean"]
+                lb.inference.marginalize(lb.HybridModel.first(0), undetermined.recovered()).loc[
+                    "kappa", "mean"
+                ]
             )
         ),
         "probability": {

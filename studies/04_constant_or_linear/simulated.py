@@ -51,7 +51,7 @@ def plan() -> lb.Plan:
 def log_bayes_factor(model: lb.HybridModel, campaign: lb.Campaign) -> float:
     """ln B(model/constant) [nat]."""
     own, other = (lb.log_evidence(m, campaign, tolerance=1e-2) for m in (model, CONSTANT))
-    return lb.log_bayes_factor(own, other)[0]
+    return lb.inference.log_bayes_factor(own, other)[0]
 
 
 @cache
@@ -59,7 +59,7 @@ def slope_sd() -> dict[str, float]:
     """Posterior sd of every slope where there is none [inside units]: three of these are called a
     slope."""
     campaign = LINEAR.simulate(plan(), seed=1, parameters=TRUTH, hyper_um=HYPER_UM).campaign
-    table = lb.marginals(LINEAR, campaign)
+    table = lb.inference.marginalize(LINEAR, campaign)
     return {name: float(table.loc[name, "sd"]) for name in SLOPES}
 
 
@@ -105,7 +105,7 @@ def belonging_row(kind: str, seed: int) -> dict[str, float]:
             if kind == "outlier"
             else (campaign, -1)
         )
-    found = lb.belonging(
+    found = lb.find_outlying_tests(
         {"constant": CONSTANT, "linear": LINEAR}, campaign, seed=number, replicates=5000
     )
     flags = found["flag"].to_numpy(dtype=float)

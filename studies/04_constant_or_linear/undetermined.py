@@ -97,7 +97,7 @@ def printed_map(campaign: lb.Campaign) -> Array:
             )
             columns.append(
                 np.concatenate(
-                    [lb.least_squares(unit.select(own)).table["estimate"] for own in windows]
+                    [lb.fit_least_squares(unit.select(own)).table["estimate"] for own in windows]
                 )
             )
     return np.column_stack(columns)

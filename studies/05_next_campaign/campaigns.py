@@ -32,7 +32,7 @@ DECISIONS = {
 # Of the second edition, fewer: a campaign takes several times as long.
 SECOND_WIDTHS = {"recommended six": 20, "nine, both balls clocked": 12}
 SECOND_DECISIONS = {"settling: constant": 20, "settling: slopes": 20}
-SHORT = lb.StoppingRule(ess=400.0, rhat=1.05, max_steps=1000)
+SHORT = lb.inference.StoppingRule(ess=400.0, rhat=1.05, max_steps=1000)
 DECISIVE = 5.0
 HYPERS = ("sigma", "delta", "kappa", "tau")
 EQUAL = ("C_XXX_1", "C_YYY_1")
@@ -74,7 +74,7 @@ def equal_slope() -> float:
 def plan_of(kind: str, edition: designs.Edition = "first") -> lb.Plan:
     """The plan of a kind of simulated campaign."""
     if edition == "second":
-        found: dict[str, Callable[[], lb.Design]] = {
+        found: dict[str, Callable[[], lb.analysis.Design]] = {
             "recommended six": lambda: designs.six(edition),
             "nine, both balls clocked": lambda: designs.nine("both balls clocked", edition),
             "settling": lambda: designs.deciding(len(designs.settling().tests), edition),
@@ -141,7 +141,7 @@ def decision_row(kind: str, seed: int, edition: designs.Edition = "first") -> di
     with_, without = (
         lb.log_evidence(model, made.campaign, tolerance=1e-2) for model in (linear, lesser)
     )
-    return {"ln B": lb.log_bayes_factor(with_, without)[0]}
+    return {"ln B": lb.inference.log_bayes_factor(with_, without)[0]}
 
 
 def second_decision_row(kind: str, seed: int) -> dict[str, float]:

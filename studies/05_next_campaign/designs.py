@@ -51,7 +51,7 @@ def paper_levels() -> lb.Plan:
 
 
 @cache
-def six(edition: Edition = "first") -> lb.Design:
+def six(edition: Edition = "first") -> lb.analysis.Design:
     """Six circles for all parameters, beside the paper's."""
     return lb.design(
         EDITIONS[edition], pilot(), tests=6, forces_N=FINE_N, against={"the paper's six": pilot()}
@@ -59,19 +59,19 @@ def six(edition: Edition = "first") -> lb.Design:
 
 
 @cache
-def recommended() -> lb.Design:
+def recommended() -> lb.analysis.Design:
     """The same six circles, without what they are compared with."""
     return lb.design(LINEAR, pilot(), tests=6, forces_N=LEVELS_N)
 
 
 @cache
-def nine(choice: str, edition: Edition = "first") -> lb.Design:
+def nine(choice: str, edition: Edition = "first") -> lb.analysis.Design:
     """Nine circles for all parameters, with radii or clockings to choose from."""
     return lb.design(EDITIONS[edition], pilot(), tests=9, forces_N=FIVE_N, **NINE[choice])
 
 
 @cache
-def deciding(tests: int, edition: Edition = "first") -> lb.Design:
+def deciding(tests: int, edition: Edition = "first") -> lb.analysis.Design:
     """So many circles for constant or linear."""
     return lb.design(
         EDITIONS[edition], pilot(), tests=tests, criterion="discriminate", forces_N=LEVELS_N
@@ -79,8 +79,8 @@ def deciding(tests: int, edition: Edition = "first") -> lb.Design:
 
 
 def fewest(
-    made: Callable[[int], lb.Design], good: Callable[[lb.Design], bool], most: int
-) -> lb.Design:
+    made: Callable[[int], lb.analysis.Design], good: Callable[[lb.analysis.Design], bool], most: int
+) -> lb.analysis.Design:
     """The design of the fewest circles that is good; more circles are better."""
     numbers = range(2, most + 1)
     place = bisect_left(numbers, True, key=lambda number: good(made(number)))
@@ -89,11 +89,11 @@ def fewest(
     return made(numbers[place])
 
 
-def settling() -> lb.Design:
+def settling() -> lb.analysis.Design:
     """The fewest circles that settle constant or linear with the power wanted, whichever is
     true."""
 
-    def settles(found: lb.Design) -> bool:
+    def settles(found: lb.analysis.Design) -> bool:
         chances = found.discrimination
         return chances is not None and min(chances.decisive_with, chances.decisive_without) >= POWER
 
@@ -101,7 +101,7 @@ def settling() -> lb.Design:
 
 
 @cache
-def finding(slope: str) -> lb.Design:
+def finding(slope: str) -> lb.analysis.Design:
     """The fewest circles that find one slope with the power wanted."""
     name = slope.partition(",")[0]
     options = {
@@ -112,7 +112,7 @@ def finding(slope: str) -> lb.Design:
     }
 
     @cache
-    def made(tests: int) -> lb.Design:
+    def made(tests: int) -> lb.analysis.Design:
         return lb.design(LINEAR, pilot(), tests=tests, **options)
 
     return fewest(
@@ -124,14 +124,14 @@ def finding(slope: str) -> lb.Design:
     )
 
 
-def squareness(edition: Edition = "first") -> dict[str, lb.Design]:
+def squareness(edition: Edition = "first") -> dict[str, lb.analysis.Design]:
     """Squareness: the best six circles by forces alone, the fewest to a target with two radii, and
     with both balls clocked."""
     coarse, fine = WITHIN["E_C0YX"]
 
-    def six_or_fewest(sd: float | None, **choice: Any) -> lb.Design:
+    def six_or_fewest(sd: float | None, **choice: Any) -> lb.analysis.Design:
         @cache
-        def made(tests: int) -> lb.Design:
+        def made(tests: int) -> lb.analysis.Design:
             wanted = {"criterion": "c", "parameters": ["E_C0YX"], "forces_N": FIVE_N}
             return lb.design(EDITIONS[edition], pilot(), tests=tests, **wanted, **choice)
 
@@ -148,7 +148,7 @@ def squareness(edition: Edition = "first") -> dict[str, lb.Design]:
     }
 
 
-def flat(degree: int) -> lb.Design:
+def flat(degree: int) -> lb.analysis.Design:
     """D-optimum with flat priors, beside the paper's seven levels."""
     return lb.design(
         lb.HybridModel.paper(degree),

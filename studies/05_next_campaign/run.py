@@ -153,7 +153,7 @@ def flat(degree: int) -> dict[str, Any]:
     }
 
 
-def circles(found: lb.Design) -> dict[str, Any]:
+def circles(found: lb.analysis.Design) -> dict[str, Any]:
     """How many circles at which force, with the same clocking and radius or any."""
     count = found.table.groupby("force_N")["count"].sum()
     return {
@@ -162,7 +162,7 @@ def circles(found: lb.Design) -> dict[str, Any]:
     }
 
 
-def decided(found: lb.Design) -> dict[str, Any]:
+def decided(found: lb.analysis.Design) -> dict[str, Any]:
     """What the design expects of ln B."""
     return {} if found.discrimination is None else found.discrimination.as_dict()
 
@@ -184,7 +184,7 @@ def finding(slope: str) -> dict[str, Any]:
     }
 
 
-def square(found: lb.Design) -> dict[str, Any]:
+def square(found: lb.analysis.Design) -> dict[str, Any]:
     """Squareness, and what any number of such circles would leave."""
     return {
         **circles(found),

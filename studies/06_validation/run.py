@@ -194,9 +194,9 @@ def of_second() -> dict[str, Case]:
     }
 
 
-def ranked(case: Case, replicates: int, pool: Executor | None) -> lb.Validation:
+def ranked(case: Case, replicates: int, pool: Executor | None) -> lb.analysis.Validation:
     """Simulated, inferred and ranked; the first replicates are the same however many follow."""
-    return lb.validate(
+    return lb.calibrate(
         case.model,
         case.plan,
         replicates=replicates,
@@ -227,16 +227,16 @@ def all_ranks(
     return kept(path, pd.concat(made), counts, effort, tolerance=ONE_RANK, astray=ASTRAY)
 
 
-def validation(ranks: pd.DataFrame, kind: str) -> lb.Validation:
+def validation(ranks: pd.DataFrame, kind: str) -> lb.analysis.Validation:
     """The kept ranks of one case."""
     own = ranks[ranks["kind"] == kind].drop(columns=["kind", "seed"]).dropna(axis="columns")
     by_emcee = tuple(np.flatnonzero(own.pop(EMCEE)).tolist()) if EMCEE in own else ()
-    return lb.Validation(
+    return lb.analysis.Validation(
         tuple(own.columns), own.to_numpy(dtype=int), DRAWS, "independent", PROBABILITY, (), by_emcee
     )
 
 
-def coverages(found: lb.Validation) -> dict[str, float]:
+def coverages(found: lb.analysis.Validation) -> dict[str, float]:
     """Of the 95 % intervals of compliances, slopes and geometric errors."""
     shares = found.coverage()[f"{100 * SHARE:g}"]
     return {
@@ -246,7 +246,7 @@ def coverages(found: lb.Validation) -> dict[str, float]:
     }
 
 
-def stated(case: Case, found: lb.Validation) -> dict[str, Any]:
+def stated(case: Case, found: lb.analysis.Validation) -> dict[str, Any]:
     """What the page says of one case."""
     share = coverages(found)
     worst = min(share, key=lambda name: share[name])

@@ -114,7 +114,7 @@ class Kind:
     def model(self, edition: Edition) -> lb.HybridModel:
         """For the analysis."""
         believed = EDITIONS[edition]
-        return believed.with_term(lb.Drift("time")) if self.drift_term else believed
+        return believed.with_term(lb.terms.Drift("time")) if self.drift_term else believed
 
 
 KINDS = {
@@ -173,14 +173,14 @@ def simulated(kind: Kind, seed: int, edition: Edition) -> tuple[lb.Campaign, dic
             kind, HYPER_UM[edition]["sigma"], len(own.angle_deg), noise
         )
         test = used.with_reading_um(own.reading_um + added)
-        test = lb.mask_reversals(test) if kind.masked else test
+        test = lb.reading.mask_reversals(test) if kind.masked else test
         tests.append(test if kind.stated else replace(test, direction=None))
     return replace(plan, tests=tuple(tests)), truth
 
 
 def actual_force_N(kind: Kind, test: lb.CircularTest) -> float:
     """What the bar really pulls with where the user believes ``test.force_N``."""
-    law = lb.ForceLaw()
+    law = lb.campaign.ForceLaw()
     believed = float(test.force_N or 0.0)
     lost = kind.lost_N * (max(believed - KNEE_N, 0.0) / (FORCES_N[-1] - KNEE_N)) ** 2
     return believed + kind.slope_error * (believed - law.offset_N) + kind.offset_N - lost
@@ -223,7 +223,7 @@ def _plan(kind: Kind, rng: np.random.Generator) -> lb.Campaign:
     places = rng.permutation(len(FORCES_N))
     places = places if kind.random_order else np.arange(len(FORCES_N))
     ways: tuple[Way, ...] = ("CW", "CCW") if kind.both_ways else ("CW",)
-    law = lb.ForceLaw()
+    law = lb.campaign.ForceLaw()
     tests = [
         lb.CircularTest(
             force,

@@ -69,9 +69,9 @@ def job(label: str, seed: int) -> dict[str, Any]:
     row["sensitive"] = sum(parts["prior"] > SENSITIVE for parts in fit.sensitivity.values())
     row["flagged"] = row["ln_b_drift"] = float("nan")
     if seed % BELONGING_EVERY == 1:
-        flags = lb.belonging({"own": kind.model("first")}, campaign, seed=seed, replicates=CIRCLES)[
-            "flag"
-        ]
+        flags = lb.find_outlying_tests(
+            {"own": kind.model("first")}, campaign, seed=seed, replicates=CIRCLES
+        )["flag"]
         row["flagged"] = flags.any()
     if seed % DRIFT_EVERY == 1 and not kind.drift_term:
         row["ln_b_drift"] = ln_b_drift(campaign)
@@ -95,7 +95,7 @@ def analysed(
 ) -> tuple[dict[str, Any], Any]:
     """Errors, coverage and u of all parameters, and contradictions; and the fit."""
     posterior = lb.sample(model, campaign, sampler="independent", seed=seed)
-    table = lb.summarize(posterior, ci_prob=CREDIBLE)
+    table = lb.summarize(posterior, prob=CREDIBLE)
     row: dict[str, Any] = {}
     for name in NAMES:
         found = table.loc[name]
@@ -111,11 +111,11 @@ def analysed(
 def ln_b_drift(campaign: lb.Campaign) -> float:
     """ln B of the first edition with drift over time against the one without."""
     believed = made.EDITIONS["first"]
-    drifting = believed.with_term(lb.Drift("time"))
+    drifting = believed.with_term(lb.terms.Drift("time"))
     own, other = (
         lb.log_evidence(model, campaign, tolerance=1e-2) for model in (drifting, believed)
     )
-    return lb.log_bayes_factor(own, other)[0]
+    return lb.inference.log_bayes_factor(own, other)[0]
 
 
 def measure(effort: Effort) -> dict[str, Any]:
@@ -140,7 +140,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "readings": made.READINGS,
         "circle_min": made.CIRCLE_S / 60.0,
         "warm_up_h": made.WARM_UP_S / 3600.0,
-        "drift_length_um_per_h": lb.Drift("time").length_um,
+        "drift_length_um_per_h": lb.terms.Drift("time").length_um,
         "warmed_by_the_end": (
             1.0 - float(np.exp(-(len(made.FORCES_N) - 1) * made.CIRCLE_S / made.WARM_UP_S))
         ),
@@ -210,7 +210,7 @@ def said_beforehand(*, timed: bool) -> dict[str, list[str]]:
         campaign = replace(
             campaign, tests=tuple(replace(test, time_s=None) for test in campaign.tests)
         )
-    warnings = lb.fit_in_words(
+    warnings = lb.report.describe_fit(
         lb.sample(made.EDITIONS["first"], campaign, sampler="independent", seed=0)
     )["warnings"]
     return {

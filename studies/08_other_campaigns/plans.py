@@ -63,4 +63,6 @@ def everything() -> tuple[lb.HybridModel, lb.Plan]:
         replace(test, time_s=FIVE_MINUTES_S * float(place))
         for test, place in zip(tests, order, strict=True)
     )
-    return MODEL.with_term(lb.Drift("time")), lb.Plan(timed, name="radii, directions and drift")
+    return MODEL.with_term(lb.terms.Drift("time")), lb.Plan(
+        timed, name="radii, directions and drift"
+    )

@@ -70,7 +70,7 @@ def calibration(effort: Effort) -> dict[str, Any]:
     """Ranks with radii, directions and drift on."""
     model, plan = everything()
     with executor() as pool:
-        result = lb.validate(
+        result = lb.calibrate(
             model,
             plan,
             replicates=RANKS_AGAIN[effort],
@@ -94,7 +94,7 @@ def calibration(effort: Effort) -> dict[str, Any]:
         astray=ASTRAY,
     )
     ranks = rows.drop(columns=["kind", "seed"])
-    full = lb.Validation(
+    full = lb.analysis.Validation(
         tuple(ranks.columns), ranks.to_numpy(dtype=int), DRAWS, "independent", BAND, ()
     )
     return {

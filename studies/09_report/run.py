@@ -69,12 +69,12 @@ def measure(effort: Effort) -> dict[str, Any]:
 def numbers(folder: Path) -> dict[str, Any]:
     """Of the page, of its budgets, and of the paper's own least squares beside Figs. 9 and 10."""
     posterior = lb.load(folder)
-    budgets = lb.budgets(posterior)
+    budgets = lb.analysis.budget_uncertainty(posterior)
     page = (folder / "report.html").read_text(encoding="utf-8")
     paper = lb.sample(
         lb.HybridModel.paper(0), lb.read_campaign(CAMPAIGN), sampler="independent", seed=1
     )
-    size = lb.contributions(paper).set_index("source")["peak_to_peak"]
+    size = lb.analysis.decompose_deviation(paper).set_index("source")["peak_to_peak"]
     values = pd.read_csv(DATA / "published_tables" / "figure_values.csv")
     stated = values[values["figure"].isin(["9", "10"])].set_index("quantity")
     return {

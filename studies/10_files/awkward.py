@@ -32,7 +32,7 @@ NAMES = ("light", "middle", "heavy")
 
 def campaign() -> lb.Campaign:
     """Three circles, counter-clockwise from 0°, readings in whole hundredths of a micrometre."""
-    law = lb.ForceLaw()
+    law = lb.campaign.ForceLaw()
     angle = np.arange(READINGS) * 360.0 / READINGS
     theta = np.deg2rad(angle)
     tests = []

@@ -208,7 +208,7 @@ def readers(own: Mapping[str, bytes]) -> dict[str, Reader]:
     return {
         "import, text": Reader("light 1 bar.csv", texts, lb.import_campaign, 0.40),
         "import, workbook": Reader("light 1 bar.xlsx", books, lb.import_campaign, 0.04),
-        "layout": Reader("layout.toml", [layout], lb.read_layout, 0.10),
+        "layout": Reader("layout.toml", [layout], lb.reading.read_layout, 0.10),
         "tidy table": Reader("tidy.csv", [tidy], lb.read_campaign, 0.15),
         "campaign.toml": Reader(
             "campaign.toml", [own.get("campaign", b"")], read_campaign_toml, 0.08

@@ -82,8 +82,8 @@ class Bar:
 
 
 def row_of(campaign: lb.Campaign) -> dict[str, Any]:
-    """What a batch would keep of a campaign, without the fit that `population` and `trend` do not
-    use."""
+    """What a batch would keep of a campaign, without the fit that `fit_population` and `find_trend`
+    do not use."""
     bound = MODEL.bind(campaign)
     return {
         "campaign": campaign.name,

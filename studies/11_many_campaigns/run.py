@@ -38,7 +38,7 @@ def pooled(seed: int) -> dict[str, float]:
     """A fleet: which true means, spreads and machines lie in their 95 % intervals, and their errors
     in units of u."""
     rows, truth = fleet(seed)
-    found = lb.population(rows)
+    found = lb.fleet.fit_population(rows)
     row: dict[str, float] = {
         "pareto k": found.pareto_k,
         "not belonging": sum(own.flag for own in found.machine.values()),
@@ -76,10 +76,10 @@ def watched(seed: int, change: float) -> dict[str, float]:
     """A machine month by month: after how many campaigns the change was found, false alarms."""
     rows = months(seed, before=BEFORE, after=AFTER, change=change, parameter=PARAMETER)
     found = 0
-    alarm = float(lb.trend(rows[:BEFORE]).changed)
+    alarm = float(lb.fleet.find_trend(rows[:BEFORE]).changed)
     right = 0.0
     for n in range(BEFORE + 1, BEFORE + AFTER + 1):
-        now = lb.trend(rows[:n])
+        now = lb.fleet.find_trend(rows[:n])
         if now.changed:
             found = n - BEFORE
             right = float(now.most_probable == PARAMETER)
@@ -168,7 +168,7 @@ def draw(results: dict[str, Any]) -> Mapping[str, Figure]:
     """The control chart of one loosened machine, and coverage by parameter."""
     rows = months(SHOWN, before=BEFORE, after=5, change=CHANGE, parameter=PARAMETER)
     return {
-        "control_chart": lb.control_chart(lb.trend(rows)),
+        "control_chart": lb.fleet.draw_control_chart(lb.fleet.find_trend(rows)),
         "coverage": coverage(results["population"]),
     }
 

@@ -151,7 +151,7 @@ def other_columns(
 
 def curves(campaign: lb.Campaign, law: str, hyper: dict[str, float]) -> Array:
     """Draws of C_XX, C_YY at every tested force, shape (draws, tests, 2)."""
-    estimate = lb.least_squares(campaign).estimate
+    estimate = lb.fit_least_squares(campaign).estimate
     span = float(np.ptp(campaign.forces_N))
     angle = campaign.tests[0].angles_rad()
     precision = 0.0

@@ -139,7 +139,7 @@ def sampler_alone(bound: BoundModel, sampler: str, ess: float, seed: int) -> Arr
     diagnostics included."""
     start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
     _, beta, phi = run_sampler(
-        sampler, start, rule=lb.StoppingRule(ess=ess), seed=np.random.SeedSequence(seed)
+        sampler, start, rule=lb.inference.StoppingRule(ess=ess), seed=np.random.SeedSequence(seed)
     )
     return np.concatenate([beta, phi], axis=2)
 
@@ -158,7 +158,7 @@ def runners(campaign: lb.Campaign, size: Size, *, whole: bool) -> dict[str, Runn
     """The package's samplers with truncation and without, those of NUTS that are installed;
     ``whole``: `lb.sample` too."""
     found: dict[str, Runner] = {}
-    default = lb.StoppingRule().ess
+    default = lb.inference.StoppingRule().ess
     for ending, model in (("", MODEL.without("truncation")), (", truncated", MODEL)):
         bound = model.bind(campaign)
         for sampler in SAMPLERS:
@@ -185,7 +185,9 @@ def race(campaign: lb.Campaign, size: Size, *, whole: bool) -> dict[str, Any]:
     """Minimum bulk ESS per second of everyone, all in turn in each repeat, and how far they are
     from the exact marginals."""
     models = {True: MODEL, False: MODEL.without("truncation")}
-    exact = {truncated: lb.marginals(model, campaign) for truncated, model in models.items()}
+    exact = {
+        truncated: lb.inference.marginalize(model, campaign) for truncated, model in models.items()
+    }
     everyone = runners(campaign, size, whole=whole)
     columns = (
         "cpu",
@@ -478,7 +480,7 @@ def measure(size: Size) -> dict[str, Any]:
         ),
         "versions": {name: version(name) for name in PACKAGES if has(name)},
         "ess": size.ess,
-        "default_ess": lb.StoppingRule().ess,
+        "default_ess": lb.inference.StoppingRule().ess,
         "repeats": size.repeats,
         "stack": CHUNK,
         "largest": size.readings[-1],

@@ -185,9 +185,10 @@ def pooled(rows: pd.DataFrame, machines: int) -> dict[str, Any]:
             " dataclasses import replace\nrows = pd.read_pickle(sys.argv[1]); n = int(sys.argv[2]);"
             " rng = np.random.default_rng(91)\nrows = rows.iloc[np.arange(n) %"
             " len(rows)].reset_index(drop=True)\nrows['machine_id'] = rows['sha256'] = [f'M{i:06d}'"
-            " for i in range(n)]\nstart = time.perf_counter(); found = lb.population(rows,"
-            " include_misfits=True); end = time.perf_counter()\nprint(len(found.machine), end -"
-            " start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)\n"
+            " for i in range(n)]\nstart = time.perf_counter(); found ="
+            " lb.fleet.fit_population(rows, include_misfits=True); end ="
+            " time.perf_counter()\nprint(len(found.machine), end - start,"
+            " resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)\n"
         )
         done = subprocess.run(
             [sys.executable, "-c", code, str(stem), str(machines)],
@@ -210,7 +211,7 @@ def collected(out: Path, again: Path) -> float:
     moments = []
     paths = [str(again.parent / "campaigns"), *(f"copy {k}" for k in range(COLLECTED))]
     with mock.patch("ldbb_bayes.fleet.batch.fit_row", return_value=row):
-        lb.batch(paths, again, progress=lambda *_: moments.append(time.perf_counter()))
+        lb.fleet.run_batch(paths, again, progress=lambda *_: moments.append(time.perf_counter()))
     return (len(moments) - 1) / (moments[-1] - moments[0])
 
 
@@ -232,7 +233,7 @@ def measure(size: Size, folder: Path) -> dict[str, Any]:
         run["reported"] = run.pop("failed") == (
             sorted(broken) if run["campaigns"] == size.many else []
         )
-    rows = lb.read_batch(folder / f"process-2-{size.many}")
+    rows = lb.fleet.read_batch(folder / f"process-2-{size.many}")
     return {
         "machine": (
             f"{platform.machine()}, {os.cpu_count()} cores,"

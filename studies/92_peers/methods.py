@@ -7,10 +7,10 @@ of a circle that is not among its tests, a 95 % band and the density of every re
     over constant, linear and the rivals of slopes
 
 J is the hybrid Jacobian (Eq. 33), B the budget: its short form has bar length, mount and force; its
-full form everything that `lb.uncertainties` states, ball form and angle among it, and how far zero
-and centre move between circles. Ours and the Gaussian process have the same prior of θ. The kernel
-and the density of the scales of d are those of ACBICI; the rest is linear, and is integrated out
-here: `as_it_stands` compares that with the package's own sampling.
+full form everything that `lb.terms.uncertainties` states, ball form and angle among it, and how far
+zero and centre move between circles. Ours and the Gaussian process have the same prior of θ. The
+kernel and the density of the scales of d are those of ACBICI; the rest is linear, and is integrated
+out here: `as_it_stands` compares that with the package's own sampling.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class Readings:
         """What one standard uncertainty adds to the readings: of what all circles share (n, q), and
         of what each has for itself (n, k) [µm]. Circles that state no direction, and these all run
         the same way, lag as the angle's reference is off."""
-        sd = {own.name: own.sd for own in lb.uncertainties(campaign).assumed}
+        sd = {own.name: own.sd for own in lb.terms.uncertainties(campaign).assumed}
         deflection = self.deflection(theta)
         same = np.ones(len(deflection))
         softness = deflection / self.force
@@ -160,10 +160,12 @@ def readings_of(
         angle = np.deg2rad(test.angle_deg[index])
         force = float(test.force_N or 0.0)
         pressure = (
-            lb.ForceLaw().pressure_bar(force) if test.pressure_bar is None else test.pressure_bar
+            lb.campaign.ForceLaw().pressure_bar(force)
+            if test.pressure_bar is None
+            else test.pressure_bar
         )
         before, columns, after = (
-            lb.hybrid_jacobian(
+            lb.machine.hybrid_jacobian(
                 campaign.machine(), test.circle, at, force, degree=1, reference_force_N=middle
             ).to_numpy()
             for at in (angle - STEP_RAD, angle, angle + STEP_RAD)

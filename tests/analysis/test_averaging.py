@@ -27,7 +27,7 @@ SLOPE = 6
 
 @pytest.fixture(scope="module")
 def averaged() -> xr.DataTree:
-    return lb.average(PAIR, CAMPAIGN, draws=DRAWS, evidences=lb.Evidences(CAMPAIGN))
+    return lb.average(PAIR, CAMPAIGN, draws=DRAWS, evidences=lb.inference.Evidences(CAMPAIGN))
 
 
 def test_the_rivals_of_slopes() -> None:
@@ -148,10 +148,10 @@ def test_priors_are_averaged_too(loaded: xr.DataTree) -> None:
 
 def test_analyses_read_an_average(loaded: xr.DataTree) -> None:
     parameters = set(result_json(loaded)["parameters"])
-    assert lb.verdicts(loaded).keys() == parameters
-    assert lb.budgets(loaded).keys() == parameters
-    assert np.isfinite(lb.circularity(loaded)["sd"]).all()
-    nuisances = lb.nuisances(loaded)
+    assert lb.analysis.judge_posterior(loaded).keys() == parameters
+    assert lb.analysis.budget_uncertainty(loaded).keys() == parameters
+    assert np.isfinite(lb.analysis.predict_circularity(loaded)["sd"]).all()
+    nuisances = lb.inference.summarize_nuisances(loaded)
     assert nuisances.loc["joint_load_X_slope", "sd"] > 0.0
     assert nuisances.loc["force_curvature", "sd"] > 0.0
 
@@ -199,5 +199,5 @@ def test_evidences_of_another_campaign_are_refused() -> None:
         lb.average,
         PAIR,
         CAMPAIGN,
-        evidences=lb.Evidences(simulated(plan((30,) * 4), seed=2)),
+        evidences=lb.inference.Evidences(simulated(plan((30,) * 4), seed=2)),
     )

@@ -26,7 +26,7 @@ def posterior() -> Any:
 
 @pytest.fixture(scope="module")
 def budgets(posterior: Any) -> dict[str, Budget]:
-    return lb.budgets(posterior)
+    return lb.analysis.budget_uncertainty(posterior)
 
 
 def line_of(budget: Budget, source: str) -> Contribution:

@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import circularity
-from ldbb_bayes.analysis.measured_paths import measured_circularity
+from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.analysis.path_contributions import COMPLIANCE, GEOMETRY, TOGETHER
 from ldbb_bayes.analysis.radial_zones import least_squares_zone, minimum_zone_width
 from ldbb_bayes.machine.exact import exact_reading_mm
@@ -39,7 +39,7 @@ def test_the_machines_path(topology: str) -> None:
     truth = {name: value for name, value in TRUTH.items() if name in names}
     campaign = model.simulate(planned, seed=5, parameters=truth, hyper_um=QUIET).campaign
     posterior = lb.sample(model, campaign, seed=1, sampler="independent")
-    table = circularity.circularity(posterior, draws=1000)
+    table = circularity.predict_circularity(posterior, draws=1000)
     assert sorted(set(table["force_N"])) == [0.0, 36.0, 300.0, 520.0, 742.0]
     machine = campaign.machine()
     circle = campaign.tests[0].circle
@@ -76,7 +76,7 @@ def test_the_machines_path(topology: str) -> None:
             row = table[(table["force_N"] == force) & (table["quantity"] == quantity)].iloc[0]
             assert abs(row["mean"] - value) < 4.0 * row["sd"] + 0.02, (force, quantity)
             assert row["ci_low"] <= row["median"] <= row["ci_high"]
-    measured, pairs = measured_circularity(posterior)
+    measured, pairs = measure_circularity(posterior)
     assert (measured["G_minimum_zone"] <= measured["G"] + 1e-9).all()
     np.testing.assert_allclose(measured["F_max"] - measured["F_min"], measured["G"])
     assert list(measured.index) == [test.name for test in campaign.tests]
@@ -118,7 +118,7 @@ def test_both_directions(both_ways: tuple[lb.Campaign, Any]) -> None:
     """G(b) and D of the readings by their definition, and of the posterior where the readings put
     them."""
     campaign, posterior = both_ways
-    _, pairs = measured_circularity(posterior)
+    _, pairs = measure_circularity(posterior)
     assert list(pairs.index) == [f"CW{k} + CCW{k}" for k in range(4)]
     for k in range(4):
         one, other = (
@@ -139,7 +139,7 @@ def test_both_directions(both_ways: tuple[lb.Campaign, Any]) -> None:
             pairs.loc[f"CW{k} + CCW{k}", "G_b_minimum_zone"]
             <= pairs.loc[f"CW{k} + CCW{k}", "G_b"] + 1e-9
         )
-    table = circularity.circularity(posterior, [520.0]).set_index("quantity")
+    table = circularity.predict_circularity(posterior, [520.0]).set_index("quantity")
     assert set(table.index) >= {"G_b", "D", "G"}
     # One direction alone lacks the lost motion: 2 (2 cos θ + 3 sin 2θ) between the two ways.
     assert table.loc["G_b", "median"] > table.loc["G", "median"] + 1.0
@@ -173,7 +173,7 @@ def test_contributions_as_the_paper_states_them(recovered: lb.Campaign) -> None:
     """The paper cuts digits off: 3 % below and 2 % above. Figure 8: compliance to 0.046 mm,
     geometry −0.026 to −0.007 mm."""
     paper = lb.sample(lb.HybridModel.paper(0), recovered, seed=1, sampler="independent")
-    table = lb.contributions(paper).set_index("source")
+    table = lb.analysis.decompose_deviation(paper).set_index("source")
     for name, text in (COMPLIANCES | ERRORS | OFFSETS).items():
         printed = float(text) * 1e3
         last = 10.0 ** -(len(text) - 5)
@@ -188,7 +188,7 @@ def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> No
     slopes."""
     campaign, posterior = fitted
     force = 640.0
-    table = lb.contributions(posterior, force).set_index("source")
+    table = lb.analysis.decompose_deviation(posterior, force).set_index("source")
     group = posterior["posterior"]
     # The draws that the table uses, evenly picked.
     pick = np.linspace(0, group["C_XXX"].size - 1, min(2000, group["C_XXX"].size)).astype(int)

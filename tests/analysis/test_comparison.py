@@ -60,7 +60,7 @@ def log_bayes_factor(model: lb.HybridModel, campaign: lb.Campaign) -> float:
     """Return ln B of a model over the same with constant compliance."""
     linear = lb.log_evidence(model, campaign)
     constant = lb.log_evidence(model.with_degree(0), campaign)
-    return lb.log_bayes_factor(linear, constant)[0]
+    return lb.inference.log_bayes_factor(linear, constant)[0]
 
 
 def test_evidence_and_probabilities(comparison: Comparison) -> None:
@@ -164,11 +164,11 @@ def test_density_of_a_test_left_out(comparison: Comparison, name: str) -> None:
 
 def test_quality_is_that_of_the_models(comparison: Comparison) -> None:
     for name, model in comparison.models.items():
-        squares = lb.least_squares(CAMPAIGN, model.degree, fixed=PAIR[name].fixed)
+        squares = lb.fit_least_squares(CAMPAIGN, model.degree, fixed=PAIR[name].fixed)
         assert model.least_squares_rmse_um == squares.quality.rmse_um
         middle = model.compliance_against_force["C_XXX"].mean[20]
         assert middle == pytest.approx(model.parameters["C_XXX"].mean, rel=0.02)
-    rule = lb.StoppingRule(ess=400.0)
+    rule = lb.inference.StoppingRule(ess=400.0)
     fit = fit_of(lb.sample(PAIR["linear"], CAMPAIGN, sampler="independent", rule=rule))
     assert comparison.models["linear"].rmse_um == pytest.approx(fit.rmse_um, rel=0.01)
 
@@ -197,7 +197,7 @@ def test_json_has_the_agreed_names(comparison: Comparison) -> None:
     assert {"slope_scale", "log_bayes_factor"} <= set(record["prior_sensitivity"][0])
     assert {"assumption", "log_bayes_factor"} <= set(record["discrepancy_sensitivity"][0])
     assert set(record["slopes"]["C_XYX"]) == {"inclusion_probability"}
-    assert {"unit", "force_N", "mean", "median", "low", "high", "ci_prob"} == set(
+    assert {"unit", "force_N", "mean", "median", "low", "high", "prob"} == set(
         record["compliance_against_force"]["C_XYX"]
     )
     assert list(record["tests"]["f036"]["lofo_p_value_by_order"]) == [str(n) for n in range(13)]
@@ -209,7 +209,7 @@ def test_json_has_the_agreed_names(comparison: Comparison) -> None:
 def test_a_written_comparison_is_read_back(comparison: Comparison, tmp_path: Path) -> None:
     text = json_text(with_words(comparison))
     (tmp_path / "comparison.json").write_text(text, encoding="utf-8")
-    read = lb.read_comparison(tmp_path)
+    read = lb.analysis.read_comparison(tmp_path)
     assert json_text(with_words(read)) == text
     assert "Models at equal prior odds" in str(read)
     assert "<table>" in read._repr_html_()
@@ -222,7 +222,7 @@ def test_missing_errors_are_infinite(comparison: Comparison, tmp_path: Path) -> 
     record["models"]["linear"]["log_evidence_error"] = None
     record["prior_sensitivity"][0]["error"] = None
     write_record(tmp_path, record)
-    assert lb.read_comparison(tmp_path).largest_error == np.inf
+    assert lb.analysis.read_comparison(tmp_path).largest_error == np.inf
 
 
 def test_a_damaged_comparison_is_refused(comparison: Comparison, tmp_path: Path) -> None:
@@ -231,13 +231,15 @@ def test_a_damaged_comparison_is_refused(comparison: Comparison, tmp_path: Path)
     write_record(tmp_path, record)
     refuses(
         r"got a damaged one \(ValidationError: models.linear.rmse_um: Field required\)",
-        lb.read_comparison,
+        lb.analysis.read_comparison,
         tmp_path,
     )
 
 
 def test_a_folder_without_comparison_is_refused(tmp_path: Path) -> None:
-    refuses(r"must be a folder with comparison\.json", lb.read_comparison, tmp_path / "nothing")
+    refuses(
+        r"must be a folder with comparison\.json", lb.analysis.read_comparison, tmp_path / "nothing"
+    )
 
 
 # The sign of the log Bayes factor

@@ -42,13 +42,15 @@ def test_half_at_the_mean_and_95_percent_at_1_64_u(posterior: Any) -> None:
             (mean - 1.645 * sd, 0.05),
             (mean + 3.0 * sd, 0.99865),
         ):
-            conformity = lb.conformity(posterior, {name: lb.Tolerance(upper=upper)})[name]
+            conformity = lb.assess_conformity(
+                posterior, {name: lb.analysis.Tolerance(upper=upper)}
+            )[name]
             assert conformity.probability == pytest.approx(expected, abs=0.02), (name, expected)
             assert conformity.guard_band == pytest.approx(1.6449 * sd, rel=1e-3)
         draws = posterior["posterior"][name].values.ravel()
         low = mean - 0.5 * sd
         high = mean + 1.2 * sd
-        conformity = lb.conformity(posterior, {name: lb.Tolerance(low, high)})[name]
+        conformity = lb.assess_conformity(posterior, {name: lb.analysis.Tolerance(low, high)})[name]
         assert conformity.probability == pytest.approx(
             ((draws >= low) & (draws <= high)).mean(), abs=1e-12
         )
@@ -57,7 +59,9 @@ def test_half_at_the_mean_and_95_percent_at_1_64_u(posterior: Any) -> None:
 def test_normal_tail_beyond_the_draws(posterior: Any) -> None:
     mean, sd = lb.summarize(posterior).loc["C_XXX", ["mean", "sd"]]
     far = [
-        lb.conformity(posterior, {"C_XXX": lb.Tolerance(upper=mean + k * sd)})["C_XXX"].probability
+        lb.assess_conformity(posterior, {"C_XXX": lb.analysis.Tolerance(upper=mean + k * sd)})[
+            "C_XXX"
+        ].probability
         for k in (6.0, -6.0)
     ]
     np.testing.assert_allclose([1.0 - far[0], far[1]], stats.norm.sf(6.0), rtol=1e-5)
@@ -65,7 +69,7 @@ def test_normal_tail_beyond_the_draws(posterior: Any) -> None:
 
 
 def test_decisions_by_the_guard_band() -> None:
-    tolerance = lb.Tolerance(upper=60e-6)
+    tolerance = lb.analysis.Tolerance(upper=60e-6)
     for inside, decision in (
         (1.7, Decision.CONFORMS),
         (1.6, Decision.NOT_DECIDED),
@@ -81,7 +85,9 @@ def test_decisions_by_the_guard_band() -> None:
         normal_conformity("mm/N", 60e-6 + 3.4e-6, 2e-6, tolerance).decision
         == Decision.DOES_NOT_CONFORM
     )
-    both = normal_conformity("rad", 10e-6, 4e-6, lb.Tolerance(-20e-6, 20e-6), confidence=0.995)
+    both = normal_conformity(
+        "rad", 10e-6, 4e-6, lb.analysis.Tolerance(-20e-6, 20e-6), confidence=0.995
+    )
     assert both.probability == pytest.approx(
         stats.norm(10.0, 4.0).cdf(20.0) - stats.norm(10.0, 4.0).cdf(-20.0)
     )
@@ -99,13 +105,13 @@ def test_texts_are_limits_with_their_units() -> None:
 
 @pytest.mark.parametrize(("limits", "message"), TABLES["conformity"])
 def test_refused(posterior: Any, limits: dict[str, str], message: str) -> None:
-    refuses(message, lb.conformity, posterior, limits)
+    refuses(message, lb.assess_conformity, posterior, limits)
 
 
 def test_stiffness_and_path_at_a_force(posterior: Any) -> None:
     force = 500.0
     curve = curves_of(posterior, np.array([force]))[:, 0, 0]
-    conformities = lb.conformity(
+    conformities = lb.assess_conformity(
         posterior,
         {"stiffness_X": "18 N/µm", "C_XXX": "60 nm/N", "G": "20 µm", "E_XX1": "1 mm/m"},
         force_N=force,
@@ -114,7 +120,7 @@ def test_stiffness_and_path_at_a_force(posterior: Any) -> None:
         (1.0 / curve >= 18e3).mean(), abs=0.01
     )
     assert conformities["C_XXX"].mean == pytest.approx(curve.mean(), rel=1e-9)
-    table = lb.circularity(posterior, [force]).set_index("quantity")
+    table = lb.analysis.predict_circularity(posterior, [force]).set_index("quantity")
     assert conformities["G"].mean == pytest.approx(table.loc["G", "mean"] * 1e-3, rel=1e-9)
     assert (conformities["G"].force_N, conformities["E_XX1"].force_N) == (force, None)
     for far in (
@@ -128,8 +134,8 @@ def test_stiffness_and_path_at_a_force(posterior: Any) -> None:
             InputError,
             match=rf"force_N \(--force-N\) must be a force from .* tested from .* got {far}",
         ):
-            lb.conformity(posterior, {"C_XXX": "60 nm/N"}, force_N=far)
-    middle = lb.conformity(posterior, {"C_XXX": "60 nm/N"})["C_XXX"]
+            lb.assess_conformity(posterior, {"C_XXX": "60 nm/N"}, force_N=far)
+    middle = lb.assess_conformity(posterior, {"C_XXX": "60 nm/N"})["C_XXX"]
     assert (middle.mean, middle.force_N) == (
         pytest.approx(lb.summarize(posterior).loc["C_XXX", "mean"]),
         389.0,
@@ -144,7 +150,7 @@ def test_campaigns_have_tolerances(tmp_path: Path) -> None:
     assert again.sha256 == CAMPAIGN.sha256
     fitted = lb.sample(MODEL.with_degree(0), again, sampler="independent")
     assert campaign_of(fitted).tolerances == campaign.tolerances
-    assert lb.conformity(fitted).keys() == campaign.tolerances.keys()
+    assert lb.assess_conformity(fitted).keys() == campaign.tolerances.keys()
     toml = (
         (tmp_path / "campaign" / "campaign.toml")
         .read_text(encoding="utf-8")
@@ -160,7 +166,7 @@ def test_campaigns_have_tolerances(tmp_path: Path) -> None:
 
 def test_may_the_numbers_be_used(posterior: Any) -> None:
     fit = fit_of(posterior)
-    verdicts = lb.verdicts(posterior)
+    verdicts = lb.analysis.judge_posterior(posterior)
     assert (
         state_of(replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX", "C_YYY")).use
         == Use.CAN_BE_USED

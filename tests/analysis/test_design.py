@@ -54,7 +54,7 @@ def clockwise(pilot: lb.Campaign) -> lb.Campaign:
 
 
 @pytest.fixture(scope="module")
-def six(pilot: lb.Campaign) -> lb.Design:
+def six(pilot: lb.Campaign) -> lb.analysis.Design:
     return lb.design(LINEAR, pilot, tests=6, forces_N=LEVELS, against={"its own": pilot})
 
 
@@ -250,7 +250,7 @@ def test_what_does_not_matter(pilot: lb.Campaign) -> None:
     assert value_of(plain, plan((40,) * 4, arc_deg=220.0).tests) < value_of(plain, plan().tests)
 
 
-def test_a_design_of_six(six: lb.Design, pilot: lb.Campaign) -> None:
+def test_a_design_of_six(six: lb.analysis.Design, pilot: lb.Campaign) -> None:
     assert len(six.tests) == six.table["count"].sum() == 6
     assert six.certificate.holds
     assert six.compared[0].efficiency < six.efficiency <= 1.0
@@ -271,18 +271,18 @@ def test_a_design_of_six(six: lb.Design, pilot: lb.Campaign) -> None:
     ]
 
 
-def test_read_back(six: lb.Design, pilot: lb.Campaign, tmp_path: Path) -> None:
+def test_read_back(six: lb.analysis.Design, pilot: lb.Campaign, tmp_path: Path) -> None:
     """design.json holds every finding: sentences and numbers of a design read back are the same;
     its tests are in the plan."""
     (tmp_path / "design.json").write_text(
         json_text({"schema": 1, **with_words(six)}), encoding="utf-8"
     )
-    back = lb.read_design(tmp_path)
+    back = lb.analysis.read_design(tmp_path)
     assert json_text(back.as_dict()) == json_text(six.as_dict())
     assert design_sentences(back) == design_sentences(six)
     refuses("a design must be at hand, got one read from a file", back.plan)
     (tmp_path / "design.json").write_text('{"pilot": {}}', encoding="utf-8")
-    refuses(r"design\.json must be a design written by", lb.read_design, tmp_path)
+    refuses(r"design\.json must be a design written by", lb.analysis.read_design, tmp_path)
 
 
 def test_the_best_of_few(pilot: lb.Campaign) -> None:
@@ -362,13 +362,13 @@ def test_a_plan_for_a_model_with_drift(pilot: lb.Campaign) -> None:
             replace(t, time_s=600.0 * k, temperature_C=20.0 + k) for k, t in enumerate(pilot.tests)
         ),
     )
-    design = lb.design(LINEAR.with_term(lb.Drift("time")), timed, tests=5, forces_N=THREE)
+    design = lb.design(LINEAR.with_term(lb.terms.Drift("time")), timed, tests=5, forces_N=THREE)
     assert design.certificate.holds
     assert design.limits.drift
     assert [test.time_s for test in design.plan().tests] == [0.0, 600.0, 1200.0, 1800.0, 2400.0]
     assert lb.identify(design.model, design.plan()).parameters
     warm = lb.design(
-        LINEAR.with_term(lb.Drift("temperature")), timed.plan(), tests=5, forces_N=THREE
+        LINEAR.with_term(lb.terms.Drift("temperature")), timed.plan(), tests=5, forces_N=THREE
     )
     assert {test.temperature_C for test in warm.plan().tests} == {21.5}
 
@@ -429,7 +429,7 @@ def test_the_paper_preset_takes_sigma_from_the_pilot(pilot: lb.Campaign) -> None
     """Forecast of the pilot's own plan against what its readings give."""
     model = lb.HybridModel.paper(1)
     forecast = Space(model, pilot, LEVELS, criterion="d").forecast(pilot.plan().tests)
-    marginals = lb.marginals(model, pilot)
+    marginals = lb.inference.marginalize(model, pilot)
     for name, entry in forecast.expected.items():
         assert entry.sd == pytest.approx(marginals.loc[name, "sd"], rel=0.03)
 

@@ -63,7 +63,7 @@ def two() -> tuple[Any, Any]:
 
 def test_independent_instruments(two: tuple[Any, Any]) -> None:
     first, second = two
-    table = lb.differences(first, second)
+    table = lb.analysis.compare_posteriors(first, second)
     one, other = (lb.summarize(posterior) for posterior in two)
     for name in ("E_XX1", "E_YX2", "C_XXX_1", "C_CCY_1"):
         assert table.loc[name, "difference"] == pytest.approx(
@@ -89,11 +89,11 @@ def test_independent_instruments(two: tuple[Any, Any]) -> None:
 
 def test_one_instrument_at_the_mean_hyper_parameters(two: tuple[Any, Any]) -> None:
     """Normal intervals of what the two campaigns say together, narrower than of two instruments."""
-    table = lb.differences(*two, same_instrument=True)
+    table = lb.analysis.compare_posteriors(*two, same_instrument=True)
     np.testing.assert_allclose(table["second"] - table["first"], table["difference"], rtol=1e-6)
     half = 0.5 * (table["ci_high"] - table["ci_low"])
     np.testing.assert_allclose(half, 1.959964 * table["sd"], rtol=1e-6)
-    assert (table["sd"] < 1.05 * lb.differences(*two)["sd"]).all()
+    assert (table["sd"] < 1.05 * lb.analysis.compare_posteriors(*two)["sd"]).all()
     assert ((table["probability_of_increase"] > 0.5) == (table["difference"] > 0.0)).all()
 
 
@@ -239,10 +239,10 @@ def test_refused(two: tuple[Any, Any]) -> None:
         constant.simulate(replace(plan(), topology="wYFXZt"), seed=1).campaign,
         sampler="independent",
     )
-    refuses("same topology", lb.differences, two[0], other)
-    refuses("different readings", lb.differences, two[0], two[0])
+    refuses("same topology", lb.analysis.compare_posteriors, two[0], other)
+    refuses("different readings", lb.analysis.compare_posteriors, two[0], two[0])
     flat = [
         lb.sample(lb.HybridModel.paper(0), campaign_of(seed), seed=1, sampler="independent")
         for seed in (1, 2)
     ]
-    refuses("proper priors", lb.differences, *flat, same_instrument=True)
+    refuses("proper priors", lb.analysis.compare_posteriors, *flat, same_instrument=True)

@@ -13,7 +13,7 @@ ANGLES_RAD = np.linspace(0.1, 6.0, 37)
 PLANES = ("XY", "YZ", "ZX")
 CENTRE_MM = (0.0, -15.0, 40.0)
 MACHINE = lb.Machine("wXFYZt", PLANES, {"Y": (30.0, 0.0, -120.0)})
-CIRCLES = [lb.Circle(150.0, CENTRE_MM, plane) for plane in PLANES]
+CIRCLES = [lb.machine.Circle(150.0, CENTRE_MM, plane) for plane in PLANES]
 
 
 def evaluate_pattern(pattern: str, radius: float, angle: np.ndarray) -> np.ndarray:
@@ -27,10 +27,10 @@ def evaluate_pattern(pattern: str, radius: float, angle: np.ndarray) -> np.ndarr
 
 
 def test_patterns_are_those_of_the_columns() -> None:
-    description = lb.describe(MACHINE, CIRCLES)
+    description = lb.describe_machine(MACHINE, CIRCLES)
     compliances = kept_compliances(MACHINE, *CIRCLES).names
     for plane in PLANES:
-        small = lb.Circle(80.0, CENTRE_MM, plane)
+        small = lb.machine.Circle(80.0, CENTRE_MM, plane)
         columns = np.hstack(
             [
                 compliance_jacobian(MACHINE, small, ANGLES_RAD, compliances),
@@ -47,6 +47,6 @@ def test_patterns_are_those_of_the_columns() -> None:
 
 
 def test_entries_are_named_like_the_columns() -> None:
-    description = lb.describe(MACHINE, CIRCLES)
+    description = lb.describe_machine(MACHINE, CIRCLES)
     labels = [name.label for name in kept_compliances(MACHINE, *CIRCLES).names]
     assert [entry.name for entry in description.compliances] == labels

@@ -45,7 +45,9 @@ def campaign_with_outlier(seed: int) -> lb.Campaign:
 
 
 def test_an_outlier_is_flagged_alone() -> None:
-    table = lb.belonging(MODELS, campaign_with_outlier(4), seed=1, tolerance=0.1, replicates=4000)
+    table = lb.find_outlying_tests(
+        MODELS, campaign_with_outlier(4), seed=1, tolerance=0.1, replicates=4000
+    )
     assert list(table.index[table["flag"]]) == [OUTLYING]
     assert table.loc[OUTLYING, "family_wise_p_value"] < FALSE_ALARMS
     p_values = table.loc[OUTLYING, [f"order_{n}" for n in range(13)]].astype(float)
@@ -54,7 +56,9 @@ def test_an_outlier_is_flagged_alone() -> None:
 
 
 def test_a_clean_campaign_has_no_outlier() -> None:
-    table = lb.belonging(MODELS, clean_campaign(5), seed=1, tolerance=0.1, replicates=4000)
+    table = lb.find_outlying_tests(
+        MODELS, clean_campaign(5), seed=1, tolerance=0.1, replicates=4000
+    )
     assert not table["flag"].any()
     assert list(table.columns[:4]) == ["force_N", "p_value", "family_wise_p_value", "flag"]
     assert table["family_wise_p_value"].ge(table["p_value"]).all()
@@ -91,11 +95,11 @@ def test_two_that_disagree_are_not_flagged() -> None:
     first, second, third = campaign.tests
     spoilt = with_deviation(second, 20.0 * np.cos(5.0 * second.angles_rad()))
     two_tests = replace(campaign, tests=(first, spoilt))
-    table = lb.belonging(MODELS, two_tests, seed=1, tolerance=0.1, replicates=2000)
+    table = lb.find_outlying_tests(MODELS, two_tests, seed=1, tolerance=0.1, replicates=2000)
     assert table["family_wise_p_value"].max() < FALSE_ALARMS
     assert not table["flag"].any()
     three_tests = replace(campaign, tests=(first, spoilt, third))
-    table = lb.belonging(MODELS, three_tests, seed=1, tolerance=0.1, replicates=2000)
+    table = lb.find_outlying_tests(MODELS, three_tests, seed=1, tolerance=0.1, replicates=2000)
     assert list(table.index[table["flag"]]) == ["f400"]
 
 
@@ -105,7 +109,7 @@ SMALL = simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)), seed=1)
 def test_too_few_replicates_are_refused() -> None:
     refuses(
         "replicates must be at least 76 to judge 3 tests, got 50",
-        lb.belonging,
+        lb.find_outlying_tests,
         {"constant": CONSTANT},
         SMALL,
         replicates=50,
@@ -113,4 +117,6 @@ def test_too_few_replicates_are_refused() -> None:
 
 
 def test_one_test_is_refused() -> None:
-    refuses("at least two tests", lb.belonging, {"constant": CONSTANT}, SMALL.select(["f400"]))
+    refuses(
+        "at least two tests", lb.find_outlying_tests, {"constant": CONSTANT}, SMALL.select(["f400"])
+    )

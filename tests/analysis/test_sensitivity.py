@@ -273,21 +273,21 @@ COLUMNS = [
 
 
 def test_a_window_is_a_campaign_of_its_own(recovered: lb.Campaign) -> None:
-    """Without truncation and force error `marginals` and `least_squares` say the same."""
+    """Without truncation and force error `marginalize` and `fit_least_squares` say the same."""
     model = lb.HybridModel.first(0).without("truncation", "force-error").fixing("C_CCY")
     table = lb.local_fits(model, recovered.select(["f036", "f238", "f364"]))
     assert list(table.columns) == COLUMNS
     assert "C_CCY" not in set(table["parameter"])
     local = table[table["force_low_N"] == 238.0].set_index("parameter")
     window = recovered.select(["f238", "f364"])
-    expected = lb.marginals(model, window).loc[local.index]
+    expected = lb.inference.marginalize(model, window).loc[local.index]
     sd = expected["sd"]
     np.testing.assert_allclose(local["mean"] / sd, expected["mean"] / sd, atol=0.02)
     np.testing.assert_allclose(local["sd"], sd, rtol=0.02)
     width = local["ci_high"] - local["ci_low"]
     expected_width = expected["ci_high"] - expected["ci_low"]
     np.testing.assert_allclose(width / expected_width, 1.0, atol=0.05)
-    squares = lb.least_squares(window, fixed=("C_CCY",)).table
+    squares = lb.fit_least_squares(window, fixed=("C_CCY",)).table
     np.testing.assert_allclose(
         local[["least_squares", "least_squares_u"]], squares[["estimate", "u"]], rtol=1e-9
     )

@@ -52,7 +52,7 @@ def test_executors_change_nothing() -> None:
     """Processes are the business of `tests/fleet`."""
     model = CONSTANT.without("truncation")
     arguments = {"replicates": 10, "draws": 9, "seed": 3}
-    serial = lb.validate(model, CIRCLES, **arguments)
+    serial = lb.calibrate(model, CIRCLES, **arguments)
     assert serial.names == (
         *model.bind(CIRCLES).names,
         "sigma",
@@ -63,7 +63,7 @@ def test_executors_change_nothing() -> None:
     )
     with ThreadPoolExecutor(3) as threads:
         np.testing.assert_array_equal(
-            lb.validate(model, CIRCLES, executor=threads, **arguments).ranks, serial.ranks
+            lb.calibrate(model, CIRCLES, executor=threads, **arguments).ranks, serial.ranks
         )
     record = serial.as_dict()
     assert (record["replicates"], record["band_probability"], "ranks" in record) == (
@@ -84,7 +84,7 @@ FLAT = (
     ("arguments", "message"), [*cases(__file__, "refusals.toml")["validate"], FLAT]
 )
 def test_refused(arguments: dict, message: str) -> None:
-    refuses(message, lb.validate, **({"model": CONSTANT, "plan": CIRCLES} | arguments))
+    refuses(message, lb.calibrate, **({"model": CONSTANT, "plan": CIRCLES} | arguments))
 
 
 @pytest.mark.parametrize(("replicates", "draws", "prob"), [(100, 99, 0.9), (12, 9, 0.99)])
@@ -106,7 +106,7 @@ def test_holds_with_the_probability_it_claims(replicates: int, draws: int, prob:
     ids=["linear, circles", "constant, arcs"],
 )
 def test_quadrature_is_calibrated(degree: int, planned: lb.Campaign, replicates: int) -> None:
-    validation = lb.validate(lb.HybridModel.first(degree), planned, replicates=replicates, seed=11)
+    validation = lb.calibrate(lb.HybridModel.first(degree), planned, replicates=replicates, seed=11)
     assert validation.calibrated, validation.outside
 
 
@@ -114,9 +114,9 @@ def test_quadrature_is_calibrated(degree: int, planned: lb.Campaign, replicates:
 def test_emcee_is_calibrated_and_a_wrong_model_is_not() -> None:
     """Readings with a discrepancy that the model lacks: intervals far too narrow, and the ranks say
     so."""
-    validation = lb.validate(CONSTANT, CIRCLES, replicates=100, draws=49, sampler="joint", seed=12)
+    validation = lb.calibrate(CONSTANT, CIRCLES, replicates=100, draws=49, sampler="joint", seed=12)
     assert validation.calibrated, validation.outside
-    validation = lb.validate(
+    validation = lb.calibrate(
         CONSTANT.without("discrepancy"), CIRCLES, generator=CONSTANT, replicates=100, seed=13
     )
     assert {"C_CXY", "C_CYY", LOG_LIKELIHOOD} & set(validation.outside)

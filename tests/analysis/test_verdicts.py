@@ -73,11 +73,13 @@ def test_near_collinear_designs_are_graded(angle: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def identified(recovered: lb.Campaign) -> lb.Identifiability:
+def identified(recovered: lb.Campaign) -> lb.analysis.Identifiability:
     return lb.identify(LINEAR, recovered)
 
 
-def test_geometry_is_confounded_with_length_and_form(identified: lb.Identifiability) -> None:
+def test_geometry_is_confounded_with_length_and_form(
+    identified: lb.analysis.Identifiability,
+) -> None:
     entries = identified.parameters
     for name in ("E_XX1", "E_YY1"):
         assert entries[name].verdict == "confounded"
@@ -132,9 +134,9 @@ def test_four_lobes_are_separated_from_rotation_by_force_only(recovered: lb.Camp
 
 
 def test_verdicts_of_a_posterior(recovered: lb.Campaign) -> None:
-    rule = lb.StoppingRule(ess=300.0)
+    rule = lb.inference.StoppingRule(ess=300.0)
     tree = lb.sample(LINEAR, recovered, sampler="independent", rule=rule)
-    entries = lb.verdicts(tree)
+    entries = lb.analysis.judge_posterior(tree)
     assert re.fullmatch(r"confounded with ball form \(\d\d %\)", verdict_words(entries["E_C0YX"]))
     assert verdict_words(entries["C_XYX"]) == "confounded with hysteresis (left out)"
     draws = tree["posterior"]["C_XXX"].to_numpy()
@@ -214,11 +216,11 @@ def test_the_partner_is_always_named(turn: float, verdict: str) -> None:
 
 
 def test_readings_change_nothing_but_the_hyper_parameters(
-    recovered: lb.Campaign, identified: lb.Identifiability
+    recovered: lb.Campaign, identified: lb.analysis.Identifiability
 ) -> None:
     assert identified.measured
     assert not lb.identify(LINEAR, recovered.plan()).measured
-    exact = lb.marginals(LINEAR.without("truncation"), recovered, tolerance=1e-2)
+    exact = lb.inference.marginalize(LINEAR.without("truncation"), recovered, tolerance=1e-2)
     for name in ("C_XYX", "E_XX1", "E_C0YX"):
         entry = identified.parameters[name]
         mean = exact.loc[name, "mean"]

@@ -83,7 +83,7 @@ def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
         3,
     )
     assert (
-        lb.preview(lb.Campaign((make(force_N=400.0), make(force_N=400.001)))).remarks[0].kind
+        lb.check_campaign(lb.Campaign((make(force_N=400.0), make(force_N=400.001)))).remarks[0].kind
         == "one force level"
     )
     with pytest.raises(InputError, match="at least two force levels, got one"):
@@ -169,30 +169,30 @@ def recording(start: float = -30.0, stop: float = 390.0) -> lb.CircularTest:
 
 
 def test_force_law_both_ways() -> None:
-    law = lb.ForceLaw()
+    law = lb.campaign.ForceLaw()
     for pressure, force in ((0.4, 36.0), (3.0, 364.0), (6.0, 742.0)):
         assert law.force_N(pressure) == pytest.approx(force, abs=0.3)
         assert law.pressure_bar(law.force_N(pressure)) == pytest.approx(pressure)
-    refuses("slope_N_per_bar must be", lb.ForceLaw, slope_N_per_bar=0.0)
+    refuses("slope_N_per_bar must be", lb.campaign.ForceLaw, slope_N_per_bar=0.0)
 
 
 def test_reversal_points_are_masked() -> None:
-    test = lb.mask_reversals(recording(0.0, 360.0), 5.0)
+    test = lb.reading.mask_reversals(recording(0.0, 360.0), 5.0)
     distance = np.abs((test.angle_deg + 45.0) % 90.0 - 45.0)
     assert distance.min() > 5.0
     assert len(test.angle_deg) == 360 - 4 * 11
-    refuses("between 0 and 45", lb.mask_reversals, recording(), 60.0)
+    refuses("between 0 and 45", lb.reading.mask_reversals, recording(), 60.0)
 
 
 def test_arcs_may_run_through_zero() -> None:
-    test = lb.mask_angles(recording(0.0, 360.0), [(350.0, 370.0), (100.0, 110.0)])
+    test = lb.reading.mask_angles(recording(0.0, 360.0), [(350.0, 370.0), (100.0, 110.0)])
     assert {355.0, 5.0, 105.0, 11.0, 99.0, 111.0, 349.0} & set(test.angle_deg) == {
         11.0,
         99.0,
         111.0,
         349.0,
     }
-    refuses("must leave readings", lb.mask_angles, recording(), [(0.0, 360.0)])
+    refuses("must leave readings", lb.reading.mask_angles, recording(), [(0.0, 360.0)])
 
 
 ROUND = {"harmonics_um": ((2, 0.21, 35.0), (3, 0.1, -20.0)), "U_um": 0.05}

@@ -32,7 +32,7 @@ def changed(folder: Path, *changes: tuple[str, str]) -> Path:
 
 def test_a_german_certificate(tmp_path: Path) -> None:
     """A bar 0.8 µm too long reads 0.8 µm too small; U = 0.9 µm (k = 3) is 0.6 µm (k = 2)."""
-    certificate = lb.read_dcc(SCHEIN)
+    certificate = lb.campaign.read_dcc(SCHEIN)
     assert (certificate.identifier, len(certificate.quantities)) == ("K-2026-0815", 8)
     assert certificate.fields("bar") == {
         "length_error_um": -0.8,
@@ -50,9 +50,11 @@ def test_a_german_certificate(tmp_path: Path) -> None:
         "certificate": f"{NAME}Rundheitsabweichung / Roundness: Ebene 2",
     }
     indication = changed(tmp_path, ("Längenabweichung vom Nennmaß", "Error of indication"))
-    assert lb.read_dcc(indication).fields("bar")["length_error_um"] == 0.8
+    assert lb.campaign.read_dcc(indication).fields("bar")["length_error_um"] == 0.8
     length = changed(tmp_path, ("Längenabweichung vom Nennmaß", "Length"), (">0.8<", ">150000.8<"))
-    assert lb.read_dcc(length).fields("bar")["length_error_um"] == pytest.approx(-0.8, rel=1e-9)
+    assert lb.campaign.read_dcc(length).fields("bar")["length_error_um"] == pytest.approx(
+        -0.8, rel=1e-9
+    )
 
 
 def instrument_shown(*arguments: str) -> str:
@@ -134,7 +136,7 @@ BOMB = '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "bb"><!ENTITY c "&b;&b;">]>
 )
 def test_what_is_no_certificate_is_refused(content: bytes, message: str, tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_bytes(content)
-    refuses(f"a.xml: .*{message}", lb.read_dcc, tmp_path / "a.xml")
+    refuses(f"a.xml: .*{message}", lb.campaign.read_dcc, tmp_path / "a.xml")
 
 
 @pytest.mark.parametrize(("old", "new", "kind", "message"), CASES["not_said"])
@@ -144,6 +146,6 @@ def test_what_a_certificate_does_not_say(
     path = changed(tmp_path, (old, new))
 
     def fields_of_instrument() -> object:
-        return lb.read_dcc(path).fields(kind)
+        return lb.campaign.read_dcc(path).fields(kind)
 
     refuses(f"schein.xml: .*{message}", fields_of_instrument)

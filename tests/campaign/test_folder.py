@@ -57,7 +57,7 @@ def test_certificates_are_read_and_written(root: Path, tmp_path: Path) -> None:
         lb.Ball(harmonics_um=((2, 0.21, 35.0), (3, 0.1, -10.0)), U_um=0.05),
     )
     assert stated.instrument == lb.Instrument(*balls, -0.4, 1.0, 2.0, 1.0, 0.6, 1.5, 0.05)
-    assert stated.mount == lb.MountCompensation(130.0 / 50.0)
+    assert stated.mount == lb.campaign.MountCompensation(130.0 / 50.0)
     back = lb.read_campaign(
         lb.write_campaign(stated, tmp_path / "c"), certificates={"tool": balls[0]}
     )

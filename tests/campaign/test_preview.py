@@ -28,7 +28,7 @@ def several() -> lb.Campaign:
 
 
 def test_what_a_fit_will_assume() -> None:
-    preview = lb.preview(several())
+    preview = lb.check_campaign(several())
     text = " ".join(map(remark_words, preview.assumptions))
     for words in (
         "plane XY + YZ, R = 100, 150 mm, each with a length of its own.",
@@ -64,7 +64,9 @@ def test_steps_spikes_and_gaps_are_counted(rng: np.random.Generator) -> None:
         5.0 * np.cos(np.deg2rad(2.0 * angle)) + 0.2 * rng.standard_normal(angle.size), 1
     )
     reading[[40, 300]] += (30.0, -25.0)
-    (test_preview,) = lb.preview(lb.Campaign((lb.CircularTest(100.0, angle, reading),))).tests
+    (test_preview,) = lb.check_campaign(
+        lb.Campaign((lb.CircularTest(100.0, angle, reading),))
+    ).tests
     assert test_preview.spikes == 2
     assert test_preview.resolution_um == pytest.approx(0.1)
     assert test_preview.largest_gap_deg == pytest.approx(15.5)
@@ -97,7 +99,7 @@ def odd(**changes: object) -> lb.Campaign:
     ],
 )
 def test_preview_notices(changes: dict, remark: str) -> None:
-    preview = lb.preview(odd(**changes))
+    preview = lb.check_campaign(odd(**changes))
     assert any(remark in remark_words(noticed) for noticed in preview.tests[0].remarks)
     assert any("One force level" in remark_words(noticed) for noticed in preview.remarks)
 
@@ -107,7 +109,7 @@ def test_preview_notices_spikes_copies_and_units() -> None:
     reading = campaign.tests[1].reading_um.copy()
     reading[100] += 50.0
     a, b, c, d = campaign.tests
-    preview = lb.preview(
+    preview = lb.check_campaign(
         lb.Campaign((a, b.with_reading_um(reading), c, d.with_reading_um(c.reading_um)))
     )
     (remark,) = preview.tests[1].remarks
@@ -122,7 +124,7 @@ def test_preview_notices_spikes_copies_and_units() -> None:
         ((0.036, 0.3, 0.52, 0.742), "0.742"),
         ((36.0, 300.0, 520.0, 5e4), "5e+04"),
     ):
-        remarks = map(remark_words, lb.preview(plan(forces_N=forces)).remarks)
+        remarks = map(remark_words, lb.check_campaign(plan(forces_N=forces)).remarks)
         assert any(
             f"the largest force is {largest} N: check the unit" in words for words in remarks
         )
@@ -143,7 +145,9 @@ def test_a_step_of_the_path_is_no_drift_and_a_spike_is_one_reading(
         )
         if RemarkKind.SPIKES in expected:
             reading[7] += 900.0
-        (test_preview,) = lb.preview(lb.Campaign((lb.CircularTest(300.0, angle, reading),))).tests
+        (test_preview,) = lb.check_campaign(
+            lb.Campaign((lb.CircularTest(300.0, angle, reading),))
+        ).tests
         assert [remark.kind for remark in test_preview.remarks] == expected
         assert 0.1 < (test_preview.noise_um or 0.0) < 0.6 or drift
     assert (test_preview.spikes, test_preview.remarks[0].values["reading"]) == (1, 8)
@@ -154,7 +158,7 @@ def test_a_step_of_the_path_is_no_drift_and_a_spike_is_one_reading(
     ("radius_mm", "asked"), [(0.15, [0.15]), (100_000.0, [100_000.0]), (50.0, []), (1350.0, [])]
 )
 def test_a_radius_that_no_bar_has_is_asked_about(radius_mm: float, asked: list[float]) -> None:
-    preview = lb.preview(
+    preview = lb.check_campaign(
         lb.Campaign((lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0)),), radius_mm=radius_mm)
     )
     assert [
@@ -169,7 +173,7 @@ def test_preview_is_silent_on_a_good_campaign() -> None:
         test.with_reading_um(0.24 * np.rint(test.reading_um / 0.24)) for test in campaign.tests
     ]
     for good in (campaign, lb.Campaign(tuple(rounded))):
-        assert all(test.remarks == () for test in lb.preview(good).tests)
+        assert all(test.remarks == () for test in lb.check_campaign(good).tests)
 
 
 # Standard uncertainties of the model, and of certificates [mm, N, rad].
@@ -195,7 +199,7 @@ def test_what_is_taken_for_granted_is_what_a_fit_has() -> None:
     model = lb.HybridModel.default()
     for k, instrument in enumerate((lb.Instrument(), stated)):
         campaign = replace(plan(work_deg=45.0, tool_deg=30.0), instrument=instrument)
-        assumed = lb.uncertainties(campaign).assumed
+        assumed = lb.terms.uncertainties(campaign).assumed
         expected = pytest.approx({name: sd[k] for name, sd in TAKEN.items()}, rel=1e-12)
         assert {own.name: own.sd for own in assumed} == expected
         assert {own.name for own in assumed if not own.stated} == (
@@ -205,7 +209,7 @@ def test_what_is_taken_for_granted_is_what_a_fit_has() -> None:
             own for term in model.nuisances for own in term.columns(model.bind(campaign).setting)
         ]
         sds = {}
-        for own in (own for own in found if isinstance(own, lb.Columns)):
+        for own in (own for own in found if isinstance(own, lb.terms.Columns)):
             sds |= dict(zip(own.names, own.sd if own.stated is None else own.stated, strict=True))
         assert {name: sds[name.replace("form_", "form_cos")] for name in TAKEN} == expected
     assert [own.value for own in assumed if own.value] == pytest.approx([0.21e-3, -0.4e-3, 2.33e-3])

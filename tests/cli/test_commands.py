@@ -65,7 +65,7 @@ def test_options_act_on_a_model_file_too(tmp_path: Path) -> None:
     assert model_from(model=file, without=("mount", "truncation")) == model.without(
         "mount", "truncation"
     )
-    assert model_from(model=file, drift="time") == model.with_term(lb.Drift("time"))
+    assert model_from(model=file, drift="time") == model.with_term(lb.terms.Drift("time"))
 
 
 def refuse(name: str) -> None:
@@ -78,7 +78,7 @@ def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     code, stdout, err = invoke("fit", folder, *FIT, *limits, "--out", out, "--json", "--seed", 5)
     assert (code, err) == (0, "")
     result = json.loads(stdout)
-    conformity = lb.conformity(lb.load(out), {"C_XXX": "60 nm/N", "E_C0YX": "± 20 µrad"})
+    conformity = lb.assess_conformity(lb.load(out), {"C_XXX": "60 nm/N", "E_C0YX": "± 20 µrad"})
     assert result["conformity"] == {
         name: statement.as_dict() for name, statement in conformity.items()
     }

@@ -97,7 +97,7 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
     ):
         assert words in " ".join(ended.stdout.split())
     assert f"Written: {out}/campaigns.parquet" in ended.stdout.replace("\n", "")
-    assert lb.read_batch(out)["status"].tolist() == ["done"] * 7 + ["failed"]
+    assert lb.fleet.read_batch(out)["status"].tolist() == ["done"] * 7 + ["failed"]
     assert sorted(path.name for path in out.iterdir()) == [
         "batch.sqlite",
         "campaigns.parquet",
@@ -120,8 +120,8 @@ def test_json_on_processes(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
     assert [record[key] for key in ("schema", "campaigns", "done", "failures")] == [1, 3, 2, 1]
     assert [failure["campaign"] for failure in record["failed"]] == [f"{rows.parent}/c9"]
     assert record["dataset"] == f"{tmp_path}/b/campaigns.parquet"
-    first = lb.read_batch(rows).iloc[:2]
-    rows_here = lb.read_batch(tmp_path / "b").iloc[:2]
+    first = lb.fleet.read_batch(rows).iloc[:2]
+    rows_here = lb.fleet.read_batch(tmp_path / "b").iloc[:2]
     assert rows_here["C_XXX.mean"].tolist() == first["C_XXX.mean"].tolist()
 
 
@@ -134,7 +134,7 @@ def test_a_missed_target_is_exit_code_1(
     assert code == 1
     assert stderr == f"{tmp_path}/b holds no unfinished batch: this one begins anew.\n"
     assert "not converged: do not use their numbers" in stdout
-    assert not lb.read_batch(tmp_path / "b")["converged"][0]
+    assert not lb.fleet.read_batch(tmp_path / "b")["converged"][0]
 
 
 def test_interrupted_and_resumed(
@@ -183,13 +183,13 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invo
         "Where the population gives the prior of a campaign with the same bar they are counted"
         " again." in doubts
     )
-    assert record["readings_sha256"] == lb.read_batch(rows)["sha256"].dropna().tolist()
+    assert record["readings_sha256"] == lb.fleet.read_batch(rows)["sha256"].dropna().tolist()
     table = pd.read_csv(out / "machines.csv", index_col="machine")
     assert table.loc["M0", "flag"]
     assert table.loc["M5", "C_XXX.mean"] == pytest.approx(
         record["machine"]["M5"]["estimate"]["C_XXX"]["mean"]
     )
-    again = lb.prior_from(out)
+    again = lb.fleet.read_population_prior(out)
     third = lb.read_campaign(rows.parent / "all" / "c3")
     refuses("must not be in the population that gives its prior", again.doubts, third)
     doubts = again.doubts(replace(third, resolution_um=0.25))

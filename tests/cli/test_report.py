@@ -60,7 +60,7 @@ def test_everything_written(result: Path, comparison: Path, tmp_path: Path, invo
     )
     record = json.loads(stdout)
     assert code == 0
-    decided = lb.conformity(lb.load(result), {"C_XXX": "60 nm/N", "stiffness_Y": "18 N/µm"})
+    decided = lb.assess_conformity(lb.load(result), {"C_XXX": "60 nm/N", "stiffness_Y": "18 N/µm"})
     conform = {name: sources.as_dict() for name, sources in decided.items()}
     assert record["conformity"] == conform
     filed = pd.read_csv(out / "tables" / "conformity.csv", index_col="quantity")

@@ -97,7 +97,7 @@ def printed(
         for arguments in (*COMMANDS, ("demo",), ("trend", "b"), ("population", "b")):
             if arguments == ("demo",):  # in seconds
                 posterior = lb.load("f")
-                comparison = lb.read_comparison(Path("cmp"))
+                comparison = lb.analysis.read_comparison(Path("cmp"))
                 replacements = {
                     "embedded_campaign": Path("c"),
                     "sample": posterior,

@@ -47,7 +47,9 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 @pytest.fixture(scope="module")
 def fitted(folders: list[str], tmp_path_factory: pytest.TempPathFactory) -> Batch:
-    return lb.batch(folders, tmp_path_factory.mktemp("batch") / "out", tolerances=LIMITS, **OPTIONS)
+    return lb.fleet.run_batch(
+        folders, tmp_path_factory.mktemp("batch") / "out", tolerances=LIMITS, **OPTIONS
+    )
 
 
 def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
@@ -55,7 +57,7 @@ def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
     assert rows["campaign"].tolist() == folders
     campaign = lb.read_campaign(folders[1])
     posterior = lb.sample(
-        LINEAR, campaign, sampler="independent", seed=3, rule=lb.StoppingRule(ess=ESS)
+        LINEAR, campaign, sampler="independent", seed=3, rule=lb.inference.StoppingRule(ess=ESS)
     )
     result = full_result(posterior, 0.95)
     row = rows.iloc[1]
@@ -64,7 +66,7 @@ def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
             assert row[f"{name}.{key}"] == numbers[key]
         assert rows.attrs["units"][name] == numbers["unit"]
     assert json.loads(row["tolerances"]) == LIMITS
-    for name, numbers in lb.conformity(posterior, LIMITS).items():
+    for name, numbers in lb.assess_conformity(posterior, LIMITS).items():
         assert (row[f"{name}.probability"], row[f"{name}.decision"]) == (
             numbers.probability,
             numbers.decision,
@@ -95,7 +97,7 @@ def test_what_is_beside_the_fit(folders: list[str], fitted: Batch) -> None:
     posterior."""
     rows = fitted.rows()
     campaign = lb.read_campaign(folders[2])
-    value, error = lb.log_bayes_factor(
+    value, error = lb.inference.log_bayes_factor(
         *(lb.log_evidence(model, campaign) for model in (LINEAR, LINEAR.with_degree(0)))
     )
     assert (
@@ -118,7 +120,9 @@ def test_what_is_beside_the_fit(folders: list[str], fitted: Batch) -> None:
 def test_flat_priors_have_neither_evidence_nor_statistics(
     folders: list[str], tmp_path: Path
 ) -> None:
-    rows = lb.batch(folders[:1], tmp_path / "out", model=lb.HybridModel.paper(1), ess=ESS).rows()
+    rows = lb.fleet.run_batch(
+        folders[:1], tmp_path / "out", model=lb.HybridModel.paper(1), ess=ESS
+    ).rows()
     assert rows["status"][0] == "done"
     assert rows["gaussian_names"][0] is None
     assert np.isnan(rows["log_bayes_factor"][0])
@@ -140,7 +144,7 @@ def test_what_goes_wrong_stays_in_its_row(folders: list[str], tmp_path: Path) ->
         lb.write_campaign(good.plan(), tmp_path / "plan"),
         folders[0],
     ]
-    finished = lb.batch(paths, tmp_path / "out", model=LINEAR, ess=ESS, compare=False)
+    finished = lb.fleet.run_batch(paths, tmp_path / "out", model=LINEAR, ess=ESS, compare=False)
     rows = finished.rows()
     assert rows["status"].tolist() == ["failed"] * 4 + ["done"]
     assert (finished.done, finished.failures, len(finished.failed)) == (1, 4, 4)
@@ -246,10 +250,10 @@ def test_interrupted_anywhere_and_resumed(
     """What is done is not done again, and the table is the same; so it is on threads, in whatever
     order rows come."""
     paths, calls = quick_batch
-    uninterrupted = dataset_bytes(lb.batch(paths, tmp_path / "whole").out)
+    uninterrupted = dataset_bytes(lb.fleet.run_batch(paths, tmp_path / "whole").out)
     with ThreadPoolExecutor(8) as executor:
         assert (
-            dataset_bytes(lb.batch(paths, tmp_path / "threads", executor=executor).out)
+            dataset_bytes(lb.fleet.run_batch(paths, tmp_path / "threads", executor=executor).out)
             == uninterrupted
         )
     calls.clear()
@@ -262,41 +266,41 @@ def test_interrupted_anywhere_and_resumed(
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            lb.batch(paths, out, resume=count > 0, progress=stop)
-        refuses("must be a finished batch, got one that stopped before", lb.read_batch, out)
-        refuses("must not hold a batch, got an unfinished one", lb.batch, paths, out)
-    again = lb.batch(paths, out, resume=True)
+            lb.fleet.run_batch(paths, out, resume=count > 0, progress=stop)
+        refuses("must be a finished batch, got one that stopped before", lb.fleet.read_batch, out)
+        refuses("must not hold a batch, got an unfinished one", lb.fleet.run_batch, paths, out)
+    again = lb.fleet.run_batch(paths, out, resume=True)
     assert sorted(calls) == list(range(20))
     assert (again.resumed, again.failures, again.doubtful) == (True, 4, 2)
     assert dataset_bytes(out) == uninterrupted
-    assert lb.batch(paths, out, resume=True).fitted == 0
+    assert lb.fleet.run_batch(paths, out, resume=True).fitted == 0
     calls.clear()
-    assert lb.batch(paths, out, resume=True, retry=True).fitted == 4
+    assert lb.fleet.run_batch(paths, out, resume=True, retry=True).fitted == 4
     assert calls == [4, 9, 14, 19]
-    assert lb.batch(paths, out, force=True).fitted == 20
+    assert lb.fleet.run_batch(paths, out, force=True).fitted == 20
 
 
 @pytest.mark.parametrize(("change", "message"), cases(__file__, "refusals.toml")["another_batch"])
 def test_another_batch_is_not_resumed(
     quick_batch: tuple[list[str], list[int]], tmp_path: Path, change: dict[str, Any], message: str
 ) -> None:
-    lb.batch(quick_batch[0], tmp_path / "out")
+    lb.fleet.run_batch(quick_batch[0], tmp_path / "out")
     with pytest.raises(
         InputError, match=rf"out must be of this batch, {message}.*Resume with what"
     ):
-        lb.batch(quick_batch[0], tmp_path / "out", resume=True, **change)
+        lb.fleet.run_batch(quick_batch[0], tmp_path / "out", resume=True, **change)
 
 
 def test_other_campaigns_are_not_resumed(
     quick_batch: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     paths, _ = quick_batch
-    out = lb.batch(paths, tmp_path / "out").out
+    out = lb.fleet.run_batch(paths, tmp_path / "out").out
     advice = rf"or in another order\). Go on with its own list: @{out}/campaigns.txt --resume\."
     for other_paths in (paths[:-1], [*paths, "one more"], paths[1::-1] + paths[2:]):
         refuses(
             rf"got other campaigns \(20 where this run has {len(other_paths)}, {advice}",
-            lb.batch,
+            lb.fleet.run_batch,
             other_paths,
             out,
             resume=True,
@@ -310,7 +314,7 @@ def test_other_campaigns_are_not_resumed(
     options |= {"seed": np.int64(1), "ess": np.float32(1000)}
     monkeypatch.chdir(tmp_path)
     for other_paths in (f"@{out}/campaigns.txt", [os.path.relpath(path) for path in paths]):
-        assert lb.batch(other_paths, out, resume=True, **options).fitted == 0
+        assert lb.fleet.run_batch(other_paths, out, resume=True, **options).fitted == 0
 
 
 def test_what_is_refused(quick_batch: tuple[list[str], list[int]], tmp_path: Path) -> None:
@@ -330,24 +334,30 @@ def test_what_is_refused(quick_batch: tuple[list[str], list[int]], tmp_path: Pat
             "seed must be a whole number from 0 to 2\\^63 - 1, got 9223372036854775808",
         ),
     ):
-        refuses(message, lb.batch, paths, options.pop("out", tmp_path / "new"), **options)
+        refuses(message, lb.fleet.run_batch, paths, options.pop("out", tmp_path / "new"), **options)
     assert calls == []
     assert not (tmp_path / "new").exists()
-    out = lb.batch(paths, tmp_path / "out").out
-    refuses("must not hold a batch, got a finished one", lb.batch, paths, out)
+    out = lb.fleet.run_batch(paths, tmp_path / "out").out
+    refuses("must not hold a batch, got a finished one", lb.fleet.run_batch, paths, out)
     (out / "batch.sqlite").rename(tmp_path / "aside")
     for resume in (True, False):
-        refuses("must hold the journal of its batch, got none", lb.batch, paths, out, resume=resume)
+        refuses(
+            "must hold the journal of its batch, got none",
+            lb.fleet.run_batch,
+            paths,
+            out,
+            resume=resume,
+        )
     (out / "batch.sqlite").write_bytes(b"what no database is" * 100)
     refuses(
         r"sound journal .*, got: file is not a database.*remove a damaged one",
-        lb.batch,
+        lb.fleet.run_batch,
         paths,
         out,
         resume=True,
     )
     (tmp_path / "aside").replace(out / "batch.sqlite")
-    assert lb.batch(paths, out, force=True).fitted == 20
+    assert lb.fleet.run_batch(paths, out, force=True).fitted == 20
 
 
 def test_two_at_once(quick_batch: tuple[list[str], list[int]], tmp_path: Path) -> None:
@@ -358,7 +368,7 @@ def test_two_at_once(quick_batch: tuple[list[str], list[int]], tmp_path: Path) -
     def second(*_: int) -> None:
         refuses(
             "that no other run is using, got: database is locked",
-            lb.batch,
+            lb.fleet.run_batch,
             paths,
             tmp_path / "out",
             resume=True,
@@ -372,7 +382,10 @@ def test_two_at_once(quick_batch: tuple[list[str], list[int]], tmp_path: Path) -
         finally:
             second()
 
-    assert lb.batch(paths, tmp_path / "out", executor=workers, progress=second).campaigns == 20
+    assert (
+        lb.fleet.run_batch(paths, tmp_path / "out", executor=workers, progress=second).campaigns
+        == 20
+    )
     assert len(refused) == 22
 
     @contextmanager
@@ -380,7 +393,7 @@ def test_two_at_once(quick_batch: tuple[list[str], list[int]], tmp_path: Path) -
         raise InputError("a cluster must answer, got silence.")
         yield
 
-    refuses("got silence", lb.batch, paths, tmp_path / "new", executor=silent)
+    refuses("got silence", lb.fleet.run_batch, paths, tmp_path / "new", executor=silent)
     assert not (tmp_path / "new").exists()
 
 
@@ -398,7 +411,7 @@ def test_what_a_worker_took_with_it_is_a_row(
                 future.set_result(fn(*args, **kwargs))
             return future
 
-    rows = lb.batch(quick_batch[0][:3], tmp_path / "out", executor=Deadly()).rows()
+    rows = lb.fleet.run_batch(quick_batch[0][:3], tmp_path / "out", executor=Deadly()).rows()
     assert rows["status"].tolist() == ["done", "failed", "done"]
     assert "its worker died" in rows["reason"][1]
 
@@ -408,7 +421,7 @@ def test_a_full_disk_under_the_journal_and_the_table(
 ) -> None:
     """Files may not grow beyond so much: a message, and what is done is kept."""
     paths, _ = quick_batch
-    uninterrupted = dataset_bytes(lb.batch(paths, tmp_path / "whole").out)
+    uninterrupted = dataset_bytes(lb.fleet.run_batch(paths, tmp_path / "whole").out)
     messages = set()
     message = r"(can|must) be (written|writable).*, got: .*free some space"
     for k, size in enumerate((10_000, 40_000, 80_000, len(uninterrupted) - 1)):
@@ -416,11 +429,12 @@ def test_a_full_disk_under_the_journal_and_the_table(
             full_disk(size),
             pytest.raises(InputError, match=message) as raised,
         ):
-            lb.batch(paths, tmp_path / f"out{k}")
+            lb.fleet.run_batch(paths, tmp_path / f"out{k}")
         messages.add(str(raised.value).split(" must")[0].rpartition("/")[2])
         assert not (tmp_path / f"out{k}" / "campaigns.parquet").exists()
         assert (
-            dataset_bytes(lb.batch(paths, tmp_path / f"out{k}", resume=True).out) == uninterrupted
+            dataset_bytes(lb.fleet.run_batch(paths, tmp_path / f"out{k}", resume=True).out)
+            == uninterrupted
         )
     assert "batch.sqlite" in messages
 
@@ -439,27 +453,29 @@ def test_killed_and_resumed(
     monkeypatch.chdir(tmp_path)
     paths = [f"p{k}" for k in range(20)]
     calls = quick_batch[1]
-    again = lb.batch(paths, "out", resume=True)
+    again = lb.fleet.run_batch(paths, "out", resume=True)
     assert sorted([*calls, *map(int, Path("calls").read_text().split())]) == list(range(20))
-    assert dataset_bytes(lb.batch(paths, "whole").out) == dataset_bytes(again.out)
+    assert dataset_bytes(lb.fleet.run_batch(paths, "whole").out) == dataset_bytes(again.out)
 
 
 def test_several_batches_and_columns(
     quick_batch: tuple[list[str], list[int]], tmp_path: Path
 ) -> None:
-    one, two = (lb.batch(quick_batch[0][:n], tmp_path / f"b{n}").out for n in (3, 12))
-    rows = lb.read_batch([one, two / "campaigns.parquet"])
+    one, two = (lb.fleet.run_batch(quick_batch[0][:n], tmp_path / f"b{n}").out for n in (3, 12))
+    rows = lb.fleet.read_batch([one, two / "campaigns.parquet"])
     assert len(rows) == 15
     assert rows["C_0.mean"].notna().sum() == 3 + 10
     assert rows.attrs["units"]["C_0"] == "mm/N"
-    assert list(lb.read_batch(two, ["C_1.sd", "campaign"]).columns) == ["C_1.sd", "campaign"]
-    refuses(r"column must be one of .*Did you mean 'campaign'", lb.read_batch, one, ["campain"])
+    assert list(lb.fleet.read_batch(two, ["C_1.sd", "campaign"]).columns) == ["C_1.sd", "campaign"]
+    refuses(
+        r"column must be one of .*Did you mean 'campaign'", lb.fleet.read_batch, one, ["campain"]
+    )
 
 
 def test_tables_that_are_none(
     quick_batch: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out = lb.batch(quick_batch[0], tmp_path / "b").out
+    out = lb.fleet.run_batch(quick_batch[0], tmp_path / "b").out
     sound = dataset_bytes(out)
     pd.DataFrame({"a": [1]}).to_parquet(tmp_path / "other.parquet")
     for path, message in (
@@ -473,18 +489,20 @@ def test_tables_that_are_none(
             r"must be the table of a batch, got another, or a damaged file .*\. Give a batch's",
         ),
     ):
-        refuses(message, lb.read_batch, path)
+        refuses(message, lb.fleet.read_batch, path)
     for damaged in (
         sound[: len(sound) // 2],
         sound[:500] + bytes([sound[500] ^ 255]) + sound[501:],
     ):
         (out / "campaigns.parquet").write_bytes(damaged)
         refuses(
-            r"got a damaged file .*Remove it and run the batch with --resume", lb.read_batch, out
+            r"got a damaged file .*Remove it and run the batch with --resume",
+            lb.fleet.read_batch,
+            out,
         )
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     refuses(
         r"pyarrow must be installed for batches, got none.*'ldbb-bayes\[fleet\]'",
-        lb.read_batch,
+        lb.fleet.read_batch,
         out,
     )

@@ -453,8 +453,8 @@ def written(folder: Path, **changes: Any) -> Path:
 
 
 def test_sets_means_and_sds_at_the_populations_force(tmp_path: Path) -> None:
-    prior = lb.prior_from(written(tmp_path))
-    assert prior == lb.prior_from(tmp_path / "population.json")
+    prior = lb.fleet.read_population_prior(written(tmp_path))
+    assert prior == lb.fleet.read_population_prior(tmp_path / "population.json")
     assert (prior.machines, prior.campaigns, prior.sha256) == (24, 60, digest_of(RESULT))
     model = lb.HybridModel.first(1)
     bound = prior.model(model).bind(plan())
@@ -473,7 +473,9 @@ def test_sets_means_and_sds_at_the_populations_force(tmp_path: Path) -> None:
 
 def test_doubts_of_a_prior(tmp_path: Path) -> None:
     """Forces elsewhere, the machine itself, what the population says of itself."""
-    prior = lb.prior_from(written(tmp_path, doubts=["Its spreads cannot be trusted."]))
+    prior = lb.fleet.read_population_prior(
+        written(tmp_path, doubts=["Its spreads cannot be trusted."])
+    )
     force, stated = prior.doubts(plan((40, 40), forces_N=(400.0, 742.0)))
     assert force.startswith(
         "The population's compliances are meant at 300 N, outside this campaign's forces (400 to"
@@ -489,10 +491,14 @@ def test_an_edited_file_is_refused(tmp_path: Path) -> None:
     file = written(tmp_path) / "population.json"
     record = json.loads(file.read_text())
     file.write_text(json.dumps(record, indent=2, sort_keys=True))
-    assert lb.prior_from(file).sds["C_XXX"] == 4e-6
+    assert lb.fleet.read_population_prior(file).sds["C_XXX"] == 4e-6
     record["next"]["C_XXX"]["sd"] = 4.1e-6
     file.write_text(json.dumps(record))
-    refuses(r"its sha256 is not that of its contents: it was edited", lb.prior_from, file)
+    refuses(
+        r"its sha256 is not that of its contents: it was edited",
+        lb.fleet.read_population_prior,
+        file,
+    )
 
 
 def test_other_machines_are_refused(tmp_path: Path) -> None:
@@ -502,8 +508,8 @@ def test_other_machines_are_refused(tmp_path: Path) -> None:
             r"topology must be the population's 'wCAFYXZSt' to use its prior, got 'wXFYZt'\. Use a"
         ),
     ):
-        lb.prior_from(written(tmp_path)).doubts(replace(plan(), topology="wXFYZt"))
-    other = lb.prior_from(
+        lb.fleet.read_population_prior(written(tmp_path)).doubts(replace(plan(), topology="wXFYZt"))
+    other = lb.fleet.read_population_prior(
         written(tmp_path, next={"C_ZZZ": {"unit": "mm/N", "mean": 5e-5, "sd": 1e-6}})
     )
     refuses(
@@ -515,7 +521,7 @@ def test_other_machines_are_refused(tmp_path: Path) -> None:
 
 def test_compliances_of_another_place_are_refused(tmp_path: Path) -> None:
     meanings = stands_for(plan())
-    prior = lb.prior_from(written(tmp_path, compliances=meanings))
+    prior = lb.fleet.read_population_prior(written(tmp_path, compliances=meanings))
     assert prior.compliances == meanings
     assert prior.doubts(plan()) == ()
     higher = replace(plan(), tests=tuple(replace(test, centre_z_mm=100.0) for test in plan().tests))
@@ -527,7 +533,7 @@ def test_compliances_of_another_place_are_refused(tmp_path: Path) -> None:
 
 
 def test_models_it_does_not_go_with(tmp_path: Path) -> None:
-    prior = lb.prior_from(written(tmp_path))
+    prior = lb.fleet.read_population_prior(written(tmp_path))
     model = lb.HybridModel.first(1)
     with pytest.raises(
         InputError,
@@ -554,13 +560,15 @@ def test_what_is_no_population(tmp_path: Path) -> None:
     for changes in ({"schema": 2}, {"kind": "fit"}):
         refuses(
             r"must be a population written by .*, got a damaged one",
-            lb.prior_from,
+            lb.fleet.read_population_prior,
             written(tmp_path, **changes),
         )
     for content in (b"{", b"\xff\xfe\x00", b"[" * 100_000, b"[]"):
         (tmp_path / "population.json").write_bytes(content)
         refuses(
-            r"must be a population written by|must be a population, got", lb.prior_from, tmp_path
+            r"must be a population written by|must be a population, got",
+            lb.fleet.read_population_prior,
+            tmp_path,
         )
 
 

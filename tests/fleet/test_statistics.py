@@ -35,7 +35,7 @@ def campaign_moments() -> SufficientStatistics:
 
 
 def test_moments_are_those_of_quadrature(campaign_moments: SufficientStatistics) -> None:
-    table = lb.marginals(MODEL, CAMPAIGN)
+    table = lb.inference.marginalize(MODEL, CAMPAIGN)
     p = len(MODEL.bind(CAMPAIGN).names)
     assert campaign_moments.names[p:] == ("mount", "force_gain")
     sd = np.sqrt(np.diag(campaign_moments.covariance))[:p]
@@ -48,8 +48,10 @@ def test_moments_are_those_of_quadrature(campaign_moments: SufficientStatistics)
 
 def test_instrument_errors_are_those_of_a_fit(campaign_moments: SufficientStatistics) -> None:
     """Drawn and averaged by other code, given β."""
-    table = lb.nuisances(
-        lb.sample(MODEL, CAMPAIGN, sampler="independent", rule=lb.StoppingRule(ess=2000.0))
+    table = lb.inference.summarize_nuisances(
+        lb.sample(
+            MODEL, CAMPAIGN, sampler="independent", rule=lb.inference.StoppingRule(ess=2000.0)
+        )
     )
     for name in ("mount", "force_gain"):
         k = campaign_moments.names.index(name)
@@ -241,8 +243,8 @@ def slipped(rows: pd.DataFrame, place: int) -> pd.DataFrame:
 
 def test_a_slip_does_not_reach_the_others(rows: pd.DataFrame) -> None:
     bad = slipped(rows, 2)
-    cleaned = lb.population(bad)
-    clean = lb.population(rows.drop(index=2))
+    cleaned = lb.fleet.fit_population(bad)
+    clean = lb.fleet.fit_population(rows.drop(index=2))
     assert {name: parameter.mean for name, parameter in cleaned.parameters.items()} == {
         n: parameter.mean for n, parameter in clean.parameters.items()
     }
@@ -252,7 +254,7 @@ def test_a_slip_does_not_reach_the_others(rows: pd.DataFrame) -> None:
         == "Left out, because the model does not expect their readings (--include-misfits keeps"
         " them): c03."
     )
-    everything = lb.population(bad, include_misfits=True)
+    everything = lb.fleet.fit_population(bad, include_misfits=True)
     assert everything.campaigns == 8
     assert everything.parameters["C_XXX"].spread.mean > 5.0 * clean.parameters["C_XXX"].spread.mean
 
@@ -301,14 +303,14 @@ def test_what_is_refused(rows: pd.DataFrame) -> None:
         rows.assign(status="failed"),
     )
     with pytest.raises(InputError, match="rows must be the table of a batch, got one without name"):
-        lb.population(pd.DataFrame({"campaign": ["a"], "status": ["done"]}))
+        lb.fleet.fit_population(pd.DataFrame({"campaign": ["a"], "status": ["done"]}))
     with pytest.raises(
         InputError,
         match=r"two machines, got only M6. Add campaigns of others. Left out on request: c01",
     ):
-        lb.population(rows, exclude=[f"M{k}" for k in range(6)])
+        lb.fleet.fit_population(rows, exclude=[f"M{k}" for k in range(6)])
     with pytest.raises(
         InputError,
         match=r"campaigns of one machine to rely on, got 1. Measure again. Left out on request",
     ):
-        lb.trend(rows, machine="M6", exclude=["c08"])
+        lb.fleet.find_trend(rows, machine="M6", exclude=["c08"])

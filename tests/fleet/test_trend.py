@@ -354,7 +354,7 @@ def rows() -> pd.DataFrame:
 
 @pytest.fixture(scope="module")
 def stepped(rows: pd.DataFrame) -> Trend:
-    return lb.trend(rows)
+    return lb.fleet.find_trend(rows)
 
 
 def by_time(trend: Trend) -> list[float]:
@@ -410,8 +410,11 @@ def test_conformity_of_every_campaign(rows: pd.DataFrame, stepped: Trend) -> Non
     limit = stepped.parameters["C_XXX"].level_now.mean
     common = stepped.parameters["C_XXX"].common_sd
     estimates = stepped.estimates.query("parameter == 'C_XXX'")
-    limits = {"C_XXX": lb.Tolerance(upper=limit), "stiffness_X": lb.Tolerance(lower=1.0 / limit)}
-    conformity = lb.trend(rows, tolerances=limits).conformity
+    limits = {
+        "C_XXX": lb.analysis.Tolerance(upper=limit),
+        "stiffness_X": lb.analysis.Tolerance(lower=1.0 / limit),
+    }
+    conformity = lb.fleet.find_trend(rows, tolerances=limits).conformity
     expected = norm.cdf((limit - estimates["estimate"]) / np.hypot(estimates["sd"], common))
     np.testing.assert_allclose(
         [one.probability for one in conformity["C_XXX"].values()], expected, atol=1e-9
@@ -421,18 +424,20 @@ def test_conformity_of_every_campaign(rows: pd.DataFrame, stepped: Trend) -> Non
     )
     assert list(conformity["C_XXX"]) == names_of(stepped)
     stated = rows.assign(tolerances='{"C_XXX": "60 nm/N", "G": "20 µm"}')
-    assert list(lb.trend(stated).conformity) == ["C_XXX"]
-    assert "≤ 60" in str(lb.trend(stated))
+    assert list(lb.fleet.find_trend(stated).conformity) == ["C_XXX"]
+    assert "≤ 60" in str(lb.fleet.find_trend(stated))
     assert stepped.conformity == {}
 
 
 def test_a_machine_at_rest() -> None:
-    quiet = lb.trend(drawn_rows(9, np.random.default_rng(5)))
+    quiet = lb.fleet.find_trend(drawn_rows(9, np.random.default_rng(5)))
     assert not quiet.changed
     assert quiet.probability < 0.5
     assert "no change is found" in verdict(quiet)
     odds = quiet.probability / (1.0 - quiet.probability)
-    other = lb.trend(drawn_rows(9, np.random.default_rng(5)), probability=0.9, threshold=0.99)
+    other = lb.fleet.find_trend(
+        drawn_rows(9, np.random.default_rng(5)), probability=0.9, threshold=0.99
+    )
     assert other.probability == pytest.approx(9.0 * odds / (1.0 + 9.0 * odds), rel=1e-9)
     assert other.false_alarm == pytest.approx(1.0 / 11.0)
 
@@ -440,7 +445,8 @@ def test_a_machine_at_rest() -> None:
 def test_the_instruments_error_is_in_no_point(rows: pd.DataFrame) -> None:
     """A worse bar widens what is common, not points, limits or the step."""
     one, other = (
-        lb.trend(campaigns) for campaigns in (rows, with_prior(rows, {"force_gain": (0.0, 0.03)}))
+        lb.fleet.find_trend(campaigns)
+        for campaigns in (rows, with_prior(rows, {"force_gain": (0.0, 0.03)}))
     )
     for name in ("C_XXX", "C_YYY"):
         assert other.parameters[name].common_sd > 1.05 * one.parameters[name].common_sd
@@ -454,7 +460,7 @@ def test_the_instruments_error_is_in_no_point(rows: pd.DataFrame) -> None:
     assert other.parameters["C_XXX"].change.mean == pytest.approx(
         one.parameters["C_XXX"].change.mean, rel=0.05
     )
-    separate_bars = lb.trend(rows, one_instrument=False)
+    separate_bars = lb.fleet.find_trend(rows, one_instrument=False)
     assert np.isfinite(separate_bars.probability)
     assert separate_bars.parameters["C_XXX"].common_sd == 0.0
 
@@ -466,7 +472,7 @@ def test_the_prior_of_the_fits_does_not_matter(rows: pd.DataFrame, stepped: Tren
         name: (1.1 * truth.mean[truth.names.index(name)], 0.04 * 1e-4)
         for name in ("C_XXX", "C_YYY")
     }
-    other = lb.trend(with_prior(rows, prior))
+    other = lb.fleet.find_trend(with_prior(rows, prior))
     assert other.probability == pytest.approx(stepped.probability, rel=1e-6)
     for name, parameter in stepped.parameters.items():
         assert other.parameters[name].change.mean == pytest.approx(parameter.change.mean, rel=1e-5)
@@ -480,53 +486,58 @@ def test_the_prior_of_the_fits_does_not_matter(rows: pd.DataFrame, stepped: Tren
 
 def test_order_of_time(rows: pd.DataFrame, stepped: Trend) -> None:
     """By date, whatever the order of rows; without dates as given; equal dates as given."""
-    mixed = lb.trend(rows.sample(frac=1.0, random_state=3))
+    mixed = lb.fleet.find_trend(rows.sample(frac=1.0, random_state=3))
     assert names_of(mixed) == names_of(stepped)
     assert mixed.probability == pytest.approx(stepped.probability)
-    undated = lb.trend(rows.assign(date=None))
+    undated = lb.fleet.find_trend(rows.assign(date=None))
     assert undated.probability == pytest.approx(stepped.probability)
     assert any("No campaign has a date" in doubt for doubt in doubts(undated))
     assert "between c06 and c07" in verdict(undated)
     zoned = rows.assign(
         date=["2026-01-01T12:00:00+02:00", "2026-01-01T11:00:00", *["2026-02-01"] * 8]
     )
-    assert names_of(lb.trend(zoned))[:2] == ["c01", "c02"]
+    assert names_of(lb.fleet.find_trend(zoned))[:2] == ["c01", "c02"]
     some = rows.assign(date=[None, *rows["date"][1:]])
-    refuses(r"a date all or none, got none for year/c01\. Write date", lb.trend, some)
+    refuses(r"a date all or none, got none for year/c01\. Write date", lb.fleet.find_trend, some)
 
 
 def test_which_machine(rows: pd.DataFrame) -> None:
     two = pd.concat([rows, rows.assign(machine_id="M2", campaign="other/" + rows["name"])])
-    refuses(r"of one machine, got those of M1, M2. Choose one: --machine M1", lb.trend, two)
     refuses(
-        r"machine must be one of M1, M2, got 'm2'. Did you mean 'M2'", lb.trend, two, machine="m2"
+        r"of one machine, got those of M1, M2. Choose one: --machine M1", lb.fleet.find_trend, two
     )
-    nameless = lb.trend(rows.assign(machine_id=None))
+    refuses(
+        r"machine must be one of M1, M2, got 'm2'. Did you mean 'M2'",
+        lb.fleet.find_trend,
+        two,
+        machine="m2",
+    )
+    nameless = lb.fleet.find_trend(rows.assign(machine_id=None))
     assert nameless.machine is None
     assert "No campaign names its machine" in doubts(nameless)[0]
-    some = lb.trend(rows.assign(machine_id=[None, *["M1"] * 9]))
+    some = lb.fleet.find_trend(rows.assign(machine_id=[None, *["M1"] * 9]))
     assert (len(some.campaigns), doubts(some)[0]) == (
         9,
         "Left out, because they name no machine: c01.",
     )
-    assert list(lb.trend(rows, parameters="C_XXX").parameters) == ["C_XXX"]
+    assert list(lb.fleet.find_trend(rows, parameters="C_XXX").parameters) == ["C_XXX"]
 
 
 def test_doubts(rows: pd.DataFrame) -> None:
     """What is to be minded of campaigns, of one bar's length and balls, of two campaigns."""
     doubtful = rows.assign(status=["failed", *["done"] * 9], converged=[True, False, *[True] * 8])
-    sentences = " ".join(doubts(lb.trend(doubtful, reference_force_N=20.0)))
+    sentences = " ".join(doubts(lb.fleet.find_trend(doubtful, reference_force_N=20.0)))
     assert "the fit failed: c01." in sentences
     assert "Not converged, fit again with more draws: c02." in sentences
     assert "20 N, was not within the tested forces" in sentences
-    assert "With two campaigns" in doubts(lb.trend(rows[:2]))[-1]
-    assert "conservative for changes, not for levels" in verdict(lb.trend(rows))
-    assert "not for levels" not in verdict(lb.trend(rows, one_instrument=False))
+    assert "With two campaigns" in doubts(lb.fleet.find_trend(rows[:2]))[-1]
+    assert "conservative for changes, not for levels" in verdict(lb.fleet.find_trend(rows))
+    assert "not for levels" not in verdict(lb.fleet.find_trend(rows, one_instrument=False))
 
 
 @pytest.mark.parametrize(("options", "message"), cases(__file__, "refusals.toml")["trend"])
 def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], message: str) -> None:
-    refuses(message, lb.trend, rows, **options)
+    refuses(message, lb.fleet.find_trend, rows, **options)
 
 
 @pytest.mark.parametrize("case", ["many", "no dates", "one day"])
@@ -544,8 +555,8 @@ def test_the_figure(case: str) -> None:
     if case == "one day":
         rows = rows.assign(date="2026-01-01")
     chosen = {"one day": ["C_XXX"], "no dates": ["C_XXX", "C_YYY", "E_YX2"]}.get(case)
-    result = lb.trend(rows, parameters=chosen)
-    figure = lb.control_chart(result)
+    result = lb.fleet.find_trend(rows, parameters=chosen)
+    figure = lb.fleet.draw_control_chart(result)
     check_texts(figure)
     visible = [axes for axes in figure.axes if axes.get_visible()]
     assert len(visible) == len(result.parameters)

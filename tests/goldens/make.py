@@ -375,7 +375,7 @@ def _marginals(work: Work, name: str) -> Any:
     model = lb.HybridModel.first(int(name == "clocked"))
     if name in ("clocked", "three_planes"):
         model = model.without("truncation")
-    return work.cleaned(lb.marginals(model, work.read(name), tolerance=0.02))
+    return work.cleaned(lb.inference.marginalize(model, work.read(name), tolerance=0.02))
 
 
 @golden(*CAMPAIGNS, "plan", fast=("arcs", "both_ways", "plan"))
@@ -469,10 +469,12 @@ def _meaning(work: Work) -> Any:
     differ."""
     one, two, both_ways = (lb.load(work.fitted(name)) for name in ("arcs", "clocked", "both_ways"))
     results = {
-        "circularity": lb.circularity(both_ways, [0.0, 500.0]),
-        "measured_circularity": lb.measured_circularity(both_ways),
-        "differences": lb.differences(one, two),
-        "of one instrument": lb.differences(both_ways, one, same_instrument=True).iloc[::2],
+        "circularity": lb.analysis.predict_circularity(both_ways, [0.0, 500.0]),
+        "measured_circularity": lb.analysis.measure_circularity(both_ways),
+        "differences": lb.analysis.compare_posteriors(one, two),
+        "of one instrument": lb.analysis.compare_posteriors(
+            both_ways, one, same_instrument=True
+        ).iloc[::2],
     }
     return work.cleaned(results)
 
@@ -517,7 +519,7 @@ def _words(page: str) -> str:
 @golden()
 def _batch(work: Work) -> Any:
     out, printed = work.batch
-    rows = lb.read_batch(out)
+    rows = lb.fleet.read_batch(out)
     columns = [
         name
         for name in rows.columns

@@ -96,7 +96,7 @@ def test_plot_of_predicted_readings(checked: xr.DataTree, arviz_plots: ModuleTyp
 
 
 def test_plot_of_ranks(arviz_plots: ModuleType) -> None:
-    validation = lb.validate(lb.HybridModel.first(0), plan(), replicates=10, draws=19)
+    validation = lb.calibrate(lb.HybridModel.first(0), plan(), replicates=10, draws=19)
     arviz_plots.plot_ecdf_pit(validation.pit, var_names=["C_XXX"], backend="matplotlib")
     plt.close("all")
 

@@ -20,7 +20,7 @@ PHI = np.array([0.3e-3, 0.5e-3, 0.4e-3, 2e-3])
 
 
 def fit_to(campaign: lb.Campaign) -> Fit:
-    rule = lb.StoppingRule(ess=400.0)
+    rule = lb.inference.StoppingRule(ess=400.0)
     return fit_of(lb.sample(MODEL, campaign, sampler="independent", seed=1, rule=rule))
 
 

@@ -84,12 +84,12 @@ def test_prior_transform_gives_draws_of_the_prior(name: str, rng: np.random.Gene
 
 
 @pytest.fixture(scope="module")
-def density() -> lb.LogDensity:
+def density() -> lb.inference.LogDensity:
     return lb.log_density(lb.HybridModel.default(1), FOUR)
 
 
 @pytest.fixture(scope="module")
-def start(density: lb.LogDensity) -> np.ndarray:
+def start(density: lb.inference.LogDensity) -> np.ndarray:
     return density.initial(1)[0]
 
 
@@ -104,7 +104,7 @@ def start(density: lb.LogDensity) -> np.ndarray:
     ],
 )
 def test_outside_the_bounds(
-    name: str, value: float, density: lb.LogDensity, start: np.ndarray
+    name: str, value: float, density: lb.inference.LogDensity, start: np.ndarray
 ) -> None:
     outside = np.where(np.array(density.names) == name, value, start)
     assert np.clip(value, *density.bounds[density.names.index(name)]) != value
@@ -112,18 +112,20 @@ def test_outside_the_bounds(
     assert np.isfinite(density.log_likelihood(outside)) == (name == "C_XXX")
 
 
-def test_a_density_is_pickled_and_named(density: lb.LogDensity, start: np.ndarray) -> None:
+def test_a_density_is_pickled_and_named(
+    density: lb.inference.LogDensity, start: np.ndarray
+) -> None:
     assert pickle.loads(pickle.dumps(density)).log_prob(start) == density.log_prob(start)
     assert repr(density) == "LogDensity of 'campaign': 19 parameters, 9 scales"
 
 
-def test_a_wrong_shape_is_refused(density: lb.LogDensity) -> None:
+def test_a_wrong_shape_is_refused(density: lb.inference.LogDensity) -> None:
     message = r"x must have shape \(28,\) or \(n, 28\), got \(3,\)\. Order it as in names"
     refuses(message, density.log_prob, np.zeros(3))
 
 
 @pytest.mark.parametrize("u", [1.5, -1e-9, np.nan])
-def test_no_probability_is_refused(u: float, density: lb.LogDensity) -> None:
+def test_no_probability_is_refused(u: float, density: lb.inference.LogDensity) -> None:
     point = np.full(len(density.names), 0.5)
     point[3] = u
     with pytest.raises(InputError, match=f"u must lie between 0 and 1, got {u}. Give prior"):
@@ -152,13 +154,16 @@ def test_an_optimiser_finds_the_mode() -> None:
     origin = np.zeros(len(x0))
     optimum = optimize.minimize(loss, origin, method="Nelder-Mead", options=options)
     mode = density.split(x0 + density.scale * optimum.x)["parameters"]
-    estimate = lb.least_squares(FEW).estimate
-    sd = lb.marginals(lb.HybridModel.paper(0), FEW)["sd"]
+    estimate = lb.fit_least_squares(FEW).estimate
+    sd = lb.inference.marginalize(lb.HybridModel.paper(0), FEW)["sd"]
     assert max(abs(mode[name] - estimate[name]) / sd[name] for name in mode) < 0.05
 
 
 def agree(
-    density: lb.LogDensity, exact: pd.DataFrame, draws: np.ndarray, weight: np.ndarray | None = None
+    density: lb.inference.LogDensity,
+    exact: pd.DataFrame,
+    draws: np.ndarray,
+    weight: np.ndarray | None = None,
 ) -> None:
     mean = np.average(draws, axis=0, weights=weight)
     sd = np.sqrt(np.average((draws - mean) ** 2, axis=0, weights=weight))
@@ -178,14 +183,16 @@ def test_emcee_reproduces_the_posterior(recovered: lb.Campaign) -> None:
         emcee.State(density.initial(8 * d), random_state=np.random.RandomState(1).get_state()), 6000
     )
     agree(
-        density, lb.marginals(model, recovered), sampler.get_chain(discard=1500, thin=10, flat=True)
+        density,
+        lb.inference.marginalize(model, recovered),
+        sampler.get_chain(discard=1500, thin=10, flat=True),
     )
 
 
 @pytest.mark.slow
 def test_dynesty_reproduces_posterior_and_evidence() -> None:
     dynesty = pytest.importorskip("dynesty")
-    model = lb.HybridModel(1, (lb.SetupShift(),)).fixing(
+    model = lb.HybridModel(1, (lb.terms.SetupShift(),)).fixing(
         "C_XYX", "C_CXY", "C_CYY", "C_CCY", "C_XYX_1", "C_CXY_1", "C_CYY_1"
     )
     model = model.fixing("C_CCY_1", "C_YYY_1", "E_YX2", "E_XY2", "E_C0YX", "E_Xt0", "E_Yt0")
@@ -202,4 +209,4 @@ def test_dynesty_reproduces_posterior_and_evidence() -> None:
     assert log_evidence == pytest.approx(expected, abs=3.0 * error)
     assert error < 0.5
     weight = np.exp(results.logwt - log_evidence)
-    agree(density, lb.marginals(model, FEW), results.samples, weight)
+    agree(density, lb.inference.marginalize(model, FEW), results.samples, weight)

@@ -207,13 +207,13 @@ def test_marginals_whose_weights_cannot_be_trusted_say_so(
     model = lb.HybridModel.first(0)
     if not truncated:
         model = model.without("truncation")
-    exact = lb.marginals(model, UNIFORM)
+    exact = lb.inference.marginalize(model, UNIFORM)
     request.getfixturevalue("no_weights_trusted")
     with (
         pytest.warns(RuntimeWarning, match="neither the evidence nor marginals"),
         pytest.warns(RuntimeWarning, match="quantiles of the hyper-parameters"),
     ):
-        table = lb.marginals(model, UNIFORM, tolerance=0.1)
+        table = lb.inference.marginalize(model, UNIFORM, tolerance=0.1)
     assert ((table["median"] - exact["median"]) / exact["sd"]).abs().max() < 0.1
 
 
@@ -276,13 +276,13 @@ def test_different_readings_are_refused(campaign: lb.Campaign) -> None:
     with pytest.raises(
         InputError, match="must be between models of the same readings, got two campaigns"
     ):
-        lb.log_bayes_factor(other_evidence, evidence)
+        lb.inference.log_bayes_factor(other_evidence, evidence)
 
 
 def test_marginals_against_independent_draws() -> None:
     model = lb.HybridModel.first(0)
     campaign = simulated(plan())
-    exact = lb.marginals(model, campaign, tolerance=1e-2)
+    exact = lb.inference.marginalize(model, campaign, tolerance=1e-2)
     tree = lb.sample(model, campaign, sampler="independent", seed=2, rule=StoppingRule(ess=6000.0))
     summary = lb.summarize(tree)
     assert list(exact.index) == list(summary.index)
@@ -301,12 +301,17 @@ def test_marginals_against_independent_draws() -> None:
     ("options", "message"),
     [
         ({"campaign": plan()}, "must be asked of a campaign with readings, got a plan"),
-        ({"ci_prob": 95.0}, "ci_prob must lie between 0 and 1, got 95"),
+        ({"prob": 95.0}, "prob must lie between 0 and 1, got 95"),
         ({"tolerance": -1.0}, "tolerance must lie between 0 and 1, got -1"),
     ],
 )
 def test_marginals_refuse(options: dict[str, Any], message: str) -> None:
-    refuses(message, lb.marginals, lb.HybridModel.first(0), **{"campaign": UNIFORM} | options)
+    refuses(
+        message,
+        lb.inference.marginalize,
+        lb.HybridModel.first(0),
+        **{"campaign": UNIFORM} | options,
+    )
 
 
 @pytest.mark.parametrize("mean", [-40.0, -2.0, 0.0, 1.0, 5.0])

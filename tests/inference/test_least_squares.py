@@ -40,7 +40,7 @@ def columns(test: lb.CircularTest, degree: int, reference_force_N: float) -> np.
 )
 def test_against_plain_matrices(degree: int, reference: float, fixed: tuple[str, ...]) -> None:
     campaign = simulated(plan((90, 60, 80, 70), forces_N=(36.0, 200.0, 500.0, 742.0)), seed=2)
-    fit = lb.least_squares(campaign, degree, reference_force_N=reference, fixed=fixed)
+    fit = lb.fit_least_squares(campaign, degree, reference_force_N=reference, fixed=fixed)
     jacobian = np.vstack([columns(test, degree, reference) for test in campaign.tests])
     if fixed:
         jacobian = np.delete(jacobian, [5], axis=1)
@@ -66,8 +66,8 @@ def test_against_plain_matrices(degree: int, reference: float, fixed: tuple[str,
 
 def test_the_papers_numbers(recovered: lb.Campaign) -> None:
     """Tables 5 and 6 to 1.05 half-units of the last digit, and the published RMSE."""
-    constant = lb.least_squares(recovered)
-    linear = lb.least_squares(recovered, 1)
+    constant = lb.fit_least_squares(recovered)
+    linear = lb.fit_least_squares(recovered, 1)
     for name in ("table_5_global_compliances", "table_6_global_geometric_errors"):
         assert max(misses(printed(name).iloc[0], constant.estimate)) <= 1.05
     assert f"{constant.quality.rmse_um:.1f}" == "1.1"
@@ -82,8 +82,8 @@ def test_uncompensated_mount_is_subtracted(recovered: lb.Campaign) -> None:
     ]
     mount = replace(recovered.mount, compensated=False)
     uncompensated = replace(recovered, tests=tuple(raw), mount=mount)
-    estimate = lb.least_squares(uncompensated).table["estimate"]
-    expected = lb.least_squares(recovered).table["estimate"]
+    estimate = lb.fit_least_squares(uncompensated).table["estimate"]
+    expected = lb.fit_least_squares(recovered).table["estimate"]
     np.testing.assert_allclose(estimate, expected, rtol=1e-8)
 
 
@@ -92,25 +92,25 @@ def test_what_is_not_determined() -> None:
     angle = 60.0 * np.arange(9)
     reading = np.cos(np.arange(9.0))
     tests = [lb.CircularTest(force, angle, reading) for force in (100.0, 400.0)]
-    table = lb.least_squares(lb.Campaign(tuple(tests))).table
+    table = lb.fit_least_squares(lb.Campaign(tuple(tests))).table
     assert table[["estimate", "u"]].isna().all(axis=None)
 
 
 def test_a_plan_is_refused(recovered: lb.Campaign) -> None:
-    refuses("got a plan", lb.least_squares, recovered.plan(), 0)
+    refuses("got a plan", lb.fit_least_squares, recovered.plan(), 0)
 
 
 def test_one_force_is_refused(recovered: lb.Campaign) -> None:
-    refuses("two force levels", lb.least_squares, recovered.select(["f036"]), 0)
+    refuses("two force levels", lb.fit_least_squares, recovered.select(["f036"]), 0)
 
 
 def test_too_few_forces_are_refused(recovered: lb.Campaign) -> None:
     campaign = recovered.select(["f036", "f742"])
-    refuses("at least (3|three) force levels", lb.least_squares, campaign, 1)
+    refuses("at least (3|three) force levels", lb.fit_least_squares, campaign, 1)
 
 
 def test_print_notebook_and_json() -> None:
-    fit = lb.least_squares(simulated(plan(), seed=1))
+    fit = lb.fit_least_squares(simulated(plan(), seed=1))
     assert "RMSE" in str(fit)
     assert "Eq. 31" in fit._repr_html_()
-    assert lb.LeastSquares.from_dict(fit.as_dict()).table.equals(fit.table)
+    assert lb.inference.LeastSquares.from_dict(fit.as_dict()).table.equals(fit.table)

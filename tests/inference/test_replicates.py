@@ -75,7 +75,7 @@ def averaged() -> xr.DataTree:
 
 
 def test_prediction_as_a_table(posterior: xr.DataTree, averaged: xr.DataTree) -> None:
-    table = lb.predict(posterior, LATER, ci_prob=0.8, seed=2)
+    table = lb.predict(posterior, LATER, prob=0.8, seed=2)
     assert list(table.columns) == [
         "test",
         "force_N",
@@ -86,7 +86,7 @@ def test_prediction_as_a_table(posterior: xr.DataTree, averaged: xr.DataTree) ->
         "ci_high_um",
     ]
     assert list(table["test"].unique()) == ["f100", "f742"]
-    assert table.equals(lb.predict(posterior, LATER, ci_prob=0.8, seed=2))
+    assert table.equals(lb.predict(posterior, LATER, prob=0.8, seed=2))
     mean_um = lb.predict(averaged, LATER)["mean_um"]
     np.testing.assert_allclose(mean_um, table["mean_um"], atol=1.0)
 

@@ -22,7 +22,7 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.model.fourier import basis
-from ldbb_bayes.report.fit_tables import fit_in_words
+from ldbb_bayes.report.fit_tables import describe_fit
 from ldbb_bayes.report.wording import sampler_words, validation_verdict
 from ldbb_bayes.units import to_inside
 
@@ -117,10 +117,10 @@ def test_diagnostics_are_arvizs(either: xr.DataTree) -> None:
 
 def test_summary_numbers(posterior: xr.DataTree) -> None:
     draws = posterior["posterior"]["C_XXX"].to_numpy().ravel()
-    row = lb.summarize(posterior, ci_prob=0.9).loc["C_XXX"]
+    row = lb.summarize(posterior, prob=0.9).loc["C_XXX"]
     np.testing.assert_allclose([row["ci_low"], row["ci_high"]], np.quantile(draws, [0.05, 0.95]))
     assert (row["prior_sd"], row["unit"]) == (1e-4, "mm/N")
-    refuses("ci_prob must lie between 0 and 1, got 95", lb.summarize, posterior, ci_prob=95)
+    refuses("prob must lie between 0 and 1, got 95", lb.summarize, posterior, prob=95)
     result = result_json(posterior)
     sigma = posterior["posterior"]["sigma"].to_numpy()
     assert result["parameters"]["C_XXX"]["ci95"] == pytest.approx(
@@ -238,7 +238,7 @@ def test_emcee_takes_over_where_weights_cannot_be_trusted(
         result_json(tree)["sampler"]
     )
     np.testing.assert_array_equal(tree["posterior"]["C_CCY"], joint["posterior"]["C_CCY"])
-    validation = lb.validate(CONSTANT, FEW, replicates=10, draws=9)
+    validation = lb.calibrate(CONSTANT, FEW, replicates=10, draws=9)
     assert validation.replicates == 10
     assert validation.failures == ()
     assert "emcee for 10 whose" in validation_verdict(validation)
@@ -274,7 +274,7 @@ def test_independent_draws_are_twice_as_many_where_chance_leaves_the_rule_unmet(
 def test_a_run_that_misses_its_target_says_so(sampler: str, rule: StoppingRule, words: str) -> None:
     tree = lb.sample(CONSTANT, FEW, sampler=sampler, seed=1, rule=rule)
     assert fit_of(tree).state == State.UNUSABLE
-    assert re.search(words, fit_in_words(tree)["warnings"][0])
+    assert re.search(words, describe_fit(tree)["warnings"][0])
 
 
 def test_a_contradiction_is_warned_of(recovered: lb.Campaign) -> None:
@@ -282,7 +282,7 @@ def test_a_contradiction_is_warned_of(recovered: lb.Campaign) -> None:
     tree = lb.sample(model, recovered, sampler="independent", seed=1, rule=QUICK)
     assert fit_of(tree).log_prob_truncation < -10.0
     assert "truncation" in fit_of(tree).kinds
-    assert fit_in_words(tree)["warnings"][0].startswith(
+    assert describe_fit(tree)["warnings"][0].startswith(
         "The readings contradict non-negative compliance: ln P(T | y) = −"
     )
 
@@ -294,7 +294,7 @@ def test_a_misfit_is_warned_of() -> None:
         tests.append(test.with_reading_um(test.reading_um + wave_um))
     campaign = lb.Campaign(tuple(tests))
     tree = lb.sample(CONSTANT, campaign, sampler="independent", seed=1, rule=QUICK)
-    warnings = fit_in_words(tree)["warnings"]
+    warnings = describe_fit(tree)["warnings"]
     assert any(warning.startswith("Misfit: sigma = 1") for warning in warnings)
 
 

@@ -16,7 +16,7 @@ from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import Columns
 
-DRIFTING = lb.HybridModel.first(0).without("truncation").with_term(lb.Drift("time"))
+DRIFTING = lb.HybridModel.first(0).without("truncation").with_term(lb.terms.Drift("time"))
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,8 @@ def dense_moments(bound: BoundModel, campaign: lb.Campaign, phi: np.ndarray) -> 
 
 
 @pytest.mark.parametrize(
-    "model", [DRIFTING, lb.HybridModel.default(0).without("truncation").with_term(lb.Drift("time"))]
+    "model",
+    [DRIFTING, lb.HybridModel.default(0).without("truncation").with_term(lb.terms.Drift("time"))],
 )
 def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: lb.Campaign) -> None:
     """Means and variances of all coefficients, parameters integrated out, averaged over φ."""
@@ -75,7 +76,7 @@ def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: l
     for term in bound.nuisance_columns:
         if isinstance(term, Columns) and not term.private:
             names += term.names
-    table = lb.nuisances(posterior).loc[names]
+    table = lb.inference.summarize_nuisances(posterior).loc[names]
     _, phi = draws_of(posterior, bound, 1000)
     moments = [dense_moments(bound, drifting, value) for value in phi[::10]]
     means = np.array([of_draw.mean for of_draw in moments])
@@ -89,6 +90,6 @@ def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: l
 
 
 def test_the_paper_has_no_nuisances(drifting: lb.Campaign) -> None:
-    rule = lb.StoppingRule(ess=100.0)
+    rule = lb.inference.StoppingRule(ess=100.0)
     flat = lb.sample(lb.HybridModel.paper(0), drifting, seed=1, sampler="independent", rule=rule)
-    assert lb.nuisances(flat).empty
+    assert lb.inference.summarize_nuisances(flat).empty

@@ -433,8 +433,8 @@ def test_what_cannot_be_negative(
 
 
 def test_columns_are_those_of_the_paper() -> None:
-    jacobian = lb.hybrid_jacobian(
-        lb.Machine(), lb.Circle(), ARC, 400.0, degree=2, reference_force_N=389.0
+    jacobian = lb.machine.hybrid_jacobian(
+        lb.Machine(), lb.machine.Circle(), ARC, 400.0, degree=2, reference_force_N=389.0
     )
     elastic = {
         "C_XXX": C**2,
@@ -464,9 +464,9 @@ def test_columns_are_those_of_the_paper() -> None:
 
 
 def test_patterns_hold_every_column() -> None:
-    patterns = lb.patterns(lb.Machine(), lb.Circle(), ARC)
+    patterns = lb.machine.patterns(lb.Machine(), lb.machine.Circle(), ARC)
     assert patterns.shape == (len(ARC), 18 + 7)
     np.testing.assert_allclose(patterns["C_XXY"], patterns["C_XXX"], atol=1e-12)
     assert not patterns[["C_XCX", "C_YCX", "C_CXX", "C_CYX", "C_CCX"]].any(axis=None)
-    jacobian = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), ARC, 1.0)
+    jacobian = lb.machine.hybrid_jacobian(lb.Machine(), lb.machine.Circle(), ARC, 1.0)
     np.testing.assert_allclose(patterns[list(jacobian.columns)], jacobian, atol=1e-12)

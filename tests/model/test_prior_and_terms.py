@@ -281,5 +281,7 @@ def test_names_as_they_are_printed() -> None:
         assert simulation.parameters["E_C0YX"] == 1e-4
         machine = plan().machine()
         angle = np.array([0.7])
-        reading = lb.exact_reading_mm(machine, lb.Circle(), angle, geometric_errors={name: 1e-4})
+        reading = lb.machine.exact_reading_mm(
+            machine, lb.machine.Circle(), angle, geometric_errors={name: 1e-4}
+        )
         assert reading == pytest.approx(150.0 * 1e-4 * np.cos(0.7) * np.sin(0.7), rel=1e-3)

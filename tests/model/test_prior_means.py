@@ -261,7 +261,7 @@ def test_plans_start_from_the_means() -> None:
 def test_texts_and_figures_show_mean_and_sd(
     model: lb.HybridModel, means: list[str], sds: list[str], centred_on_the_mean: bool
 ) -> None:
-    rule = lb.StoppingRule(ess=100.0)
+    rule = lb.inference.StoppingRule(ess=100.0)
     tree = lb.sample(model, simulated(SMALL), sampler="independent", seed=1, rule=rule)
     table = parameter_table(full_result(tree, 0.95))
     columns = {}
@@ -279,12 +279,12 @@ def test_texts_and_figures_show_mean_and_sd(
 def test_a_prior_that_the_readings_contradict_is_named() -> None:
     for mean, named in ((5.1e-5, []), (3e-4, ["C_XXX"])):
         model = lb.HybridModel.first(0).with_prior(C_XXX=(mean, 2e-5))
-        rule = lb.StoppingRule(ess=100.0)
+        rule = lb.inference.StoppingRule(ess=100.0)
         tree = lb.sample(model, simulated(SMALL), sampler="independent", seed=1, rule=rule)
         table = lb.summarize(tree)
         concerns = [concern for concern in table.attrs["fit"].concerns if concern.kind == "prior"]
         assert [concern.name for concern in concerns] == named
-        assert ("contradict the prior of C_XXX" in str(lb.fit_in_words(tree))) == bool(named)
+        assert ("contradict the prior of C_XXX" in str(lb.report.describe_fit(tree))) == bool(named)
     row = table.loc["C_XXX"]
     expected = (row["prior_mean"] - row["mean"]) / np.sqrt(row["prior_sd"] ** 2 - row["sd"] ** 2)
     assert concerns[0].value == pytest.approx(expected, rel=1e-3)
@@ -298,7 +298,7 @@ def test_calibrated_and_a_missed_mean_is_seen() -> None:
     zero_means = replace(model.prior, means=dict.fromkeys(OTHERS, 0.0))
     blind = replace(model, prior=zero_means)
     planned = plan((30, 30), forces_N=(100.0, 600.0))
-    right = lb.validate(model, planned, replicates=20, draws=19, seed=1)
+    right = lb.calibrate(model, planned, replicates=20, draws=19, seed=1)
     assert not right.outside
-    wrong = lb.validate(blind, planned, replicates=10, draws=19, generator=model, seed=1)
+    wrong = lb.calibrate(blind, planned, replicates=10, draws=19, generator=model, seed=1)
     assert "C_XXX" in wrong.outside

@@ -23,7 +23,9 @@ MODELS = [
     lb.HybridModel.first(2).without("mount", "truncation"),
     lb.HybridModel.first(1).fixing("C_XYX_1", "E_C0YX"),
     lb.HybridModel(1, (SetupShift("apart"), Discrepancy(2.0))),
-    lb.HybridModel.first(1).with_term(Drift("temperature", centre_um=3.0), lb.Hysteresis(1.0, 4.0)),
+    lb.HybridModel.first(1).with_term(
+        Drift("temperature", centre_um=3.0), lb.terms.Hysteresis(1.0, 4.0)
+    ),
     lb.HybridModel(
         0,
         (BarLength(3.0), Mount(0.2)),
@@ -80,8 +82,8 @@ def test_units_in_a_model_file() -> None:
     model = lb.read_model(Path(__file__).with_name("units.toml"))
     assert vars(model.prior) == vars(replace(prior, squareness_rad=model.prior.squareness_rad))
     assert model.prior.squareness_rad == pytest.approx(prior.squareness_rad, rel=1e-12)
-    force = lb.ForceError(gain_sd=0.02, random_sd_N=3.0)
-    assert model.nuisances == (force, Angle(0.2), lb.Hysteresis(proportional_um_per_kN=2.0))
+    force = lb.terms.ForceError(gain_sd=0.02, random_sd_N=3.0)
+    assert model.nuisances == (force, Angle(0.2), lb.terms.Hysteresis(proportional_um_per_kN=2.0))
     assert model_from_toml(model_to_toml(model)) == model
 
 

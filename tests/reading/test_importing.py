@@ -64,11 +64,13 @@ SHEET = [
 
 def imported(
     path: Path | list[Path], layout: dict[str, Any] | None = None, **campaign: Any
-) -> lb.Imported:
-    return lb.import_campaign(path, layout=lb.Layout.model_validate(layout or {}), **campaign)
+) -> lb.reading.Imported:
+    return lb.import_campaign(
+        path, layout=lb.reading.Layout.model_validate(layout or {}), **campaign
+    )
 
 
-def told(result: lb.Imported) -> set[tuple[str, str]]:
+def told(result: lb.reading.Imported) -> set[tuple[str, str]]:
     return {(assumption.what, assumption.value) for assumption in result.assumptions}
 
 
@@ -130,7 +132,7 @@ def test_the_layout_that_was_found_out_leaves_nothing_to_guess(tmp_path: Path) -
     path = table(tmp_path / "own 238N.csv", "Winkel;Messwert", rows, "Radius: 140 mm", "cp1252")
     first = imported(path)
     (tmp_path / "layout.toml").write_text(layout_to_toml(first.layout), encoding="utf-8")
-    again = lb.import_campaign(path, layout=lb.read_layout(tmp_path / "layout.toml"))
+    again = lb.import_campaign(path, layout=lb.reading.read_layout(tmp_path / "layout.toml"))
     assert (again.campaign.sha256, again.layout) == (first.campaign.sha256, first.layout)
     assert {"separator", "decimal mark", "columns", "unit of the angle"} <= {
         assumption.what for assumption in first.assumptions
@@ -178,7 +180,7 @@ DEEP = ("a = " + "[\n" * 5000, "valid TOML"), ("a." * 400 + "b = 1", "line 1")
 def test_layouts_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "layout.toml"
     path.write_bytes(text.encode("latin-1"))
-    refuses(f"{path}.*{re.escape(message)}", lb.read_layout, path)
+    refuses(f"{path}.*{re.escape(message)}", lb.reading.read_layout, path)
 
 
 def test_a_layout_of_last_week_does_not_speak_over_this_weeks_files_unheard(tmp_path: Path) -> None:
@@ -205,7 +207,7 @@ def test_a_layout_of_last_week_does_not_speak_over_this_weeks_files_unheard(tmp_
 
 def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
     entry = {"file": "a.csv", "force_N": 5.0, "direction": "CCW"}
-    layout = lb.Layout.model_validate({"forces_N": [36.0, 742.0], "test": [entry]})
+    layout = lb.reading.Layout.model_validate({"forces_N": [36.0, 742.0], "test": [entry]})
     assert layout.with_given({"direction": "CW"}).test[0].stated() == {
         "file": "a.csv",
         "force_N": 5.0,
@@ -221,7 +223,9 @@ def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
         363.92,
     ]
     refuses(
-        "the angle must be one column", lb.Layout().with_given, {"columns": {"angle": ["A", "B"]}}
+        "the angle must be one column",
+        lb.reading.Layout().with_given,
+        {"columns": {"angle": ["A", "B"]}},
     )
 
 
@@ -287,7 +291,7 @@ CONTRADICTIONS = (
     ("above", "options"),
     [
         *((lines_above, {}) for lines_above in CONTRADICTIONS),
-        ("Readings raw", {"mount": lb.MountCompensation(3.0)}),
+        ("Readings raw", {"mount": lb.campaign.MountCompensation(3.0)}),
     ],
 )
 def test_lines_above_that_contradict_are_refused(
@@ -298,7 +302,7 @@ def test_lines_above_that_contradict_are_refused(
 
 
 def test_what_is_given_wins_over_lines_above_and_is_told(tmp_path: Path) -> None:
-    mount = lb.MountCompensation(3.0, compensated=False)
+    mount = lb.campaign.MountCompensation(3.0, compensated=False)
     result = imported(
         table(tmp_path / NAME, above="Plane: YZ\nReadings compensated\nResolution 0.01 µm"),
         plane="XY",

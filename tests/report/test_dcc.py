@@ -63,13 +63,13 @@ def test_numbers_are_those_of_the_summary(recovered: lb.Campaign, tmp_path: Path
     warm = tuple(replace(test, temperature_C=20.5) for test in recovered.tests)
     campaign = replace(recovered, tests=warm, **stated)
     posterior = fitted(lb.HybridModel.first(1), campaign)
-    root = check_structure(lb.write_dcc(posterior, tmp_path / "dcc.xml", ci_prob=0.9))
+    root = check_structure(lb.report.write_dcc(posterior, tmp_path / "dcc.xml", prob=0.9))
     quantities = {
         quantity.name.split(" / ")[0].split()[-1]: quantity
-        for quantity in lb.read_dcc(tmp_path / "dcc.xml").quantities
+        for quantity in lb.campaign.read_dcc(tmp_path / "dcc.xml").quantities
         if quantity.name
     }
-    expected = result_json(posterior, ci_prob=0.9)["parameters"]
+    expected = result_json(posterior, prob=0.9)["parameters"]
     assert len(quantities) == len(expected) > 15
     for (name, entry), quantity in zip(expected.items(), quantities.values(), strict=True):
         assert (quantity.value, quantity.U, quantity.k, quantity.unit) == (
@@ -115,5 +115,5 @@ def test_units_are_those_of_the_si() -> None:
 
 @pytest.mark.parametrize("kind", ["script", "degree 2", "paper", "long name"])
 def test_awkward_results(kind: str, tmp_path: Path) -> None:
-    check_structure(lb.write_dcc(awkward(kind), tmp_path / "dcc.xml"))
+    check_structure(lb.report.write_dcc(awkward(kind), tmp_path / "dcc.xml"))
     assert SCRIPT not in (tmp_path / "dcc.xml").read_text("utf-8")

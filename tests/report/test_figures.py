@@ -27,7 +27,7 @@ from ldbb_bayes.report.figures.parameter_figures import WORDS
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.units import display_name, display_unit, plus_minus, round_uncertainty
 
-QUICK = lb.StoppingRule(ess=100.0, rhat=1.5, lengths=0.2)
+QUICK = lb.inference.StoppingRule(ess=100.0, rhat=1.5, lengths=0.2)
 LEVELS = tuple(np.linspace(36.0, 742.0, 9))
 FORTY = tuple(np.linspace(36.0, 742.0, 40))
 
@@ -132,7 +132,7 @@ def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
             assert text.get_text() == plus_minus(
                 row["mean"], row["sd"], (row["ci_low"], row["ci_high"]), row["unit"]
             )
-    swings = lb.contributions(posterior).set_index("source")
+    swings = lb.analysis.decompose_deviation(posterior).set_index("source")
     contributions = FIGURES["contributions"](posterior).axes[-1]
     above = {TOGETHER: contributions.get_title().split(": ")[1]}
     for axes in FIGURES["parameter_contributions"](posterior).axes:

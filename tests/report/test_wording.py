@@ -47,7 +47,7 @@ from ldbb_bayes.report.sections import Details
 from ldbb_bayes.results import Table, json_text
 
 MODEL = lb.HybridModel.first(1)
-QUICK = lb.StoppingRule(ess=100.0)
+QUICK = lb.inference.StoppingRule(ess=100.0)
 FORCES_N = (36.0, 400.0, 742.0)
 TEMPLATES = Path(wording.__file__).parent / "templates"
 
@@ -162,7 +162,7 @@ def page_of(posterior: xr.DataTree) -> Any:
 def analyses_of(campaign: lb.Campaign) -> Any:
     models = {"constant": MODEL.with_degree(0), "linear": MODEL}
     results = [
-        lb.preview(campaign),
+        lb.check_campaign(campaign),
         lb.identify(MODEL, campaign),
         lb.compare(models, campaign, evidence_only=True),
     ]
@@ -192,7 +192,7 @@ def population_of() -> Any:
     doubtful = rows.assign(
         kinds=[[], ["truncation"], ["noise"], *[[]] * 5], converged=[True] * 7 + [False]
     )
-    pooled = lb.population(doubtful)
+    pooled = lb.fleet.fit_population(doubtful)
     assert "M1" not in pooled.machine
     return plain_json({**wording.with_words(pooled), "sha256": None})
 
@@ -282,7 +282,7 @@ def test_a_decision_by_words_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> N
     def count(campaign: lb.Campaign) -> list[str]:
         return [
             text
-            for text in wording.preview_sentences(lb.preview(campaign))
+            for text in wording.preview_sentences(lb.check_campaign(campaign))
             if text.startswith("Note: One")
         ]
 
@@ -562,7 +562,7 @@ def test_how_well_it_was_fitted() -> None:
 
 
 def test_joints_and_rank_of_a_machine() -> None:
-    described = lb.describe(lb.Machine("wXFYZt", ("XY", "YZ")))
+    described = lb.describe_machine(lb.Machine("wXFYZt", ("XY", "YZ")))
     words = " ".join(wording.machine_sentences(described))
     assert words.startswith("wXFYZt, planes XY, YZ. ")
     assert f" {described.rank} compliances can be separated; condition number" in words

@@ -21,4 +21,4 @@ def kill(finished, *_):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-lb.batch([f"p{k}" for k in range(20)], "out", progress=kill)
+lb.fleet.run_batch([f"p{k}" for k in range(20)], "out", progress=kill)

@@ -35,7 +35,7 @@ def differences(
     model: lb.HybridModel, campaign: lb.Campaign, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Of both: (mean − exact) in Monte Carlo errors, and sd / exact − 1."""
-    exact = lb.marginals(model, campaign)
+    exact = lb.inference.marginalize(model, campaign)
     z = []
     ratio = []
     for sampler in ("joint", "independent"):
@@ -86,14 +86,14 @@ def plans() -> ModuleType:
 @pytest.mark.slow
 def test_calibrated_with_radii_directions_and_drift(plans: ModuleType) -> None:
     model, plan = plans.everything()
-    result = lb.validate(model, plan, replicates=80, draws=49, seed=11)
+    result = lb.calibrate(model, plan, replicates=80, draws=49, seed=11)
     assert result.calibrated, result.outside
 
 
 @pytest.mark.slow
 def test_left_out_hysteresis_is_noticed(plans: ModuleType) -> None:
     """The check can fail: readings with hysteresis, a model without."""
-    result = lb.validate(
+    result = lb.calibrate(
         plans.MODEL.without("hysteresis"),
         plans.both_directions(),
         generator=plans.MODEL,

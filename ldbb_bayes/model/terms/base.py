@@ -114,13 +114,13 @@ class Term(Shown):
     Examples
     --------
     >>> @dataclass(frozen=True)
-    ... class PitchError(lb.Term):
+    ... class PitchError(lb.terms.Term):
     ...     sd_um: float = 2.0
     ...
     ...     def columns(self, setting):
     ...         sd = np.full(2, self.sd_um * 1e-3)
     ...         names = ("pitch_error_cos5", "pitch_error_sin5")
-    ...         return (lb.Columns(names, setting.harmonics([5]), sd),)
+    ...         return (lb.terms.Columns(names, setting.harmonics([5]), sd),)
     """
 
     #: all kinds of terms by class name, in the order of models, results and model files

@@ -199,7 +199,7 @@ class Angle(Term):
     the direction of travel. Tests that state no direction count as clockwise.
     """
 
-    sd_deg: float = 0.1
+    sd_deg: float = 0.1  #: prior sd of the angle reference, if no certificate states it
     unit = Unit("rad", np.pi / 180.0, "°")
     calibration = "a check of the angle's reference"
     remedy = "Check the angle's reference and the lag of the trace."

@@ -211,7 +211,7 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
     def draw_average(axes: Axes, name: str, factor: float) -> None:
         curve = curves[name]
         force_N = np.array(curve.force_N)
-        words = f"{100 * curve.ci_prob:g} %, averaged over slope subsets"
+        words = f"{100 * curve.prob:g} %, averaged over slope subsets"
         band(axes, force_N, (curve.low * factor, curve.high * factor), ACCENT, label=words)
         tangent = np.gradient(force_N * curve.mean, force_N) * factor
         label = "d(F·C)/dF: for local fits"

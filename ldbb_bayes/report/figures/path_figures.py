@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from ldbb_bayes.analysis import circularity as path_analysis
 from ldbb_bayes.analysis import path_contributions
 from ldbb_bayes.analysis.circle_columns import first_circle
-from ldbb_bayes.analysis.measured_paths import measured_circularity
+from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.model.hybrid import BoundModel
@@ -75,8 +75,8 @@ def circularity(posterior: xr.DataTree) -> Figure:
     bound = bound_of(posterior)
     highest_N = float(bound.setting.force_N.max())
     forces_N = np.linspace(0.0, highest_N, _FORCES).tolist()
-    table = path_analysis.circularity(posterior, forces_N, draws=_DRAWS)
-    measured, _ = measured_circularity(posterior)
+    table = path_analysis.predict_circularity(posterior, forces_N, draws=_DRAWS)
+    measured, _ = measure_circularity(posterior)
     planes = bound.setting.planes
     figure, all_axes = panels(len(_PANELS) * len(planes), 2, 1.8, 0.3)
     for k, axes in enumerate(all_axes):
@@ -190,7 +190,7 @@ def _paths(
     """Return contributions to the tool path on the first circle of a plane [µm], by source.
 
     Each array has the shape (random draws, 360 angles). The draws are the same as those of
-    `ldbb_bayes.contributions`.
+    `decompose_deviation`.
     """
     circle = first_circle(bound, plane)
     beta, _ = draws_of(posterior, bound, path_contributions.DRAWS)

@@ -28,7 +28,7 @@ def rank_ecdf(validation: Validation) -> Figure:
     Parameters
     ----------
     validation
-        Validation that `validate` returns.
+        Validation that `calibrate` returns.
 
     Returns
     -------

@@ -96,7 +96,7 @@ def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
     Parameters
     ----------
     budgets
-        Uncertainty budgets that `budgets` returns.
+        Uncertainty budgets that `budget_uncertainty` returns.
 
     Returns
     -------

@@ -1,0 +1,17 @@
+"""Public names of `lb.analysis`; each is imported when it is first asked for."""
+
+from .budgets import budget_uncertainty as budget_uncertainty
+from .calibration import Validation as Validation
+from .circularity import predict_circularity as predict_circularity
+from .comparison import Comparison as Comparison
+from .comparison import read_comparison as read_comparison
+from .conformity import Conformity as Conformity
+from .design import Design as Design
+from .design import read_design as read_design
+from .differences import compare_posteriors as compare_posteriors
+from .measured_paths import measure_circularity as measure_circularity
+from .path_contributions import decompose_deviation as decompose_deviation
+from .tolerances import Tolerance as Tolerance
+from .verdicts import Identifiability as Identifiability
+from .verdicts import ParameterIdentifiability as ParameterIdentifiability
+from .verdicts import judge_posterior as judge_posterior

@@ -1,0 +1,119 @@
+"""Names of version 0.2, which work for one more minor version and warn."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+__all__ = ["NEW_NAMES", "renamed_keyword", "warn_of_new_name"]
+
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
+
+#: New place of every public name of version 0.2 that was renamed or moved, below `ldbb_bayes`.
+NEW_NAMES = {
+    "BallForm": "terms.BallForm",
+    "BarLength": "terms.BarLength",
+    "BasisNoise": "terms.BasisNoise",
+    "batch": "fleet.run_batch",
+    "Batch": "fleet.Batch",
+    "belonging": "find_outlying_tests",
+    "budgets": "analysis.budget_uncertainty",
+    "Circle": "machine.Circle",
+    "circularity": "analysis.predict_circularity",
+    "Columns": "terms.Columns",
+    "Comparison": "analysis.Comparison",
+    "conformity": "assess_conformity",
+    "Conformity": "analysis.Conformity",
+    "contributions": "analysis.decompose_deviation",
+    "control_chart": "fleet.draw_control_chart",
+    "describe": "describe_machine",
+    "Design": "analysis.Design",
+    "differences": "analysis.compare_posteriors",
+    "Discrepancy": "terms.Discrepancy",
+    "Drift": "terms.Drift",
+    "Evidences": "inference.Evidences",
+    "exact_reading_mm": "machine.exact_reading_mm",
+    "fit_in_words": "report.describe_fit",
+    "ForceError": "terms.ForceError",
+    "ForceLaw": "campaign.ForceLaw",
+    "hybrid_jacobian": "machine.hybrid_jacobian",
+    "Hysteresis": "terms.Hysteresis",
+    "Identifiability": "analysis.Identifiability",
+    "Imported": "reading.Imported",
+    "Layout": "reading.Layout",
+    "least_squares": "fit_least_squares",
+    "LeastSquares": "inference.LeastSquares",
+    "log_bayes_factor": "inference.log_bayes_factor",
+    "LogDensity": "inference.LogDensity",
+    "marginals": "inference.marginalize",
+    "mask_angles": "reading.mask_angles",
+    "mask_reversals": "reading.mask_reversals",
+    "measured_circularity": "analysis.measure_circularity",
+    "Mount": "terms.Mount",
+    "MountCompensation": "campaign.MountCompensation",
+    "nuisances": "inference.summarize_nuisances",
+    "ParameterIdentifiability": "analysis.ParameterIdentifiability",
+    "patterns": "machine.patterns",
+    "population": "fleet.fit_population",
+    "Population": "fleet.Population",
+    "PopulationPrior": "fleet.PopulationPrior",
+    "preview": "check_campaign",
+    "prior_from": "fleet.read_population_prior",
+    "read_batch": "fleet.read_batch",
+    "read_comparison": "analysis.read_comparison",
+    "read_dcc": "campaign.read_dcc",
+    "read_design": "analysis.read_design",
+    "read_layout": "reading.read_layout",
+    "save_figures": "figures.save_figures",
+    "Scale": "terms.Scale",
+    "SetupShift": "terms.SetupShift",
+    "StoppingRule": "inference.StoppingRule",
+    "Term": "terms.Term",
+    "Tolerance": "analysis.Tolerance",
+    "trend": "fleet.find_trend",
+    "Trend": "fleet.Trend",
+    "Uncertainties": "terms.Uncertainties",
+    "uncertainties": "terms.uncertainties",
+    "Unit": "terms.Unit",
+    "validate": "calibrate",
+    "Validation": "analysis.Validation",
+    "verdicts": "analysis.judge_posterior",
+    "with_words": "report.with_words",
+    "write_dcc": "report.write_dcc",
+}
+
+
+def warn_of_new_name(old: str) -> None:
+    """Warn that a public name of version 0.2 has a new place."""
+    warnings.warn(
+        f"lb.{old} is now lb.{NEW_NAMES[old]}. Use the new name: the old one goes with version"
+        " 0.4.",
+        FutureWarning,
+        stacklevel=3,
+    )
+
+
+def renamed_keyword(
+    old: str, new: str
+) -> Callable[[Callable[_Arguments, _Result]], Callable[_Arguments, _Result]]:
+    """Return a decorator that lets a function take the keyword ``old`` for ``new``, and warn."""
+
+    def decorate(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+        @wraps(function)
+        def call(*arguments: _Arguments.args, **keywords: _Arguments.kwargs) -> _Result:
+            if old in keywords:
+                warnings.warn(
+                    f"The argument {old} of {function.__name__} is now {new}. Use the new name:"
+                    " the old one goes with version 0.4.",
+                    FutureWarning,
+                    stacklevel=2,
+                )
+                keywords[new] = keywords.pop(old)
+            return function(*arguments, **keywords)
+
+        return call
+
+    return decorate

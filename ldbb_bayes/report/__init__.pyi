@@ -1,0 +1,6 @@
+"""Public names of `lb.report`; each is imported when it is first asked for."""
+
+from . import figures as figures
+from .dcc_export import write_dcc as write_dcc
+from .fit_tables import describe_fit as describe_fit
+from .wording import with_words as with_words

@@ -1,0 +1,29 @@
+"""Names of version 0.2 still work, and warn."""
+
+from __future__ import annotations
+
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.deprecation import NEW_NAMES
+
+
+@pytest.mark.parametrize(("old", "new"), sorted(NEW_NAMES.items()))
+def test_an_old_name_leads_to_its_new_place_and_warns(old: str, new: str) -> None:
+    room_name, _, name = new.rpartition(".")
+    room = getattr(lb, room_name) if room_name else lb
+    with pytest.warns(FutureWarning, match=rf"lb\.{old} is now lb\.{new}\. Use the new name"):
+        assert getattr(lb, old) is getattr(room, name)
+
+
+def test_an_old_keyword_is_taken_for_the_new_one_and_warns(recovered: lb.Campaign) -> None:
+    constant = lb.HybridModel.default(degree=0)
+    posterior = lb.sample(constant, recovered, sampler="independent")
+    with pytest.warns(FutureWarning, match="The argument ci_prob of summarize is now prob"):
+        table = lb.summarize(posterior, ci_prob=0.5)  # type: ignore[call-arg]
+    assert table.equals(lb.summarize(posterior, prob=0.5))
+
+
+def test_there_are_at_most_45_public_names() -> None:
+    assert len(lb.__all__) <= 45
+    assert not set(lb.__all__) & set(NEW_NAMES)
