@@ -19,17 +19,22 @@ __all__ = ["__version__", *_public]
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name; the first use also loads the words in which results print."""
+    """Return a public name; from the first use on, results print as tables and sentences."""
+    from ldbb_bayes.results import register_when_displayed  # it loads NumPy
+
+    register_when_displayed(_load_words)
     if name in NEW_NAMES:
         warn_of_new_name(name)
         room_name, _, renamed = NEW_NAMES[name].rpartition(".")
         if room_name:
             return getattr(_import_public_name(room_name), renamed)
         name = renamed
-    value = _import_public_name(name)
-    import ldbb_bayes.report.text  # noqa: F401 - it registers how results are printed
+    return _import_public_name(name)
 
-    return value
+
+def _load_words() -> None:
+    """Load the words in which results print; few commands need those of all results."""
+    import ldbb_bayes.report.text  # noqa: F401 - it registers how results are printed
 
 
 def __dir__() -> list[str]:

@@ -42,6 +42,8 @@ __all__ = [
     "parts_of",
     "read_result",
     "readable",
+    "register_when_displayed",
+    "registered_function",
     "table_of",
     "text_of",
     "wrapped",
@@ -256,6 +258,33 @@ Passage: TypeAlias = Table | str | tuple[str, ...]
 """Part of a displayed result: a table, a paragraph (a text) or a list (a tuple of texts)."""
 
 
+# Functions that register how results are displayed; called when this is needed.
+_REGISTRATIONS: set[Callable[[], object]] = set()
+
+
+def register_when_displayed(register: Callable[[], object]) -> None:
+    """Postpone a function that registers how results are displayed.
+
+    It is called when a result is to be displayed for whose class no function is registered yet.
+    Thus a program loads the words about all kinds of results only if it displays such a result.
+    """
+    _REGISTRATIONS.add(register)
+
+
+def registered_function(general: Any, result: Any) -> Callable[[Any], Any] | None:
+    """Return the function that is registered for the class of a result; None if there is none.
+
+    ``general`` is a function made by `functools.singledispatch`. Postponed registrations are done
+    first.
+    """
+    for register in _REGISTRATIONS:
+        register()
+    function: Callable[[Any], Any] = general.dispatch(type(result))
+    if function is general.dispatch(object):
+        return None
+    return function
+
+
 @singledispatch
 def parts_of(result: Any) -> tuple[Passage, ...]:
     """Return a result as tables, sentences and lists, in reading order.
@@ -263,6 +292,10 @@ def parts_of(result: Any) -> tuple[Passage, ...]:
     By default it is one table of the result's fields. Other modules, such as
     `ldbb_bayes.report.text`, register a function for a class with ``@parts_of.register``.
     """
+    registered = registered_function(parts_of, result)
+    if registered is not None:
+        passages: tuple[Passage, ...] = registered(result)
+        return passages
     rows = [(name, brief(value)) for name, value in entries_of(result).items()]
     if not rows:
         rows = [("none", "")]

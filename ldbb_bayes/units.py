@@ -30,7 +30,9 @@ __all__ = [
     "setting_to_inside",
     "state",
     "stiffness",
+    "three_digits",
     "to_inside",
+    "two_digits",
     "typeset",
     "value_and_uncertainty",
 ]
@@ -283,6 +285,31 @@ def round_uncertainty(uncertainty: float, digits: int = 2) -> tuple[str, int]:
     exponent = int(f"{uncertainty:.{digits - 1}e}".partition("e")[2])
     decimals = digits - 1 - exponent
     return round_like(uncertainty, decimals), decimals
+
+
+def two_digits(value: float | None, factor: float = 1.0) -> str:
+    """Return a number of either sign with two significant digits and no exponent.
+
+    Parameters
+    ----------
+    value
+        The number; None or a number that is not finite gives a dash.
+    factor
+        Factor from the unit of the value to the unit shown.
+
+    Returns
+    -------
+    str
+    """
+    if value is None or not math.isfinite(value):
+        return "–"
+    sign = "−" if value < 0 else ""
+    return sign + round_uncertainty(abs(value) * factor)[0]
+
+
+def three_digits(value: float) -> str:
+    """Return a number with three significant digits; from 1000 on, as a whole number."""
+    return f"{value:.3g}" if value < 1000.0 else f"{value:.0f}"
 
 
 def round_like(value: float, decimals: int) -> str:

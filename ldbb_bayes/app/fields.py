@@ -16,7 +16,7 @@ from ldbb_bayes.cli.arguments import (
     instrument_fields,
     model_from,
 )
-from ldbb_bayes.cli.fits import with_tolerances
+from ldbb_bayes.cli.fit_results import with_tolerances
 from ldbb_bayes.cli.options import NUMBERS, Kind, Option, group, option, options_of
 from ldbb_bayes.cli.questions import MACHINES
 from ldbb_bayes.cli.reporting import REPORT_OPTIONS

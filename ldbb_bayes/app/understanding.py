@@ -15,7 +15,7 @@ from ldbb_bayes.app.fields import FIELDS, FILES, read_files
 from ldbb_bayes.errors import InputError, plain_reason
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.fit_tables import two_digits
+from ldbb_bayes.units import two_digits
 
 __all__ = ["refusal", "understand"]
 

@@ -13,8 +13,7 @@ from typing import Any
 from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES, worth_of_certificates
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.app.fields import linear_model, read_files
-from ldbb_bayes.report.fit_tables import two_digits
-from ldbb_bayes.units import display_name, display_unit
+from ldbb_bayes.units import display_name, display_unit, two_digits
 
 __all__ = ["uncertainty_change", "worth"]
 

@@ -20,9 +20,9 @@ from ldbb_bayes.cli.output import drawing
 from ldbb_bayes.cli.progress import counting_progress
 from ldbb_bayes.cli.values import numbers_in, pairs_in
 from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.parallel import executor_named
-from ldbb_bayes.report import text, wording
+from ldbb_bayes.report import wording
+from ldbb_bayes.results import Passage, parts_of
 
 __all__ = ["compare", "design", "identify", "validate"]
 
@@ -41,6 +41,9 @@ def identify(
 
     A plan (a campaign without readings) will do: ask before the experiment.
     """
+    # Imported here: these words load the analysis, and those of all results would load all others.
+    from ldbb_bayes.report import identifiability_text
+
     output.check(
         "identify.json",
         "parameters.csv",
@@ -64,24 +67,25 @@ def identify(
         "correlation.csv": result.correlation.rename_axis("coefficient").reset_index(),
     }
     circles = [test.circle for test in campaign.tests]
+    passages = identifiability_text.parts_of(result)
     output.deliver(
         record,
-        (f"Compliance {_DEGREES[model.degree]} in force.", *_with_remarks(result, campaign)),
+        (f"Compliance {_DEGREES[model.degree]} in force.", *_with_remarks(passages, campaign)),
         contents,
         {"prior_and_posterior": drawing("prior_and_posterior", result)},
         write_more=partial(write_atlases, campaign.machine(), circles),
     )
 
 
-def _with_remarks(result: object, campaign: lb.Campaign) -> tuple[Any, ...]:
-    """Return the printed parts of a result, and remarks about odd readings of its campaign."""
+def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple[Passage, ...]:
+    """Return the passages about a result, and remarks about odd readings of its campaign."""
     preview = lb.check_campaign(campaign)
     remarks = [
         f"Note: {wording.remark_words(remark)}"
         for remark in preview.remarks
         if remark.kind in ("unit", "copy")
     ]
-    return (*text.parts_of(result), *wording.look_sentences(preview), *remarks)
+    return (*passages, *wording.look_sentences(preview), *remarks)
 
 
 def _read_model_files(entries: list[str], flag: str) -> dict[str, str]:
@@ -121,7 +125,7 @@ def compare(
     record = {"schema": 1, "seed": settings["seed"], **lb.report.with_words(result)}
     output.deliver(
         record,
-        _with_remarks(result, campaign),
+        _with_remarks(parts_of(result), campaign),
         {"comparison.json": record, "local_fits.csv": result.local_fits},
         {name: drawing(name, result) for name in _COMPARISON_FIGURES},
     )
@@ -201,6 +205,8 @@ def design(
     read, in the order in which to run it, with the model for its analysis. Exit code 1: not proven
     best.
     """
+    from ldbb_bayes.model.specification import model_to_toml  # it loads SciPy
+
     output.check(
         "campaign.toml",
         "model.toml",
@@ -220,7 +226,7 @@ def design(
     }
     output.deliver(
         record,
-        (*_with_remarks(result, campaign), f"Run in this order: {_running_order(plan)}"),
+        (*_with_remarks(parts_of(result), campaign), f"Run in this order: {_running_order(plan)}"),
         contents,
         {"expected_widths": drawing("expected_widths", result)},
         write_more=partial(write_campaign_into, plan),

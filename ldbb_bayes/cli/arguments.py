@@ -25,6 +25,7 @@ __all__ = [
     "SEED",
     "CampaignArgument",
     "Certificates",
+    "ChosenLayout",
     "ChosenModel",
     "GivenCampaign",
     "OutputOptions",
@@ -253,6 +254,7 @@ JSON = _SHARED["json"]
 QUIET = _SHARED["quiet"]
 PRIOR_FROM = _SHARED["prior_from"]
 
+# Types of arguments are quoted: the help of a command must not load them.
 CampaignArgument = Annotated[
     Path,
     typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),
@@ -261,11 +263,11 @@ _CAMPAIGN_PATH = inspect.Parameter(
     "campaign", inspect.Parameter.KEYWORD_ONLY, annotation=CampaignArgument
 )
 GivenCampaign = Annotated[
-    lb.Campaign, group(campaign_from, _CAMPAIGN_PATH, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS)
+    "lb.Campaign", group(campaign_from, _CAMPAIGN_PATH, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS)
 ]
 Certificates = Annotated[dict[str, Any], group(instrument_fields, **_CERTIFICATE_OPTIONS)]
 TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE_OPTIONS)]
-ChosenModel = Annotated[lb.HybridModel, group(model_from, **options_of("model"))]
+ChosenModel = Annotated["lb.HybridModel", group(model_from, **options_of("model"))]
 Tolerances = Annotated[dict[str, str], group(_tolerances, tolerance=_SHARED["tolerance"])]
 PoolOptions = Annotated[dict[str, Any], group(**options_of("pool"))]
 OutputOptions = Annotated[Output, group(Output, **options_of("output"))]
@@ -278,3 +280,4 @@ LAYOUT_OPTIONS = group(
         sheets=Kind(str, _read_sheets),
     ),
 )
+ChosenLayout = Annotated["lb.reading.Layout", LAYOUT_OPTIONS]

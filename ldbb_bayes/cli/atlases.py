@@ -73,6 +73,9 @@ def machine(
     Names follow ISO 230-1 and the paper; a name stands for the set of parameters that no circle
     can separate. c = cos θ, s = sin θ; lengths in mm.
     """
+    # Imported here: these words load the analysis, and those of all results would load all others.
+    from ldbb_bayes.report import machine_text
+
     chain = lb.Machine(topology, settings["plane"], settings.get("frames_mm", {}))
     circles = []
     for plane in chain.planes:
@@ -83,7 +86,7 @@ def machine(
     output.check("machine.json", *ATLAS_FILES)
     output.deliver(
         record,
-        description,
+        machine_text.parts_of(description),
         {"machine.json": record},
         write_more=partial(write_atlases, chain, circles),
     )

@@ -16,9 +16,7 @@ from ldbb_bayes.cli.arguments import campaign_fields, campaign_from
 from ldbb_bayes.cli.options import REQUIRED, command, group, option
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.model.specification import Truths, is_truths, read_truths
-from ldbb_bayes.reading.layout import layout_to_toml
-from ldbb_bayes.report.text import parts_of
+from ldbb_bayes.report.campaign_text import parts_of
 
 __all__ = ["check", "import_", "simulate"]
 
@@ -33,7 +31,7 @@ def import_(
         ),
     ],
     out: Annotated[Path, option(Path, "Campaign folder to write.", REQUIRED, metavar="CAMPAIGN")],
-    layout: Annotated[lb.reading.Layout, arguments.LAYOUT_OPTIONS],
+    layout: arguments.ChosenLayout,
     name: Annotated[
         dict[str, Any], group(campaign_fields, name=option(str, "Name of the campaign."))
     ],
@@ -46,6 +44,8 @@ def import_(
 
     Says what it assumed. Every assumption can be given as an option, or in --layout.
     """
+    from ldbb_bayes.reading.layout import layout_to_toml  # other commands need no layout
+
     output = Output(out, force, as_json, quiet=False)
     output.check(*files_of(out))
     result = lb.import_campaign(
@@ -96,6 +96,8 @@ def simulate(
 
     What the truths leave out is drawn from the priors.
     """
+    from ldbb_bayes.model.specification import Truths, is_truths, read_truths  # it loads SciPy
+
     if is_truths(source):
         require(
             truth is None,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.tolerances import check_force
 from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
-from ldbb_bayes.cli.fits import RESULT_FILES, with_tolerances, write_result
+from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
 from ldbb_bayes.cli.output import Output, write_files
 from ldbb_bayes.cli.progress import Begin
 from ldbb_bayes.cli.sources import ReportSource, SourceCampaign, has_unstated_balls

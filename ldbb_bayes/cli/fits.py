@@ -1,42 +1,28 @@
-"""Commands ``fit``, ``summarize`` and ``demo`` of ``ldbb-bayes``: posteriors and their files."""
+"""Commands ``fit``, ``summarize`` and ``demo`` of ``ldbb-bayes``: posteriors and their files.
+
+The commands import what samples and summarizes when they run, so that the help of other commands
+need not load it.
+"""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.tolerances import quantities_of, tolerances_in
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.options import EXIT_MISSED, command, group, option, options_of
-from ldbb_bayes.cli.output import Output, write_files
+from ldbb_bayes.cli.output import Output
 from ldbb_bayes.cli.progress import counting_progress, sampling_progress
 from ldbb_bayes.files import check_target, staged_folder
-from ldbb_bayes.inference.posterior import record_of
-from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.fit_tables import full_result, parts_of_fit, results_table
-from ldbb_bayes.units import inside_name
 
-if TYPE_CHECKING:
-    import xarray as xr
+__all__ = ["demo", "fit", "summarize"]
 
-__all__ = ["RESULT_FILES", "demo", "fit", "summarize", "with_tolerances", "write_result"]
-
-RESULT_FILES = (
-    "posterior.nc",
-    "summary.json",
-    "model.toml",
-    "report.html",
-    "report.json",
-    "tables",
-)
 _DEMO_FILES = ("campaign", "constant", "linear", "figures")
 
 
@@ -53,6 +39,10 @@ def fit(
 
     Exit code 1 when the sampler missed its target.
     """
+    from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
+    from ldbb_bayes.inference.summary import check_probability
+    from ldbb_bayes.report.fit_tables import full_result, parts_of_fit
+
     check_probability(settings["prob"])
     prior_record: dict[str, Any] = {}
     if prior_from is not None:
@@ -88,36 +78,6 @@ def fit(
         raise typer.Exit(EXIT_MISSED)
 
 
-def with_tolerances(
-    campaign: lb.Campaign, model: lb.HybridModel, tolerances: Mapping[str, str]
-) -> lb.Campaign:
-    """Return a campaign with further tolerances, which replace those of the same quantities.
-
-    Parameters
-    ----------
-    campaign
-        The campaign.
-    model
-        Model with which the campaign will be fitted.
-    tolerances
-        Limits by quantity, for example ``{"C_XXX": "60 nm/N"}``.
-
-    Returns
-    -------
-    Campaign
-
-    Raises
-    ------
-    InputError
-        If a limit cannot be read, or the model has no such quantity.
-    """
-    stated = {inside_name(name): limit for name, limit in tolerances.items()}
-    campaign = replace(campaign, tolerances={**campaign.tolerances, **stated})
-    if campaign.tolerances:
-        tolerances_in(quantities_of(model.bind(campaign)), campaign.tolerances)
-    return campaign
-
-
 @command
 def summarize(
     result: Annotated[
@@ -128,26 +88,10 @@ def summarize(
     ci: Annotated[float, arguments.CI],
 ) -> None:
     """Print table or JSON of a stored posterior, with intervals of any probability."""
+    from ldbb_bayes.report.fit_tables import full_result, parts_of_fit
+
     numbers = full_result(lb.load(result), ci)
     Output(as_json=as_json).deliver(numbers, parts_of_fit(numbers))
-
-
-def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path) -> None:
-    """Write posterior.nc, summary.json and model.toml of a fit.
-
-    Parameters
-    ----------
-    posterior
-        Posterior of the fit.
-    result
-        Summary of the fit from `ldbb_bayes.report.fit_tables.full_result`.
-    folder
-        Folder for the files; it is created if necessary.
-    """
-    folder.mkdir(exist_ok=True)
-    lb.save(posterior, folder / "posterior.nc")
-    model_toml = record_of(posterior)["model"]["toml"]
-    write_files(folder, {"summary.json": result, "model.toml": model_toml})
 
 
 @command
@@ -166,6 +110,9 @@ def demo(
     The readings are recovered from the printed tables of the paper; what in them is not data is
     said in the folder's README.
     """
+    from ldbb_bayes.cli.fit_results import write_result
+    from ldbb_bayes.report.fit_tables import full_result, results_table
+
     check_target(out, force=force, ours=_DEMO_FILES)
     source = lb.embedded_campaign()
     campaign = lb.read_campaign(source)

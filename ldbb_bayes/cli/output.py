@@ -14,8 +14,7 @@ import typer
 
 import ldbb_bayes as lb
 from ldbb_bayes.files import check_target, staged_folder
-from ldbb_bayes.report.text import parts_of
-from ldbb_bayes.results import json_text, lines_of
+from ldbb_bayes.results import json_text, lines_of, parts_of
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -2,41 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-import ldbb_bayes as lb
-from ldbb_bayes.analysis.tolerances import quantities_of, tolerances_in
 from ldbb_bayes.cli import arguments
-from ldbb_bayes.cli.file_reports import (
-    AVERAGED_NAME,
-    STEPS,
-    WrittenReport,
-    page_settings,
-    report_files,
-)
-from ldbb_bayes.cli.options import EXIT_MISSED, command, group, option, options_of
-from ldbb_bayes.cli.output import Output, figure_files, show
-from ldbb_bayes.cli.progress import counting_progress, step_progress
-from ldbb_bayes.cli.questions import can_ask
-from ldbb_bayes.cli.sources import ReportSource
-from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.files import check_target, staged_folder
-from ldbb_bayes.inference.posterior import bound_of, campaign_of, record_of
-from ldbb_bayes.inference.summary import check_probability
+from ldbb_bayes.cli.options import command, group, option, options_of
 from ldbb_bayes.reading.file_patterns import matching
-from ldbb_bayes.report.page import REPORT_FILES, check_folder
-from ldbb_bayes.report.pictures import PICTURES
 
-if TYPE_CHECKING:
-    import xarray as xr
+__all__ = ["REPORT_OPTIONS", "report"]
 
-__all__ = ["REPORT_OPTIONS", "report", "report_figure_files"]
-
-_FIGURE_FORMATS = ("svg", "png", "pdf")
 REPORT_OPTIONS = group(**options_of("report"))
 _FILES = typer.Argument(
     help=(
@@ -63,7 +39,7 @@ def report(
         ),
     ],
     model: arguments.ChosenModel,
-    layout: Annotated[lb.reading.Layout, arguments.LAYOUT_OPTIONS],
+    layout: arguments.ChosenLayout,
     table: arguments.TableFields,
     certificates: arguments.Certificates,
 ) -> None:
@@ -74,135 +50,8 @@ def report(
     beside the first. Of a fit, the page goes into its own folder. Exit code 1 when a fit missed its
     target; the page then says so at its top.
     """
-    check_probability(settings["prob"])
+    from ldbb_bayes.cli.report_making import make_report  # it loads Matplotlib and fpdf2
+    from ldbb_bayes.cli.sources import ReportSource
+
     source = ReportSource(files, matching(files), layout, table, certificates)
-    require(
-        model.degree == 1,
-        "report must weigh constant and linear compliance, --degree 1, got"
-        f" {model.degree}. Leave --degree out; or fit it, and report the fit.",
-    )
-    if figures is not None:
-        check_target(figures, force=output.force, ours=report_figure_files())
-    if source.is_result:
-        written = _report_fits(source, output, settings)
-    else:
-        steps = step_progress(output.quiet, **STEPS)
-        ask = can_ask() and not yes
-        written = report_files(source, output, settings, model, steps, ask=ask)
-    if figures is not None:
-        with staged_folder(figures, force=output.force, ours=report_figure_files()) as staging:
-            for picture in written.document.pictures:
-                lb.figures.save_figure(
-                    picture.figure, staging, picture.key, formats=_FIGURE_FORMATS
-                )
-    _print_report(output, written, figures)
-    if not written.converged:
-        raise typer.Exit(EXIT_MISSED)
-
-
-def report_figure_files() -> tuple[str, ...]:
-    """Return the names of figure files of an earlier report, which may be replaced."""
-    return figure_files(PICTURES, _FIGURE_FORMATS)
-
-
-def _print_report(output: Output, written: WrittenReport, figures: Path | None) -> None:
-    """Print the report as JSON, or its results in words and the paths of its files."""
-    folder = output.out or Path()
-    if output.as_json:
-        typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
-        return
-    alerts = [f"Note: {alert}" for alert in written.document.alerts]
-    show(*written.parts, *alerts)
-    line = f"Written: {', '.join(f'{folder}/{name}' for name in REPORT_FILES)}"
-    if figures is not None:
-        line += f"; figures: {figures}"
-    typer.echo(line)
-
-
-# ---- report of fits
-
-
-def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any]) -> WrittenReport:
-    """Write the page into the folder of the first fit, or into the chosen folder."""
-    source.refuse_table_options()
-    paths = source.paths
-    fit_folder = paths[0] if paths[0].is_dir() else paths[0].parent
-    folder = output.out or fit_folder
-    output.out = folder
-    _check_report_folder(folder, force=output.force)
-    comparison_file = settings.get("comparison", _stored_result(fit_folder, "comparison"))
-    design_file = _design_file(fit_folder, settings)
-    if settings["same_instrument"] and len(paths) == 1:
-        raise InputError(
-            "--same-instrument must go with a second fit, got one alone. Name the fit to set"
-            " beside it."
-        )
-
-    posteriors = [lb.load(path) for path in paths]
-    first = posteriors[0]
-    tolerances = {**campaign_of(first).tolerances, **settings.get("tolerances", {})}
-    tolerances_in(quantities_of(bound_of(first)), tolerances)
-    comparison = None
-    if comparison_file is not None:
-        comparison = lb.analysis.read_comparison(comparison_file)
-    design = None
-    if design_file is not None:
-        design = lb.analysis.read_design(design_file)
-    averaged = None
-    if (fit_folder / AVERAGED_NAME).exists():
-        averaged = lb.load(fit_folder / AVERAGED_NAME)
-    with counting_progress(output.quiet, "sections") as progress:
-        document = lb.write_report(
-            first,
-            folder,
-            beside_it=_posteriors_by_name(posteriors, paths),
-            tests=settings.get("tests"),
-            same_instrument=settings["same_instrument"],
-            **page_settings(settings),
-            tolerances=tolerances,
-            comparison=comparison,
-            recommended=design,
-            averaged=averaged,
-            progress=progress,
-        )
-    return WrittenReport(document, (), record_of(first)["sampler"]["converged"])
-
-
-def _check_report_folder(folder: Path, *, force: bool) -> None:
-    """Refuse a folder that contains a report already, or that cannot be written to."""
-    for name in REPORT_FILES:
-        if (folder / name).exists() and not force:
-            raise InputError(
-                f"{folder / name} must not exist, got an earlier report. Choose another --out or"
-                " pass --force."
-            )
-    check_folder(folder)
-
-
-def _stored_result(folder: Path, name: str) -> Path | None:
-    """Return the folder of a fit if it also contains a result of this name, else None."""
-    return folder if (folder / f"{name}.json").exists() else None
-
-
-def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
-    """Return the path of the design to show; None if there is none or it must be computed."""
-    if "tests" not in settings:
-        return settings.get("design", _stored_result(fit_folder, "design"))
-    if "design" in settings:
-        raise InputError("--tests must not go with --design, got both. The design says how many.")
-    return None
-
-
-def _posteriors_by_name(
-    posteriors: Sequence[xr.DataTree], paths: Sequence[Path]
-) -> dict[str, xr.DataTree]:
-    """Return all posteriors except the first, by the names of their campaigns.
-
-    If names are not unique, the file path is added to them.
-    """
-    names = [str(record_of(posterior)["campaign"]["name"]) for posterior in posteriors]
-    ambiguous = len(set(names)) < len(names)
-    by_name = {}
-    for name, posterior, path in zip(names[1:], posteriors[1:], paths[1:], strict=True):
-        by_name[f"{name} ({path})" if ambiguous else name] = posterior
-    return by_name
+    make_report(source, output, settings, model, figures, may_ask=not yes)

@@ -1,7 +1,8 @@
 """Convergence, importance weights and sensitivity of random draws, computed by ArviZ.
 
 ESS is the effective sample size. k̂ is the shape of the Pareto distribution fitted to the largest
-weights; if it is large, averages with these weights cannot be trusted.
+weights; if it is large, averages with these weights cannot be trusted. ArviZ is imported in the
+functions, because it loads scipy.stats, which takes long; most commands need no diagnostics.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from arviz_stats.base import array_stats
 
 from ldbb_bayes.results import Array
 
@@ -53,6 +53,8 @@ def diagnose(chain: Array) -> Diagnostics:
     The draws have the shape (chains, draws, d). See Vehtari et al. 2021; the tail ESS is the
     smaller of the two at the quantiles of 5 % and 95 %.
     """
+    from arviz_stats.base import array_stats
+
     axes = {"chain_axis": 0, "draw_axis": 1}
     with np.errstate(invalid="ignore", divide="ignore"):
         return Diagnostics(
@@ -73,6 +75,8 @@ def power_sensitivity(
     has sensitivity 0. Draws and log densities have the shape (chains, draws). The weights of the
     draws are so even that they need no smoothing.
     """
+    from arviz_stats.base import array_stats
+
     stacked = np.stack([np.ravel(values) for values in draws.values()])
     sensitivity: dict[str, dict[str, float]] = {name: {} for name in draws}
     for factor, log_density in log_densities.items():
@@ -152,6 +156,8 @@ def pareto_k(log_weight: Array) -> float:
 
 def _smooth_tail(log_weight: Array) -> tuple[Array, float]:
     """Return log weights with the largest smoothed, and k̂; both are NaN if the fit fails."""
+    from arviz_stats.base import array_stats
+
     with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
         smoothed, shape = array_stats.psislw(-log_weight)
     return smoothed, float(shape)

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from arviz_base import from_dict
 from pydantic import ValidationError
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
@@ -87,6 +86,8 @@ def build_tree(
 
     Arrays of random draws have the shape (chains, draws, …).
     """
+    from arviz_base import from_dict  # imported here, because it loads Matplotlib
+
     coordinates: dict[str, Array] = {"test": np.array(bound.test_names)}
     if "observed_data" in groups:
         coordinates["reading"] = np.arange(len(groups["observed_data"]["reading_mm"]))

@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ldbb_bayes import units
 from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
 from ldbb_bayes.analysis.conformity import assess_conformity
@@ -25,6 +23,7 @@ from ldbb_bayes.units import (
     display_unit,
     round_like,
     round_uncertainty,
+    three_digits,
     value_and_uncertainty,
 )
 
@@ -41,8 +40,6 @@ __all__ = [
     "parameter_table",
     "parts_of_fit",
     "results_table",
-    "three_digits",
-    "two_digits",
 ]
 
 # Median from which on the scale λ of a single circle is shown. λ is the ratio of the noise of this
@@ -50,31 +47,6 @@ __all__ = [
 _ODD_CIRCLE = 2.5
 # Kinds of remarks that are left out of a preview because the fit itself states them.
 _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
-
-
-def two_digits(value: float | None, factor: float = 1.0) -> str:
-    """Return a number of either sign with two significant digits and no exponent.
-
-    Parameters
-    ----------
-    value
-        The number; None or a number that is not finite gives a dash.
-    factor
-        Factor from the unit of the value to the unit shown.
-
-    Returns
-    -------
-    str
-    """
-    if value is None or not np.isfinite(value):
-        return "–"
-    sign = "−" if value < 0 else ""
-    return sign + round_uncertainty(abs(value) * factor)[0]
-
-
-def three_digits(value: float) -> str:
-    """Return a number with three significant digits; from 1000 on, as a whole number."""
-    return f"{value:.3g}" if value < 1000.0 else f"{value:.0f}"
 
 
 # ---- the JSON of a fit

@@ -20,7 +20,6 @@ from ldbb_bayes.analysis.machine_description import describe_machine
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.report import fit_tables, text, wording
 from ldbb_bayes.report.findings import Beside, Findings
-from ldbb_bayes.report.fit_tables import two_digits
 from ldbb_bayes.report.pictures import Picture, picture
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.results import Passage, Table
@@ -31,6 +30,7 @@ from ldbb_bayes.units import (
     round_like,
     round_uncertainty,
     state,
+    two_digits,
 )
 
 __all__ = ["SECTIONS", "Details", "Part", "Section", "beside"]

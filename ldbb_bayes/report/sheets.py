@@ -13,13 +13,12 @@ from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of
 from ldbb_bayes.model.terms import Uncertainty, uncertainties
 from ldbb_bayes.report.blocks import Banner, Block, Fields, Pair, ReportSheet
 from ldbb_bayes.report.findings import Findings
-from ldbb_bayes.report.fit_tables import two_digits
 from ldbb_bayes.report.pdf import fit_to_page
 from ldbb_bayes.report.pictures import picture
 from ldbb_bayes.report.sheet_numbers import SheetNumbers, StatedQuantity, remark
 from ldbb_bayes.report.translation import Words, words_of
 from ldbb_bayes.results import Table
-from ldbb_bayes.units import display_name, display_unit, state
+from ldbb_bayes.units import display_name, display_unit, state, two_digits
 
 __all__ = ["sheets"]
 

@@ -1,9 +1,10 @@
 """Results as tables and sentences, for the terminal, a notebook and the HTML page.
 
-`parts_of` returns the passages (tables and sentences) of a result. This module has one function for
-each class of results. ln B is the log Bayes factor, by which the readings favour one model over
-another; elpd is the expected log predictive density, which states how well a model predicts
-readings that it has not seen.
+`parts_of` returns the passages (tables and sentences) of a result, `with_words` its JSON record
+with sentences. This module has their functions for most classes of results, and imports the
+modules that have the other ones. ln B is the log Bayes factor, by which the readings favour one
+model over another; elpd is the expected log predictive density, which states how well a model
+predicts readings that it has not seen.
 """
 
 from __future__ import annotations
@@ -17,24 +18,24 @@ from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.calibration import Validation
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design import Design
-from ldbb_bayes.analysis.machine_description import DescribedMachine, VisibleParameter
-from ldbb_bayes.analysis.verdicts import Identifiability
-from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.preview import CampaignPreview, TestPreview
 from ldbb_bayes.inference.density import LogDensity
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.least_squares import LeastSquares
 from ldbb_bayes.model.hybrid import HybridModel, Simulation
-from ldbb_bayes.model.terms import Term, Uncertainties
 from ldbb_bayes.reading.importing import Imported
-from ldbb_bayes.report import wording
-from ldbb_bayes.report.fit_tables import FitWords, conformity_table, three_digits, two_digits
+from ldbb_bayes.report import (
+    campaign_text,  # noqa: F401 - it registers its functions
+    identifiability_text,  # noqa: F401 - it registers its functions
+    machine_text,  # noqa: F401 - it registers its functions
+    wording,
+)
+from ldbb_bayes.report.fit_tables import FitWords, conformity_table
 from ldbb_bayes.report.wording import IN_FORCE
 from ldbb_bayes.results import ByName, Passage, Table, parts_of
 from ldbb_bayes.units import (
     display_name,
     display_unit,
-    round_uncertainty,
+    two_digits,
     value_and_uncertainty,
 )
 
@@ -46,51 +47,7 @@ _LARGE_SHARE = 0.05  # smallest share of a variance of a source that is named as
 _MOST_SOURCES = 3  # largest number of sources that are named as limiting a parameter
 
 
-# ---- campaign and machine
-
-
-class _Setting(NamedTuple):
-    """A setting of a test: head of its table column, and format template of its value."""
-
-    head: str
-    template: str
-
-
-# Settings of tests, by field; a table shows those in which its tests differ.
-_SETTINGS = {
-    "plane": _Setting("plane", "{}"),
-    "setup": _Setting("set-up", "{}"),
-    "radius_mm": _Setting("R (mm)", "{:g}"),
-    "centre_mm": _Setting("centre (mm)", "({0[0]:g}, {0[1]:g}, {0[2]:g})"),
-}
-_CAMPAIGN_COLUMNS = {
-    "test": "name",
-    "force (N)": "force_N",
-    "pressure (bar)": "pressure_bar",
-    "arc (°)": "arc_deg",
-    "direction": "direction",
-    "plane": "plane",
-    "radius (mm)": "radius_mm",
-    "work ball (°)": "work_ball_deg",
-    "tool ball (°)": "tool_ball_deg",
-}
-
-
-@parts_of.register
-def _(campaign: Campaign) -> tuple[Passage, ...]:
-    """Return a table with one row per test, without columns that no test fills."""
-    rows = []
-    for test in campaign.tests:
-        cells = [getattr(test, field) for field in _CAMPAIGN_COLUMNS.values()]
-        rows.append([*cells, len(test.angle_deg)])
-    text_columns = ["plane"]
-    if any(test.direction for test in campaign.tests):
-        text_columns.append("direction")
-    caption = (
-        f"{repr(campaign)[1:-1]}; {campaign.topology}, plane {campaign.machine().plane},"
-        f" R = {campaign.radius_mm:g} mm"
-    )
-    return (Table.of(caption, [*_CAMPAIGN_COLUMNS, "readings"], rows, text=text_columns),)
+# ---- import
 
 
 @parts_of.register
@@ -101,120 +58,6 @@ def _(result: Imported) -> tuple[Passage, ...]:
         " (change it with the option named):"
     )
     return (heading, tuple(map(wording.assumption_words, result.assumptions)))
-
-
-@parts_of.register
-def _(preview: CampaignPreview) -> tuple[Passage, ...]:
-    """Return a table with one row per test, and the remarks and assumptions of a preview.
-
-    Plane, set-up, radius and centre are columns only if the tests differ in them.
-    """
-    varied = []
-    for field in _SETTINGS:
-        if len({getattr(test, field) for test in preview.tests}) > 1:
-            varied.append(field)
-    rows = [_preview_row(test, varied) for test in preview.tests]
-    heads = (
-        "test",
-        "force (N)",
-        "pressure (bar)",
-        "readings",
-        "arc (°)",
-        "gap (°)",
-        "direction",
-        *(_SETTINGS[field].head for field in varied),
-        "balls (°)",
-        "step (µm)",
-        "spikes",
-        "noise (µm)",
-        "end − start (µm)",
-        "peak to peak (µm)",
-    )
-    return (
-        Table.of("", heads, rows, text=("direction", "plane", "centre (mm)")),
-        *wording.preview_sentences(preview),
-        "A fit will assume:",
-        tuple(map(wording.remark_words, preview.assumptions)),
-    )
-
-
-def _preview_row(test: TestPreview, varied: list[str]) -> tuple[str, ...]:
-    direction = test.direction or "–"
-    if not test.direction and test.travel:
-        direction = f"({test.travel})"
-    return (
-        test.name,
-        f"{test.force_N:.4g}",
-        f"{test.pressure_bar:.3g}",
-        str(test.readings),
-        f"{test.arc_deg:.0f}",
-        f"{test.largest_gap_deg:.2g}",
-        direction,
-        *(_SETTINGS[field].template.format(getattr(test, field)) for field in varied),
-        f"{test.work_ball_deg:g} / {test.tool_ball_deg:g}",
-        _significant(test.resolution_um, 2),
-        str(test.spikes),
-        _significant(test.noise_um, 3),
-        _significant(test.start_end_um, 3),
-        _significant(test.peak_to_peak_um, 3),
-    )
-
-
-def _significant(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}g}"
-
-
-@parts_of.register
-def _(result: Uncertainties) -> tuple[Passage, ...]:
-    """Return a table of the quantities assumed of the instrument, and the certificates.
-
-    Every row has the nominal value, standard uncertainty u, its source, and the place in
-    campaign.toml.
-    """
-    rows = []
-    for assumed in result.assumed:
-        _, one, label = Term.owner(assumed.name).unit_of(assumed.name)
-        words, place = wording.assumed_words(assumed)
-        nominal, spread = value_and_uncertainty(assumed.value / one, assumed.sd / one)
-        source = "certificate" if assumed.stated else "the model"
-        rows.append((words, nominal, spread, label, source, place))
-    heads = ("assumed", "nominal", "u (1 sd)", "unit", "source", "in campaign.toml")
-    table = Table.of("What a fit assumes of the instrument", heads, rows, text=heads[3:])
-    certificates = [
-        f"Certificate of the {piece}: {name}" for piece, name in result.certificates.items()
-    ]
-    return (table, *certificates, wording.PAGE["lobes"])
-
-
-@parts_of.register
-def _(machine: DescribedMachine) -> tuple[Passage, ...]:
-    first, *notes = wording.machine_sentences(machine)
-    compliances = _machine_table(machine, "compliance", machine.compliances, with_sums=True)
-    errors = _machine_table(machine, "geometric error", machine.geometric_errors, with_sums=False)
-    return (first, compliances, errors, *notes)
-
-
-def _machine_table(
-    machine: DescribedMachine,
-    title: str,
-    entries: tuple[VisibleParameter, ...],
-    *,
-    with_sums: bool,
-) -> Table:
-    heads = [title, "unit", "pattern", "what it is"]
-    if len(machine.planes) > 1:
-        heads[2:3] = [f"pattern in {plane}" for plane in machine.planes]
-    if with_sums:
-        heads.append("stands for")
-    rows = []
-    for entry in entries:
-        cells = [display_name(entry.name), display_unit(entry.unit)[1]]
-        cells += [entry.pattern.get(plane, "·") for plane in machine.planes]
-        cells.append(entry.meaning)
-        if with_sums:
-            cells.append(wording.sum_in_words(entry))
-        rows.append(tuple(cells))
-    return Table.of("", tuple(heads), rows, text=tuple(heads))
 
 
 # ---- model and fit
@@ -293,48 +136,7 @@ def _(result: LeastSquares) -> tuple[Passage, ...]:
     return (Table.of(caption, heads, rows, text=("unit",)),)
 
 
-# ---- identifiability and calibration
-
-
-@parts_of.register
-def _(result: Identifiability) -> tuple[Passage, ...]:
-    """Return a table of prior sd, u, contraction, information gain and verdict by parameter.
-
-    Sentences and the combinations of parameters that no reading can resolve follow the table.
-    """
-    rows = []
-    for name, entry in result.parameters.items():
-        factor, unit = display_unit(entry.unit)
-        prior = "flat"
-        contraction = ""
-        gain = ""
-        if np.isfinite(entry.prior_sd):
-            prior = three_digits(entry.prior_sd * factor)
-            contraction = f"{entry.contraction:.4f}"
-            gain = f"{entry.information_gain:.1f}"
-        u = round_uncertainty(entry.sd * factor)[0]
-        verdict = wording.verdict_words(entry)
-        rows.append((display_name(name), prior, u, unit, contraction, gain, verdict))
-    heads = (
-        "parameter",
-        "prior sd",
-        "u, sign free",
-        "unit",
-        "contraction",
-        "gain (nat)",
-        "verdict",
-    )
-    passages: list[Passage] = [
-        Table.of("", heads, rows, text=("unit", "verdict")),
-        *wording.identifiability_sentences(result),
-    ]
-    items = wording.degeneracy_items(result.degeneracies, result.cures)
-    if items:
-        passages += [wording.ALIKE, items]
-    else:
-        passages.append(wording.NONE_ALIKE)
-    passages.append(tuple(map(wording.standing_words, result.standing)))
-    return tuple(passages)
+# ---- calibration and budgets
 
 
 @parts_of.register
@@ -359,6 +161,11 @@ def _(validation: Validation) -> tuple[Passage, ...]:
         f" {wording.joined(errors)}.",
         wording.validation_verdict(validation),
     )
+
+
+@wording.with_words.register
+def _(result: Validation) -> dict[str, Any]:
+    return {**result.as_dict(), "verdict": wording.validation_verdict(result)}
 
 
 @parts_of.register(ByName)
@@ -463,6 +270,11 @@ def _budget_source(contribution: Any) -> _BudgetSource:
     return _BudgetSource(words, 1.0 / one, label)
 
 
+@wording.with_words.register
+def _(result: Budget) -> dict[str, Any]:
+    return {**result.as_dict(), "improve": wording.remedy_words(result)}
+
+
 # ---- comparison
 
 
@@ -497,6 +309,13 @@ def comparison_parts(comparison: Comparison, *, rmse: bool = True) -> tuple[Pass
 @parts_of.register
 def _(comparison: Comparison) -> tuple[Passage, ...]:
     return comparison_parts(comparison)
+
+
+@wording.with_words.register
+def _(result: Comparison) -> dict[str, Any]:
+    sentences = wording.comparison_sentences(result)
+    record = {name: value for name, value in result.as_dict().items() if value is not None}
+    return {**record, "verdict": " ".join(sentences), "sentences": list(sentences)}
 
 
 def _models_table(comparison: Comparison, rmse: bool) -> Table:
@@ -613,6 +432,15 @@ def _(design: Design) -> tuple[Passage, ...]:
         rows.append([_design_cell(value) for value in row])
     tests = Table.of("Tests to run", [*heads, "circles"], rows)
     return (tests, _expected_table(design), *wording.design_sentences(design))
+
+
+@wording.with_words.register
+def _(result: Design) -> dict[str, Any]:
+    return {
+        **result.as_dict(),
+        "notes": list(wording.design_notes(result)),
+        "sentences": list(wording.design_sentences(result)),
+    }
 
 
 def _design_cell(value: Any) -> str:

@@ -17,18 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import jinja2
 
-from ldbb_bayes.analysis.aliases import Degeneracy, Standing
-from ldbb_bayes.analysis.budgets import Budget
-from ldbb_bayes.analysis.calibration import Validation
-from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.analysis.cures import Cure
-from ldbb_bayes.analysis.design import Design
-from ldbb_bayes.analysis.machine_description import VisibleParameter
-from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
 from ldbb_bayes.campaign.preview import CampaignPreview, Remark
-from ldbb_bayes.inference.checks import Check
-from ldbb_bayes.inference.fit import Concern, Fit
 from ldbb_bayes.model.terms import OWN, Term, Uncertainty
+from ldbb_bayes.results import registered_function
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -40,6 +31,17 @@ from ldbb_bayes.units import (
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from ldbb_bayes.analysis.aliases import Degeneracy, Standing
+    from ldbb_bayes.analysis.budgets import Budget
+    from ldbb_bayes.analysis.calibration import Validation
+    from ldbb_bayes.analysis.comparison import Comparison
+    from ldbb_bayes.analysis.cures import Cure
+    from ldbb_bayes.analysis.design import Design
+    from ldbb_bayes.analysis.machine_description import VisibleParameter
+    from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
+    from ldbb_bayes.inference.checks import Check
+    from ldbb_bayes.inference.fit import Concern, Fit
 
 __all__ = [
     "ALIKE",
@@ -201,7 +203,12 @@ def with_words(result: Any) -> dict[str, Any]:
         The record that ``as_dict`` of the result returns, to which some kinds of results add
         sentences.
     """
-    record: dict[str, Any] = result.as_dict()
+    registered = registered_function(with_words, result)
+    record: dict[str, Any]
+    if registered is not None:
+        record = registered(result)
+    else:
+        record = result.as_dict()
     return record
 
 
@@ -591,18 +598,6 @@ def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> st
     return f"{verdict} ({', '.join(partners)})"
 
 
-@with_words.register
-def _(result: Identifiability) -> dict[str, Any]:
-    record = result.as_dict()
-    record.pop("cures")
-    rows = zip(record["degeneracies"], result.degeneracies, result.cures, strict=True)
-    for degeneracy_record, degeneracy, cures in rows:
-        degeneracy_record["statement"] = statement(degeneracy)
-        degeneracy_record["cure"] = cure_words(degeneracy, cures)
-    record["notes"] = [standing_words(standing) for standing in result.standing]
-    return record
-
-
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
     """Return sentences on the assumptions and results of an identifiability analysis.
 
@@ -631,11 +626,6 @@ def validation_verdict(validation: Validation) -> str:
     return _sentence("validation_verdict", validation)
 
 
-@with_words.register
-def _(result: Validation) -> dict[str, Any]:
-    return {**result.as_dict(), "verdict": validation_verdict(result)}
-
-
 # ---- comparison
 
 
@@ -653,13 +643,6 @@ def strength_words(log_bayes_factor: float) -> str:
         if abs(log_bayes_factor) < limit:
             return words
     return "very strong evidence"
-
-
-@with_words.register
-def _(result: Comparison) -> dict[str, Any]:
-    sentences = comparison_sentences(result)
-    record = {name: value for name, value in result.as_dict().items() if value is not None}
-    return {**record, "verdict": " ".join(sentences), "sentences": list(sentences)}
 
 
 # ---- design
@@ -691,15 +674,6 @@ def design_notes(design: Design) -> tuple[str, ...]:
     alike = degeneracy_items(design.limits.degeneracies, design.limits.cures)
     sizes = joined_sizes(design.hyper_um, " ")
     return _sentences("design_notes", design, sizes, max(relative_errors), alike)
-
-
-@with_words.register
-def _(result: Design) -> dict[str, Any]:
-    return {
-        **result.as_dict(),
-        "notes": list(design_notes(result)),
-        "sentences": list(design_sentences(result)),
-    }
 
 
 def _tests_to_run(design: Design) -> str:
@@ -742,11 +716,6 @@ def remedy_words(budget: Budget) -> str:
     if budget.heaviest in _SENTENCES["remedies"]:
         return str(_SENTENCES["remedies"][budget.heaviest])
     return Term.kinds.get(budget.heaviest, Term).remedy
-
-
-@with_words.register
-def _(result: Budget) -> dict[str, Any]:
-    return {**result.as_dict(), "improve": remedy_words(result)}
 
 
 # ---- population and trend

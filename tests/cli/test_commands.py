@@ -445,10 +445,9 @@ def test_answers_that_miss(
         "Not proven best",
         "NOT CALIBRATED",
     )
-    for name, answer, words in zip(
-        ("compare", "design", "validate"), (rough, broken, wrong), sentences, strict=True
-    ):
-        monkeypatch.setattr(lb, name, always(answer))
+    functions = {"compare": "compare", "design": "design", "validate": "calibrate"}
+    for name, answer, words in zip(functions, (rough, broken, wrong), sentences, strict=True):
+        monkeypatch.setattr(lb, functions[name], always(answer))
         code, stdout, _ = invoke(name, three)
         assert (code, words in " ".join(stdout.split())) == (1, True), name
     assert json.loads(invoke("compare", three, "--json")[1])["largest_error"] == 1.0

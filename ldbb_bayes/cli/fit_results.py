@@ -1,0 +1,76 @@
+"""Files of a fit, and the tolerances with which it is judged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.tolerances import quantities_of, tolerances_in
+from ldbb_bayes.cli.output import write_files
+from ldbb_bayes.inference.posterior import record_of
+from ldbb_bayes.units import inside_name
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["RESULT_FILES", "with_tolerances", "write_result"]
+
+RESULT_FILES = (
+    "posterior.nc",
+    "summary.json",
+    "model.toml",
+    "report.html",
+    "report.json",
+    "tables",
+)
+
+
+def with_tolerances(
+    campaign: lb.Campaign, model: lb.HybridModel, tolerances: Mapping[str, str]
+) -> lb.Campaign:
+    """Return a campaign with further tolerances, which replace those of the same quantities.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    model
+        Model with which the campaign will be fitted.
+    tolerances
+        Limits by quantity, for example ``{"C_XXX": "60 nm/N"}``.
+
+    Returns
+    -------
+    Campaign
+
+    Raises
+    ------
+    InputError
+        If a limit cannot be read, or the model has no such quantity.
+    """
+    stated = {inside_name(name): limit for name, limit in tolerances.items()}
+    campaign = replace(campaign, tolerances={**campaign.tolerances, **stated})
+    if campaign.tolerances:
+        tolerances_in(quantities_of(model.bind(campaign)), campaign.tolerances)
+    return campaign
+
+
+def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path) -> None:
+    """Write posterior.nc, summary.json and model.toml of a fit.
+
+    Parameters
+    ----------
+    posterior
+        Posterior of the fit.
+    result
+        Summary of the fit from `ldbb_bayes.report.fit_tables.full_result`.
+    folder
+        Folder for the files; it is created if necessary.
+    """
+    folder.mkdir(exist_ok=True)
+    lb.save(posterior, folder / "posterior.nc")
+    model_toml = record_of(posterior)["model"]["toml"]
+    write_files(folder, {"summary.json": result, "model.toml": model_toml})

@@ -1,0 +1,144 @@
+"""Campaigns as tables and sentences: what was measured, and what is assumed of the instrument.
+
+Campaigns are also displayed before a fit, when no analysis is needed; this module loads none.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.preview import CampaignPreview, TestPreview
+from ldbb_bayes.model.terms import Term, Uncertainties
+from ldbb_bayes.report import wording
+from ldbb_bayes.results import Passage, Table, parts_of
+from ldbb_bayes.units import value_and_uncertainty
+
+__all__ = ["parts_of"]
+
+
+class _Setting(NamedTuple):
+    """A setting of a test: head of its table column, and format template of its value."""
+
+    head: str
+    template: str
+
+
+# Settings of tests, by field; a table shows those in which its tests differ.
+_SETTINGS = {
+    "plane": _Setting("plane", "{}"),
+    "setup": _Setting("set-up", "{}"),
+    "radius_mm": _Setting("R (mm)", "{:g}"),
+    "centre_mm": _Setting("centre (mm)", "({0[0]:g}, {0[1]:g}, {0[2]:g})"),
+}
+_CAMPAIGN_COLUMNS = {
+    "test": "name",
+    "force (N)": "force_N",
+    "pressure (bar)": "pressure_bar",
+    "arc (°)": "arc_deg",
+    "direction": "direction",
+    "plane": "plane",
+    "radius (mm)": "radius_mm",
+    "work ball (°)": "work_ball_deg",
+    "tool ball (°)": "tool_ball_deg",
+}
+
+
+@parts_of.register
+def _(campaign: Campaign) -> tuple[Passage, ...]:
+    """Return a table with one row per test, without columns that no test fills."""
+    rows = []
+    for test in campaign.tests:
+        cells = [getattr(test, field) for field in _CAMPAIGN_COLUMNS.values()]
+        rows.append([*cells, len(test.angle_deg)])
+    text_columns = ["plane"]
+    if any(test.direction for test in campaign.tests):
+        text_columns.append("direction")
+    caption = (
+        f"{repr(campaign)[1:-1]}; {campaign.topology}, plane {campaign.machine().plane},"
+        f" R = {campaign.radius_mm:g} mm"
+    )
+    return (Table.of(caption, [*_CAMPAIGN_COLUMNS, "readings"], rows, text=text_columns),)
+
+
+@parts_of.register
+def _(preview: CampaignPreview) -> tuple[Passage, ...]:
+    """Return a table with one row per test, and the remarks and assumptions of a preview.
+
+    Plane, set-up, radius and centre are columns only if the tests differ in them.
+    """
+    varied = []
+    for field in _SETTINGS:
+        if len({getattr(test, field) for test in preview.tests}) > 1:
+            varied.append(field)
+    rows = [_preview_row(test, varied) for test in preview.tests]
+    heads = (
+        "test",
+        "force (N)",
+        "pressure (bar)",
+        "readings",
+        "arc (°)",
+        "gap (°)",
+        "direction",
+        *(_SETTINGS[field].head for field in varied),
+        "balls (°)",
+        "step (µm)",
+        "spikes",
+        "noise (µm)",
+        "end − start (µm)",
+        "peak to peak (µm)",
+    )
+    return (
+        Table.of("", heads, rows, text=("direction", "plane", "centre (mm)")),
+        *wording.preview_sentences(preview),
+        "A fit will assume:",
+        tuple(map(wording.remark_words, preview.assumptions)),
+    )
+
+
+def _preview_row(test: TestPreview, varied: list[str]) -> tuple[str, ...]:
+    direction = test.direction or "–"
+    if not test.direction and test.travel:
+        direction = f"({test.travel})"
+    return (
+        test.name,
+        f"{test.force_N:.4g}",
+        f"{test.pressure_bar:.3g}",
+        str(test.readings),
+        f"{test.arc_deg:.0f}",
+        f"{test.largest_gap_deg:.2g}",
+        direction,
+        *(_SETTINGS[field].template.format(getattr(test, field)) for field in varied),
+        f"{test.work_ball_deg:g} / {test.tool_ball_deg:g}",
+        _significant(test.resolution_um, 2),
+        str(test.spikes),
+        _significant(test.noise_um, 3),
+        _significant(test.start_end_um, 3),
+        _significant(test.peak_to_peak_um, 3),
+    )
+
+
+def _significant(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}g}"
+
+
+@parts_of.register
+def _(result: Uncertainties) -> tuple[Passage, ...]:
+    """Return a table of the quantities assumed of the instrument, and the certificates.
+
+    Every row has the nominal value, standard uncertainty u, its source, and the place in
+    campaign.toml.
+    """
+    rows = []
+    for assumed in result.assumed:
+        _, one, label = Term.owner(assumed.name).unit_of(assumed.name)
+        words, place = wording.assumed_words(assumed)
+        nominal, spread = value_and_uncertainty(assumed.value / one, assumed.sd / one)
+        source = "certificate" if assumed.stated else "the model"
+        rows.append((words, nominal, spread, label, source, place))
+    heads = ("assumed", "nominal", "u (1 sd)", "unit", "source", "in campaign.toml")
+    table = Table.of("What a fit assumes of the instrument", heads, rows, text=heads[3:])
+    certificates = [
+        f"Certificate of the {piece}: {name}" for piece, name in result.certificates.items()
+    ]
+    return (table, *certificates, wording.PAGE["lobes"])

@@ -1,0 +1,67 @@
+"""Identifiability as tables and sentences: which parameters the readings can separate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ldbb_bayes.analysis.verdicts import Identifiability
+from ldbb_bayes.report import wording
+from ldbb_bayes.results import Passage, Table, parts_of
+from ldbb_bayes.units import display_name, display_unit, round_uncertainty, three_digits
+
+__all__ = ["parts_of"]
+
+
+@parts_of.register
+def _(result: Identifiability) -> tuple[Passage, ...]:
+    """Return a table of prior sd, u, contraction, information gain and verdict by parameter.
+
+    Sentences and the combinations of parameters that no reading can resolve follow the table.
+    """
+    rows = []
+    for name, entry in result.parameters.items():
+        factor, unit = display_unit(entry.unit)
+        prior = "flat"
+        contraction = ""
+        gain = ""
+        if np.isfinite(entry.prior_sd):
+            prior = three_digits(entry.prior_sd * factor)
+            contraction = f"{entry.contraction:.4f}"
+            gain = f"{entry.information_gain:.1f}"
+        u = round_uncertainty(entry.sd * factor)[0]
+        verdict = wording.verdict_words(entry)
+        rows.append((display_name(name), prior, u, unit, contraction, gain, verdict))
+    heads = (
+        "parameter",
+        "prior sd",
+        "u, sign free",
+        "unit",
+        "contraction",
+        "gain (nat)",
+        "verdict",
+    )
+    passages: list[Passage] = [
+        Table.of("", heads, rows, text=("unit", "verdict")),
+        *wording.identifiability_sentences(result),
+    ]
+    items = wording.degeneracy_items(result.degeneracies, result.cures)
+    if items:
+        passages += [wording.ALIKE, items]
+    else:
+        passages.append(wording.NONE_ALIKE)
+    passages.append(tuple(map(wording.standing_words, result.standing)))
+    return tuple(passages)
+
+
+@wording.with_words.register
+def _(result: Identifiability) -> dict[str, Any]:
+    record = result.as_dict()
+    record.pop("cures")
+    rows = zip(record["degeneracies"], result.degeneracies, result.cures, strict=True)
+    for degeneracy_record, degeneracy, cures in rows:
+        degeneracy_record["statement"] = wording.statement(degeneracy)
+        degeneracy_record["cure"] = wording.cure_words(degeneracy, cures)
+    record["notes"] = [wording.standing_words(standing) for standing in result.standing]
+    return record
