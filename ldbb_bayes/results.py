@@ -191,14 +191,18 @@ def _is_default(kind: type, name: str, entry: Any) -> bool:
 class Shown:
     """Base class of objects that users handle.
 
-    The ``repr`` is one line; ``print`` and notebooks show tables and sentences.
+    The ``repr`` is one line; ``print`` and notebooks show tables and sentences. ``shown`` names the
+    attributes to show; without it, all fields of a dataclass are shown.
     """
 
     shown: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
+        # The decorator ``dataclass`` gives a class a ``__repr__`` of its own unless its body has
+        # one. Terms that users define are such dataclasses too, so that it is set here rather than
+        # by ``repr=False`` in every decorator.
         super().__init_subclass__()
-        if "__repr__" not in vars(cls):  # else a dataclass would write its own
+        if "__repr__" not in vars(cls):
             cls.__repr__ = Shown.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:

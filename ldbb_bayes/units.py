@@ -119,7 +119,8 @@ def display_unit(unit: str) -> tuple[float, str]:
     """Return the factor from an internal unit to its display unit, and that unit's label."""
     require(
         unit in DISPLAY_UNITS,
-        f"unit must be one of {', '.join(DISPLAY_UNITS)}, got {unit!r}. Use an inside unit.",
+        f"unit must be one of {', '.join(DISPLAY_UNITS)}, got {unit!r}. Use one of the internal"
+        " units.",
     )
     return DISPLAY_UNITS[unit]
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import trapezoid
 from scipy.special import log_ndtr, logsumexp, ndtr
 
 _CELLS = 20_001
@@ -114,4 +115,4 @@ def pair_by_quadrature(mean: tuple[float, float], rho: float) -> float:
     value = np.concatenate([[0.0], np.geomspace(1e-9, reach, 400_001)])
     tail = log_ndtr((mean[1] + rho * (value - mean[0])) / np.sqrt(1.0 - rho**2))
     density = -0.5 * (value - mean[0]) ** 2 - 0.5 * np.log(2 * np.pi) + tail
-    return float(density.max() + np.log(np.trapezoid(np.exp(density - density.max()), value)))
+    return float(density.max() + np.log(trapezoid(np.exp(density - density.max()), value)))

@@ -159,9 +159,9 @@ def _describe_degeneracy(
     named = tuple(names[i] for i in parameters if effect[i] > _NAMED_SHARE * effect.max())
     if not named:
         return None
-    nuisances = _rank_nuisances(
-        members[len(parameters) :], pivot, effect, is_nuisance=pivot >= space.parameters
-    )
+    nuisances = _sort_by_effect([i for i in members[len(parameters) :] if i != pivot], effect)
+    if pivot >= space.parameters:
+        nuisances.insert(0, pivot)
     change = _in_reading_units(coefficients, pivot, vector)
     prior_sds = change / coefficients.prior_sd
     terms = [_modelled_term(bound, coefficients.owners[i]) for i in nuisances]
@@ -178,15 +178,13 @@ def _describe_degeneracy(
     )
 
 
-def _rank_nuisances(
-    nuisances: Sequence[int], pivot: int, effect: Array, *, is_nuisance: bool
-) -> list[int]:
-    """Return the nuisances' indices: the pivot if it is one, then the others by effect."""
-    effects = {i: float(effect[i]) for i in nuisances if i != pivot}
-    ranking = ranked(effects, effects.__getitem__)
-    if is_nuisance:
-        return [pivot, *ranking]
-    return ranking
+def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
+    """Return indices of coefficients, that with the largest effect on the readings first.
+
+    ``effect`` holds the largest effect of every coefficient on a reading.
+    """
+    effect_by_index = {i: float(effect[i]) for i in indices}
+    return ranked(effect_by_index, effect_by_index.__getitem__)
 
 
 def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) -> Array:

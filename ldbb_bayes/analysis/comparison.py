@@ -22,7 +22,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
-from operator import methodcaller
 
 import numpy as np
 import pandas as pd
@@ -307,30 +306,38 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
 
 
 @dataclass(frozen=True)
-class _Agenda:
-    """The computations that a comparison consists of.
+class _ComparisonPlan:
+    """The models whose evidences a comparison computes, and which further results it computes.
 
-    ``pair`` are the first two models. ``scaled_slopes`` has both of them under other priors of the
-    slopes, ``assumptions`` under other assumptions about how circles differ from one another, and
-    ``unchanged`` under the models' own assumptions. ``largest`` is the model with the most
-    parameters, and ``linear`` the same with at most linear compliance.
+    The three mappings of models to compare have the first two models, changed in the same manner.
     """
 
+    #: the first two models, by the names that the caller gave
     pair: dict[str, HybridModel]
-    linear: HybridModel
+    #: model with the most parameters, for local fits
     largest: HybridModel
-    scaled_slopes: dict[str, tuple[HybridModel, ...]]
+    #: the largest model with at most linear compliance, for subsets of slopes
+    linear: HybridModel
+    #: the first two models by the scale of the slopes' prior, in the order of `SLOPE_SCALES`; empty
+    #: where neither has slopes
+    by_slope_scale: dict[str, tuple[HybridModel, ...]]
+    #: the first two models under their own assumption about how circles differ from one another
     unchanged: dict[str, tuple[HybridModel, ...]]
-    assumptions: dict[str, tuple[HybridModel, ...]]
+    #: the first two models by other assumptions about how circles differ from one another
+    by_assumption: dict[str, tuple[HybridModel, ...]]
+    #: whether every test is predicted from the other tests
     leaves_tests_out: bool
-    weighs_subsets: bool
-    fits_locally: bool
-    weighs_rivals: bool
+    #: whether models with every subset of the slopes are compared
+    has_slope_subsets: bool
+    #: whether models are fitted to neighbouring forces
+    has_local_fits: bool
+    #: whether slopes are compared with rival explanations of a change with force
+    has_rival_explanations: bool
 
     @property
     def slope_scales(self) -> tuple[float, ...]:
         """Return the scales of the slopes' prior, none where neither model has slopes."""
-        return SLOPE_SCALES if self.scaled_slopes else ()
+        return SLOPE_SCALES if self.by_slope_scale else ()
 
 
 class _StepCounter:
@@ -411,34 +418,34 @@ def compare(
         evidences = Evidences(campaign, tolerance=tolerance)
     _check_models(models, campaign, evidences)
     evidences = evidences.of_campaign(campaign)
-    agenda = _agenda(models, campaign, evidence_only=evidence_only)
-    first, second = agenda.pair
-    local_fits = _begin_local_fits(agenda, campaign, prob, executor)
+    plan = _plan_comparison(models, campaign, evidence_only=evidence_only)
+    first, second = plan.pair
+    local_fits = _begin_local_fits(plan, campaign, prob, executor)
     if progress is not None:
-        total = _count_steps(agenda, len(models), campaign)
+        total = _count_steps(plan, len(models), campaign)
         if executor is None:
-            total += 2 * len(agenda.assumptions)
+            total += 2 * len(plan.by_assumption)
         evidences.progress = _StepCounter(progress, total)
 
     nodes_by_model = dict(zip(models, evidences.of(*models.values()), strict=True))
-    assumed_elsewhere = _begin_assumptions(agenda, nodes_by_model, evidences, executor)
+    assumed_elsewhere = _begin_assumptions(plan, nodes_by_model, evidences, executor)
     left_out_nodes: dict[str, dict[str, Nodes]] = {}
-    if agenda.leaves_tests_out:
+    if plan.leaves_tests_out:
         left_out_nodes = leave_one_out(
             nodes_by_model, tolerance=evidences.tolerance, progress=evidences.progress
         )
-    scaled = sensitivity.under(agenda.pair, agenda.scaled_slopes, evidences.of)
-    unchanged = sensitivity.under(agenda.pair, agenda.unchanged, evidences.of)
+    scaled = sensitivity.under(plan.pair, plan.by_slope_scale, evidences.of)
+    unchanged = sensitivity.under(plan.pair, plan.unchanged, evidences.of)
     explanations = None
-    if agenda.weighs_rivals:
-        explanations = rival_explanations.explanations(agenda.pair, evidences)
+    if plan.has_rival_explanations:
+        explanations = rival_explanations.compare_explanations(plan.pair, evidences)
         unchanged += (explanations.averaged, explanations.alone)
     slopes: dict[str, VaryingSlope] = {}
     slope_subsets: tuple[SlopeSubset, ...] = ()
     curves: dict[str, Curve] = {}
-    if agenda.weighs_subsets:
+    if plan.has_slope_subsets:
         slopes, slope_subsets, curves = varying_slopes.slope_subsets(
-            agenda.linear, evidences, seed=seed, prob=prob
+            plan.linear, evidences, seed=seed, prob=prob
         )
     log_densities = _left_out_log_densities(nodes_by_model, left_out_nodes)
     compared_models = _compare_models(nodes_by_model, log_densities, seed, prob)
@@ -456,8 +463,8 @@ def compare(
         log_bayes_factor_error={ratio: error for ratio, (_, error) in factors.items()},
         elpd_difference=_elpd_differences(log_densities),
         sensitivity_of=f"{second}/{first}",
-        prior_sensitivity=_scaled_slopes(agenda.slope_scales, scaled),
-        prior_sensitivity_crossings=_crossings(agenda.slope_scales, scaled),
+        prior_sensitivity=_scaled_slopes(plan.slope_scales, scaled),
+        prior_sensitivity_crossings=_crossings(plan.slope_scales, scaled),
         discrepancy_sensitivity=unchanged + assumptions,
         slopes=slopes,
         slope_subsets=slope_subsets,
@@ -495,64 +502,87 @@ def _check_models(
         check_comparable(model, campaign)
 
 
-def _agenda(
+def _plan_comparison(
     models: Mapping[str, HybridModel], campaign: Campaign, *, evidence_only: bool
-) -> _Agenda:
-    """Return what to compute for a comparison of these models."""
+) -> _ComparisonPlan:
+    """Decide which models to compare for the sensitivities, and which further results to compute.
+
+    With ``evidence_only``, tests are not left out, and there are no subsets of slopes and no local
+    fits. Rival explanations are compared where the second model is the first with slopes added.
+    """
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}
     largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
     linear = largest.with_degree(min(largest.degree, 1))
-    scale_changes: dict[str, sensitivity.Change] = {}
-    if any(model.degree for model in pair.values()):
-        for scale in SLOPE_SCALES:
-            scale_changes[f"slope scale {scale:g}"] = methodcaller("with_slope_scale", scale)
-    circle_changes = sensitivity.discrepancy_assumptions(pair.values())
-    assumptions = sensitivity.changed(pair.values(), circle_changes)
-    unchanged_label = next(iter(assumptions))
-    unchanged = {unchanged_label: assumptions.pop(unchanged_label)}
+    by_slope_scale = _models_by_slope_scale(pair)
+    by_assumption = sensitivity.changed(
+        pair.values(), sensitivity.discrepancy_assumptions(pair.values())
+    )
+    # The models' own assumption comes first.
+    unchanged_label = next(iter(by_assumption))
+    unchanged = {unchanged_label: by_assumption.pop(unchanged_label)}
     constant = models[second].with_degree(0)
     adds_slopes = models[first] == constant and constant != models[second]
-    return _Agenda(
+    return _ComparisonPlan(
         pair=pair,
-        linear=linear,
         largest=largest,
-        scaled_slopes=sensitivity.changed(pair.values(), scale_changes),
+        linear=linear,
+        by_slope_scale=by_slope_scale,
         unchanged=unchanged,
-        assumptions=assumptions,
+        by_assumption=by_assumption,
         leaves_tests_out=not evidence_only and len(campaign.tests) > 1,
-        weighs_subsets=not evidence_only and linear.degree > 0,
-        fits_locally=not evidence_only and campaign.force_levels > 1,
-        weighs_rivals=adds_slopes and models[second].rivals != (),
+        has_slope_subsets=not evidence_only and linear.degree > 0,
+        has_local_fits=not evidence_only and campaign.force_levels > 1,
+        has_rival_explanations=adds_slopes and models[second].rivals != (),
     )
 
 
-def _count_steps(agenda: _Agenda, models: int, campaign: Campaign) -> int:
+def _models_by_slope_scale(
+    pair: Mapping[str, HybridModel],
+) -> dict[str, tuple[HybridModel, ...]]:
+    """Return the two models under every scale of the slopes' prior; none without slopes."""
+    changes: dict[str, sensitivity.Change] = {}
+    if any(model.degree for model in pair.values()):
+        for scale in SLOPE_SCALES:
+            changes[f"slope scale {scale:g}"] = _change_of_slope_scale(scale)
+    return sensitivity.changed(pair.values(), changes)
+
+
+def _change_of_slope_scale(scale: float) -> sensitivity.Change:
+    """Return the function that gives a model this scale of the slopes' prior."""
+
+    def change(model: HybridModel) -> HybridModel:
+        return model.with_slope_scale(scale)
+
+    return change
+
+
+def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
     """Return how many evidences this process computes, those of other assumptions not counted."""
     steps = models
-    if agenda.leaves_tests_out:
+    if plan.leaves_tests_out:
         steps += models * len(campaign.tests)
-    steps += 2 * (len(agenda.scaled_slopes) + len(agenda.unchanged))
-    if agenda.weighs_rivals:
-        _, with_slopes = agenda.pair.values()
+    steps += 2 * (len(plan.by_slope_scale) + len(plan.unchanged))
+    if plan.has_rival_explanations:
+        _, with_slopes = plan.pair.values()
         steps += 2 ** (1 + len(with_slopes.rivals))
-    if agenda.weighs_subsets:
-        steps += varying_slopes.count_subsets(agenda.linear, campaign)
+    if plan.has_slope_subsets:
+        steps += varying_slopes.count_subsets(plan.linear, campaign)
     return steps
 
 
 def _begin_local_fits(
-    agenda: _Agenda, campaign: Campaign, prob: float, executor: Executor | None
+    plan: _ComparisonPlan, campaign: Campaign, prob: float, executor: Executor | None
 ) -> Callable[[], pd.DataFrame]:
     """Begin local fits; return a function that returns their table, empty where not asked for."""
-    if not agenda.fits_locally:
+    if not plan.has_local_fits:
         return pd.DataFrame
-    fit = partial(neighbouring_forces.local_fits, agenda.largest, campaign, prob=prob)
+    fit = partial(neighbouring_forces.local_fits, plan.largest, campaign, prob=prob)
     return ahead(fit, executor)
 
 
 def _begin_assumptions(
-    agenda: _Agenda,
+    plan: _ComparisonPlan,
     nodes_by_model: Mapping[str, Nodes],
     evidences: Evidences,
     executor: Executor | None,
@@ -561,14 +591,14 @@ def _begin_assumptions(
 
     Return a function that waits for the result and returns it.
     """
-    best = max(nodes_by_model[name].evidence.log_value for name in agenda.pair)
+    best = max(nodes_by_model[name].evidence.log_value for name in plan.pair)
     separate = evidences.apart()
     if executor is None:
         separate.progress = evidences.progress
     weigh = partial(
         _weigh_assumptions,
-        tuple(agenda.pair),
-        agenda.assumptions,
+        tuple(plan.pair),
+        plan.by_assumption,
         separate,
         best - _FAR_REJECTED,
     )

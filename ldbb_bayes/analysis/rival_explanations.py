@@ -20,7 +20,7 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.results import Array, Finite
 from ldbb_bayes.units import ranked
 
-__all__ = ["Explained", "Explanations", "explanations", "subsets"]
+__all__ = ["Explained", "Explanations", "compare_explanations", "subsets"]
 
 # The name of the slopes among the explanations.
 _SLOPES = "slopes"
@@ -67,8 +67,13 @@ def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
     return [tuple(itertools.compress(names, choice)) for choice in choices]
 
 
-def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
-    """Compute the evidence of every combination of slopes and their rival explanations.
+def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
+    """Compare slopes with their rival explanations, by the evidence of every combination of them.
+
+    Slopes and each rival are in a model or not, so that r rivals give 2^(1 + r) models. All have
+    the same prior probability. The probability of an explanation is the sum of those of the models
+    that include it. The Bayes factor of slopes over no slopes is computed twice: from the models
+    without rivals, and from the evidences averaged over the combinations of rivals.
 
     Parameters
     ----------
@@ -76,6 +81,11 @@ def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Expla
         The model without slopes, then the same with slopes; both have the same rivals.
     evidences : Evidences
         Evidences that are known already; new ones are added.
+
+    Returns
+    -------
+    Explanations
+        Probabilities of the explanations and of their combinations, and both Bayes factors.
     """
     constant, linear = pair.values()
     names = (_SLOPES, *linear.rivals)
@@ -86,37 +96,52 @@ def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Expla
         if _SLOPES in combination:
             base = linear
         models.append(base.with_rivals(*combination))
-    evidence_of_models = [nodes.evidence for nodes in evidences.of(*models)]
-    log_evidence = np.array([evidence.log_value for evidence in evidence_of_models])
-    error = np.array([evidence.error for evidence in evidence_of_models])
+    model_evidences = [nodes.evidence for nodes in evidences.of(*models)]
+    log_evidence = np.array([evidence.log_value for evidence in model_evidences])
+    error = np.array([evidence.error for evidence in model_evidences])
     probability = probabilities(log_evidence)
     explained = []
-    for combination, value, value_error, share in zip(
-        combinations, log_evidence.tolist(), error.tolist(), probability.tolist(), strict=True
+    for combination, evidence, model_probability in zip(
+        combinations, model_evidences, probability.tolist(), strict=True
     ):
-        explained.append(Explained(combination, value, value_error, share))
+        explained.append(
+            Explained(
+                by=combination,
+                log_evidence=float(evidence.log_value),
+                log_evidence_error=float(evidence.error),
+                probability=model_probability,
+            )
+        )
     inclusion_probability = {}
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # The first row has the models with slopes, the last column those without rivals.
-    by_slopes = log_evidence.reshape(2, -1)
-    errors = error.reshape(2, -1)
-    averaged = np.logaddexp.reduce(by_slopes, axis=1) - np.log(by_slopes.shape[1])
+    # `subsets` puts the models with slopes into the first row, those without rivals into the last
+    # column.
+    log_evidence_by_slopes = log_evidence.reshape(2, -1)
+    error_by_slopes = error.reshape(2, -1)
+    rival_combinations = log_evidence_by_slopes.shape[1]
+    averaged = np.logaddexp.reduce(log_evidence_by_slopes, axis=1) - np.log(rival_combinations)
+    averaged_error = float(error_by_slopes.max(axis=1).sum())
+    alone = log_evidence_by_slopes[:, -1]
+    alone_error = float(error_by_slopes[:, -1].sum())
     return Explanations(
-        inclusion_probability,
-        tuple(ranked(explained, lambda model: model.probability)),
-        _compare_slopes(
-            "averaged over other explanations", pair, averaged, float(errors.max(axis=1).sum())
+        inclusion_probability=inclusion_probability,
+        models=tuple(ranked(explained, lambda model: model.probability)),
+        averaged=_compare_slopes(
+            "averaged over other explanations", pair, averaged, averaged_error
         ),
-        _compare_slopes("no other explanation", pair, by_slopes[:, -1], float(errors[:, -1].sum())),
+        alone=_compare_slopes("no other explanation", pair, alone, alone_error),
     )
 
 
 def _compare_slopes(
     label: str, pair: Mapping[str, HybridModel], log_evidence: Array, error: float
 ) -> Assumed:
-    """Compare two models from their log evidences, of which that with slopes comes first."""
+    """Return ln B of slopes over no slopes, with the log evidences of both by the models' names.
+
+    Of the two values in ``log_evidence``, the one with slopes comes first; in ``pair``, last.
+    """
     with_slopes, without_slopes = log_evidence.tolist()
     values = dict(zip(pair, (without_slopes, with_slopes), strict=True))
     return Assumed(label, with_slopes - without_slopes, error, values)

@@ -160,26 +160,40 @@ class _PlannedTests(NamedTuple):
 
 @lru_cache(maxsize=32)
 def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
-    """Return the tests that the sliders describe.
+    """Return the tests that the sliders of the page describe, in the order in which to run them.
 
-    Equally spaced levels of force are combined with clockings, radii and directions in turn. If the
-    user asks for the best tests, they are those with the most expected information.
+    If the user asks for the best tests, these are the ones with the most expected information.
+    Otherwise equally spaced forces are combined with clockings, radii and directions in turn.
+
+    Parameters
+    ----------
+    report
+        The report of the fit that the tests follow.
+    settings_json
+        Values of the sliders by name, as JSON, which can be the key of a cache.
     """
     settings = json.loads(settings_json)
-    pilot = _pilot_of(report).campaign
-    sliders = _test_sliders(settings, pilot)
+    sliders = _test_sliders(settings, _pilot_of(report).campaign)
     space = _space_from(report, settings, sliders)
-    kinds = _kinds_of_test(space, sliders["low"])
-    number = int(sliders["circles"])
     if settings.get("best"):
-        tests = _best_tests(space, kinds, sliders)
+        tests = _best_tests(space, _kinds_of_test(space, sliders["low"]), sliders)
     else:
-        levels = _force_levels(sliders["low"], sliders["high"], int(min(sliders["levels"], number)))
-        tests = tuple(
-            replace(kind, force_N=force) for force, kind in _pairs_in_turn(levels, kinds, number)
-        )
-    ordered = running_order(tests, np.random.default_rng(1))
-    return _PlannedTests(space, ordered, sliders)
+        tests = _equally_spaced_tests(space, sliders)
+    in_running_order = running_order(tests, np.random.default_rng(1))
+    return _PlannedTests(space, in_running_order, sliders)
+
+
+def _equally_spaced_tests(
+    space: Space, sliders: Mapping[str, float]
+) -> tuple[lb.CircularTest, ...]:
+    """Return tests at equally spaced forces, each with the next clocking, radius and direction."""
+    number = int(sliders["circles"])
+    kinds = _kinds_of_test(space, sliders["low"])
+    forces_N = _force_levels(sliders["low"], sliders["high"], int(min(sliders["levels"], number)))
+    tests = []
+    for force_N, kind in _pairs_in_turn(forces_N, kinds, number):
+        tests.append(replace(kind, force_N=force_N))
+    return tuple(tests)
 
 
 def _space_from(

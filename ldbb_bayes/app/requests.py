@@ -170,7 +170,7 @@ async def _add_file(house: House, session: Session, request: Request) -> Respons
                 return refused(too_large, 413)
             path.replace(session.folder / FILES / name)
             session.names[name] = sent_name
-            session.changed()
+            session.update_after_file_change()
         except (ClientDisconnect, OSError):  # or its session has ended
             return refused(session.word("broken_off", name=name), 400)
         finally:
@@ -203,7 +203,7 @@ async def _take_example(house: House, session: Session, request: Request) -> Res
         if path.suffix in (".csv", ".toml"):
             shutil.copyfile(path, session.folder / FILES / path.name)
     session.choices.clear()
-    session.changed()
+    session.update_after_file_change()
     return JSONResponse({})
 
 

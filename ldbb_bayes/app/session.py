@@ -91,20 +91,22 @@ class Session:
         for stored_name in self.held:
             if name in (stored_name, "*"):
                 (self.folder / FILES / stored_name).unlink(missing_ok=True)
-        self.changed()
+        self.update_after_file_change()
 
-    def changed(self) -> None:
-        """Delete entries that no longer apply after a change of the files.
+    def update_after_file_change(self) -> None:
+        """Drop the typed entries that no longer apply, and count the change of the files.
 
-        These are deleted certificates, and entries that an added campaign.toml states itself.
+        Entries that no longer apply are names of certificates that were deleted and, where there is
+        a campaign.toml, all that it states itself.
         """
-        sizes = self.held
+        file_sizes = self.held
+        has_campaign_file = TOML in file_sizes
         choices = {}
         for name, text in self.choices.items():
             entry = FIELDS[name]
-            is_dropped = entry.kind == "file" and text not in sizes
-            is_of_campaign = TOML in sizes and entry.group in ("name", "table", "layout")
-            if not (is_dropped or is_of_campaign):
+            is_deleted_file = entry.kind == "file" and text not in file_sizes
+            is_in_campaign_file = has_campaign_file and entry.group in ("name", "table", "layout")
+            if not (is_deleted_file or is_in_campaign_file):
                 choices[name] = text
         self.choices = choices
         self.edition += 1

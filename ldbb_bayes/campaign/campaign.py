@@ -25,7 +25,7 @@ from ldbb_bayes.campaign.circular_test import (
 from ldbb_bayes.campaign.field_types import Coordinate, Date, Label, Length, Number, Positive
 from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.errors import InputError, check_known, require
-from ldbb_bayes.files import refusing
+from ldbb_bayes.files import raises_input_error
 from ldbb_bayes.machine.chain import Machine
 from ldbb_bayes.results import Array, Shown
 
@@ -131,7 +131,7 @@ class CampaignFields(Shown):
     )
 
 
-@refusing("campaign")
+@raises_input_error("campaign")
 @dataclass(frozen=True, eq=False)
 class Campaign(CampaignFields):
     """The tests of one machine, or a plan of them.

@@ -16,7 +16,7 @@ from ldbb_bayes.campaign.field_types import (
     Percent,
 )
 from ldbb_bayes.errors import InputError, check_known, require
-from ldbb_bayes.files import refusing
+from ldbb_bayes.files import raises_input_error
 from ldbb_bayes.results import Shown
 
 __all__ = ["Ball", "Instrument"]
@@ -33,7 +33,7 @@ _SPHERICITY_BY_GRADE_UM = {
 }
 
 
-@refusing("ball")
+@raises_input_error("ball")
 @dataclass(frozen=True, config=STRICT)
 class Ball(Shown):
     """The form of a ball, as a certificate or a grade of ISO 3290 states it.
@@ -77,7 +77,7 @@ class Ball(Shown):
         return _SPHERICITY_BY_GRADE_UM[self.grade]
 
 
-@refusing("instrument")
+@raises_input_error("instrument")
 @dataclass(frozen=True, config=STRICT)
 class Instrument(Shown):
     """Certified properties of balls, bar, mount, force and angle.

@@ -21,7 +21,7 @@ from ldbb_bayes.campaign.field_types import (
     SetupNumber,
 )
 from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.files import refusing
+from ldbb_bayes.files import raises_input_error
 from ldbb_bayes.machine.chain import Circle
 from ldbb_bayes.results import Array, Shown
 
@@ -75,7 +75,7 @@ _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
 
 
-@refusing("test")
+@raises_input_error("test")
 @dataclass(frozen=True, eq=False)
 class CircularTest(TestFields):
     """One circle at one force, with readings or, if it is planned, without.

@@ -8,13 +8,13 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from ldbb_bayes.campaign.field_types import STRICT, Number, Positive
-from ldbb_bayes.files import refusing
+from ldbb_bayes.files import raises_input_error
 from ldbb_bayes.results import Shown
 
 __all__ = ["ForceLaw", "MountCompensation"]
 
 
-@refusing("force law ([force])")
+@raises_input_error("force law ([force])")
 @dataclass(frozen=True, config=STRICT)
 class ForceLaw(Shown):
     """Force F of the bar as a function of the regulator's pressure P, F = slope · P + offset.
@@ -34,7 +34,7 @@ class ForceLaw(Shown):
         return (force_N - self.offset_N) / self.slope_N_per_bar
 
 
-@refusing("mount ([mount])")
+@raises_input_error("mount ([mount])")
 @dataclass(frozen=True, config=STRICT)
 class MountCompensation(Shown):
     """Deflection of the work ball's mount (Eq. 32), and whether readings are compensated for it."""

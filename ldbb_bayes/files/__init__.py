@@ -3,7 +3,7 @@
 from ldbb_bayes.files.content import LARGEST_TABLE_BYTES, bytes_of, write_whole
 from ldbb_bayes.files.staging import check_target, staged_folder
 from ldbb_bayes.files.toml_text import LARGEST_TOML_BYTES, parse_toml, read_toml
-from ldbb_bayes.files.validation import refusing, validated
+from ldbb_bayes.files.validation import raises_input_error, validated
 from ldbb_bayes.files.xml_text import xml_of
 
 __all__ = [
@@ -12,8 +12,8 @@ __all__ = [
     "bytes_of",
     "check_target",
     "parse_toml",
+    "raises_input_error",
     "read_toml",
-    "refusing",
     "staged_folder",
     "validated",
     "write_whole",

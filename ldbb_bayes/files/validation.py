@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ldbb_bayes.errors import InputError, nearest, require
 
-__all__ = ["refusing", "validated"]
+__all__ = ["raises_input_error", "validated"]
 
 T = TypeVar("T")
 # Types of pydantic errors for keys that a model does not have.
@@ -113,19 +113,26 @@ def _describe_invalid(subject: str, error: Any) -> str:
     return f"{subject} must be valid, got {value!r}: {reason}. Correct it."
 
 
-def refusing(subject: str) -> Callable[[type[T]], type[T]]:
+def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
     """Return a decorator by which a pydantic dataclass raises an `InputError` for wrong arguments.
 
-    The message names the wrong field; ``subject`` is the name of the object in the message.
+    Without it, pydantic raises a `ValidationError` of several lines. The decorator must wrap
+    ``__init__``, because pydantic writes that method itself and lets no base class replace it, and
+    turns every error raised within it into a `ValidationError`.
+
+    Parameters
+    ----------
+    subject
+        Name of the object in the message, which also names the wrong field.
     """
 
     def decorate(cls: type[T]) -> type[T]:
-        init = cls.__init__
+        pydantic_init = cls.__init__
 
-        @wraps(init)
+        @wraps(pydantic_init)
         def checked_init(self: T, *args: Any, **kwargs: Any) -> None:
             try:
-                init(self, *args, **kwargs)
+                pydantic_init(self, *args, **kwargs)
             except ValidationError as error:
                 raise _input_error(cls, subject, kwargs, error) from None
 

@@ -227,7 +227,7 @@ def assess_fit(
     )
     log_prob_truncation, log_prob_truncation_error = truncation
     linearisation_error_mm = bound.largest_linearisation_error_mm(beta.mean(axis=0))
-    of_posterior = _concerns(bound, phi, beta, log_prob_truncation)
+    posterior_concerns = _check_posterior(bound, phi, beta, log_prob_truncation)
     shift, widening = effects_of_failures(bound, phi.mean(axis=0), checks)
     return Fit(
         rmse_um=quality.rmse_um,
@@ -236,7 +236,7 @@ def assess_fit(
         log_prob_truncation_error=log_prob_truncation_error,
         log_prob_truncation_prior=bound.log_prob_truncation_prior,
         linearisation_error_um=linearisation_error_mm * 1e3,
-        concerns=(*concerns, *of_posterior),
+        concerns=(*concerns, *posterior_concerns),
         predictive_checks=checks,
         sensitivity=power_sensitivity(posterior, _log_densities(bound, groups, prior_level)),
         shift=shift,
@@ -288,12 +288,25 @@ def _log_densities(
     }
 
 
-def _concerns(
+def _check_posterior(
     bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float
 ) -> Iterator[Concern]:
-    """Yield the warnings that a posterior gives.
+    """Check a posterior against the assumptions of its model, and yield a warning for each misfit.
 
-    They are computed from n draws of φ [mm], shape (n, h), and of β, shape (n, p).
+    There are warnings if the readings contradict the truncation, if there are too few levels of
+    force for the degree of the model, and if a hyper-parameter, the posterior mean of a parameter
+    or the shift of the circles' centre is larger than the priors lead to expect.
+
+    Parameters
+    ----------
+    bound
+        Model bound to the campaign.
+    phi
+        Posterior draws of the hyper-parameters φ, shape (n, h) [mm].
+    beta
+        Posterior draws of the parameters β, shape (n, p), in internal units.
+    log_prob_truncation
+        Log posterior probability ln P(T | y) that no compliance is negative.
     """
     if log_prob_truncation < _IMPROBABLE:
         yield Concern(ConcernKind.TRUNCATION, log_prob_truncation, _IMPROBABLE)

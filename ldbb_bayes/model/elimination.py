@@ -102,19 +102,26 @@ class Front(NamedTuple):
     def factorize(
         self, matrix: Array, links: Array | None = None, link_signs: Array | None = None
     ) -> Array:
-        """Factorise assembled entries in place, and return their contribution to ln p(z | φ).
+        """Compute the Cholesky factors of the groups in place, from the output of `assemble`.
 
         Parameters
         ----------
         matrix
-            Output of `assemble`; overwritten by L and L⁻¹ Aᵀ D⁻¹ r.
+            Output of `assemble`, shape (groups, s, s + m + 1, w); overwritten by L and
+            L⁻¹ Aᵀ D⁻¹ r.
         links, link_signs
-            Factors of the columns eliminated earlier, and the signs of their pivots; see
-            `eliminate`.
+            Rows of the factors of columns eliminated earlier that concern these groups, and the
+            signs of their pivots; see `eliminate`. None if no such column has rows in common with
+            the groups.
 
         Returns
         -------
-        ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group, shape (groups, w).
+        Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group to ln p(z | φ), shape (groups, w).
+
+        Raises
+        ------
+        LinAlgError
+            If a coefficient is determined by neither readings nor priors.
         """
         eliminate(matrix, links, signs=self.signs, link_signs=link_signs)
         white_shift = matrix[:, :, -1]
@@ -153,40 +160,59 @@ class Elimination(NamedTuple):
         weight: Array,
         shift: Array | None,
     ) -> tuple[list[Array], Array]:
-        """Factorise P.
+        """Compute the Cholesky factor of P = Aᵀ D⁻¹ A = L Lᵀ for w values of φ.
 
-        ``weight`` (kinds, w) is 1/D of every kind of row; ``shift`` (columns, w) is added to
-        Aᵀ D⁻¹ r.
+        Isolated groups and leaves are factorised first. The rows of the leaves' factors that link
+        them with the root are then eliminated from the root, which is factorised last.
+
+        Parameters
+        ----------
+        weight
+            Reciprocal variance 1/D of every kind of row, shape (kinds, w).
+        shift
+            Array to add to Aᵀ D⁻¹ r, shape (columns, w); None for zero.
 
         Returns
         -------
         factors
-            L and L⁻¹ Aᵀ D⁻¹ r of every front, shape (groups, s, s + m + 1, w) each.
+            L and L⁻¹ Aᵀ D⁻¹ r of every front, in the order of `fronts`; each of shape
+            (groups, s, s + m + 1, w).
         gain
-            ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj, shape (w,).
+            Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of all fronts to ln p(z | φ), shape (w,).
         """
+        leaf_factors, links = self._assemble_leaves(weight, shift)
         factors = [front.assemble(weight, shift) for front in self.isolated]
-        # The leaves' factors share one array in which their border columns are aligned.
-        widest = max((front.gram.shape[1] for front in self.leaves), default=0)
-        leaf_columns = sum(front.columns.size for front in self.leaves)
-        border = self.root.gram.shape[2]
-        links = np.empty((leaf_columns, widest + border, weight.shape[1]))
-        first = 0
-        for front in self.leaves:
-            groups, columns, entries, _ = front.gram.shape
-            last = first + groups * columns
-            space = links[first:last, widest - columns :]
-            factor = space.reshape(groups, columns, entries, weight.shape[1])
-            factors.append(front.assemble(weight, shift, factor))
-            first = last
+        factors += leaf_factors
         gains = []
         for front, factor in zip((*self.isolated, *self.leaves), factors, strict=True):
             gains.append(front.factorize(factor).sum(axis=0))
         root_factor = self.root.assemble(weight, shift)
-        root_gain = self.root.factorize(root_factor, links[:, widest:], self._link_signs())
+        root_gain = self.root.factorize(root_factor, links, self._link_signs())
         factors.append(root_factor)
         gains.append(root_gain[0])
         return factors, np.sum(gains, axis=0)
+
+    def _assemble_leaves(self, weight: Array, shift: Array | None) -> tuple[list[Array], Array]:
+        """Return the assembled entries of every leaf's front, and their columns of the root.
+
+        Both are views of one array in which the columns of the root are aligned, so that
+        factorising the leaves in place fills the second, shape (columns of leaves, columns of the
+        root + 1, w), with the links of the leaves to the root.
+        """
+        widest = max((front.gram.shape[1] for front in self.leaves), default=0)
+        leaf_columns = sum(front.columns.size for front in self.leaves)
+        border = self.root.gram.shape[2]
+        rows = np.empty((leaf_columns, widest + border, weight.shape[1]))
+        assembled = []
+        first = 0
+        for front in self.leaves:
+            groups, columns, entries, _ = front.gram.shape
+            last = first + groups * columns
+            front_rows = rows[first:last, widest - columns :]
+            view = front_rows.reshape(groups, columns, entries, weight.shape[1])
+            assembled.append(front.assemble(weight, shift, view))
+            first = last
+        return assembled, rows[:, widest:]
 
     def _link_signs(self) -> Array | None:
         """Return the signs ±1 of the leaves' pivots, or None if all pivots are positive."""

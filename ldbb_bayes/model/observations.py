@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.reduction import NearUniform, Reduced
@@ -55,7 +56,8 @@ class Observations(NamedTuple):
     sources: list[Source]
     #: Unit of every column: its prior sd, or the size of a column with a flat prior.
     unit: Array
-    #: Signs ±1 of the columns' prior variances; −1 removes noise (see `_uneven_columns`).
+    #: Signs ±1 of the columns' prior variances; −1 removes noise, see
+    #: `_columns_for_uneven_angles`.
     signs: Array
     #: Number of columns that tests share; they come first.
     shared: int
@@ -199,7 +201,7 @@ def _sort_nuisances(
     for sign in (1.0, -1.0):
         columns_of_sign = None
         if near_uniform is not None:
-            columns_of_sign = _uneven_columns(near_uniform, sign)
+            columns_of_sign = _columns_for_uneven_angles(near_uniform, sign)
         if columns_of_sign is not None:
             private.append(columns_of_sign)
             private_signs += [sign] * len(columns_of_sign.names)
@@ -309,13 +311,16 @@ def _rotate(
     *,
     uniform: bool,
 ) -> _Rotated:
-    """Rotate a test's rows so that noise of the basis has a diagonal covariance.
+    """Rotate the rows of a test, so that its noise of the basis has a diagonal covariance.
 
-    This is possible for any number of noises if circles are nearly uniform, else for one at most.
+    With the triangular factor R of the reduced readings and the norms S of the basis functions, the
+    rotation is S R⁻¹ for a nearly uniform circle (``uniform``), which makes any number of ``noise``
+    terms diagonal. Otherwise it is the transpose of the left singular vectors of R times the sd,
+    which makes one noise term diagonal; ``noise`` then has at most one.
     """
     if uniform and test.near_uniform is not None:
         column_norms = test.near_uniform.column_norms
-        rotation = column_norms[:, None] * np.linalg.inv(test.factor)
+        rotation = column_norms[:, None] * solve_triangular(test.factor, np.eye(SIZE))
         noise_sd = [column_norms * term.sd for term in noise]
         return _Rotated(rotation, np.diag(column_norms), noise_sd)
     basis_sd = noise[0].sd if noise else 1.0
@@ -427,27 +432,40 @@ def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
     )
 
 
-def _uneven_columns(circles: Sequence[NearUniform], sign: float) -> Columns | None:
-    """Return columns that correct the reading noise of circles with non-uniform angles.
+def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> Columns | None:
+    """Return columns that correct the reading noise for angles that are not spaced uniformly.
 
-    The covariance of basis coefficients is σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ), with the
-    eigenvectors V (25, k) and eigenvalues λ (k,) of the departure from uniform sampling. For
-    ``sign`` +1, columns add noise where readings are sparse; for −1, they remove noise where
-    readings are dense, by a negative variance. Every test has its own coefficients. Return None if
-    no columns of this sign are needed.
+    If readings have the noise σ, the coefficients of the basis functions, in units of the norms S,
+    have the covariance σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ); V and λ are the directions and
+    departures of `NearUniform`. Each significant direction v becomes a column S⁻¹ v √(|λ|/(1 + λ))
+    whose coefficient has the sd σ.
+
+    Parameters
+    ----------
+    circles
+        Every test's departures from uniform sampling; every test has its own coefficients.
+    sign
+        +1 for the directions in which readings are sparse (λ < 0), whose columns add noise; −1 for
+        those in which readings are dense (λ > 0), whose columns remove noise, by a negative
+        variance.
+
+    Returns
+    -------
+    Columns or None
+        As many columns as the circle with the most such directions needs; None if none has any.
     """
-    chosen = [
-        np.flatnonzero(circle.significant & (sign * circle.departure < 0.0)) for circle in circles
-    ]
-    size = max(len(index) for index in chosen)
+    indices_by_test = []
+    for circle in circles:
+        has_sign = sign * circle.departure < 0.0
+        indices_by_test.append(np.flatnonzero(circle.significant & has_sign))
+    size = max(len(indices) for indices in indices_by_test)
     if size == 0:
         return None
     values = np.zeros((len(circles), SIZE, size))
-    for r, circle in enumerate(circles):
-        index = chosen[r]
-        departure = circle.departure[index]
-        share = np.abs(departure) / (1.0 + departure)
-        directions = circle.directions[:, index]
-        values[r, :, : len(index)] = directions * np.sqrt(share) / circle.column_norms[:, None]
+    for r, (circle, indices) in enumerate(zip(circles, indices_by_test, strict=True)):
+        departure = circle.departure[indices]
+        variance_ratio = np.abs(departure) / (1.0 + departure)
+        columns = circle.directions[:, indices] * np.sqrt(variance_ratio)
+        values[r, :, : len(indices)] = columns / circle.column_norms[:, None]
     names = tuple(f"uneven_{i}" for i in range(size))
     return Columns(names, values, np.ones(size), "sigma", private=True)

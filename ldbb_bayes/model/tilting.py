@@ -68,19 +68,19 @@ class _Interval(NamedTuple):
     direction: Array | float
 
 
-class _Merit(NamedTuple):
-    """Convex function whose minimum is the saddle point, with derivatives, for w problems.
+class _ConvexFunction(NamedTuple):
+    """Convex function of m, whose minimum is the saddle point, at one m for each of w problems.
 
-    m = φ(edge) / Φ(−edge), shape (w, d), is the inverse Mills ratio of the edges; φ and Φ are the
-    standard normal density and distribution function. K, shape (w, d, d), is the matrix of products
-    of rows.
+    m = φ(e) / Φ(−e), shape (w, d), is the inverse Mills ratio of the edges e; φ and Φ are the
+    standard normal density and distribution function. C = unit unitᵀ − I, shape (w, d, d), is the
+    coupling of the rows.
     """
 
-    #: ½ mᵀ (K − I) m − boundᵀ m + Σ (edge m + ln Φ(−edge)), shape (w,).
+    #: Value ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)), shape (w,).
     value: Array
-    #: Gradient in m, shape (w, d).
+    #: Gradient in m, e + C m − bound, shape (w, d).
     gradient: Array
-    #: dm / d edge, shape (w, d).
+    #: Derivative dm / de, from 0 to 1, shape (w, d).
     slope: Array
     #: Largest entry of the gradient, relative to the size of its terms, shape (w,).
     error: Array
@@ -221,16 +221,25 @@ def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
 
 
 def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
-    """Return the saddle points of a batch of w problems.
+    """Return the saddle points of ψ(x, μ), at which the tilts μ are best, for w problems.
 
-    Where ln P is below about −1e7, too small to matter, the saddle point may be approximate.
+    Both derivatives of ψ are zero where x = unitᵀ m and μ = x − m, with m_j = φ(e_j) / Φ(−e_j) the
+    inverse Mills ratios of the edges e. The edges solve e + (unit unitᵀ − I) m = bound, which is
+    done by Newton's method. Where ln P is below about −1e7, too small to matter, the saddle point
+    may be approximate.
 
     Parameters
     ----------
     unit
-        Matrix L_jk / L_jj, shape (w, d, d).
+        Rows of the constraints, divided by their diagonal entries: L_jk / L_jj, shape (w, d, d).
     bound
         Bounds of the rows, shape (w, d).
+
+    Returns
+    -------
+    SaddlePoint
+        x and μ, each of shape (w, d). The last x_j and μ_j, which do not change the bound of ψ,
+        are zero.
 
     Raises
     ------
@@ -240,22 +249,7 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
     w, d = bound.shape
     if d <= 1:
         return SaddlePoint(np.zeros((w, d)), np.zeros((w, d)))
-    coupling = unit @ np.swapaxes(unit, 1, 2) - np.eye(d)
-    edge, solved, _ = _solve_edges(coupling, bound, bound)
-    hard = np.flatnonzero(~solved)
-    if hard.size:
-        starts = [_edges_of_nearest_point(coupling[k], unit[k], bound[k]) for k in hard]
-        retried = _solve_edges(coupling[hard], bound[hard], np.array(starts))
-        edge[hard] = retried.edge
-        negligible = np.abs(retried.value) > _NEGLIGIBLE_LOG_PROBABILITY
-        solved[hard] = retried.solved | negligible
-    if not solved.all():
-        raise InputError(
-            "the probability of physical compliances must be within reach of double precision, got"
-            " readings too far from them. Check the sign of the readings, the mount compensation"
-            " and the forces, or fit --without truncation."
-        )
-    mills = _inverse_mills(edge)
+    mills = _inverse_mills(_edges_at_saddle_point(unit, bound))
     x = np.einsum("wij,wi->wj", unit, mills)
     tilt = np.einsum("wij,wi->wj", np.tril(unit, -1), mills)
     x[:, -1] = 0.0
@@ -263,17 +257,42 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
     return SaddlePoint(x, tilt)
 
 
+def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
+    """Return the edges e at the saddle points of w problems, shape (w, d).
+
+    Newton's method starts from the bounds. Where it fails, it starts once more, from the most
+    probable point that meets the constraints.
+    """
+    coupling = unit @ np.swapaxes(unit, 1, 2) - np.eye(bound.shape[1])
+    edge, solved, _ = _solve_edges(coupling, bound, bound)
+    failed = np.flatnonzero(~solved)
+    if failed.size:
+        starts = [_edges_of_nearest_point(coupling[k], unit[k], bound[k]) for k in failed]
+        retried = _solve_edges(coupling[failed], bound[failed], np.array(starts))
+        edge[failed] = retried.edge
+        negligible = np.abs(retried.value) > _NEGLIGIBLE_LOG_PROBABILITY
+        solved[failed] = retried.solved | negligible
+    if not solved.all():
+        raise InputError(
+            "the probability of physical compliances must be within reach of double precision, got"
+            " readings too far from them. Check the sign of the readings, the mount compensation"
+            " and the forces, or fit --without truncation."
+        )
+    return edge
+
+
 def _solve_edges(
     coupling: Array,
     bound: Array,
     start: Array,
 ) -> _Edges:
-    """Return the edges of the saddle points, computed by Newton's method.
+    """Solve e + C m(e) = bound for the edges e of w problems, by Newton's method.
 
+    C, shape (w, d, d), is ``coupling``; ``bound`` and ``start``, the first e, have shape (w, d).
     A step is halved until it reduces the convex function or the relative size of the gradient.
     """
     edge = np.array(start)
-    current = _merit(coupling, bound, edge)
+    current = _evaluate_convex_function(coupling, bound, edge)
     for _ in range(_ITERATIONS):
         active = current.error > ROUNDING
         if not active.any():
@@ -283,11 +302,11 @@ def _solve_edges(
         searching = active.copy()
         for k in range(_HALVINGS):
             trial_edge = np.where(searching[:, None], edge + 0.5**k * step, edge)
-            trial = _merit(coupling, bound, trial_edge)
+            trial = _evaluate_convex_function(coupling, bound, trial_edge)
             falls = (trial.value < current.value) | (trial.error < current.error)
             good = searching & falls
             edge = np.where(good[:, None], trial_edge, edge)
-            current = _Merit(
+            current = _ConvexFunction(
                 value=np.where(good, trial.value, current.value),
                 gradient=np.where(good[:, None], trial.gradient, current.gradient),
                 slope=np.where(good[:, None], trial.slope, current.slope),
@@ -319,21 +338,24 @@ def _edges_of_nearest_point(
     return np.where(mills > 1.0, far, bound - coupling @ mills)
 
 
-def _merit(
+def _evaluate_convex_function(
     coupling: Array,
     bound: Array,
     edge: Array,
-) -> _Merit:
-    """Return the convex function whose minimum is the saddle point, with its derivatives."""
+) -> _ConvexFunction:
+    """Return the convex function whose minimum is the saddle point, with its derivatives.
+
+    It is evaluated at the edges e, ``edge``, shape (w, d), of w problems; see `_ConvexFunction`.
+    """
     mills = _inverse_mills(edge)
-    pulled = np.einsum("wij,wj->wi", coupling, mills)
-    value = (mills * (0.5 * pulled - bound + edge) + log_ndtr(-edge)).sum(axis=1)
-    largest_pull = np.einsum("wij,wj->wi", np.abs(coupling), mills)
-    size = 1.0 + np.abs(bound) + np.abs(edge) + largest_pull
-    gradient = edge + pulled - bound
+    coupled_mills = np.einsum("wij,wj->wi", coupling, mills)
+    value = (mills * (0.5 * coupled_mills - bound + edge) + log_ndtr(-edge)).sum(axis=1)
+    gradient = edge + coupled_mills - bound
     slope = np.clip(mills * (mills - edge), 0.0, 1.0)
-    error = np.abs(gradient / size).max(axis=1)
-    return _Merit(value, gradient, slope, error)
+    largest_coupled = np.einsum("wij,wj->wi", np.abs(coupling), mills)
+    size_of_terms = 1.0 + np.abs(bound) + np.abs(edge) + largest_coupled
+    error = np.abs(gradient / size_of_terms).max(axis=1)
+    return _ConvexFunction(value, gradient, slope, error)
 
 
 def _inverse_mills(edge: Array) -> Array:

@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 from scipy.sparse.csgraph import connected_components
 from scipy.special import ndtr, ndtri
 
@@ -187,7 +188,7 @@ def _probability_inside(rows: Array, edge: Array) -> Array:
     """Return P(rows · z ≥ edge) up to a constant factor, for edges of shape (..., m)."""
     if rows.shape[1] > 1:
         grid, density = _first_density(rows, edge, _COARSE_GRID)
-        return np.asarray(np.trapezoid(density, grid, axis=-1))
+        return np.asarray(trapezoid(density, grid, axis=-1))
     low, high = _support(rows, edge)
     upper_tail = ndtr(-low) - ndtr(-high)
     lower_tail = ndtr(high) - ndtr(low)

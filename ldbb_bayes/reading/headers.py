@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from ldbb_bayes.campaign.campaign import PER_TEST
+from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.column_roles import (
@@ -100,7 +101,7 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
     if header_row is None:
         header = _no_header(sheet, block)
     else:
-        header = _read_header(sheet, header_row, block)
+        header = _rows_of_header(sheet, header_row, block)
     place = sheet.place
     if header.line:
         place = f"{sheet.place}, line {header.line}"
@@ -134,19 +135,42 @@ def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
     return _HeaderRows(0, first, first, empty, list(empty))
 
 
-def _read_header(sheet: Sheet, header_row: int, block: int) -> _HeaderRows:
-    """Return names and units of the columns, from the header and a row of units below it."""
-    headers = _column_names(sheet, header_row, block)
-    units = [unit_of(header).unit for header in headers]
-    end = header_row + 1
-    if end < block:
-        units_below = _row_of_units(sheet.rows[end].cells)
+def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _HeaderRows:
+    """Return the names and units of the columns, and which rows of the sheet hold them.
+
+    The header may be followed by a row of units, whose units then count instead of those in the
+    names, and by rows of dashes that underline it.
+
+    Parameters
+    ----------
+    sheet
+        The sheet, split into rows of cells.
+    header_row
+        Index of the row of names among the sheet's rows.
+    first_block_row
+        Index of the first row of the block of numbers below.
+    """
+    names = _column_names(sheet, header_row, first_block_row)
+    units = [unit_of(name).unit for name in names]
+    next_row = header_row + 1
+    if next_row < first_block_row:
+        units_below = _row_of_units(sheet.rows[next_row].cells)
         if units_below:
-            units = _units_from_below(headers, units_below)
-            end += 1
-    while end < block and all(RULE.fullmatch(cell) for cell in sheet.rows[end].cells):
-        end += 1
-    return _HeaderRows(sheet.rows[header_row].line, header_row, end, headers, units)
+            units = _units_from_below(names, units_below)
+            next_row += 1
+    while next_row < first_block_row and _is_underline(sheet.rows[next_row]):
+        next_row += 1
+    return _HeaderRows(
+        line=sheet.rows[header_row].line,
+        start=header_row,
+        end=next_row,
+        headers=names,
+        units=units,
+    )
+
+
+def _is_underline(row: Row) -> bool:
+    return all(RULE.fullmatch(cell) for cell in row.cells)
 
 
 def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> list[str]:

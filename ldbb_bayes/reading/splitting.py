@@ -12,7 +12,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.headers import Heading, note_heading
 from ldbb_bayes.reading.layout import Layout
-from ldbb_bayes.reading.lines_above import statements_in
+from ldbb_bayes.reading.lines_above import Lines, LineStatement, statements_in
 from ldbb_bayes.reading.numerals import (
     OTHER_MARK,
     constant_value,
@@ -86,9 +86,12 @@ def split_sheet(
     log: AssumptionLog,
     left_out: Sequence[Sheet],
 ) -> Iterator[Recording]:
-    """Yield the recordings of the tests in one sheet.
+    """Split the table of one sheet into tests, and yield the recording of each.
 
-    They come in the order of columns of readings, and of the tests' first rows.
+    A table holds one test for every column of readings and, if it has a column of tests, for every
+    label in that column. Tests come in the order of the columns of readings, and then of their
+    first rows. Each recording has the test's rows as numbers, and all that the file, its name and
+    the user state of the test.
 
     Parameters
     ----------
@@ -102,41 +105,43 @@ def split_sheet(
         Log to which assumptions are added.
     left_out
         Sheets without a table, which may state fields of all tests or of one test.
+
+    Raises
+    ------
+    InputError
+        For cells that are no numbers, and for statements that do not fit the tests.
     """
     columns = _read_columns(sheet, heading, layout, log)
-    numbers = _shared_numbers(columns, layout)
+    shared_numbers = _shared_numbers(columns, layout)
     labels = _labels_of(columns)
     rows_by_label: dict[str, list[int]] = {}
-    for k, label in enumerate(labels):
-        rows_by_label.setdefault(label, []).append(k)
+    for row, label in enumerate(labels):
+        rows_by_label.setdefault(label, []).append(row)
     field_columns = _field_columns(columns, labels, log)
     holds_several = len(rows_by_label) > 1 or len(heading.readings) > 1 or bool(sheet.name_in_file)
     for test_heading in columns.heading.split_by_readings():
+        numbers = dict(shared_numbers)
         for column in test_heading.readings:
             numbers["reading"] = columns.numbers("reading", column)
         for label, rows in rows_by_label.items():
             title = label or test_heading.label
             stated = _stated_fields(sheet, title, layout, holds_several)
-            fields = {
-                key: columns.constant(title, key, column, rows)
-                for key, column in field_columns.items()
-            }
+            fields = {}
+            for key, column in field_columns.items():
+                fields[key] = columns.constant(title, key, column, rows)
             name = label or sheet.name or sheet.path.stem
             overview = overview_lines(left_out, [name, sheet.path.name])
             lines_above = [*test_heading.lines_above, *overview.of_this_test]
-            statements = {
-                key: stated_of_all
-                for key, stated_of_all in statements_in(overview.of_all_tests).items()
-                if key in FIELDS_OF_ALL_TESTS
-            }
+            statements = _statements_of_all_tests(overview.of_all_tests)
+            statements |= statements_in(lines_above)
             yield Recording(
                 sheet=sheet,
                 heading=replace(test_heading, lines_above=lines_above),
                 label=title,
-                lines=[columns.lines[k] for k in rows],
-                numbers={role: values[rows] for role, values in numbers.items()},
+                lines=[columns.lines[row] for row in rows],
+                numbers={role: column_numbers[rows] for role, column_numbers in numbers.items()},
                 direction_words=columns.direction_words(rows),
-                statements=statements | statements_in(lines_above),
+                statements=statements,
                 layout=layout,
                 stated=stated,
                 campaign=campaign,
@@ -144,6 +149,15 @@ def split_sheet(
                 fields=fields,
                 lines_of_all_tests=overview.of_all_tests,
             )
+
+
+def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
+    """Return what lines in sheets without a table state of all tests, by field."""
+    statements = {}
+    for key, statements_of_field in statements_in(lines).items():
+        if key in FIELDS_OF_ALL_TESTS:
+            statements[key] = statements_of_field
+    return statements
 
 
 def _read_columns(

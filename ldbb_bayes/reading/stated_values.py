@@ -106,15 +106,23 @@ def _agrees(evidence: _Evidence, value: float) -> bool:
 def _certain_evidence(
     recording: Recording, key: str, column_value: float | None
 ) -> list[_Evidence]:
-    """Return what a user and the column state, the user first, but for a radius the column."""
-    sources = [(recording.stated_value(key), "as given"), (column_value, "its column")]
+    """Return the values of a quantity that the user and its column state.
+
+    There are at most two, and none where neither states the quantity. The value that counts comes
+    first: that of the user, but for a radius that of the column.
+    """
+    user_evidence = _evidence_if_stated(recording.stated_value(key), "as given")
+    column_evidence = _evidence_if_stated(column_value, "its column")
     if key == "radius_mm":
-        sources.reverse()
-    evidence = []
-    for value, source in sources:
-        if value is not None:
-            evidence.append(_Evidence(float(value), source, _ROUNDED_IN_LINE))
-    return evidence
+        return column_evidence + user_evidence
+    return user_evidence + column_evidence
+
+
+def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
+    """Return the value as one piece of evidence, or none for None."""
+    if value is None:
+        return []
+    return [_Evidence(float(value), source, _ROUNDED_IN_LINE)]
 
 
 def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:

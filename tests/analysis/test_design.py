@@ -17,8 +17,8 @@ from oracle import Oracle, OracleTest
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.campaign_design import _limits
 from ldbb_bayes.analysis.design.candidates import (
+    add_foreseen_tests,
     bind_tests,
-    foreseen_by,
     grid_of_tests,
     running_order,
     templates,
@@ -151,7 +151,7 @@ def test_hysteresis_counts_for_every_design_that_could_have_both_ways(
         plain, clockwise, tests=6, forces_N=THREE, directions=("CW", "CCW"), parameters=["C_XYX"]
     )
     assert {test.direction for test in both.tests} == {"CW", "CCW"}
-    space = Space(plain, foreseen_by(clockwise, templates(clockwise, ("CW", "CCW"))), THREE)
+    space = Space(plain, add_foreseen_tests(clockwise, templates(clockwise, ("CW", "CCW"))), THREE)
     p = len(space.bound.names)
     states = States(
         PHI[None], np.zeros((1, p)), Gaussian.of(np.zeros((1, p)), space.bound.prior_sd[None] ** 2)
@@ -179,9 +179,9 @@ def test_hysteresis_counts_for_every_design_that_could_have_both_ways(
     assert sd["CW"] == pytest.approx(hidden, rel=0.15)
     assert sd["CW"] == pytest.approx(sd["CCW"], rel=1e-6)
     assert sd[""] < 0.75 * hidden
-    # Tests that are only judged bring their parameters, not their direction.
-    judged = tuple(replace(test, direction="CCW") for test in clockwise.plan().tests)
-    assert Space(LINEAR, clockwise, THREE, judged=judged).bound.setting.both_ways == ()
+    # Tests that are only compared bring their parameters, not their direction.
+    compared = tuple(replace(test, direction="CCW") for test in clockwise.plan().tests)
+    assert Space(LINEAR, clockwise, THREE, compared_tests=compared).bound.setting.both_ways == ()
 
 
 def value_of(space: Space, tests: Sequence[lb.CircularTest]) -> float:
@@ -472,18 +472,20 @@ def test_templates_are_the_pilots_in_equal_steps(rng: np.random.Generator) -> No
         for t in templates(campaign)
     ]
     assert facts == [("XY", 1, None, 5.0, 36), ("YZ", 4, "CW", 0.0, 72), ("YZ", 4, "CCW", 0.0, 72)]
-    extended = foreseen_by(campaign, templates(campaign))
+    extended = add_foreseen_tests(campaign, templates(campaign))
     assert [(test.plane, test.direction) for test in extended.foreseen] == [
         ("YZ", "CCW"),
         ("YZ", "CW"),
     ]
-    assert foreseen_by(extended, templates(campaign)) is extended
+    assert add_foreseen_tests(extended, templates(campaign)) is extended
 
 
 def test_foreseen_parameters_do_not_change_what_is_known(clockwise: lb.Campaign) -> None:
     """A plane that is judged adds parameters at their prior; the readings' evidence and all else
     stay as they were."""
-    wider = foreseen_by(clockwise, (), [replace(clockwise.plan().tests[0], plane="YZ", setup=2)])
+    wider = add_foreseen_tests(
+        clockwise, (), [replace(clockwise.plan().tests[0], plane="YZ", setup=2)]
+    )
     (alone, found, given), (more, wide, wide_given) = (
         (bound, *bound.given(PHI[None])) for bound in (LINEAR.bind(clockwise), LINEAR.bind(wider))
     )

@@ -95,7 +95,9 @@ def test_every_combination_of_explanations_is_a_model(
         model = model.without("circle-scale", "ball-form", "setup-shift")
         campaign = CAMPAIGN
     pair = {"constant": model.with_degree(0), "linear": model}
-    explanations = rival_explanations.explanations(pair, Evidences(campaign, tolerance=1e-2))
+    explanations = rival_explanations.compare_explanations(
+        pair, Evidences(campaign, tolerance=1e-2)
+    )
     models = {}
     log_evidence = {}
     for explained in explanations.models:

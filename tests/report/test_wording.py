@@ -497,7 +497,7 @@ def fit_with_shifts(**moved_by_test: float) -> Any:
 
 def test_a_model_that_expects_the_readings() -> None:
     assert wording.expectation(fit_with_shifts()) == (
-        "the model expects readings like these (1 checks, smallest p = 0.25, white noise of f036)"
+        "the model expects readings like these (1 check, smallest p = 0.25, white noise of f036)"
     )
 
 

@@ -327,10 +327,10 @@ def design(
         1 <= number <= MAX_TESTS,
         f"tests must be between 1 and {MAX_TESTS}, got {number}. Give the number of circles.",
     )
-    judged: list[CircularTest] = []
+    compared_tests: list[CircularTest] = []
     for name, campaign in against.items():
         _check_compared(name, campaign, pilot)
-        judged += campaign.tests
+        compared_tests += campaign.tests
     if forces_N is None:
         forces_N = _levels_in_range(pilot)
     if criterion is None:
@@ -346,7 +346,7 @@ def design(
         parameters=tuple(parameters),
         augment=augment,
         slope_size=slope_size,
-        judged=tuple(judged),
+        compared_tests=tuple(compared_tests),
         seed=seed,
     )
     compared = {_EQUAL_STEPS: space.equal_steps(number)}

@@ -21,8 +21,8 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 
 __all__ = [
     "Clocking",
+    "add_foreseen_tests",
     "bind_tests",
-    "foreseen_by",
     "grid_of_tests",
     "running_order",
     "templates",
@@ -68,21 +68,37 @@ class _TestKind(NamedTuple):
     direction: Direction | None
 
 
-def foreseen_by(
-    pilot: Campaign, candidates: Sequence[CircularTest], judged: Sequence[CircularTest] = ()
+def add_foreseen_tests(
+    pilot: Campaign,
+    candidates: Sequence[CircularTest],
+    compared_tests: Sequence[CircularTest] = (),
 ) -> Campaign:
-    """Return the pilot with the kinds of tests that it has not run added to those foreseen.
+    """Return the pilot with all kinds of tests that a design may contain among those foreseen.
 
-    The model of the pilot then includes the parameters that only these tests can show. Where the
-    candidates in a plane run in both directions, so do the tests foreseen, so that the model
-    includes hysteresis for every design. Tests that are only judged add their parameters, but not
-    their direction.
+    A campaign's model has the parameters that its tests, run or foreseen, can show. With one test
+    of every new kind (of plane, set-up, centre, radius, direction) added to ``pilot.foreseen``, the
+    same model therefore applies to every design.
+
+    Parameters
+    ----------
+    pilot
+        The campaign or plan that the design starts from.
+    candidates
+        Tests that a design chooses among. Where those in a plane run in both directions, so do the
+        tests added, so that the model includes hysteresis.
+    compared_tests
+        Tests of designs that are only compared with it. They are added without their direction.
+
+    Returns
+    -------
+    Campaign
+        The pilot itself if it has run or foreseen all kinds already.
     """
     both_ways = _planes_run_both_ways(candidates)
     # The radius matters for the parameters only where a frame or a centre lies off the machine's
     # origin.
     has_offset = any(any(frame) for frame in pilot.frames_mm.values()) or any(
-        any(test.circle.centre_mm) for test in (*pilot.scope, *candidates, *judged)
+        any(test.circle.centre_mm) for test in (*pilot.scope, *candidates, *compared_tests)
     )
 
     def kind(test: CircularTest, direction: Direction | None = None) -> _TestKind:
@@ -91,23 +107,23 @@ def foreseen_by(
 
     # The directions of the pilot's own tests do not count, because these tests need not be part of
     # the analysis.
-    modelled = {kind(test) for test in pilot.scope}
-    modelled |= {kind(test, test.direction) for test in pilot.foreseen}
+    known_kinds = {kind(test) for test in pilot.scope}
+    known_kinds |= {kind(test, test.direction) for test in pilot.foreseen}
     possible = []
     for test in candidates:
         direction = test.direction if str(test.plane) in both_ways else None
         possible.append((kind(test, direction), test))
-    possible += [(kind(test), test) for test in judged]
+    possible += [(kind(test), test) for test in compared_tests]
     # Keep the first test of every kind. Reversing makes later entries overwrite earlier ones, and
     # sorts the kinds by their last tests, from the end.
     test_by_kind = dict(reversed(possible))
-    new = []
+    new_tests = []
     for test_kind, test in test_by_kind.items():
-        if test_kind not in modelled:
-            new.append(replace(test, direction=test_kind.direction))
-    if not new:
+        if test_kind not in known_kinds:
+            new_tests.append(replace(test, direction=test_kind.direction))
+    if not new_tests:
         return pilot
-    return replace(pilot, foreseen=(*pilot.foreseen, *new))
+    return replace(pilot, foreseen=(*pilot.foreseen, *new_tests))
 
 
 def _planes_run_both_ways(tests: Sequence[CircularTest]) -> set[str]:

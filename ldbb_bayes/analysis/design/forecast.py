@@ -166,39 +166,72 @@ def truncated_variances(
         possible = bound.truncation.holds(states.beta)
         possible |= not possible.any()
         variance_by_state = variance_by_state[possible]
-        change = _change_by_truncation(bound, states, possible, covariance, seed)
+        change = _variance_change_by_truncation(bound, states, possible, covariance, seed)
     spread = (variance_by_state + change).std(axis=0)
     error = spread / np.sqrt(max(len(variance_by_state) - 1, 1))
     return np.maximum(untruncated + change.mean(axis=0), 0.0), error
 
 
-def _change_by_truncation(
+def _variance_change_by_truncation(
     bound: BoundModel, states: States, possible: Array, covariance: Array, seed: int
 ) -> Array:
-    """Return what the truncation adds to the variances in possible states, shape (states, p).
+    """Return how much the truncation changes the posterior variances, in every possible state.
 
-    Given the parameters β of a state, the posterior mean m that an analysis will find is normally
-    distributed with mean m₁ + W (β − m₁) and covariance W C, where W = 1 − C P₁. m₁ is the mean and
-    P₁ the precision of β before the tests, and C the covariance after them.
+    For each state, posterior means are drawn as the analysis may find them, and the variances of
+    the truncated Gaussian about each mean are averaged. The change is negative where the truncation
+    narrows the posterior.
+
+    Parameters
+    ----------
+    bound
+        Model bound to the new tests.
+    states
+        K states of the machine before the tests.
+    possible
+        Whether no compliance is negative in each state, shape (K,).
+    covariance
+        Posterior covariances without truncation, shape (K, p, p), in internal units.
+    seed
+        Seed of the posterior means.
+
+    Returns
+    -------
+    Array
+        Variance with truncation minus variance without, shape (possible states, p), in internal
+        units.
     """
     scale = bound.scale
     p = len(scale)
-    start = states.before.mean[possible]
-    unit = np.outer(scale, scale)
-    after = covariance[possible] / unit
-    weight = np.eye(p) - after @ (states.before.precision[possible] * unit)
-    root = singular_root(weight @ after)
-    deviation = (states.beta[possible] - start) / scale
-    mean = start / scale + np.einsum("kij,kj->ki", weight, deviation)
-    spread = singular_root(after) * scale[:, None]
-    noise = np.random.default_rng(seed).standard_normal((_MEANS_PER_STATE, *mean.shape))
-    means = scale * (mean + np.einsum("kij,rkj->rki", root, noise)).reshape(-1, p)
-    spread = np.tile(spread, (_MEANS_PER_STATE, 1, 1))
-    shift, inside, axes = bound.truncation.orthants(means, spread).moments()
+    relative_covariance = covariance[possible] / np.outer(scale, scale)
+    relative_means = _draw_posterior_means(states, possible, relative_covariance, scale, seed)
+    means = scale * relative_means.reshape(-1, p)
+    spread = np.tile(singular_root(relative_covariance) * scale[:, None], (_MEANS_PER_STATE, 1, 1))
+    shift, covariance_inside, axes = bound.truncation.orthants(means, spread).moments()
+    # The truncation changes the unit covariance along the axes to ``covariance_inside``.
     along_axes = spread @ np.swapaxes(axes, 1, 2)
-    change_along_axes = along_axes @ (inside - np.eye(shift.shape[1]))
+    change_along_axes = along_axes @ (covariance_inside - np.eye(shift.shape[1]))
     change = np.einsum("kpd,kpd->kp", change_along_axes, along_axes)
-    return np.asarray(change.reshape(_MEANS_PER_STATE, *mean.shape).mean(axis=0))
+    return np.asarray(change.reshape(relative_means.shape).mean(axis=0))
+
+
+def _draw_posterior_means(
+    states: States, possible: Array, covariance: Array, scale: Array, seed: int
+) -> Array:
+    """Draw posterior means that an analysis of the new tests may find, in every possible state.
+
+    Given the parameters β of a state, the posterior mean is normally distributed with the mean
+    m₁ + W (β − m₁) and the covariance W C, where W = 1 − C P₁. m₁ is the mean and P₁ the precision
+    of β before the tests, and C the covariance after them. Covariances and the result, shape
+    (draws, states, p), are in units of ``scale``.
+    """
+    prior_mean = states.before.mean[possible]
+    prior_precision = states.before.precision[possible] * np.outer(scale, scale)
+    weight = np.eye(len(scale)) - covariance @ prior_precision
+    root = singular_root(weight @ covariance)
+    deviation = (states.beta[possible] - prior_mean) / scale
+    mean = prior_mean / scale + np.einsum("kij,kj->ki", weight, deviation)
+    noise = np.random.default_rng(seed).standard_normal((_MEANS_PER_STATE, *mean.shape))
+    return np.asarray(mean + np.einsum("kij,rkj->rki", root, noise))
 
 
 def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:

@@ -17,8 +17,8 @@ import pandas as pd
 from ldbb_bayes.analysis.design.campaign_objective import objective_of, prediction_weight
 from ldbb_bayes.analysis.design.candidates import (
     Clocking,
+    add_foreseen_tests,
     bind_tests,
-    foreseen_by,
     grid_of_tests,
     templates,
 )
@@ -77,21 +77,31 @@ class Space:
     parameters: Sequence[str] = ()
     augment: bool = False
     slope_size: float = 1.0
-    judged: tuple[CircularTest, ...] = ()  #: tests of designs that are to be compared
+    #: tests of designs that are only compared with this one; the model has their parameters too
+    compared_tests: tuple[CircularTest, ...] = ()
     seed: int = 1
 
     def __post_init__(self) -> None:
-        radii_mm = self.radii_mm
-        if not radii_mm:
-            radii_mm = [float(test.radius_mm or self.pilot.radius_mm) for test in self.pilot.tests]
-        object.__setattr__(self, "forces_N", tuple(dict.fromkeys(self.forces_N)))
-        object.__setattr__(self, "radii_mm", tuple(dict.fromkeys(radii_mm)))
-        object.__setattr__(self, "directions", tuple(dict.fromkeys(self.directions)))
-        object.__setattr__(self, "clockings_deg", _distinct_clockings(self.clockings_deg))
+        """Store the fields without repeated values, and the pilot with all tests foreseen.
+
+        Radii default to those of the pilot's tests. Raise an `InputError` if the candidates, the
+        criterion or the parameters of interest are not valid.
+        """
+        radii_mm = self.radii_mm or _radii_of(self.pilot)
+        self._store("forces_N", tuple(dict.fromkeys(self.forces_N)))
+        self._store("radii_mm", tuple(dict.fromkeys(radii_mm)))
+        self._store("directions", tuple(dict.fromkeys(self.directions)))
+        self._store("clockings_deg", _distinct_clockings(self.clockings_deg))
         self._check_candidates()
-        pilot = foreseen_by(self.pilot, self.tests, self.judged)
-        object.__setattr__(self, "pilot", pilot)
+        # The candidates are made from the pilot as the caller gave it.
+        candidates = self.tests
+        self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
+        # The model is bound to the pilot stored above.
         self._check_interest()
+
+    def _store(self, name: str, value: object) -> None:
+        """Set a field of this frozen dataclass."""
+        object.__setattr__(self, name, value)
 
     def _check_candidates(self) -> None:
         sizes = {"forces": self.forces_N, "radii": self.radii_mm, "slope_size": [self.slope_size]}
@@ -163,9 +173,9 @@ class Space:
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
         """Return a table of tests with force, clockings and radius, one row per test.
 
-        It has plane, direction and set-up where they differ among candidates and judged tests.
+        It has plane, direction and set-up where they differ among candidates and compared tests.
         """
-        all_tests = (*self.tests, *self.judged)
+        all_tests = (*self.tests, *self.compared_tests)
         columns = ["force_N", *_FIXED_COLUMNS]
         for name in _OPTIONAL_COLUMNS:
             if len({getattr(test, name) for test in all_tests}) > 1:
@@ -293,6 +303,11 @@ class Space:
             before=before,
             seed=self.seed,
         )
+
+
+def _radii_of(pilot: Campaign) -> list[float]:
+    """Return the radius of every test of the pilot [mm]."""
+    return [float(test.radius_mm or pilot.radius_mm) for test in pilot.tests]
 
 
 def _distinct_clockings(clockings_deg: Sequence[Clocking]) -> tuple[Clocking, ...]:

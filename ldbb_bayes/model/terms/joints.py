@@ -39,12 +39,12 @@ class JointLoad(Term):
         """Return the columns of this term in the design matrix of a campaign."""
         columns = []
         for axis, estimate in setting.driven_axes():
-            values = self._laws(
+            values = self._deflections(
                 setting,
                 setting.force_N[:, None],
-                square=setting.along(axis, 2.0),
-                cube=setting.along(axis, 3.0),
-                contact=setting.along(axis, _CONTACT_POWER),
+                u_squared=setting.along(axis, 2.0),
+                u_cubed=setting.along(axis, 3.0),
+                u_contact=setting.along(axis, _CONTACT_POWER),
             )
             letter = LINEAR[axis]
             names = (f"joint_load_{letter}_slope", f"joint_load_{letter}_contact")
@@ -56,22 +56,28 @@ class JointLoad(Term):
 
         It is the two columns where the bar is along the axis, divided by F, at n forces.
         """
-        deflections = self._laws(setting, force_N, square=1.0, cube=1.0, contact=1.0)
+        deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
         return deflections / force_N[:, None]
 
-    def _laws(
-        self,
+    @staticmethod
+    def _deflections(
         setting: Setting,
-        force: Array,
+        force_N: Array,
         *,
-        square: Array | float,
-        cube: Array | float,
-        contact: Array | float,
+        u_squared: Array | float,
+        u_cubed: Array | float,
+        u_contact: Array | float,
     ) -> Array:
-        """Return the two columns, shape (..., 2), from u², |u|³ and |u|^(5/3) (``contact``)."""
-        middle = setting.reference_force_N
-        rolling = force * (force * cube - middle * square) / setting.largest_force_N
-        bolted = np.cbrt(force**2 * middle) * contact - force * square
+        """Return the deflections by rolling and by bolted contact per unit of compliance.
+
+        They are F (F |u|³ − F0 u²) / F_max and F^⅔ F0^⅓ |u|^(5/3) − F u², shape (..., 2) [N], at
+        the forces F (``force_N``) and the powers u², |u|³ and |u|^(5/3) (``u_contact``) of the
+        component u of the bar's direction along an axis. Forces and powers are broadcast against
+        each other.
+        """
+        reference_N = setting.reference_force_N
+        rolling = force_N * (force_N * u_cubed - reference_N * u_squared) / setting.largest_force_N
+        bolted = np.cbrt(force_N**2 * reference_N) * u_contact - force_N * u_squared
         return np.stack([rolling, bolted], axis=-1)
 
     @classmethod
