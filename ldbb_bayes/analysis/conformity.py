@@ -191,7 +191,11 @@ def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict
 def _decide_by_draws(
     unit: str, stated: _StatedDraws, tolerance: Tolerance, confidence: float
 ) -> Conformity:
-    """Decide by the share of posterior draws between the limits."""
+    """Decide on conformity by the share of a quantity's posterior draws between the limits.
+
+    Where too few draws lie beyond a limit, or within it, the probability beyond it is that of a
+    normal distribution; see `_tail_probability`.
+    """
     draws = stated.values
     mean = float(draws.mean())
     sd = float(draws.std(ddof=1))

@@ -107,10 +107,12 @@ class CircularTest(TestFields):
     reading_mm: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
+        """Store angles in degrees and readings in µm, and raise an error for the first fault."""
         angle = self._column("angle_deg", "angle_rad", np.rad2deg)
         reading = self._column("reading_um", "reading_mm", _um_of_mm)
-        for fault in self._faults(angle, reading):
-            raise InputError(f"{self.label} must {fault}")
+        first_fault = next(self._faults(angle, reading), None)
+        if first_fault is not None:
+            raise InputError(f"{self.label} must {first_fault}")
         object.__setattr__(self, "angle_deg", angle)
         object.__setattr__(self, "reading_um", reading)
         object.__setattr__(self, "angle_rad", None)

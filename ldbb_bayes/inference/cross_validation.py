@@ -124,11 +124,11 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
 
 def _thin_chains(posterior: xr.DataTree, draws: int) -> xr.DataTree:
     """Return a posterior with at most ``draws`` draws of each chain, evenly spaced."""
-    chosen = evenly_spaced(int(posterior["posterior"].sizes["draw"]), draws)
+    indices = evenly_spaced(int(posterior["posterior"].sizes["draw"]), draws)
     thinned = posterior.copy()
     for group in ("posterior", "sample_stats", "log_prior"):
-        dataset = posterior[group].to_dataset().isel(draw=chosen)
-        thinned[group] = xr.DataTree(dataset.assign_coords(draw=np.arange(len(chosen))))
+        dataset = posterior[group].to_dataset().isel(draw=indices)
+        thinned[group] = xr.DataTree(dataset.assign_coords(draw=np.arange(len(indices))))
     return thinned
 
 

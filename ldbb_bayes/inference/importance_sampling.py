@@ -208,17 +208,18 @@ def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT
 
 
 def _fit_to_rounds(rounds: Sequence[Integral]) -> Mixture:
-    """Return the proposal of the last round, refitted to the points of all rounds.
+    """Return the proposal of the last round, refitted to the weighted points of all rounds.
 
-    The weight of a point is f divided by the mixture of the proposals of all rounds.
+    The weight of a point is the density f to integrate, divided by the mixture of the proposals of
+    all rounds; each round counts by its number of points.
     """
     points = np.concatenate([sample.free for sample in rounds])
-    values = np.concatenate([sample.log_density for sample in rounds])
+    log_density = np.concatenate([sample.log_density for sample in rounds])
     proposals = [sample.proposal for sample in rounds if sample.proposal is not None]
     log_proposals = []
     for sample, proposal in zip(rounds, proposals, strict=True):
         log_proposals.append(np.log(len(sample.free)) + proposal.log_density(points))
-    log_weight = values - np.logaddexp.reduce(log_proposals, axis=0)
+    log_weight = log_density - np.logaddexp.reduce(log_proposals, axis=0)
     return refit_mixture(proposals[-1], points, _even_out(log_weight, points.shape[1]))
 
 

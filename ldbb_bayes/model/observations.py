@@ -133,7 +133,7 @@ def observation_equations(
     hypers: Sequence[Hyper],
     interest: Array,
 ) -> Observations:
-    """Return readings and priors as rows with a diagonal covariance.
+    """Return the observation equations of all tests: readings and priors as independent rows.
 
     Parameters
     ----------
@@ -147,6 +147,12 @@ def observation_equations(
         Names of the hyper-parameters φ.
     interest
         Columns of the parameters of interest, shape (tests, 25, p).
+
+    Returns
+    -------
+    Observations
+        The rows, those of the readings test by test and then those of the priors, with the sources
+        of variance and the constants of the log density.
     """
     near_uniform = [test.near_uniform for test in reduced if test.near_uniform is not None]
     all_uniform = len(near_uniform) == len(reduced)
@@ -162,6 +168,7 @@ def observation_equations(
     first = len(rows.variance) - len(private_signs)
     rows.variance[first:] *= private_signs[:, None]
     log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
+    # The rotation of the rows by S R⁻¹ has the log determinant −½ Σ ln(1 + λ).
     if all_uniform:
         for r, test in enumerate(near_uniform):
             log_constants[r] -= 0.5 * np.log1p(test.departure).sum()
@@ -418,7 +425,11 @@ def _test_of_coefficients(
 
 
 def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
-    """Return noise of the basis as columns, with coefficients for every single test."""
+    """Return noise of basis functions as columns: one for every function that has noise.
+
+    Each column is the basis function itself. Every test has a coefficient of its own, whose prior
+    sd is the sd of the noise.
+    """
     functions = np.flatnonzero(term.sd)
     values = np.zeros((tests, SIZE, len(functions)))
     values[:, functions, np.arange(len(functions))] = 1.0

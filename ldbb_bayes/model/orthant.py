@@ -385,9 +385,18 @@ def _bound_in_closed_form(
     distance: Array,
     spread: Array,
 ) -> tuple[Array, Array]:
-    """Return ln P from analytical bounds, and its largest error, each of shape (w,).
+    """Return ln P(u ≥ 0) from analytical bounds, and its largest error, each of shape (w,).
 
-    The error is infinite if the bounds are of no use.
+    P is at most the probability of the tightest row alone, and at least that probability minus the
+    probabilities that the other rows are negative. Where the two differ, closer bounds are computed
+    from pairs of rows. The error is infinite if no bounds are of use.
+
+    Parameters
+    ----------
+    distance
+        Mean of each row divided by its sd, shape (w, m).
+    spread
+        Matrix of each problem, u = mean + spread e, shape (w, m, q).
     """
     w, m = distance.shape
     if m == 0:
@@ -400,10 +409,9 @@ def _bound_in_closed_form(
     sorted_distance = np.take_along_axis(distance, order, axis=1).T
     tail = ndtr(-sorted_distance)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # P(u₁ ≥ 0) of the tightest row minus the tails of the other rows ≤ P ≤ P(u₁ ≥ 0).
         value = log_ndtr(sorted_distance[0])
-        lost = tail[1:].sum(axis=0)
-        error = np.where(lost == 0.0, 0.0, lost * np.exp(-value))
+        other_tails = tail[1:].sum(axis=0)
+        error = np.where(other_tails == 0.0, 0.0, other_tails * np.exp(-value))
         members = np.flatnonzero(error > _NEGLIGIBLE_ERROR)
         pair_value, pair_error = _bound_by_pairs(
             sorted_distance[:, members], tail[:, members], unit[members]

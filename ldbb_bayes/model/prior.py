@@ -297,21 +297,34 @@ class Prior(Shown):
         )
 
     def hyper(self, scales: Sequence[Scale], resolution_um: float) -> HyperPrior:
-        """Return the priors of the hyper-parameters; white noise σ is at least resolution/√12."""
+        """Return the joint prior of hyper-parameters, in mm.
+
+        Parameters
+        ----------
+        scales
+            Hyper-parameters, each with the scale of its prior [µm], or with the name of the field
+            of this prior that holds the scale.
+        resolution_um
+            Resolution of the readout. The white noise σ is at least resolution/√12; the other
+            hyper-parameters are at least zero.
+        """
         prior_scales = []
-        lower = []
+        lower_bounds = []
         for scale in scales:
             prior_scale = scale.prior_um
             if isinstance(prior_scale, str):
                 prior_scale = getattr(self, prior_scale)
-            unit = 1e-3 if scale.law == "half-normal" else 1.0
-            lower_bound = resolution_um / np.sqrt(12.0) if scale.name == "sigma" else 0.0
-            prior_scales.append(prior_scale * unit)
-            lower.append(lower_bound * unit)
+            lower_bound = 0.0
+            if scale.name == "sigma":
+                lower_bound = resolution_um / np.sqrt(12.0)
+            # Only half-normal hyper-parameters are lengths.
+            mm_per_unit = 1e-3 if scale.law == "half-normal" else 1.0
+            prior_scales.append(prior_scale * mm_per_unit)
+            lower_bounds.append(lower_bound * mm_per_unit)
         return HyperPrior(
             tuple(scale.name for scale in scales),
             np.array(prior_scales, dtype=float),
-            np.array(lower, dtype=float),
+            np.array(lower_bounds, dtype=float),
             tuple(scale.law for scale in scales),
             self.decay_sd,
         )

@@ -119,6 +119,7 @@ def _draw_sheet(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> floa
 
 
 def _draw_block(pdf: FPDF, block: Block, scale: float, pictures: bool) -> None:
+    """Draw a block of a sheet below the current position; without ``pictures``, leave room."""
     if isinstance(block, str):
         _write(pdf, block, 7.2 * scale, grey=_SOFT_INK)
     elif isinstance(block, Fields):
@@ -200,6 +201,7 @@ def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
 def _draw_field_row(
     pdf: FPDF, entries: Sequence[tuple[str, str]], top: float, scale: float
 ) -> None:
+    """Draw one or two form fields (name, text) side by side, with a line below each text."""
     size = 7.8 * scale
     bottom = top
     columns = (_FIRST_COLUMN, _SECOND_COLUMN)[: len(entries)]

@@ -239,6 +239,7 @@ def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuan
 def _table(
     numbers: SheetNumbers, caption: str, keys: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> Table:
+    """Return a table whose columns have the headings of these keys, in the sheet's language."""
     words = numbers.words
     percent = words.number(f"{100 * numbers.findings.prob:g}")
     heads = {key: words(f"heads.{key}", percent=percent) for key in keys}

@@ -419,6 +419,11 @@ def _describe_design(
 
 
 def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Judged:
+    """Return the forecast and the efficiency of a design that is compared with the best.
+
+    ``name`` is its name in the comparison. The efficiency of tests that leave a parameter
+    undetermined is zero.
+    """
     forecast = space.forecast(tests)
     efficiency = space.efficiency(tests) if forecast.determined else 0.0
     return Judged(

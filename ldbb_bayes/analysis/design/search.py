@@ -281,12 +281,14 @@ class Search:
         It is limited by the computing effort, and zero where there are few possible designs.
         """
         n = self.objective.candidates
-        if comb(n + tests - 1, tests) <= _FEW_DESIGNS:
+        possible_designs = comb(n + tests - 1, tests)
+        if possible_designs <= _FEW_DESIGNS:
             return 0
-        tried = n
+        exchanges_per_test = n
         if n > _FEW_CANDIDATES:
-            tried = 2 * _TRIED_CANDIDATES
-        return min(_MAX_RESTARTS, _RESTART_COST // (self.objective.prior.size * tests * tried))
+            exchanges_per_test = 2 * _TRIED_CANDIDATES
+        cost = self.objective.prior.size * tests * exchanges_per_test
+        return min(_MAX_RESTARTS, _RESTART_COST // cost)
 
 
 def _merge_tests(counts: Array, source: int, target: int) -> Array:

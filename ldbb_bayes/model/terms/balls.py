@@ -197,7 +197,11 @@ class BallForm(Term):
 
 
 def _forms(setting: Setting) -> list[_Form]:
-    """Return the forms to model in a setting: one sum, or one for each ball."""
+    """Return the form errors to model in a setting.
+
+    They are those of the two balls, each with its angle on the ball, if the clockings separate
+    them; otherwise it is their sum, as a function of the angle on the work ball.
+    """
     work = setting.instrument.work
     tool = setting.instrument.tool
     far_side = setting.tool_ball_rad - np.pi
