@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from inspect import isclass
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 from xml.etree import ElementTree
 
@@ -14,6 +15,7 @@ import pytest
 import xarray as xr
 from campaigns import plan, simulated
 from fleets import drawn_rows
+from public_names import public_names
 from reports import fitted
 
 import ldbb_bayes as lb
@@ -61,10 +63,8 @@ def population(machines: pd.DataFrame) -> lb.fleet.Population:
 
 def public_terms() -> list[lb.terms.Term]:
     terms = []
-    for name in lb.__all__:
-        kind = getattr(lb, name)
-        if isclass(kind) and issubclass(kind, lb.terms.Term):
-            terms.append(kind())
+    for kind in lb.terms.Term.kinds.values():
+        terms.append(kind())
     return terms
 
 
@@ -208,8 +208,8 @@ def test_the_objects_are_of_every_public_class(objects: list[Any]) -> None:
     kinds = {lb.InputError, lb.terms.Scale, lb.terms.Unit}
     for example in objects:
         kinds.update(type(example).__mro__)
-    for name in lb.__all__:
-        kind = getattr(lb, name)
+    for name in public_names():
+        kind = resolve_name(f"ldbb_bayes.{name}")
         assert not isclass(kind) or kind in kinds, name
 
 

@@ -25,7 +25,8 @@ from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.terms import NOISE, BasisNoise, Columns, Term
+from ldbb_bayes.model.terms import BasisNoise, Columns, Term
+from ldbb_bayes.model.terms.columns import NOISE
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByName, Result
 from ldbb_bayes.units import ranked

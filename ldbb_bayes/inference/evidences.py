@@ -19,7 +19,7 @@ from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
 from ldbb_bayes.inference.related_models import RelatedModels
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_to_toml
-from ldbb_bayes.model.terms import Hyper
+from ldbb_bayes.model.terms.columns import Hyper
 from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Evidences", "leave_one_out"]

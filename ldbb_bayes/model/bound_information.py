@@ -13,7 +13,8 @@ import numpy as np
 
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.terms import NOISE, OWN, BasisNoise, Columns
+from ldbb_bayes.model.terms import BasisNoise, Columns
+from ldbb_bayes.model.terms.columns import NOISE, OWN
 from ldbb_bayes.results import Array
 
 __all__ = ["information_of", "informations_of"]

@@ -46,14 +46,8 @@ from ldbb_bayes.model.prior import EXAMPLES, Prior, degree_of, parameter_to_insi
 from ldbb_bayes.model.reduction import Reduced, reduce_readings
 from ldbb_bayes.model.rivals import RIVALS, is_rival_of_slopes
 from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
-from ldbb_bayes.model.terms import (
-    BasisNoise,
-    CircleScale,
-    Columns,
-    Scale,
-    Term,
-    first_edition,
-)
+from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, Scale, Term
+from ldbb_bayes.model.terms.editions import first_edition
 from ldbb_bayes.model.truncation import Truncation
 from ldbb_bayes.results import Array, Result, Shown
 from ldbb_bayes.units import inside_name

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc, erfcinv, expit, gammainccinv, gammaln, log_expit, ndtr, ndtri
 
-from ldbb_bayes.model.terms import Hyper, Law
+from ldbb_bayes.model.terms.columns import Hyper, Law
 from ldbb_bayes.results import Array
 
 __all__ = ["HyperPrior"]

@@ -16,7 +16,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.terms import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, OWN
 from ldbb_bayes.results import Array
 
 __all__ = ["Information"]

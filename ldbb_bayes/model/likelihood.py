@@ -34,7 +34,8 @@ from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.observations import observation_equations
 from ldbb_bayes.model.reduction import Reduced
-from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper
+from ldbb_bayes.model.terms import BasisNoise, Columns
+from ldbb_bayes.model.terms.columns import Hyper
 from ldbb_bayes.model.triangular import eliminate, solve_upper
 from ldbb_bayes.results import Array
 

@@ -23,7 +23,8 @@ from scipy.linalg import solve_triangular
 
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.reduction import NearUniform, Reduced
-from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper, Source
+from ldbb_bayes.model.terms import BasisNoise, Columns
+from ldbb_bayes.model.terms.columns import Hyper, Source
 from ldbb_bayes.results import Array
 
 __all__ = ["Observations", "Rows", "observation_equations"]

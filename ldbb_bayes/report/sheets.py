@@ -10,7 +10,8 @@ import numpy as np
 from ldbb_bayes.analysis.conformity import Conformity
 from ldbb_bayes.analysis.usability import Use, state_of
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of
-from ldbb_bayes.model.terms import Uncertainty, uncertainties
+from ldbb_bayes.model.terms import uncertainties
+from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.report.blocks import Banner, Block, Fields, Pair, ReportSheet
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.pdf import fit_to_page

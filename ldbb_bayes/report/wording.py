@@ -18,7 +18,9 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 
 from ldbb_bayes.campaign.preview import CampaignPreview, Remark
-from ldbb_bayes.model.terms import OWN, Term, Uncertainty
+from ldbb_bayes.model.terms import Term
+from ldbb_bayes.model.terms.base import Uncertainty
+from ldbb_bayes.model.terms.columns import OWN
 from ldbb_bayes.results import registered_function
 from ldbb_bayes.units import (
     display_name,

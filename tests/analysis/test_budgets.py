@@ -11,7 +11,7 @@ from campaigns import HYPER_UM, plan
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.budgets import Budget, Contribution
-from ldbb_bayes.model.terms import NOISE
+from ldbb_bayes.model.terms.columns import NOISE
 from ldbb_bayes.report.wording import remedy_words
 
 LINEAR = lb.HybridModel.first(1)

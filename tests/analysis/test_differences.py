@@ -22,7 +22,8 @@ from ldbb_bayes.analysis.differences import _rows_at_force
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.terms import NOISE, OWN, BasisNoise
+from ldbb_bayes.model.terms import BasisNoise
+from ldbb_bayes.model.terms.columns import NOISE, OWN
 
 MODEL = lb.HybridModel.first(1).without("truncation")
 SIMULATED = lb.HybridModel.first(0)

@@ -14,7 +14,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.verdicts import prior_dominated_share, variance_share_removed
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.terms import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, OWN
 from ldbb_bayes.report.wording import verdict_words, with_words
 
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])

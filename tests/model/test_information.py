@@ -11,7 +11,7 @@ from campaigns import oracle_of, plan, refuses, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.terms import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, OWN
 
 # σ, δ, κ and τ [mm].
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])

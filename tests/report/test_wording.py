@@ -37,7 +37,7 @@ from ldbb_bayes.fleet.selection import CaveatKind, choose
 from ldbb_bayes.inference.checks import Check, CheckKind
 from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.model.specification import model_to_toml
-from ldbb_bayes.model.terms import Uncertainty
+from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import find

@@ -16,7 +16,7 @@ from ldbb_bayes.model.bound_information import informations_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.prior import Prior
-from ldbb_bayes.model.terms import OWN
+from ldbb_bayes.model.terms.columns import OWN
 from ldbb_bayes.results import Array
 
 __all__ = ["objective_of", "prediction_weight"]

@@ -11,64 +11,44 @@ from ldbb_bayes.model.terms.balls import BallForm, MachinePattern
 from ldbb_bayes.model.terms.base import (
     Term,
     Uncertainties,
-    Uncertainty,
     Unit,
     uncertainties,
 )
 from ldbb_bayes.model.terms.circles import (
     CircleScale,
-    Covariate,
     Discrepancy,
     Drift,
     Hysteresis,
-    Moves,
     SetupShift,
 )
 from ldbb_bayes.model.terms.columns import (
-    FORM_ORDER,
-    NOISE,
-    OWN,
     BasisNoise,
     Columns,
-    Hyper,
-    Law,
     Scale,
-    Source,
 )
-from ldbb_bayes.model.terms.editions import first_edition
 from ldbb_bayes.model.terms.instrument import Angle, BarLength, ForceError, Mount
 from ldbb_bayes.model.terms.joints import JointLoad, Position
 
 __all__ = [
-    "FORM_ORDER",
-    "NOISE",
-    "OWN",
     "Angle",
     "BallForm",
     "BarLength",
     "BasisNoise",
     "CircleScale",
     "Columns",
-    "Covariate",
     "Discrepancy",
     "Drift",
     "ForceError",
-    "Hyper",
     "Hysteresis",
     "JointLoad",
-    "Law",
     "MachinePattern",
     "Mount",
-    "Moves",
     "Position",
     "Scale",
     "SetupShift",
-    "Source",
     "Term",
     "Uncertainties",
-    "Uncertainty",
     "Unit",
-    "first_edition",
     "uncertainties",
 ]
 
