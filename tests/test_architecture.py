@@ -28,6 +28,8 @@ for user in ("report", "fleet", "cli", "app"):
     ALLOWED[user] |= {"reading"}
 ALLOWED["cli"] |= {"app"}  # one command starts the page in the browser
 LEAVES = {"deprecation", "errors", "files", "parallel", "results", "tables", "units"}
+FOR_FITS = {"arviz_stats", "emcee", "fpdf", "matplotlib", "scipy.stats", "xarray"}
+CAMPAIGN = TESTS.parent / "data" / "recovered_experiment"
 FORBIDDEN = {
     "telling",
     "begun",
@@ -150,6 +152,19 @@ def test_the_package_itself_loads_no_library() -> None:
     command = [sys.executable, "-c", code]
     output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert output.strip() == "False"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["--help"], ["check", str(CAMPAIGN)], ["machine", "wCAFYXZSt"]],
+    ids=["help", "check", "machine"],
+)
+def test_commands_that_fit_nothing_load_no_library_for_fits(command: list[str]) -> None:
+    run = [sys.executable, "-X", "importtime", "-m", "ldbb_bayes", *command]
+    log = subprocess.run(run, capture_output=True, text=True, check=True).stderr
+    loaded = {line.rpartition("|")[2].strip() for line in log.splitlines()}
+    assert "numpy" in loaded
+    assert loaded & FOR_FITS == set()
 
 
 def test_public_names_resolve_and_are_documented() -> None:

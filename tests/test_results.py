@@ -21,7 +21,7 @@ from reports import fitted
 import ldbb_bayes as lb
 from ldbb_bayes.inference.nodes import Evidence
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.results import Table, readable
+from ldbb_bayes.results import Shown, Table, parts_of, readable, register_when_displayed
 
 MODEL = lb.HybridModel.first(0).without("discrepancy", "setup-shift")
 FORCES_N = (36.0, 400.0, 742.0)
@@ -283,3 +283,18 @@ def test_tables_are_escaped() -> None:
     page = Table.of("<script>", ["a<b", "n", "none"], [row], text=["a<b"]).html()
     assert "<script>" not in page
     assert all(text in page for text in ("&lt;script&gt;", "0.1235", "–"))
+
+
+def test_words_are_registered_when_a_result_is_first_displayed() -> None:
+    class Length(Shown):
+        """A result of a class of which nothing is registered yet."""
+
+    class Force(Shown):
+        """A result of a class of which nothing is ever registered."""
+
+    def register() -> None:
+        parts_of.register(Length, lambda _: ("1 mm",))
+
+    register_when_displayed(register)
+    assert str(Length()).strip() == "1 mm"
+    assert "Force" in str(Force())
