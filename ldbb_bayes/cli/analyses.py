@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -144,11 +145,11 @@ def _read_range(entry: str, flag: str) -> tuple[float, ...]:
     """Return the values of LO:HI:STEP, both ends included, or of a comma-separated list."""
     if ":" not in entry:
         return numbers_in(entry, flag)
-    limits = numbers_in(entry, flag, ":")
+    limits = _numbers_or_none(entry.split(":"))
     if len(limits) != 3 or limits[2] <= 0 or limits[1] < limits[0]:
         raise InputError(
             f"{flag} must be LO:HI:STEP with LO ≤ HI and STEP > 0, or a list, got {entry!r}. For"
-            " example 36:742:1."
+            " example 36:742:1 or 36,364,742."
         )
     low, high, step = limits
     number = (high - low) / step
@@ -159,6 +160,15 @@ def _read_range(entry: str, flag: str) -> tuple[float, ...]:
     number_of_steps = math.floor(number * (1 + _ROUNDING))
     values = {low + step * k for k in range(number_of_steps + 1)}
     return tuple(sorted(values | {high}))
+
+
+def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:
+    """Return finite numbers from their texts; none where a text is not one."""
+    try:
+        numbers = tuple(map(float, entries))
+    except ValueError:
+        return ()
+    return numbers if all(map(math.isfinite, numbers)) else ()
 
 
 def _read_clockings(entry: str, flag: str) -> tuple[tuple[float, float], ...]:
