@@ -190,11 +190,12 @@ def _gain_words(gain: float | None) -> str:
 
 @styled
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
-    """Draw compliance C against force F: model average, mean of every model, and local fits.
+    """Draw compliance C against force F: a credible band, mean of every model, and local fits.
 
-    The figure corresponds to Fig. 15 of the paper. The average is over models in which each slope
-    is present or absent. A local fit, with its own geometric errors, estimates the tangent
-    d(F C)/dF rather than C, so the tangent of the average is drawn too.
+    The figure corresponds to Fig. 15 of the paper. The band is of the average over models in which
+    each slope is present or absent; of the first model where the comparison has no average. A local
+    fit, with its own geometric errors, estimates the tangent d(F C)/dF rather than C, so the
+    tangent of the band's mean is drawn too.
 
     Parameters
     ----------
@@ -205,19 +206,22 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
     -------
     Figure
     """
-    first = next(iter(comparison.models.values()))
-    curves = comparison.compliance_against_force or first.compliance_against_force
+    curves = comparison.compliance_against_force
+    source = "averaged over slope subsets"
+    if not curves:
+        source, model = next(iter(comparison.models.items()))
+        curves = model.compliance_against_force
 
-    def draw_average(axes: Axes, name: str, factor: float) -> None:
+    def draw_band(axes: Axes, name: str, factor: float) -> None:
         curve = curves[name]
         force_N = np.array(curve.force_N)
-        words = f"{100 * curve.prob:g} %, averaged over slope subsets"
+        words = f"{100 * curve.prob:g} %, {source}"
         band(axes, force_N, (curve.low * factor, curve.high * factor), ACCENT, label=words)
         tangent = np.gradient(force_N * curve.mean, force_N) * factor
         label = "d(F·C)/dF: for local fits"
         axes.plot(force_N, tangent, color="black", linewidth=0.9, linestyle=":", label=label)
 
-    return _draw_against_force(comparison, list(curves), "Compliance", draw_average)
+    return _draw_against_force(comparison, list(curves), "Compliance", draw_band)
 
 
 @styled
