@@ -388,8 +388,10 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
     """Return a posterior with its draws in units that are easy to read: nm/N, nrad/N, µrad, µm.
 
     The result is for plots and summaries by other libraries; the analyses of this package need the
-    posterior itself. The unit of each variable is in its attribute ``units``. Readings, forces and
-    angles are not converted.
+    posterior itself. The unit of each variable is in its attribute ``units``. It is the one of the
+    tables, but for two kinds of variables that other libraries would round to 0.00: scales of noise
+    and of other effects are in nm instead of µm, and rotations for a moment in nrad/(N m) instead
+    of µrad/(N m). Readings, forces and angles are not converted.
 
     Parameters
     ----------
@@ -413,8 +415,20 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
             factor = 1.0
             label = unit
             if path in ("posterior", "prior"):
-                factor, label = display_unit(unit)
+                factor, label = _plain_unit(str(name), unit)
             dataset[name] = variable.copy(data=variable.values * factor)
             dataset[name].attrs = {"units": label}
         converted[path] = dataset
     return xr.DataTree.from_dict(converted)
+
+
+def _plain_unit(name: str, unit: str) -> tuple[float, str]:
+    """Return factor and label of the unit in which draws are at least about 0.1 in size.
+
+    Other libraries round to two decimals, whatever the unit.
+    """
+    factor, label = display_unit(unit)
+    is_scale = unit == "mm" and not name.startswith("E_")
+    if is_scale or label.startswith("µrad/"):
+        return factor * 1e3, f"n{label[1:]}"
+    return factor, label

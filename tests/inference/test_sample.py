@@ -134,6 +134,18 @@ def test_summary_numbers(posterior: xr.DataTree) -> None:
     )
 
 
+@pytest.mark.parametrize("degree", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_no_mean_or_sd_is_rounded_to_zero(recovered: lb.Campaign, degree: int) -> None:
+    """ArviZ rounds to two decimals, in whatever unit."""
+    rule = lb.StoppingRule(ess=200.0)
+    model = lb.HybridModel.default(degree)
+    posterior = lb.sample(model, recovered, sampler="independent", seed=1, rule=rule)
+    in_units = lb.to_units(posterior)
+    summary = arviz_stats.summary(in_units)[["mean", "sd"]]
+    assert not (summary.astype(str).astype(float) == 0.0).any(axis=None)
+    assert all("units" in draws.attrs for draws in in_units["posterior"].data_vars.values())
+
+
 def test_draws_in_units_for_reading(posterior: xr.DataTree) -> None:
     """The same draws with the labels of the tables, also for ArviZ; an analysis refuses them, whose
     numbers would be wrong."""
