@@ -44,6 +44,7 @@ __all__ = [
     "readable",
     "register_when_displayed",
     "registered_function",
+    "screen_of",
     "table_of",
     "text_of",
     "wrapped",
@@ -191,8 +192,9 @@ def _is_default(kind: type, name: str, entry: Any) -> bool:
 class Shown:
     """Base class of objects that users handle.
 
-    The ``repr`` is one line; ``print`` and notebooks show tables and sentences. ``shown`` names the
-    attributes to show; without it, all fields of a dataclass are shown.
+    The ``repr`` is one line. ``print`` shows what matters first, on one screen; `details` returns
+    all tables and sentences, which notebooks show too. ``shown`` names the attributes to show;
+    without it, all fields of a dataclass are shown.
     """
 
     shown: ClassVar[tuple[str, ...]] = ()
@@ -209,6 +211,10 @@ class Shown:
         return brief(self, _LONGEST_REPR)
 
     def __str__(self) -> str:
+        return lines_of(screen_of(self), terminal_width())
+
+    def details(self) -> str:
+        """Return all tables and sentences about the object as text."""
         return text_of(self, terminal_width())
 
     def _repr_html_(self) -> str:
@@ -304,6 +310,20 @@ def parts_of(result: Any) -> tuple[Passage, ...]:
     if not rows:
         rows = [("none", "")]
     return (Table.of(type(result).__name__, ("field", "value"), rows, text=("value",)),)
+
+
+@singledispatch
+def screen_of(result: Any) -> tuple[Passage, ...]:
+    """Return the parts of a result that fit on one screen, the most important first.
+
+    By default these are all its parts. `ldbb_bayes.report.screens` registers a function for each
+    class whose parts are longer.
+    """
+    registered = registered_function(screen_of, result)
+    if registered is not None:
+        passages: tuple[Passage, ...] = registered(result)
+        return passages
+    return parts_of(result)
 
 
 def lines_of(passages: Iterable[Passage], width: int = 120) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.units import display_unit, typeset
+from ldbb_bayes.units import display_unit, round_like, round_uncertainty, typeset
 
 __all__ = ["ReadableFrame", "Table", "readable", "table_of", "terminal_width", "wrapped"]
 
@@ -23,8 +23,10 @@ __all__ = ["ReadableFrame", "Table", "readable", "table_of", "terminal_width", "
 _MOST_ROWS = 60
 # Smallest and largest width of lines [characters]; without a terminal the smallest is used.
 _NARROWEST = 80
-_WIDEST = 120
+_WIDEST = 100
 _TERMINAL_LINES = 24
+# Largest number of lines that are read at a glance; of a longer frame, columns are left out.
+_SCREEN_LINES = 45
 # Smallest widths to which a column's head is broken into lines, tried one after another.
 _HEAD_WIDTHS = (12, 9, 7, 1)
 # Number of spaces between columns.
@@ -51,6 +53,11 @@ _IN_UNIT_OF_ROW = frozenset(
         "baseline_sd",
     )
 )
+# Columns that are rounded to the standard uncertainty of their row, and the columns that hold it.
+_ROUNDED_LIKE_U = frozenset(("mean", "median", "ci_low", "ci_high", "estimate", "difference"))
+_STANDARD_UNCERTAINTIES = ("sd", "u")
+# Columns of an estimate and its uncertainty, which stay beside the name of their row longest.
+_ESTIMATE = frozenset(("mean", "sd", "ci_low", "ci_high", "difference"))
 # Columns whose texts may name the rows of a frame that has only row numbers. The first that the
 # frame has is used.
 _NAMING = ("parameter", "quantity", "source")
@@ -107,9 +114,21 @@ class Table:
 
         If the table is too wide, column heads are broken into lines. If it still is, columns with
         the same value in every row are stated once below the table. Then further columns are
-        moved beneath their rows, text before numbers, beginning with the last.
+        moved beneath their rows, beginning with the last: first text, then numbers, then an
+        estimate and its uncertainty.
         """
         return _TextLayout(self, width).text()
+
+    def screen(self, width: int = 100) -> str:
+        """Return the table as `text`, or if that is longer than a screen, without some columns.
+
+        They are the columns that `text` moves beneath their rows. The last line names them.
+        """
+        layout = _TextLayout(self, width)
+        text = layout.text()
+        if text.count("\n") < _SCREEN_LINES:
+            return text
+        return layout.text_without_columns_beneath()
 
     def html(self) -> str:
         """Return the table as HTML, with all its texts escaped."""
@@ -151,16 +170,33 @@ class _TextLayout:
         """Return the table as lines."""
         if self._is_too_wide():
             self._fit()
+        return "\n".join(self._lines(sorted(self._beneath)))
+
+    def text_without_columns_beneath(self) -> str:
+        """Return the table as lines, without the columns that stand beneath their rows.
+
+        The last line names these columns.
+        """
+        if self._is_too_wide():
+            self._fit()
+        lines = self._lines(())
+        if self._beneath:
+            names = ", ".join(self._heads[column] for column in sorted(self._beneath))
+            note = f"Left out: {names}. All columns: print(table.details())."
+            lines += wrapped(note, self._width)
+        return "\n".join(lines)
+
+    def _lines(self, beneath: Sequence[int]) -> list[str]:
+        """Return the lines of the table, with these columns beneath their rows."""
         lines = wrapped(self._caption, self._width)
         lines += self._lines_of_heads()
         for row in self._rows:
             lines.append(self._line(row))
-            beneath = self._entries(row, sorted(self._beneath))
-            lines += wrapped(beneath, self._width, "    ", "    ")
+            lines += wrapped(self._entries(row, beneath), self._width, "    ", "    ")
         if self._constant:
             entries = self._entries(self._rows[0], self._constant)
             lines += wrapped(f"In every row: {entries}", self._width)
-        return "\n".join(lines)
+        return lines
 
     def _fit(self) -> None:
         """Make the table fit the width: break heads, take out constant columns, move others."""
@@ -178,9 +214,10 @@ class _TextLayout:
             if self._is_too_wide():
                 self._break_heads(least_width)
 
-    def _importance(self, column: int) -> tuple[bool, bool]:
-        """Return a sort key by which columns move beneath rows: text, then numbers, unit last."""
-        return self._heads[column] == "unit", self._numeric[column]
+    def _importance(self, column: int) -> tuple[bool, bool, bool]:
+        """Return a sort key by which columns move beneath rows: text, numbers, estimate, unit."""
+        head = self._heads[column]
+        return head == "unit", head in _ESTIMATE, self._numeric[column]
 
     def _is_constant(self, column: int) -> bool:
         values = {row[column] for row in self._rows}
@@ -258,13 +295,20 @@ def _cell(value: Any) -> str:
 
 
 class ReadableFrame(pd.DataFrame):
-    """A data frame that is displayed as a `Table`."""
+    """A data frame that is displayed as a `Table`.
+
+    ``print`` leaves out columns if the table is longer than a screen, and names them.
+    """
 
     @property
     def _constructor(self) -> type[pd.DataFrame]:
         return ReadableFrame
 
     def __repr__(self) -> str:
+        return table_of(self).screen(terminal_width())
+
+    def details(self) -> str:
+        """Return the table as text with all its columns."""
         return table_of(self).text(terminal_width())
 
     def _repr_html_(self) -> str:
@@ -285,7 +329,7 @@ def readable(
 
 
 def terminal_width() -> int:
-    """Return the width of the terminal, limited to 80 to 120; 80 without a terminal."""
+    """Return the width of the terminal, limited to 80 to 100; 80 without a terminal."""
     columns = shutil.get_terminal_size((_NARROWEST, _TERMINAL_LINES)).columns
     return min(max(columns, _NARROWEST), _WIDEST)
 
@@ -343,9 +387,11 @@ def _row_label(label: Hashable) -> Hashable:
 def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
     """Return the cells of a row in its display unit, with None for missing numbers."""
     factor = 1.0
-    unit = dict(zip(names, values, strict=True)).get("unit")
+    row = dict(zip(names, values, strict=True))
+    unit = row.get("unit")
     with suppress(InputError):  # no unit, or one that is displayed as it is
         factor, unit = display_unit(str(unit))
+    decimals = _decimals_of(row, factor)
     cells: list[Any] = []
     for name, value in zip(names, values, strict=True):
         is_missing = value != value
@@ -353,11 +399,22 @@ def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
             cells.append(unit)
         elif is_missing:
             cells.append(None)
+        elif decimals is not None and name in (*_ROUNDED_LIKE_U, *_STANDARD_UNCERTAINTIES):
+            cells.append(round_like(value * factor, decimals))
         elif isinstance(value, float) and name in _IN_UNIT_OF_ROW:
             cells.append(value * factor)
         else:
             cells.append(value)
     return cells
+
+
+def _decimals_of(row: Mapping[Hashable, Any], factor: float) -> int | None:
+    """Return the decimals of the row's standard uncertainty to two digits; None without one."""
+    for name in _STANDARD_UNCERTAINTIES:
+        u = row.get(name)
+        if isinstance(u, float) and 0.0 < u < np.inf:
+            return round_uncertainty(u * factor)[1]
+    return None
 
 
 def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:

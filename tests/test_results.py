@@ -249,9 +249,10 @@ def test_tables_show_every_column(
     for table in tables:
         text = str(table)
         assert max(map(len, text.splitlines())) <= 80, text
-        words = {word.rstrip(":") for word in text.split()}
+        words = {word.rstrip(":,.") for word in text.split()}
         assert {str(column) for column in table.columns} <= words, text
         assert "…" not in text or len(table) > 60
+        assert "Left out" not in table.details()
         assert all(str(column) in table.to_string() for column in table.columns)
         check_page(table._repr_html_())
 

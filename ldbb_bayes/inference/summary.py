@@ -76,8 +76,15 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
             "rhat": diagnostics.rhat[index],
         }
     table = pd.DataFrame.from_dict(rows, orient="index")
-    table.attrs["fit"] = fit_of(posterior)
-    return readable(table, f"Posterior, {100 * prob:g} % intervals")
+    fit = fit_of(posterior)
+    table.attrs["fit"] = fit
+    rhat = float(diagnostics.rhat.max())
+    ess = float(min(diagnostics.ess_bulk.min(), diagnostics.ess_tail.min()))
+    caption = (
+        f"Posterior, {100 * prob:g} % intervals; fit {fit.state}, R-hat at most {rhat:.3f},"
+        f" ESS at least {ess:.0f}"
+    )
+    return readable(table, caption)
 
 
 def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]:

@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ldbb_bayes import units
 from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.calibration import Validation
@@ -27,7 +25,13 @@ from ldbb_bayes.report import (
     campaign_text,  # noqa: F401 - it registers its functions
     identifiability_text,  # noqa: F401 - it registers its functions
     machine_text,  # noqa: F401 - it registers its functions
+    screens,  # noqa: F401 - it registers what print shows of long results
     wording,
+)
+from ldbb_bayes.report.comparison_tables import (
+    assumptions_table,
+    left_out_tests_table,
+    models_table,
 )
 from ldbb_bayes.report.fit_tables import FitWords, conformity_table
 from ldbb_bayes.report.wording import IN_FORCE
@@ -297,10 +301,10 @@ def comparison_parts(comparison: Comparison, *, rmse: bool = True) -> tuple[Pass
     for name, slope in comparison.slopes.items():
         slopes.append((display_name(name), f"{slope.inclusion_probability:.2f}"))
     tables = (
-        _models_table(comparison, rmse),
-        _assumptions_table(comparison),
+        models_table(comparison, rmse=rmse),
+        assumptions_table(comparison),
         Table.of("Slopes one by one", ("compliance", "varies with probability"), slopes),
-        _left_out_tests_table(comparison),
+        left_out_tests_table(comparison),
     )
     filled = [table for table in tables if table.rows]
     return (*filled, *wording.comparison_sentences(comparison))
@@ -316,108 +320,6 @@ def _(result: Comparison) -> dict[str, Any]:
     sentences = wording.comparison_sentences(result)
     record = {name: value for name, value in result.as_dict().items() if value is not None}
     return {**record, "verdict": " ".join(sentences), "sentences": list(sentences)}
-
-
-def _models_table(comparison: Comparison, rmse: bool) -> Table:
-    """Return a table of ln B, probability, elpd and RMSE of every model.
-
-    ln B and elpd are relative to the first model; elpd sums the predictions of every test from the
-    other tests.
-    """
-    first = comparison.pair[0]
-    rows = []
-    for name, model in comparison.models.items():
-        cells = [name, *_evidence_cells(comparison, name)]
-        cells.append(f"{model.posterior_probability:.3g}")
-        cells += _elpd_cells(comparison, name)
-        if rmse:
-            cells.append(f"{model.rmse_um:.2f}")
-        if np.isnan(model.least_squares_rmse_um):
-            cells.append("–")
-        else:
-            cells.append(f"{model.least_squares_rmse_um:.2f}")
-        rows.append(tuple(cells))
-    heads = ["model", f"ln B over {first} (nat)", "error", "probability"]
-    heads += [f"elpd over {first} (nat)", "u of elpd"]
-    if rmse:
-        heads.append("RMSE of the model (µm)")
-    heads.append("least squares (µm)")
-    return Table.of("Models at equal prior odds", tuple(heads), rows)
-
-
-def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return the cells of a model's ln B relative to the first model, and of its error."""
-    first = comparison.pair[0]
-    if name == first:
-        return "0", "0"
-    ratio = f"{name}/{first}"
-    error = max(comparison.log_bayes_factor_error[ratio], 1e-3)
-    return f"{comparison.log_bayes_factor[ratio]:+.3f}", f"{error:.1g}"
-
-
-def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return the difference in elpd to the first model, and its standard error, as two cells."""
-    first = comparison.pair[0]
-    if name == first:
-        return "0", "0"
-    difference = comparison.elpd_difference.get(f"{name}/{first}")
-    if difference is None:
-        return "–", "–"
-    return f"{difference.value:+.1f}", f"{difference.se:.1f}"
-
-
-def _assumptions_table(comparison: Comparison) -> Table:
-    """Return a table of ln B under other assumptions than those of the models.
-
-    Its last column states by how much the readings prefer each assumption to that of the models.
-    """
-    rows = []
-    for scaled in comparison.prior_sensitivity:
-        assumption = f"slope scale {scaled.slope_scale:g}"
-        rows.append((assumption, *_log_bayes_factor(scaled.log_bayes_factor, scaled.error), ""))
-    for assumed in comparison.discrepancy_sensitivity:
-        evidence = _log_bayes_factor(assumed.log_bayes_factor, assumed.log_bayes_factor_error)
-        rows.append((assumed.assumption, *evidence, f"{comparison.gain(assumed):+.1f}"))
-    heads = ("assumption", "ln B (nat)", "error", "preferred by (nat)")
-    return Table.of(f"ln B({comparison.sensitivity_of}) under other assumptions", heads, rows)
-
-
-def _log_bayes_factor(value: float, error: float) -> tuple[str, str]:
-    return f"{value:+.2f}", f"{max(error, 1e-3):.1g}"
-
-
-def _left_out_tests_table(comparison: Comparison) -> Table:
-    """Return a table of the p-value of every test, as predicted from the other tests.
-
-    Its last column states how much better the second model predicts the test than the first.
-    """
-    first, second = comparison.pair
-    rows = []
-    for name, test in comparison.tests.items():
-        ratio = test.lofo_log_density[second] - test.lofo_log_density[first]
-        rows.append(
-            (
-                name,
-                f"{test.force_N:.4g}",
-                _p_value(test.lofo_p_value),
-                _p_value(test.lofo_family_wise_p_value),
-                "FLAG" if test.flag else "",
-                f"{ratio:+.2f}",
-            )
-        )
-    heads = (
-        "test",
-        "force (N)",
-        "p",
-        "p, all tests",
-        "flag",
-        f"ln p({comparison.sensitivity_of}) (nat)",
-    )
-    return Table.of("Every test as the others expect it", heads, rows, text=("flag",))
-
-
-def _p_value(p: float) -> str:
-    return f"{p:.2f}" if p >= 0.01 else f"{p:.1g}"
 
 
 # ---- design

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, singledispatch
 from pathlib import Path
@@ -49,8 +50,11 @@ __all__ = [
     "ALIKE",
     "DEGREES",
     "IN_FORCE",
+    "MORE",
     "NONE_ALIKE",
     "PAGE",
+    "TO_NARROW",
+    "TO_SEPARATE",
     "alert_sentences",
     "alias_sentences",
     "annex_words",
@@ -60,15 +64,19 @@ __all__ = [
     "change_sentence",
     "check_notes",
     "check_words",
+    "comparison_screen",
     "comparison_sentences",
     "concern_sentences",
+    "cure_items",
     "cure_words",
     "degeneracy_items",
     "design_notes",
+    "design_screen",
     "design_sentences",
     "difference_doubts",
     "expectation",
     "fit_verdict",
+    "identifiability_screen",
     "identifiability_sentences",
     "instrument_words",
     "interval_of",
@@ -79,6 +87,7 @@ __all__ = [
     "machine_sentences",
     "model_words",
     "nuisance_words",
+    "partners_with_shares",
     "percent_of",
     "population_doubts",
     "population_sentences",
@@ -88,6 +97,7 @@ __all__ = [
     "remark_words",
     "remedy_words",
     "sampler_words",
+    "short_verdict_words",
     "source_words",
     "standing_words",
     "statement",
@@ -109,6 +119,9 @@ PAGE: Mapping[str, Any] = _SENTENCES["page"]
 DEGREES = ("constant", "linear", "quadratic")
 IN_FORCE = ("constant", "linear in force", "quadratic in force")
 ALIKE = "The readings of this campaign cannot separate:"
+TO_SEPARATE = "To separate what looks exactly alike:"
+TO_NARROW = "What would narrow them:"
+MORE = "All of it: print(result.details()). For programs: lb.with_words(result)."
 NONE_ALIKE = "The readings determine every combination."
 
 # Limits at which the wording of sentences changes; they decide nothing else.
@@ -606,6 +619,13 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
     For each possible calibration certificate they name the parameters whose uncertainty it would
     reduce by more than a tenth.
     """
+    worth = _worth_of_certificates(result)
+    sizes = joined_sizes(result.hyper_um, " = ")
+    return _sentences("identifiability_sentences", result, sizes, worth)
+
+
+def _worth_of_certificates(result: Identifiability) -> dict[str, list[str]]:
+    """Return for every certificate each u that it reduces by more than a tenth, in words."""
     sd_by_certificate = dict(result.certificates)
     sd_without = sd_by_certificate.pop("none of these", {})
     worth = {}
@@ -616,8 +636,69 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
             for name in ranked(ratio, ratio.__getitem__)
             if ratio[name] < _NARROWER
         ]
-    sizes = joined_sizes(result.hyper_um, " = ")
-    return _sentences("identifiability_sentences", result, sizes, worth)
+    return worth
+
+
+def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
+    """Return the most important sentences on identifiability: first how many have each verdict."""
+    verdicts = [str(entry.verdict) for entry in result.parameters.values()]
+    worth = _worth_of_certificates(result)
+    single_worth = {name: narrowed for name, narrowed in worth.items() if name != "all of these"}
+    return _sentences("identifiability_screen", result, Counter(verdicts), single_worth)
+
+
+def cure_items(
+    degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
+) -> tuple[str, ...]:
+    """Return the measures that would remove all degeneracies of an effect, by effects.
+
+    Parameters
+    ----------
+    degeneracies
+        Degeneracies of a set of tests.
+    cures
+        Measures that would remove each of them.
+
+    Returns
+    -------
+    tuple of str
+    """
+    first_of_effect: dict[str, Degeneracy] = {}
+    cures_of_effect: dict[str, list[Cure]] = {}
+    for degeneracy, cures_of_it in zip(degeneracies, cures, strict=True):
+        effect = _joined_parameters(degeneracy.parameters)
+        if degeneracy.term:
+            effect = term_words(degeneracy.term)
+        first_of_effect.setdefault(effect, degeneracy)
+        common = cures_of_effect.get(effect, cures_of_it)
+        cures_of_effect[effect] = [cure for cure in common if cure in cures_of_it]
+    effects_by_cure: dict[str, list[str]] = {}
+    for effect, common in cures_of_effect.items():
+        cure = cure_words(first_of_effect[effect], common)
+        effects_by_cure.setdefault(cure, []).append(effect)
+    items = []
+    for cure, effects in effects_by_cure.items():
+        items.append(f"{joined(effects)}: {cure[0].lower()}{cure[1:]}")
+    return tuple(items)
+
+
+def partners_with_shares(entry: ParameterIdentifiability) -> list[str]:
+    """Return what a parameter is confounded with, each with its share of the variance."""
+    partners = []
+    for partner in entry.partners:
+        share = "(left out)"
+        if partner in entry.partner_shares:
+            share = f"{100.0 * entry.partner_shares[partner]:.0f} %"
+        partners.append(f"{term_words(partner)} {share}")
+    return partners
+
+
+def short_verdict_words(entry: ParameterIdentifiability, partners: Sequence[str]) -> str:
+    """Return a verdict with some of its partners, as in confounded: mount 39 %, bar length 9 %."""
+    if str(entry.verdict) != "confounded":
+        return str(entry.verdict)
+    ending = ", …" if len(partners) < len(entry.partners) else ""
+    return f"{entry.verdict}: {', '.join(partners)}{ending}"
 
 
 # ---- calibration
@@ -634,6 +715,11 @@ def validation_verdict(validation: Validation) -> str:
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
     """Return sentences on the evidence of a comparison, its robustness, and further findings."""
     return _sentences("comparison_sentences", comparison)
+
+
+def comparison_screen(comparison: Comparison) -> tuple[str, ...]:
+    """Return the most important sentences on a comparison of models."""
+    return _sentences("comparison_screen", comparison)
 
 
 def strength_words(log_bayes_factor: float) -> str:
@@ -670,6 +756,11 @@ def design_sentences(design: Design) -> tuple[str, ...]:
     )
 
 
+def design_screen(design: Design) -> tuple[str, ...]:
+    """Return the most important sentences on a design, its tests first."""
+    return _sentences("design_screen", design, _tests_to_run(design, most=len(design.table)))
+
+
 def design_notes(design: Design) -> tuple[str, ...]:
     """Return notes on what recommended tests cannot show, on remedies, and on assumptions."""
     relative_errors = [expected.sd_error / expected.sd for expected in design.expected.values()]
@@ -678,7 +769,7 @@ def design_notes(design: Design) -> tuple[str, ...]:
     return _sentences("design_notes", design, sizes, max(relative_errors), alike)
 
 
-def _tests_to_run(design: Design) -> str:
+def _tests_to_run(design: Design, most: int = _MOST_LISTED_TESTS) -> str:
     """Return the tests of a design in words, such as 6 circles: 2 × 36 N and 4 × 742 N."""
     table = design.table
     varied = _varied_settings(design)
@@ -693,7 +784,7 @@ def _tests_to_run(design: Design) -> str:
             test += f" ({', '.join(settings)})"
         tests.append(test)
     listed = "see the table"
-    if len(tests) <= _MOST_LISTED_TESTS:
+    if len(tests) <= most:
         listed = joined(tests)
     further = " more" if design.augment else ""
     return f"{table['count'].sum()}{further} circles: {listed}"

@@ -1,0 +1,156 @@
+"""Tables of a comparison of models.
+
+ln B is the log Bayes factor, by which the readings favour one model over another; elpd is the
+expected log predictive density, which states how well a model predicts readings that it has not
+seen.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ldbb_bayes.analysis.comparison import ComparedModel, Comparison
+from ldbb_bayes.results import Table
+
+__all__ = ["assumptions_table", "left_out_tests_table", "models_table"]
+
+
+def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bool = True) -> Table:
+    """Return a table of ln B, probability, elpd and RMSE of every model.
+
+    ln B and elpd are relative to the first model; elpd sums the predictions of every test from the
+    other tests.
+
+    Parameters
+    ----------
+    comparison
+        Comparison of models.
+    rmse
+        Whether the RMSE of the posterior mean prediction of every model is shown.
+    least_squares
+        Whether the RMSE of the paper's least-squares fit is shown.
+
+    Returns
+    -------
+    Table
+    """
+    first = comparison.pair[0]
+    rows = []
+    for name, model in comparison.models.items():
+        cells = [name, *_evidence_cells(comparison, name)]
+        cells.append(f"{model.posterior_probability:.3g}")
+        cells += _elpd_cells(comparison, name)
+        if rmse:
+            cells.append(f"{model.rmse_um:.2f}")
+        if least_squares:
+            cells.append(_least_squares_cell(model))
+        rows.append(tuple(cells))
+    heads = ["model", f"ln B over {first} (nat)", "error", "probability"]
+    heads += [f"elpd over {first} (nat)", "u of elpd"]
+    if rmse:
+        heads.append("RMSE of the model (µm)")
+    if least_squares:
+        heads.append("least squares (µm)")
+    return Table.of("Models at equal prior odds", tuple(heads), rows)
+
+
+def _least_squares_cell(model: ComparedModel) -> str:
+    if np.isnan(model.least_squares_rmse_um):
+        return "–"
+    return f"{model.least_squares_rmse_um:.2f}"
+
+
+def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
+    """Return the cells of a model's ln B relative to the first model, and of its error."""
+    first = comparison.pair[0]
+    if name == first:
+        return "0", "0"
+    ratio = f"{name}/{first}"
+    error = max(comparison.log_bayes_factor_error[ratio], 1e-3)
+    return f"{comparison.log_bayes_factor[ratio]:+.3f}", f"{error:.1g}"
+
+
+def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
+    """Return the difference in elpd to the first model, and its standard error, as two cells."""
+    first = comparison.pair[0]
+    if name == first:
+        return "0", "0"
+    difference = comparison.elpd_difference.get(f"{name}/{first}")
+    if difference is None:
+        return "–", "–"
+    return f"{difference.value:+.1f}", f"{difference.se:.1f}"
+
+
+def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> Table:
+    """Return a table of ln B under other assumptions than those of the models.
+
+    Its last column states by how much the readings prefer each assumption to that of the models.
+
+    Parameters
+    ----------
+    comparison
+        Comparison of models.
+    slope_scales
+        Whether the table has a row for every prior of the slopes.
+
+    Returns
+    -------
+    Table
+    """
+    rows = []
+    scales = comparison.prior_sensitivity if slope_scales else ()
+    for scaled in scales:
+        assumption = f"slope scale {scaled.slope_scale:g}"
+        rows.append((assumption, *_log_bayes_factor(scaled.log_bayes_factor, scaled.error), ""))
+    for assumed in comparison.discrepancy_sensitivity:
+        evidence = _log_bayes_factor(assumed.log_bayes_factor, assumed.log_bayes_factor_error)
+        rows.append((assumed.assumption, *evidence, f"{comparison.gain(assumed):+.1f}"))
+    heads = ("assumption", "ln B (nat)", "error", "preferred by (nat)")
+    return Table.of(f"ln B({comparison.sensitivity_of}) under other assumptions", heads, rows)
+
+
+def _log_bayes_factor(value: float, error: float) -> tuple[str, str]:
+    return f"{value:+.2f}", f"{max(error, 1e-3):.1g}"
+
+
+def left_out_tests_table(comparison: Comparison) -> Table:
+    """Return a table of the p-value of every test, as predicted from the other tests.
+
+    Its last column states how much better the second model predicts the test than the first.
+
+    Parameters
+    ----------
+    comparison
+        Comparison of models.
+
+    Returns
+    -------
+    Table
+    """
+    first, second = comparison.pair
+    rows = []
+    for name, test in comparison.tests.items():
+        ratio = test.lofo_log_density[second] - test.lofo_log_density[first]
+        rows.append(
+            (
+                name,
+                f"{test.force_N:.4g}",
+                _p_value(test.lofo_p_value),
+                _p_value(test.lofo_family_wise_p_value),
+                "FLAG" if test.flag else "",
+                f"{ratio:+.2f}",
+            )
+        )
+    heads = (
+        "test",
+        "force (N)",
+        "p",
+        "p, all tests",
+        "flag",
+        f"ln p({comparison.sensitivity_of}) (nat)",
+    )
+    return Table.of("Every test as the others expect it", heads, rows, text=("flag",))
+
+
+def _p_value(p: float) -> str:
+    return f"{p:.2f}" if p >= 0.01 else f"{p:.1g}"
