@@ -121,7 +121,7 @@ IN_FORCE = ("constant", "linear in force", "quadratic in force")
 ALIKE = "The readings of this campaign cannot separate:"
 TO_SEPARATE = "To separate what looks exactly alike:"
 TO_NARROW = "What would narrow them:"
-MORE = "All of it: print(result.details()). For programs: lb.with_words(result)."
+MORE = "All of it: print(result.details()). For programs: lb.report.with_words(result)."
 NONE_ALIKE = "The readings determine every combination."
 
 # Limits at which the wording of sentences changes; they decide nothing else.

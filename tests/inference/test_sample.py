@@ -137,7 +137,7 @@ def test_summary_numbers(posterior: xr.DataTree) -> None:
 @pytest.mark.parametrize("degree", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_no_mean_or_sd_is_rounded_to_zero(recovered: lb.Campaign, degree: int) -> None:
     """ArviZ rounds to two decimals, in whatever unit."""
-    rule = lb.StoppingRule(ess=200.0)
+    rule = StoppingRule(ess=200.0)
     model = lb.HybridModel.default(degree)
     posterior = lb.sample(model, recovered, sampler="independent", seed=1, rule=rule)
     in_units = lb.to_units(posterior)

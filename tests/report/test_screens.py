@@ -20,13 +20,13 @@ LINEAR = lb.HybridModel.default(degree=1)
 
 
 @pytest.fixture(scope="module")
-def identified(recovered: lb.Campaign) -> lb.Identifiability:
+def identified(recovered: lb.Campaign) -> lb.analysis.Identifiability:
     return lb.identify(LINEAR, recovered)
 
 
 @pytest.fixture(scope="module")
 def posterior(recovered: lb.Campaign) -> xr.DataTree:
-    rule = lb.StoppingRule(ess=400.0)
+    rule = lb.inference.StoppingRule(ess=400.0)
     return lb.sample(LINEAR, recovered, sampler="independent", seed=1, rule=rule)
 
 
@@ -36,7 +36,7 @@ def summary(posterior: xr.DataTree) -> pd.DataFrame:
 
 
 @pytest.fixture(scope="module")
-def designed(recovered: lb.Campaign) -> lb.Design:
+def designed(recovered: lb.Campaign) -> lb.analysis.Design:
     return lb.design(LINEAR, pilot=recovered, tests=6, forces_N=FORCES_N)
 
 
@@ -61,13 +61,15 @@ def row_of(text: str, name: str) -> list[str]:
 
 
 def test_a_wide_terminal_does_not_make_long_lines(
-    identified: lb.Identifiability, monkeypatch: pytest.MonkeyPatch
+    identified: lb.analysis.Identifiability, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "250")
     assert max(map(len, str(identified).splitlines())) <= 100
 
 
-def test_identify_prints_u_and_verdict_of_each(identified: lb.Identifiability, width: int) -> None:
+def test_identify_prints_u_and_verdict_of_each(
+    identified: lb.analysis.Identifiability, width: int
+) -> None:
     text = str(identified)
     check_screen(text, width)
     for name, entry in identified.parameters.items():
@@ -81,11 +83,11 @@ def test_identify_prints_u_and_verdict_of_each(identified: lb.Identifiability, w
         assert f"{number} " in first_lines.partition(str(verdict))[0]
 
 
-def test_identify_prints_every_cure(identified: lb.Identifiability, width: int) -> None:
+def test_identify_prints_every_cure(identified: lb.analysis.Identifiability, width: int) -> None:
     text = " ".join(str(identified).split())
-    for sentence in lb.with_words(identified)["notes"]:
+    for sentence in lb.report.with_words(identified)["notes"]:
         assert sentence in text
-    for entry in lb.with_words(identified)["degeneracies"]:
+    for entry in lb.report.with_words(identified)["degeneracies"]:
         last_cure = entry["cure"].rpartition(" or ")[2]
         assert last_cure.lower() in text.lower()
 
@@ -123,7 +125,7 @@ def test_a_short_table_prints_all_its_columns(summary: pd.DataFrame, width: int)
         assert str(column) in text
 
 
-def test_compare_prints_the_evidence_first(compared: lb.Comparison, width: int) -> None:
+def test_compare_prints_the_evidence_first(compared: lb.analysis.Comparison, width: int) -> None:
     text = str(compared)
     check_screen(text, width)
     value, _ = compared.headline
@@ -139,7 +141,7 @@ def test_compare_prints_the_evidence_first(compared: lb.Comparison, width: int) 
         assert typeset(f"{assumed.log_bayes_factor:+.2f}") in text
 
 
-def test_design_prints_tests_and_expected_u(designed: lb.Design, width: int) -> None:
+def test_design_prints_tests_and_expected_u(designed: lb.analysis.Design, width: int) -> None:
     text = str(designed)
     check_screen(text, width)
     first_line = text.splitlines()[0]
@@ -153,10 +155,14 @@ def test_design_prints_tests_and_expected_u(designed: lb.Design, width: int) -> 
 
 
 def test_details_hold_all_sentences(
-    identified: lb.Identifiability, compared: lb.Comparison, designed: lb.Design
+    identified: lb.analysis.Identifiability,
+    compared: lb.analysis.Comparison,
+    designed: lb.analysis.Design,
 ) -> None:
-    sentences = [entry["statement"] for entry in lb.with_words(identified)["degeneracies"]]
-    sentences += lb.with_words(compared)["sentences"] + lb.with_words(designed)["sentences"]
+    sentences = [entry["statement"] for entry in lb.report.with_words(identified)["degeneracies"]]
+    sentences += (
+        lb.report.with_words(compared)["sentences"] + lb.report.with_words(designed)["sentences"]
+    )
     texts = [result.details() for result in (identified, compared, designed)]
     everything = " ".join(" ".join(texts).split())
     for sentence in sentences:
@@ -178,7 +184,7 @@ def labels_of(figure: Figure) -> set[str]:
     return labels
 
 
-def test_the_band_of_a_figure_is_called_what_it_is(compared: lb.Comparison) -> None:
+def test_the_band_of_a_figure_is_called_what_it_is(compared: lb.analysis.Comparison) -> None:
     averaged = labels_of(figures.compliance_with_local_fits(compared))
     assert any("averaged" in label for label in averaged)
     without_average = replace(compared, compliance_against_force={})
