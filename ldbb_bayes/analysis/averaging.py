@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.analysis.rival_explanations import subsets
-from ldbb_bayes.campaign.campaign import Campaign, check_campaign
+from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference import evidence
 from ldbb_bayes.inference.coefficients import ModelDraws
@@ -129,7 +129,7 @@ def average(
     """
     started = datetime.now(UTC)
     clock = time.perf_counter()
-    check_campaign(campaign)
+    require_campaign(campaign)
     _check_arguments(models, draws)
     evidences = (evidences or Evidences(campaign)).of_campaign(campaign)
     weighted = _weigh_models(models, evidences)

@@ -36,7 +36,7 @@ from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, judge_tests
 from ldbb_bayes.analysis.rival_explanations import Explanations
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
 from ldbb_bayes.analysis.varying_slopes import Curve, SlopeSubset, VaryingSlope
-from ldbb_bayes.campaign.campaign import Campaign, check_campaign
+from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import check_comparable, log_bayes_factor, probabilities
@@ -481,7 +481,7 @@ def compare(
 def _check_models(
     models: Mapping[str, HybridModel], campaign: Campaign, evidences: Evidences
 ) -> None:
-    check_campaign(campaign)
+    require_campaign(campaign)
     require(
         len(models) > 1,
         f"models must be at least two, got {len(models)}. Give for example constant and linear"

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.campaign.campaign import Campaign, check_campaign, distinct_forces
+from ldbb_bayes.campaign.campaign import Campaign, distinct_forces, require_campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import check_comparable
@@ -69,7 +69,7 @@ def local_fits(
     InputError
         For one force level, a plan, or a flat prior.
     """
-    check_campaign(campaign)
+    require_campaign(campaign)
     check_comparable(model, campaign)
     check_probability(prob)
     # Two circles cannot show which of them scatters more.

@@ -22,7 +22,7 @@ import pandas as pd
 from scipy import special
 
 from ldbb_bayes.analysis.multiple_testing import holm
-from ldbb_bayes.campaign.campaign import Campaign, check_campaign
+from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import probabilities
 from ldbb_bayes.inference.evidences import Evidences, leave_one_out
@@ -113,7 +113,7 @@ def find_outlying_tests(
     >>> model = lb.HybridModel.default(degree=1)
     >>> print(lb.find_outlying_tests({"linear": model}, campaign))
     """
-    check_campaign(campaign)
+    require_campaign(campaign)
     tests = len(campaign.tests)
     require(
         tests > 1, "a campaign must have at least two tests to compare them, got one. Add tests."

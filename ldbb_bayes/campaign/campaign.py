@@ -42,8 +42,8 @@ __all__ = [
     "MountCompensation",
     "Plan",
     "TestFields",
-    "check_campaign",
     "distinct_forces",
+    "require_campaign",
 ]
 
 # Fields of a campaign that are only names and dates; no result depends on them.
@@ -289,7 +289,7 @@ class Campaign(CampaignFields):
 Plan = Campaign
 
 
-def check_campaign(campaign: object) -> None:
+def require_campaign(campaign: object) -> None:
     """Raise an `InputError` unless the argument is a `Campaign` or None."""
     require(
         campaign is None or isinstance(campaign, Campaign),

@@ -26,7 +26,7 @@ from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import record_of
 from ldbb_bayes.inference.sample import sample_from
-from ldbb_bayes.inference.summary import numbers_of
+from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256
 from ldbb_bayes.parallel import one_blas_thread, versions
@@ -239,5 +239,5 @@ def _parameter_numbers(posterior: xr.DataTree, prob: float) -> dict[str, dict[st
     numbers: dict[str, dict[str, Any]] = {}
     for name, draws in posterior["posterior"].data_vars.items():
         unit = draws.attrs.get("unit", "")
-        numbers[str(name)] = {"unit": unit, **numbers_of(draws.to_numpy(), prob)}
+        numbers[str(name)] = {"unit": unit, **interval_numbers(draws.to_numpy(), prob)}
     return numbers

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ldbb_bayes.campaign.campaign import Campaign, check_campaign
+from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.compliance_meaning import Meaning, same_meaning, stands_for
 from ldbb_bayes.model.hybrid import HybridModel
@@ -93,7 +93,7 @@ class PopulationPrior(Shown):
         InputError
             If the prior is not for the campaign's machine, or was made from the campaign itself.
         """
-        check_campaign(campaign)
+        require_campaign(campaign)
         self._check_machine(campaign)
         doubts = []
         if campaign.machine_id in self.machine_ids:

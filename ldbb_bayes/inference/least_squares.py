@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.campaign.campaign import Campaign, check_campaign
+from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.coefficients import machine_coefficients
 from ldbb_bayes.inference.residuals import FitQuality, fit_quality
@@ -76,7 +76,7 @@ def fit_least_squares(
     InputError
         For a plan (a campaign without readings), or for fewer than degree + 2 force levels.
     """
-    check_campaign(campaign)
+    require_campaign(campaign)
     if campaign.is_plan:
         raise InputError(
             "least squares must have readings, got a plan. Run the tests, or simulate it."

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from ldbb_bayes.campaign.campaign import Campaign, check_campaign
+from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.coefficients import (
@@ -82,7 +82,7 @@ def predict(
     >>> table = lb.predict(posterior, lb.Plan((circle,)))
     """
     check_probability(prob)
-    check_campaign(plan)
+    require_campaign(plan)
     rng = np.random.default_rng(seed)
     levels = [0.5, 0.5 - 0.5 * prob, 0.5 + 0.5 * prob]
     circles = [new_circles(draws, plan, rng) for draws in model_draws_of(posterior, _DRAWS)]

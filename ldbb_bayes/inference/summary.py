@@ -24,7 +24,7 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = [
     "check_probability",
-    "numbers_of",
+    "interval_numbers",
     "priors_of",
     "result_json",
     "summarize",
@@ -68,7 +68,7 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
         name = str(key)
         rows[name] = {
             "unit": variable.attrs.get("unit", ""),
-            **numbers_of(draws[index], prob),
+            **interval_numbers(draws[index], prob),
             "prior_mean": prior_mean.get(name, np.nan),
             "prior_sd": prior_sd[name],
             "ess_bulk": diagnostics.ess_bulk[index],
@@ -121,7 +121,7 @@ def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]
 
 def _entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict[str, Any]:
     """Return the entry of a parameter or hyper-parameter in the result of a fit."""
-    numbers = numbers_of(draws, prob)
+    numbers = interval_numbers(draws, prob)
     interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
     return {"unit": unit, **numbers, f"ci{100 * prob:g}": interval, "prior_sd": prior_sd}
 
@@ -136,7 +136,7 @@ def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str
     return model["prior_sd"], model["prior_mean"]
 
 
-def numbers_of(draws: Array, prob: float) -> dict[str, float]:
+def interval_numbers(draws: Array, prob: float) -> dict[str, float]:
     """Return mean, sd, median and the ends of the equal-tailed interval of random draws."""
     tail = 50.0 * (1.0 - prob)
     low, median, high = np.percentile(draws, [tail, 50.0, 100.0 - tail])

@@ -24,7 +24,7 @@ __all__ = [
     "may_be_thousands",
     "number",
     "number_in_text",
-    "numbers_of",
+    "numbers_in",
     "seconds_of",
 ]
 
@@ -145,7 +145,7 @@ def number_in_text(text: str) -> float:
     return number(text)
 
 
-def numbers_of(
+def numbers_in(
     place: str, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str | None
 ) -> Array:
     """Return the numbers of a column, shape (n,).
@@ -264,4 +264,4 @@ def constant_value(
         return None
     if name in ("plane", "direction"):
         return first
-    return float(numbers_of(place, name, lines[:1], cells[:1], decimal)[0])
+    return float(numbers_in(place, name, lines[:1], cells[:1], decimal)[0])

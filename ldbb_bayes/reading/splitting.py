@@ -21,7 +21,7 @@ from ldbb_bayes.reading.numerals import (
     is_clock,
     is_missing,
     looks_like_number,
-    numbers_of,
+    numbers_in,
     seconds_of,
 )
 from ldbb_bayes.reading.overview import overview_lines
@@ -60,7 +60,7 @@ class _SheetColumns:
         """Return the numbers in a column, shape (n,)."""
         title = self.heading.column_title(role, column)
         place = self.sheet.place
-        return numbers_of(place, title, self.lines, self.cells[column], self.decimal)
+        return numbers_in(place, title, self.lines, self.cells[column], self.decimal)
 
     def constant(self, test: str, key: str, column: int, rows: Sequence[int]) -> Any:
         """Return the value of a column in the rows of a test, which must be the same in all."""

@@ -17,7 +17,7 @@ from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.analysis.usability import is_determined
 from ldbb_bayes.inference.posterior import bound_of
-from ldbb_bayes.inference.summary import numbers_of
+from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.setting import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength
 from ldbb_bayes.report.findings import Findings
@@ -179,7 +179,7 @@ class SheetNumbers:
     def _summaries(self) -> dict[str, Mapping[str, float]]:
         """Mean, sd, median and interval of the draws, by parameter."""
         prob = self.findings.prob
-        return {name: numbers_of(draws, prob) for name, draws in self._draws.items()}
+        return {name: interval_numbers(draws, prob) for name, draws in self._draws.items()}
 
     def _quantity_words(self, name: Any, degree: int) -> str:
         """Return the name of a compliance or geometric error in words."""

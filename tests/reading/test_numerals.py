@@ -8,7 +8,7 @@ from campaigns import cases, refuses
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldbb_bayes.reading.numerals import decimal_mark, numbers_of, seconds_of
+from ldbb_bayes.reading.numerals import decimal_mark, numbers_in, seconds_of
 
 CASES = cases(__file__, "numerals.toml")
 
@@ -17,7 +17,7 @@ CASES = cases(__file__, "numerals.toml")
 def test_numbers(cells: list[str], decimal: str, values: list[float]) -> None:
     assert (decimal_mark("here", enumerate(cells, start=1)) or "") == decimal
     np.testing.assert_allclose(
-        numbers_of("here", "x", range(1, 9), cells, decimal or None), values, rtol=1e-15
+        numbers_in("here", "x", range(1, 9), cells, decimal or None), values, rtol=1e-15
     )
 
 
@@ -38,7 +38,7 @@ def test_what_is_no_number() -> None:
         "0 36",
     ):
         refuses(
-            "here, line 3: x must be a finite number", numbers_of, "here", "x", [3], [cell], "."
+            "here, line 3: x must be a finite number", numbers_in, "here", "x", [3], [cell], "."
         )
 
 
@@ -46,7 +46,7 @@ def test_what_is_no_number() -> None:
 def test_a_number_written_any_way_comes_back(value: float, decimal: str, digits: int) -> None:
     marks = str.maketrans({",": "," if decimal == "." else ".", ".": decimal})
     written = f"{value:,.{digits}f}".translate(marks)
-    assert numbers_of("here", "x", [1], [written], decimal)[0] == pytest.approx(
+    assert numbers_in("here", "x", [1], [written], decimal)[0] == pytest.approx(
         round(value, digits), rel=1e-12, abs=1e-12
     )
 

@@ -28,8 +28,8 @@ from ldbb_bayes.campaign.campaign import (
     Campaign,
     CircularTest,
     Direction,
-    check_campaign,
     distinct_forces,
+    require_campaign,
 )
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -321,7 +321,7 @@ def design(
     InputError
         For unknown names, or tests that leave parameters undetermined.
     """
-    check_campaign(pilot)
+    require_campaign(pilot)
     number = len(pilot.tests) if tests is None else tests
     require(
         1 <= number <= MAX_TESTS,
@@ -371,7 +371,7 @@ def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
         name not in _RESERVED_NAMES,
         f"against must not use the name {name!r}, which is the design's own. Choose another name.",
     )
-    check_campaign(campaign)
+    require_campaign(campaign)
     same_frames = dict(campaign.frames_mm) == dict(pilot.frames_mm)
     require(
         campaign.topology == pilot.topology and same_frames,

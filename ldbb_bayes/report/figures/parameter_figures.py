@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.posterior import bound_of, curves_of, record_of
-from ldbb_bayes.inference.summary import numbers_of, priors_of
+from ldbb_bayes.inference.summary import interval_numbers, priors_of
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, FAINT, GREY, band, panels, styled
@@ -84,7 +84,7 @@ def _draw_intervals(
     texts = []
     for row, name in zip(rows, names, strict=True):
         draws = np.asarray(group[name]).ravel()
-        summary = numbers_of(draws, 0.95)
+        summary = interval_numbers(draws, 0.95)
         interval = (summary["ci_low"], summary["ci_high"])
         quartiles = np.quantile(draws, [0.25, 0.75]) * factor
         ends = [interval[0] * factor, interval[1] * factor]
