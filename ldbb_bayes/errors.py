@@ -18,7 +18,15 @@ class InputError(ValueError):
     """Input that cannot be used.
 
     The message states in one line what must hold, what was found, and how to mend it. The middle
-    of a message longer than 1200 characters is left out.
+    of a message longer than 1200 characters is left out. It is a ValueError.
+
+    Examples
+    --------
+    >>> lb.CircularTest(500.0, angle_deg=[0.0, 90.0, 180.0, 270.0])
+    Traceback (most recent call last):
+        ...
+    ldbb_bayes.errors.InputError: a circular test must have at least 9 readings, got 4. Leave the
+    test out or record more.
     """
 
     def __init__(self, message: str) -> None:

@@ -134,13 +134,28 @@ class CampaignFields(Shown):
 @raises_input_error("campaign")
 @dataclass(frozen=True, eq=False)
 class Campaign(CampaignFields):
-    """The tests of one machine, or a plan of them.
+    """Circular tests of one machine, with readings or, as a plan, without.
+
+    ``lb.Plan`` is another name of the same class. Tests take the radius, plane and centre that they
+    do not state from the campaign, and a missing force or pressure from its force law. Tests
+    without a name are named after their force.
 
     Raises
     ------
     InputError
         If there are no tests, names are repeated, the machine does not have a test's plane, or
         only some of the tests have readings.
+
+    Examples
+    --------
+    >>> campaign
+    <Campaign wCAFYXZSt, recovered experiment: 6 tests, 36 to 742 N, 4320 readings>
+    >>> campaign.without("f036").forces_N.round()
+    array([238., 364., 490., 616., 742.])
+    >>> angle_deg = np.arange(0.0, 360.0, 5.0)
+    >>> plan = lb.Plan([lb.CircularTest(force_N, angle_deg) for force_N in (100.0, 400.0, 700.0)])
+    >>> [test.name for test in plan.tests]
+    ['f100', 'f400', 'f700']
     """
 
     tests: Tests  #: tests, either all with readings or all without

@@ -41,6 +41,19 @@ class Ball(Shown):
     A certificate states the deviation from sphericity, peak to valley, and may state harmonics
     a cos n(θ − phase) of the form, with θ the angle on the ball, each as
     (n, a [µm], phase [deg]), with the expanded uncertainty (k = 2) of each coefficient.
+
+    Raises
+    ------
+    InputError
+        For an unknown grade, for a grade together with a deviation from sphericity, and for
+        harmonics without ``U_um``, of an order outside 2 to 12, or of an order given twice.
+
+    Examples
+    --------
+    >>> lb.Ball(grade="G20").stated_sphericity_um
+    0.5
+    >>> lb.Ball(harmonics_um=[(2, 0.05, 30.0)], U_um=0.02)
+    Ball(harmonics_um=((2, 0.05, 30.0),), U_um=0.02)
     """
 
     sphericity_um: Certified | None = None  #: deviation from sphericity, peak to valley
@@ -83,7 +96,21 @@ class Instrument(Shown):
     """Certified properties of balls, bar, mount, force and angle.
 
     Fields with U in their names are expanded uncertainties (k = 2). Where a field is None, the
-    model uses its default.
+    model uses its default; `terms.uncertainties` lists what it then assumes.
+
+    Raises
+    ------
+    InputError
+        For a field out of its range, and for an error of the bar's length without ``bar_U_um``.
+
+    Examples
+    --------
+    >>> instrument = lb.Instrument(work=lb.Ball(grade="G20"), bar_U_um=1.0)
+    >>> angle_deg = np.arange(0.0, 360.0, 5.0)
+    >>> plan = lb.Plan([lb.CircularTest(500.0, angle_deg)], instrument=instrument)
+    >>> bar = lb.terms.uncertainties(plan, [lb.terms.BarLength()]).assumed[0]
+    >>> bar.sd, bar.unit
+    (0.0005, 'mm')
     """
 
     work: Ball = field(default_factory=Ball)  #: work ball

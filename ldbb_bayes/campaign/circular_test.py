@@ -87,8 +87,18 @@ class CircularTest(TestFields):
     Raises
     ------
     InputError
-        For angles or readings that are missing, not finite, too few or not equally many, or a
-        force that is not positive.
+        For angles that are missing, fewer than nine, or cover less than 180°; for angles or
+        readings that are not finite or not equally many; for readings of more than 100 mm; and
+        for a test without force and pressure, or with a force that is not positive.
+
+    Examples
+    --------
+    >>> angle_deg = np.arange(0.0, 360.0, 30.0)
+    >>> reading_um = 3.0 * np.cos(np.deg2rad(2.0 * angle_deg))
+    >>> lb.CircularTest(500.0, angle_deg, reading_um)
+    CircularTest(force_N=500, angle_deg=<ndarray, 12>, reading_um=<ndarray, 12>)
+    >>> lb.CircularTest(pressure_bar=4.0, angle_deg=angle_deg).arc_deg
+    360.0
     """
 
     force_N: Force | None = None  #: radial force, above zero

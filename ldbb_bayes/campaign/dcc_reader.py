@@ -48,19 +48,32 @@ _T = TypeVar("_T")
 def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
     """Return a digital calibration certificate (DCC) with the numbers of its results.
 
+    The versions 2 and 3 of the DCC schema are understood. Document types, and with them entities,
+    are refused, because the XML file is not trusted.
+
     Parameters
     ----------
-    path
+    path : str or os.PathLike
         Path of the XML file.
 
     Returns
     -------
-    The certificate; its method ``fields`` gives what it states of an instrument.
+    CalibrationCertificate
+        The certificate: its ``identifier`` and its ``quantities``. Its method ``fields`` returns
+        what it states of a ``"bar"``, a ``"force"`` device or a ``"ball"``, under the keys of
+        ``campaign.toml``.
 
     Raises
     ------
     InputError
-        For a file that is no DCC; the message names the file.
+        For a file that cannot be read or is no DCC; the message names the file.
+
+    Examples
+    --------
+    A certificate whose length error is 0.8 µm with U = 0.9 µm at k = 3:
+
+    >>> lb.campaign.read_dcc("bar.xml").fields("bar")  # doctest: +SKIP
+    {'length_error_um': -0.8, 'U_um': 0.6, 'certificate': 'bar.xml, DCC K-2026-0815: ...'}
     """
     path = Path(path)
     raw = bytes_of(path, _LARGEST_BYTES, what="a digital calibration certificate (XML)")

@@ -45,14 +45,17 @@ def read_campaign(
 ) -> Campaign:
     """Return the campaign or plan in a campaign folder, a campaign.toml or one tidy CSV.
 
+    A tidy CSV has one reading in each row, and columns named like the fields of `CircularTest`. For
+    other tables, see `import_campaign`.
+
     Parameters
     ----------
-    path
+    path : str or os.PathLike
         Path of the folder or file.
-    certificates
-        Fields of `Instrument` that replace those stated in campaign.toml.
-    **options
-        Fields of the campaign, for a tidy CSV only, which has no campaign.toml that states them
+    certificates : mapping of str to object, optional
+        Fields of `Instrument` that replace those stated in ``campaign.toml``.
+    **options : object
+        Fields of `Campaign`, for a tidy CSV only, which has no ``campaign.toml`` that states them
         (``radius_mm=150``, ``mount=MountCompensation(...)``, …).
 
     Returns
@@ -64,6 +67,14 @@ def read_campaign(
     ------
     InputError
         For anything that cannot be read; the message names the file, the fault and the remedy.
+
+    Examples
+    --------
+    >>> lb.read_campaign(lb.embedded_campaign())
+    <Campaign wCAFYXZSt, recovered experiment: 6 tests, 36 to 742 N, 4320 readings>
+    >>> calibrated = lb.read_campaign(lb.embedded_campaign(), certificates={"bar_U_um": 1.0})
+    >>> calibrated.instrument.bar_U_um
+    1.0
     """
     path = Path(path)
     if path.is_dir():
@@ -111,21 +122,37 @@ def write_campaign(
 ) -> Path:
     """Write a campaign or plan into a folder, completely or not at all, and return its path.
 
-    Numbers are written with all digits, so that reading them returns the same numbers.
+    The folder holds ``campaign.toml`` and, unless it is a plan, one CSV file of readings for each
+    test. Numbers are written with all digits, so that reading them returns the same numbers.
 
     Parameters
     ----------
-    campaign
+    campaign : Campaign
         A campaign or plan.
-    folder
+    folder : str or os.PathLike
         Path of the folder to write.
-    force
+    force : bool, default False
         Whether an existing campaign folder is replaced.
 
     Returns
     -------
     pathlib.Path
-        The folder.
+        Path of the folder.
+
+    Raises
+    ------
+    InputError
+        For a folder that exists, unless ``force`` is true and it holds nothing but a campaign; for
+        the working directory, or a folder above it; for a folder that cannot be written; and for a
+        plan whose angles are not evenly spaced.
+
+    Examples
+    --------
+    >>> folder = lb.write_campaign(campaign, "six_circles")
+    >>> sorted(path.name for path in folder.iterdir())
+    ['campaign.toml', 'f036.csv', 'f238.csv', 'f364.csv', 'f490.csv', 'f616.csv', 'f742.csv']
+    >>> lb.read_campaign(folder).sha256 == campaign.sha256
+    True
     """
     folder = Path(folder)
     with staged_folder(folder, force=force, ours=files_of(folder)) as staging:
@@ -170,9 +197,12 @@ def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
 def embedded_campaign(name: str = "recovered_experiment") -> Path:
     """Return the folder of a campaign that comes with the package.
 
+    The readings of the recovered experiment follow from the printed tables of the paper: six
+    circles at forces from 36 to 742 N.
+
     Parameters
     ----------
-    name
+    name : str, default "recovered_experiment"
         Name of the campaign.
 
     Returns
@@ -184,6 +214,13 @@ def embedded_campaign(name: str = "recovered_experiment") -> Path:
     ------
     InputError
         If there is no such campaign.
+
+    Examples
+    --------
+    >>> lb.embedded_campaign().name
+    'recovered_experiment'
+    >>> len(lb.read_campaign(lb.embedded_campaign()).tests)
+    6
     """
     package = Path(str(files("ldbb_bayes")))
     for folder in (package / "_data" / name, package.parent / "data" / name):

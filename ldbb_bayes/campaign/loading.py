@@ -19,25 +19,43 @@ __all__ = ["ForceLaw", "MountCompensation"]
 class ForceLaw(Shown):
     """Force F of the bar as a function of the regulator's pressure P, F = slope · P + offset.
 
-    The default values are those of the bar in the paper.
+    The default values are those of the bar in the paper. Where a test states only its force or only
+    its pressure, the campaign's force law gives the other.
+
+    Examples
+    --------
+    >>> law = lb.campaign.ForceLaw(slope_N_per_bar=125.0, offset_N=-10.0)
+    >>> law.force_N(2.0)
+    240.0
+    >>> law.pressure_bar(240.0)
+    2.0
     """
 
     slope_N_per_bar: Positive = 126.04  #: force per pressure
     offset_N: Number = -14.2  #: force at zero pressure
 
     def force_N(self, pressure_bar: float) -> float:
-        """Return the force at a pressure [N]."""
+        """Return the force [N] at a pressure [bar]."""
         return self.slope_N_per_bar * pressure_bar + self.offset_N
 
     def pressure_bar(self, force_N: float) -> float:
-        """Return the pressure for a force [bar]."""
+        """Return the pressure [bar] for a force [N]."""
         return (force_N - self.offset_N) / self.slope_N_per_bar
 
 
 @raises_input_error("mount ([mount])")
 @dataclass(frozen=True, config=STRICT)
 class MountCompensation(Shown):
-    """Deflection of the work ball's mount (Eq. 32), and whether readings are compensated for it."""
+    """Deflection of the work ball's mount, and whether readings are compensated for it.
+
+    The deflection is ``deflection_um_per_bar`` times the regulator's pressure in bar (Eq. 32 of the
+    paper). If the readings are not compensated for it, the model contains it.
+
+    Examples
+    --------
+    >>> lb.campaign.MountCompensation(deflection_um_per_bar=1.8, compensated=False)
+    MountCompensation(deflection_um_per_bar=1.8, compensated=False)
+    """
 
     #: nominal deflection of the mount per pressure
     deflection_um_per_bar: Annotated[Number, Field(ge=0.0, le=1e3)] = 2.33

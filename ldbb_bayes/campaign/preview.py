@@ -157,15 +157,28 @@ class CampaignPreview(Result):
 def check_campaign(campaign: Campaign) -> CampaignPreview:
     """Return a preview of a campaign or plan without fitting the model.
 
+    Printed, the preview is a table of the tests, followed by remarks on what looks odd and by the
+    assumptions that a fit would make.
+
     Parameters
     ----------
-    campaign
+    campaign : Campaign
         A campaign or plan.
 
     Returns
     -------
     CampaignPreview
-        Its tests, remarks on what looks odd, and the assumptions of a fit.
+        The ``tests`` with their scatter, resolution and spikes, the ``remarks``, and the
+        ``assumptions`` of a fit.
+
+    Examples
+    --------
+    >>> preview = lb.check_campaign(campaign)
+    >>> [str(remark.kind) for remark in preview.remarks]
+    ['one way']
+    >>> test = preview.tests[0]
+    >>> test.name, test.travel, round(test.noise_um, 2), test.spikes
+    ('f036', 'CW', 0.12, 0)
     """
     return CampaignPreview(
         name=campaign.name,

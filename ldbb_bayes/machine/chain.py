@@ -60,7 +60,15 @@ PLANES: Mapping[str, Axes] = {
 
 @dataclass(frozen=True)
 class Circle(Shown):
-    """The nominal circle of a test: the tool ball runs around the work ball."""
+    """The nominal circle of a test, on which the tool ball runs around the work ball.
+
+    Examples
+    --------
+    >>> circle = lb.machine.Circle(radius_mm=100.0, centre_mm=(50.0, 0.0, 0.0))
+    >>> circle.position_mm(np.array([0.0, np.pi])).round(3)
+    array([[150., 0., 0.],
+           [-50., 0., 0.]])
+    """
 
     radius_mm: float = 150.0  #: nominal distance between the balls
     #: position of the work ball; its component normal to the plane affects lever arms only
@@ -100,10 +108,33 @@ class Joint:
 
 @dataclass(frozen=True)
 class Machine(Shown):
-    """A serial machine tool and the planes it is tested in."""
+    """A machine tool as a serial chain of axes, and the planes in which it is tested.
+
+    The topology lists the axes from the workpiece ``w`` through the foundation ``F`` to the tool
+    ``t``, in the style of ISO 10791. Axes before ``F`` carry the workpiece; in ``wCAFYXZSt`` these
+    are C and A, and Y, X, Z and the spindle S carry the tool. The linear axes of the tested planes
+    are modelled; all others count as rigid and free of errors.
+
+    Raises
+    ------
+    InputError
+        For an unknown plane, a topology that is none or lacks an axis of a plane, and for a frame
+        of another axis or with other than three finite numbers.
+
+    Examples
+    --------
+    >>> machine = lb.Machine("wXFYZt", planes=("XY", "ZX"))
+    >>> [(joint.axis, joint.branch) for joint in machine.joints]
+    [('X', 'workpiece'), ('Y', 'tool'), ('Z', 'tool')]
+    >>> lb.Machine("wYXt")
+    Traceback (most recent call last):
+        ...
+    ldbb_bayes.errors.InputError: topology must read w…F…t (workpiece, foundation, tool), got
+    'wYXt'. Write the joints from workpiece to tool, for example 'wCAFYXZSt'.
+    """
 
     topology: str = "wCAFYXZSt"  #: joints in order from workpiece to tool
-    planes: str | tuple[str, ...] = ("XY",)
+    planes: str | tuple[str, ...] = ("XY",)  #: planes of the circular tests, of XY, YZ and ZX
     #: Position of each joint's frame with all axes at zero, relative to the point where the balls
     #: coincide; by default zero, as in the paper.
     frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict, hash=False)

@@ -28,29 +28,49 @@ def exact_reading_mm(
 ) -> Array:
     """Return the exact reading of one circle: geometry by Eq. 1-14 plus compliance by Eq. 20.
 
+    The geometric part is the distance of the balls, by homogeneous transforms of the whole chain,
+    minus the radius. The elastic part is F Σ j_C · C, where F is the force, C are the compliances
+    and j_C their readings per unit force and compliance. Equations are those of the paper.
+
     Parameters
     ----------
-    machine, circle
-        Machine and nominal circle of the test.
-    angle_rad
-        Angles θ, shape (n,) [rad].
-    force_N
-        Radial force of the bar [N].
-    compliances
+    machine : Machine
+        Machine of the test.
+    circle : Circle
+        Nominal circle of the test.
+    angle_rad : ndarray
+        Angles θ of the bar from the first axis of the plane, shape (n,) [rad].
+    force_N : float, default 0.0
+        Radial force F of the bar [N].
+    compliances : mapping of str to float, optional
         Values of any of the 36 compliances ``C_ijk`` of each joint, by name [mm/N, rad/N,
         rad/(N mm)]; the others are zero.
-    geometric_errors
-        Values of any of the errors of `geometric_names`, by name [1, 1/mm, rad, mm]; the others
-        are zero.
+    geometric_errors : mapping of str to float, optional
+        Values of any geometric errors of the machine, such as ``E_XX1``, by name [1, 1/mm, rad,
+        mm]; the others are zero.
 
     Returns
     -------
-    Readings, shape (n,) [mm].
+    ndarray
+        Readings, shape (n,) [mm].
 
     Raises
     ------
     InputError
         For names that the machine does not have.
+
+    Examples
+    --------
+    An axis X with 60 nm/N, loaded with 500 N along X and at 45° to it:
+
+    >>> lb.machine.exact_reading_mm(
+    ...     lb.Machine(),
+    ...     lb.machine.Circle(),
+    ...     np.deg2rad([0.0, 45.0]),
+    ...     force_N=500.0,
+    ...     compliances={"C_XXX": 60e-6},
+    ... ).round(4)
+    array([0.03 , 0.015])
     """
     values = compliances or {}
     name_of = {name.label: name for name in joint_names(machine)}

@@ -384,28 +384,43 @@ def hybrid_jacobian(
     This is J_H of Eq. 28 and, with reference force F0 = 0, of Eq. 33. The column of a compliance
     and of its slope of degree k is F (F − F0)^k j_C, where j_C is the reading per unit force and
     compliance. The compliances are those that this circle alone can separate. Columns are named as
-    in results: C_XXX …, C_XXX_1 …, then E_XX1 … .
+    in results: C_XXX …, C_XXX_1 …, then E_XX1 … . Equations are those of the paper.
 
     Parameters
     ----------
-    machine, circle
-        Machine and nominal circle of the test.
-    angle_rad
-        Angles θ, shape (n,) [rad].
-    force_N, reference_force_N
-        Radial force F and reference force F0.
-    degree
-        0, 1 or 2: constant, linear or quadratic compliance.
+    machine : Machine
+        Machine of the test.
+    circle : Circle
+        Nominal circle of the test.
+    angle_rad : ndarray
+        Angles θ of the bar from the first axis of the plane, shape (n,) [rad].
+    force_N : float
+        Radial force F of the bar [N].
+    degree : int, default 0
+        Degree of the compliance in force: 0 (constant), 1 (linear) or 2 (quadratic).
+    reference_force_N : float, default 0.0
+        Reference force F0 [N].
 
     Returns
     -------
-    Table of n rows and one column per parameter [mm per internal unit (mm, N, rad) of the
-    parameter].
+    pandas.DataFrame
+        Table of n rows and one column per parameter [mm per internal unit (mm, N, rad) of the
+        parameter].
 
     Raises
     ------
     InputError
         For a degree other than 0, 1 or 2.
+
+    Examples
+    --------
+    >>> machine, circle = lb.Machine(), lb.machine.Circle()
+    >>> angle_rad = np.deg2rad([0.0, 45.0])
+    >>> columns = lb.machine.hybrid_jacobian(machine, circle, angle_rad, 50.0, degree=1)
+    >>> columns[["C_XXX", "C_XXX_1", "E_XX1"]].round(3)
+       C_XXX  C_XXX_1  E_XX1
+    0     50     2500    150
+    1     25     1250     75
     """
     require(
         degree in (0, 1, 2),
@@ -429,19 +444,33 @@ def hybrid_jacobian(
 def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame:
     """Return the readings per unit of every planar compliance and geometric error.
 
-    For one plane these are the 18 compliances of Table 2 and the 7 errors of Table 3.
+    For one plane these are the 18 compliances of Table 2 and the 7 errors of Table 3 of the paper.
 
     Parameters
     ----------
-    machine, circle
-        Machine and nominal circle of the test.
-    angle_rad
-        Angles θ, shape (n,) [rad].
+    machine : Machine
+        Machine of the test.
+    circle : Circle
+        Nominal circle of the test.
+    angle_rad : ndarray
+        Angles θ of the bar from the first axis of the plane, shape (n,) [rad].
 
     Returns
     -------
-    Table of n rows, with 25 columns for one plane [mm per unit of a geometric error; for
-    compliances, mm per unit and newton].
+    pandas.DataFrame
+        Table of n rows, with 25 columns for one plane [mm per unit of a geometric error; for
+        compliances, mm per unit and newton].
+
+    Examples
+    --------
+    >>> angle_rad = np.deg2rad([0.0, 45.0])
+    >>> columns = lb.machine.patterns(lb.Machine(), lb.machine.Circle(), angle_rad)
+    >>> columns.shape
+    (2, 25)
+    >>> columns[["C_XXX", "E_C0YX"]].round(3)
+       C_XXX  E_C0YX
+    0      1       0
+    1    0.5      75
     """
     angle = np.asarray(angle_rad, dtype=float)
     names = [name.label for name in wrench_names(machine)]

@@ -52,7 +52,19 @@ def _layout_in_json(layout: Layout) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Imported(Result):
-    """An imported campaign, with all assumptions that were made."""
+    """An imported campaign, with all assumptions that were made.
+
+    Examples
+    --------
+    >>> angle_deg = np.arange(0.0, 360.0, 5.0)
+    >>> table = np.column_stack([angle_deg, np.cos(np.deg2rad(2.0 * angle_deg))])
+    >>> np.savetxt("36 N.csv", table, header="angle [deg];reading [um]", delimiter=";", comments="")
+    >>> imported = lb.import_campaign("36 N.csv")
+    >>> imported.layout.columns
+    {'angle': 'angle [deg]', 'reading': 'reading [um]'}
+    >>> imported.unsaid
+    ('topology', 'plane', 'radius_mm', 'resolution_um', 'mount')
+    """
 
     schema: int = field(default=1, init=False)  #: version of the JSON format
     #: the campaign; in JSON only its name, number of tests and number of readings
@@ -78,22 +90,35 @@ def import_campaign(
 
     Parameters
     ----------
-    files
+    files : str, os.PathLike, or sequence of them
         CSV or other text files, and workbooks (XLSX, XLS, ODS); names may be patterns with ``*``
         and ``?``.
-    layout
+    layout : Layout, optional
         How the tables are to be read; None to determine it from the files.
-    **campaign
-        Fields of `Campaign`, which replace what the files state.
+    **campaign : object
+        Fields of `Campaign`, which replace what the files state (``radius_mm=150``,
+        ``plane="XY"``, …).
 
     Returns
     -------
-    The campaign, the layout found, and all assumptions.
+    Imported
+        The campaign, the layout with which its files can be read again, and all assumptions.
 
     Raises
     ------
     InputError
         For files that cannot be read; the message names the file, the line and the remedy.
+
+    Examples
+    --------
+    >>> angle_deg = np.arange(0.0, 360.0, 5.0)
+    >>> table = np.column_stack([angle_deg, np.cos(np.deg2rad(2.0 * angle_deg))])
+    >>> np.savetxt("36 N.csv", table, header="angle [deg];reading [um]", delimiter=";", comments="")
+    >>> imported = lb.import_campaign("36 N.csv", radius_mm=100.0)
+    >>> imported.campaign
+    <Campaign 36 N: 1 tests, 36 to 36 N, 72 readings>
+    >>> [assumption.value for assumption in imported.assumptions if assumption.what == "force_N"]
+    ['36 N']
     """
     if layout is None:
         layout = Layout()

@@ -68,14 +68,29 @@ _Column = str | int | list[str | int]
 
 
 class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
-    """How tables are read; a field that is None is determined from each file, and noted."""
+    """Layout of tables that are to be imported as a campaign.
 
-    schema_: Literal[1] = Field(default=1, alias="schema")
+    A field that is None, or an empty list, is determined from each file, and noted. Names of roles
+    in ``columns`` are those of the reference of columns, such as angle and reading.
+
+    Examples
+    --------
+    >>> layout = lb.reading.Layout(separator="semicolon", decimal=",", reading_unit="mm")
+    >>> layout.separator, layout.reading_unit
+    (';', 'mm')
+    >>> lb.reading.Layout(columns={"angle": "phi", "reading": 3}).columns["reading"]
+    3
+    """
+
+    schema_: Literal[1] = Field(default=1, alias="schema")  #: version of the format, 1
+    #: encoding of text files by its name in Python, such as utf-8 or cp1252
     encoding: Annotated[str, AfterValidator(_check_encoding)] | None = None
+    #: separator of columns: comma, semicolon, tab, bar, space, or the sign itself
     separator: Annotated[str, AfterValidator(_separator_sign)] | None = None
-    decimal: Literal[".", ","] | None = None
+    decimal: Literal[".", ","] | None = None  #: decimal sign, point or comma
     #: line of the header; 0 if there is no header, columns are then named by number from 1
     header_line: int | None = Field(default=None, ge=0)
+    #: names of the sheets of workbooks to read; empty for all with a table of readings
     sheets: list[str] = Field(default_factory=list)
     #: header or number of the column, by role; several columns of readings are one test each
     columns: dict[str, _Column] = Field(default_factory=dict)
@@ -84,11 +99,11 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     forces_N: list[Number] = Field(default_factory=list)
     #: pressures of all tests, in the same order as ``forces_N``
     pressures_bar: list[Number] = Field(default_factory=list)
-    reading_unit: str | None = None
-    angle_unit: str | None = None
-    time_unit: str | None = None
-    force_unit: str | None = None
-    pressure_unit: str | None = None
+    reading_unit: str | None = None  #: unit of the readings, such as um or mm
+    angle_unit: str | None = None  #: unit of the angles, such as deg or rad
+    time_unit: str | None = None  #: unit of times, such as s or ms
+    force_unit: str | None = None  #: unit of forces, such as N or kN
+    pressure_unit: str | None = None  #: unit of pressures, such as bar
     #: whether readings are deviations from the radius or distances of the balls
     zero: Literal["deviation", "distance"] | None = None
     sign: Literal[1, -1] = 1  #: −1 if the instrument counts a longer bar as negative
@@ -101,9 +116,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     overshoot_deg: float | None = Field(default=None, ge=0.0)
     #: feed along the circle in a log over time
     feed_mm_per_min: float | None = Field(default=None, gt=0.0)
-    direction: Literal["CW", "CCW"] | None = None
+    direction: Literal["CW", "CCW"] | None = None  #: direction of travel of all tests
     #: whether the laps of a recording longer than a turn are kept or averaged
     laps: Literal["keep", "average"] | None = None
+    #: fields of single tests that their tables do not state, each with its ``file``
     test: list[TestLayout] = Field(default_factory=list)
 
     @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")
@@ -174,17 +190,26 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 
     Parameters
     ----------
-    path
+    path : str or os.PathLike
         Path of the file, in the format of ``import.toml``.
 
     Returns
     -------
-    The layout, for `import_campaign`.
+    Layout
+        The layout, to be passed to `import_campaign`.
 
     Raises
     ------
     InputError
-        For an entry that a layout cannot have; the message names its place.
+        For a file that is not TOML, and for an entry that a layout cannot have; the message names
+        its place.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> size = Path("import.toml").write_text("forces_N = [36.0, 390.0, 742.0]")
+    >>> lb.reading.read_layout("import.toml").forces_N
+    [36.0, 390.0, 742.0]
     """
     layout = validated(Layout, read_toml(Path(path)), str(path))
     check_known(f"{path}: columns key", layout.columns, ROLES)

@@ -20,19 +20,29 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> 
 
     Parameters
     ----------
-    test
+    test : CircularTest
         The circular test; it is not changed.
-    arcs_deg
-        Start and end of each arc, counter-clockwise, modulo 360° [deg].
+    arcs_deg : sequence of tuple of float
+        Start and end of each arc, counter-clockwise, modulo 360° [deg]. Readings at start and end
+        are removed too.
 
     Returns
     -------
-    A test with the remaining readings.
+    CircularTest
+        The test with the remaining readings.
 
     Raises
     ------
     InputError
-        For an angle that is not finite, and for arcs that leave no reading.
+        For an angle that is not finite, and for arcs that leave no reading, fewer than nine, or an
+        arc of less than 180°.
+
+    Examples
+    --------
+    >>> test = campaign.tests[0]
+    >>> shorter = lb.reading.mask_angles(test, [(350.0, 10.0)])
+    >>> len(test.angle_deg), len(shorter.angle_deg)
+    (720, 679)
     """
     keep = np.ones(len(test.angle_deg), dtype=bool)
     for start, end in arcs_deg:
@@ -56,22 +66,31 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> 
 def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularTest:
     """Return a test without the readings near the reversal points 0°, 90°, 180° and 270°.
 
+    There the machine's axes reverse, so that backlash and reversal spikes are largest.
+
     Parameters
     ----------
-    test
+    test : CircularTest
         The circular test; it is not changed.
-    half_width_deg
+    half_width_deg : float, default 5.0
         Largest distance from a reversal point at which readings are removed, above 0 and below
         45 [deg].
 
     Returns
     -------
-    A test with the remaining readings.
+    CircularTest
+        The test with the remaining readings.
 
     Raises
     ------
     InputError
-        For a half-width out of range, and if no reading is left.
+        For a half-width out of range, and if fewer than nine readings are left.
+
+    Examples
+    --------
+    >>> test = lb.reading.mask_reversals(campaign.tests[0], half_width_deg=5.0)
+    >>> len(test.angle_deg), test.angle_deg.min()
+    (636, np.float64(5.5))
     """
     require(
         0.0 < half_width_deg < 45.0,
