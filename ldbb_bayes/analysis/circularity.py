@@ -144,7 +144,10 @@ def path_draws(
 
 
 def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Array]:
-    """Return the quantities of one tool path from Fourier coefficients, shape (draws, 25)."""
+    """Return deviations, squareness and scale mismatch of a tool path, each of shape (draws,).
+
+    ``path_um``, shape (draws, 25), holds the Fourier coefficients of the path of test ``r``.
+    """
     factors = second_order_factors(bound, r)
     trace = np.where(_CENTRED, path_um, 0.0) @ basis(ANGLE_RAD).T
     return {

@@ -69,7 +69,11 @@ class _Pair(NamedTuple):
 
 
 def _measure_pair(pair: _Pair) -> dict[str, Any]:
-    """Return the row of a pair of tests."""
+    """Return the row of two tests run both ways: bidirectional deviation G_b, mean deviation D.
+
+    G_b is the width of the zone that holds both traces, about the least-squares centre and as the
+    minimum zone; D is the mean radial deviation of both tests. All are in the unit of the readings.
+    """
     clockwise_angle, clockwise_reading = _trace(pair.clockwise)
     counter_angle, counter_reading = _trace(pair.counterclockwise)
     angle = np.concatenate([clockwise_angle, counter_angle])
@@ -88,7 +92,7 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
 
 
 def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
-    """Return the row of a test."""
+    """Return the row of one test: deviations G, F_max and F_min, squareness, scale mismatch."""
     angle, reading = _trace(test)
     zone = least_squares_zone(angle, reading)
     squareness = np.nan

@@ -172,7 +172,10 @@ def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:
 
 
 def _read_clockings(entry: str, flag: str) -> tuple[tuple[float, float], ...]:
-    """Return pairs of angles of work and tool ball [deg] from a list of angles or WORK/TOOL."""
+    """Return clockings, pairs of angles of work and tool ball [deg], from the text of an option.
+
+    The text lists angles or a range of angles of the work ball alone, or pairs WORK/TOOL.
+    """
     if "/" not in entry:
         return tuple((angle, 0.0) for angle in _read_range(entry, flag))
     clockings = []

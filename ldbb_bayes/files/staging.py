@@ -84,6 +84,16 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
     The old folder remains until the new one is complete, and is unchanged if writing fails. If two
     runs write the same folder, it is entirely that of the later run. If ``target`` is a link, the
     folder it points to is replaced.
+
+    Parameters
+    ----------
+    target, force, ours
+        See `check_target`, which is called first.
+
+    Yields
+    ------
+    Path
+        The temporary folder, beside ``target``.
     """
     check_target(target, force=force, ours=ours)
     if target.is_symlink():

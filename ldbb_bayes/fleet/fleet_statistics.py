@@ -141,6 +141,7 @@ def fleet_statistics(
 
 
 def _common_topology(rows: pd.DataFrame) -> str:
+    """Return the topology of all campaigns; raise an `InputError` if they have several."""
     topology, *others = sorted(set(rows["topology"]))
     if others:
         raise InputError(
@@ -249,9 +250,14 @@ class _Likelihood(NamedTuple):
 def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> _Likelihood:
     """Return the likelihood of a campaign: its posterior moments with the prior divided out.
 
-    Compliances are extrapolated along their slopes to the common reference force. Quantities that
-    the campaign does not have get zeros. Combinations of quantities about which the readings state
-    no more than the prior get zero precision.
+    Parameters
+    ----------
+    row
+        Statistics of the campaign, a row of a batch's table.
+    wanted
+        Names of the q quantities. Those that the campaign does not have get zeros.
+    force_N
+        Common reference force [N], to which compliances are extrapolated along their slopes.
     """
     names = list(row["gaussian_names"])
     mean = np.array(row["gaussian_mean"], dtype=float)
@@ -260,33 +266,52 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
     covariance = _full_covariance(row["gaussian_covariance"], len(names))
     to_force = _map_to_force(names, wanted, force_N - float(row["reference_force_N"]))
     present = np.flatnonzero(to_force.any(axis=1))
-    places = [names.index(wanted[int(i)]) for i in present]
+    columns = [names.index(wanted[int(i)]) for i in present]
     to_force = to_force[present]
-    prior_covariance = (to_force * prior_sd**2) @ to_force.T
-    scale = np.sqrt(np.diag(prior_covariance))
-    squared_scale = scale[:, None] * scale
-    posterior_precision = np.linalg.inv(to_force @ covariance @ to_force.T / squared_scale)
-    prior_precision = np.linalg.inv(prior_covariance / squared_scale)
-    symmetric = 0.5 * (posterior_precision + posterior_precision.T)
-    gain, directions = np.linalg.eigh(symmetric - prior_precision)
-    scaled_shift = posterior_precision @ ((to_force @ mean) / scale) - prior_precision @ (
-        (to_force @ prior_mean) / scale
+    precision, shift = _divide_out_prior(
+        mean=to_force @ mean,
+        covariance=to_force @ covariance @ to_force.T,
+        prior_mean=to_force @ prior_mean,
+        prior_covariance=(to_force * prior_sd**2) @ to_force.T,
     )
-    informed = directions * (gain > 0.0)
     likelihood = _Likelihood(
         precision=np.zeros((len(wanted), len(wanted))),
         shift=np.zeros(len(wanted)),
         prior_mean=np.zeros(len(wanted)),
         prior_sd=np.zeros(len(wanted)),
     )
-    likelihood.precision[np.ix_(present, present)] = (informed * gain) @ informed.T / squared_scale
-    likelihood.shift[present] = informed @ (informed.T @ scaled_shift) / scale
-    likelihood.prior_mean[present] = prior_mean[places]
-    likelihood.prior_sd[present] = prior_sd[places]
+    likelihood.precision[np.ix_(present, present)] = precision
+    likelihood.shift[present] = shift
+    likelihood.prior_mean[present] = prior_mean[columns]
+    likelihood.prior_sd[present] = prior_sd[columns]
     return likelihood
 
 
+def _divide_out_prior(
+    *, mean: Array, covariance: Array, prior_mean: Array, prior_covariance: Array
+) -> tuple[Array, Array]:
+    """Divide a Gaussian posterior by its prior, and return the precision and shift of the result.
+
+    The precision is the posterior precision minus the prior precision; its eigenvectors with
+    eigenvalues below zero, about which the readings state no more than the prior, get zeros.
+    Computations are in units of the prior sds.
+    """
+    scale = np.sqrt(np.diag(prior_covariance))
+    squared_scale = scale[:, None] * scale
+    posterior_precision = np.linalg.inv(covariance / squared_scale)
+    prior_precision = np.linalg.inv(prior_covariance / squared_scale)
+    symmetric_precision = 0.5 * (posterior_precision + posterior_precision.T)
+    gain, directions = np.linalg.eigh(symmetric_precision - prior_precision)
+    informed = directions * (gain > 0.0)
+    posterior_shift = posterior_precision @ (mean / scale)
+    prior_shift = prior_precision @ (prior_mean / scale)
+    precision = (informed * gain) @ informed.T / squared_scale
+    shift = informed @ (informed.T @ (posterior_shift - prior_shift)) / scale
+    return precision, shift
+
+
 def _full_covariance(lower_triangle: Sequence[float], q: int) -> Array:
+    """Return the symmetric matrix (q, q) with this lower triangle, which is listed row by row."""
     covariance = np.zeros((q, q))
     covariance[np.tril_indices(q)] = lower_triangle
     covariance += np.tril(covariance, -1).T

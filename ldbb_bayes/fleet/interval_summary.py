@@ -7,7 +7,7 @@ from typing import Any
 
 from ldbb_bayes.results import Result
 
-__all__ = ["Summary", "keyed"]
+__all__ = ["Summary", "name_intervals"]
 
 
 @dataclass(frozen=True)
@@ -19,20 +19,22 @@ class Summary(Result):
     interval: tuple[float, float]
 
 
-def keyed(record: Any, prob: float) -> Any:
-    """Return a record in which the word interval in names gives way to the probability (ci95).
+def name_intervals(record: Any, prob: float) -> Any:
+    """Return a record with the word ``interval`` in keys replaced by the probability, as in ci95.
 
     Parameters
     ----------
-    record : dictionaries, lists and values that are to be written as JSON.
-    prob : probability of the intervals.
+    record
+        Nested dictionaries, lists and values that are to be written as JSON.
+    prob
+        Probability of the intervals.
     """
     if isinstance(record, dict):
         key = f"ci{100 * prob:g}"
         renamed: dict[str, Any] = {}
         for name, value in record.items():
-            renamed[name.replace("interval", key)] = keyed(value, prob)
+            renamed[name.replace("interval", key)] = name_intervals(value, prob)
         return renamed
     if isinstance(record, list):
-        return [keyed(value, prob) for value in record]
+        return [name_intervals(value, prob) for value in record]
     return record

@@ -32,7 +32,7 @@ from ldbb_bayes.fleet.campaign_statistics import mixture_covariance
 from ldbb_bayes.fleet.compliance_meaning import Meaning
 from ldbb_bayes.fleet.deviations import estimate_separately
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics
-from ldbb_bayes.fleet.interval_summary import Summary, keyed
+from ldbb_bayes.fleet.interval_summary import Summary, name_intervals
 from ldbb_bayes.fleet.outlying_machines import JudgedMachines, judge_machines
 from ldbb_bayes.fleet.population_prior import digest_of
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, choose, labels
@@ -183,7 +183,7 @@ class Population(Result):
             "schema": 1,
             "kind": "population",
             "machines": len(self.machine),
-            **keyed(super().as_dict(), self.prob),
+            **name_intervals(super().as_dict(), self.prob),
             "next": next_machine,
             "not_belonging": list(self.not_belonging),
         }

@@ -40,7 +40,7 @@ from ldbb_bayes.fleet.change_point import (
 from ldbb_bayes.fleet.control_limits import LIMITS, ChartPoints, chart_points
 from ldbb_bayes.fleet.deviations import deviating
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics
-from ldbb_bayes.fleet.interval_summary import Summary, keyed
+from ldbb_bayes.fleet.interval_summary import Summary, name_intervals
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, check_rows, choose, labels
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.gaussian import Gaussian
@@ -142,7 +142,7 @@ class Trend(Result):
 
         The names of credible intervals state their probability, such as ci95.
         """
-        record: dict[str, Any] = keyed(super().as_dict(), self.assumptions["ci"])
+        record: dict[str, Any] = name_intervals(super().as_dict(), self.assumptions["ci"])
         return record
 
 
@@ -443,11 +443,13 @@ def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
 
 
 def _level_now(levels: Levels, j: int) -> Summary:
+    """Return the summary of the present level of parameter j."""
     low, high = levels.interval[:, j]
     return Summary(float(levels.mean[j]), float(levels.sd[j]), (float(low), float(high)))
 
 
 def _scaled(summary: Summary, scale: float) -> Summary:
+    """Return a summary with mean, sd and interval multiplied by a factor."""
     low, high = summary.interval
     return Summary(scale * summary.mean, scale * summary.sd, (scale * low, scale * high))
 
@@ -459,14 +461,29 @@ def _estimates(
     step_probabilities: Array,
     prob: float,
 ) -> pd.DataFrame:
-    """Return the table `Trend.estimates`, with one row per campaign and parameter."""
+    """Return the table `Trend.estimates`, with one row per campaign and parameter.
+
+    Parameters
+    ----------
+    statistics
+        Statistics of the n campaigns, with p parameters.
+    visits
+        Name and date of every campaign.
+    chart
+        Points and limits of the control chart, in units of the parameters' prior sds.
+    step_probabilities
+        Posterior probabilities of the steps: summed over the first axis, those of a step of each
+        parameter at every campaign but the first, shape (n − 1, p).
+    prob
+        Probability of the intervals.
+    """
     n, p = chart.estimate.shape
-    reach = float(ndtri(0.5 + 0.5 * prob)) * chart.sd
+    half_width = float(ndtri(0.5 + 0.5 * prob)) * chart.sd
+    ci_low = chart.estimate - half_width
+    ci_high = chart.estimate + half_width
     low, high = chart.limits
-    sized = np.stack(
-        (chart.estimate, chart.sd, chart.estimate - reach, chart.estimate + reach, low, high)
-    )
-    sized_columns = (sized * statistics.prior_sd[:p]).reshape(len(_SIZED_COLUMNS), n * p)
+    in_prior_sds = np.stack((chart.estimate, chart.sd, ci_low, ci_high, low, high))
+    in_units = (in_prior_sds * statistics.prior_sd[:p]).reshape(len(_SIZED_COLUMNS), n * p)
     change_here = np.concatenate([np.zeros((1, p)), step_probabilities.sum(axis=0)])
     dates = np.array([_isoformat(visit.date) for visit in visits], dtype=object)
     return pd.DataFrame(
@@ -475,7 +492,7 @@ def _estimates(
             "date": np.repeat(dates, p),
             "parameter": np.tile(statistics.parameters, n),
             "unit": np.tile(statistics.units, n),
-            **dict(zip(_SIZED_COLUMNS, sized_columns, strict=True)),
+            **dict(zip(_SIZED_COLUMNS, in_units, strict=True)),
             "outside": ((chart.estimate < low) | (chart.estimate > high)).ravel(),
             "change_here": change_here.ravel(),
             "change_by_here": np.cumsum(change_here, axis=0).ravel(),

@@ -207,7 +207,7 @@ def run_ensembles(
         steps += plan.draws * plan.thin
         following = rule.next_block(steps)
         is_last = steps + following.draws * following.thin > rule.max_steps
-        chain = _kept_draws(blocks, rule)
+        chain = _draws_after_burn_in(blocks, rule)
         assessment = None
         if worst is not None and not is_last:
             assessment = replace(assess(chain[..., [worst]]), worst=worst)
@@ -286,22 +286,24 @@ class _StoredBlock(NamedTuple):
     draws: Array  #: draws, shape (ensembles, draws, walkers, d)
 
 
-def _kept_draws(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
-    """Return the draws after burn-in, shape (ensembles, draws, d).
+def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
+    """Return the draws of a run after burn-in, evenly thinned, shape (ensembles, draws, d).
 
-    All draws of one walker follow each other. The number of steps between them is that of the last
-    block, or larger if there are very many draws.
+    ``blocks`` are the stored draws of the run in turn, which are thinned more and more. All draws
+    of one walker follow each other in the result. The number of steps between them is that of the
+    last block, or larger if there are very many draws.
     """
-    spacing = blocks[-1].thin
+    steps_between_draws = blocks[-1].thin
     evenly_spaced = []
     for block in blocks:
-        stride = spacing // block.thin
+        stride = steps_between_draws // block.thin
         evenly_spaced.append(block.draws[:, stride - 1 :: stride])
     draws = np.concatenate(evenly_spaced, axis=1)
     after_burn_in = draws[:, int(rule.discard * draws.shape[1]) :]
     ensembles, steps, walkers, dimensions = after_burn_in.shape
-    limit = max(_MOST_DRAWS, int(2.0 * rule.ess / ensembles))
-    stride = -(-steps * walkers // limit)
+    most_draws = max(_MOST_DRAWS, int(2.0 * rule.ess / ensembles))
+    stride = -(-steps * walkers // most_draws)
+    # The last step is always among the draws.
     thinned = after_burn_in[:, (steps - 1) % stride :: stride]
     return np.swapaxes(thinned, 1, 2).reshape(ensembles, -1, dimensions)
 
@@ -324,7 +326,7 @@ class RedrawMove:
         """Return the next state of the ensemble, and which walkers accepted their proposals."""
         walkers = len(state.coords)
         log_weight = self._log_weight_of(state.coords)
-        proposed = self._take(walkers, model.random)
+        proposed = self._next_independent_points(walkers, model.random)
         log_uniform = np.log(model.random.random_sample(walkers))
         accepted = log_uniform < proposed.log_weight - log_weight
         state.coords[accepted] = proposed.points[accepted]
@@ -346,8 +348,11 @@ class RedrawMove:
             log_weight[displaced] = self._redraw.log_weight(coordinates[displaced])
         return log_weight
 
-    def _take(self, size: int, random: np.random.RandomState) -> WeightedPoints:
-        """Return ``size`` points from the stock of independent points, refilled as needed."""
+    def _next_independent_points(self, size: int, random: np.random.RandomState) -> WeightedPoints:
+        """Remove ``size`` points from the stock of independent points, and return them.
+
+        More points are drawn if the stock has too few.
+        """
         stock = self._stock
         while stock is None or len(stock.points) < size:
             fresh = self._redraw.draw(_STOCK, random)

@@ -155,7 +155,7 @@ class HyperPosterior:
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
         nodes = self.truncate(self._plain_integral(tolerance), tolerance)
-        if nodes.integral.error <= tolerance and not nodes.suit(tolerance):
+        if nodes.integral.error <= tolerance and not nodes.meet(tolerance):
             nodes = self.truncate(self._plain_integral(_NODES_SHARE * tolerance), tolerance)
         if nodes.integral.error <= tolerance:
             return nodes
@@ -402,8 +402,8 @@ class Nodes:
             return error
         return error + self.bound.truncation_prior[1]
 
-    def suit(self, tolerance: float) -> bool:
-        """Return whether the nodes are fine enough for this tolerance [nat].
+    def meet(self, tolerance: float) -> bool:
+        """Return whether the nodes are fine enough for this tolerance of ln Z [nat].
 
         Their error must not exceed the tolerance minus the error of P(T | y, φ). If the latter is
         half the tolerance or more, the error of the nodes alone must not exceed the tolerance.

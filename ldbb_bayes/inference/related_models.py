@@ -86,7 +86,7 @@ class RelatedModels:
         nodes = Nodes(posterior, plain)
         if posterior.truncated:
             nodes = self._truncate(posterior, plain)
-        if nodes.suit(self._tolerance):
+        if nodes.meet(self._tolerance):
             return nodes
         return posterior.nodes(self._tolerance)
 

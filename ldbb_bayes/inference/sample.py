@@ -204,15 +204,37 @@ def run_sampler(
     progress: Callable[[Progress], None] | None = None,
     **ensembles: Any,
 ) -> SampledDraws:
-    """Return the run of a sampler until the rule is met, and its draws.
+    """Draw from a posterior with the named sampler until the stopping rule is met.
 
-    For independent draws, ``steps`` of the run is the number of draws of one chain, ``walkers`` is
-    1, and ``acceptance`` is the share of proposals used.
+    If the weights of independent draws cannot be trusted, emcee draws jointly instead. For
+    independent draws, ``steps`` of the run is the number of draws of one chain, ``walkers`` is 1,
+    and ``acceptance`` is the share of proposals used.
+
+    Parameters
+    ----------
+    sampler
+        ``independent`` or ``joint``.
+    start
+        Posterior of the hyper-parameters, from which the draws or their starting points are taken.
+    rule
+        Effective sample size to reach, and when to give up.
+    seed
+        Seed of the random draws.
+    progress
+        Called with the progress of the run.
+    **ensembles
+        Settings of the ensembles of emcee.
+
+    Returns
+    -------
+    SampledDraws
+        The run, and the draws of β and φ.
     """
     if sampler == "independent":
         try:
             return _sample_independently(start, rule=rule, seed=seed, progress=progress)
-        except TooRoughError:  # the weights of the nodes cannot be trusted
+        except TooRoughError:
+            # The weights of the nodes cannot be trusted.
             pass
     return _sample_jointly(start, rule=rule, seed=seed, progress=progress, **ensembles)
 

@@ -150,6 +150,7 @@ class HyperPrior:
 
     @cached_property
     def _mass(self) -> Array:
+        """Probability that a half-normal hyper-parameter exceeds its lower bound."""
         return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
 
     @cached_property
@@ -163,14 +164,20 @@ class HyperPrior:
         return self.quantile(rng.random((size, len(self.names))))
 
     def quantile(self, level: Array) -> Array:
-        """Return the quantiles of each hyper-parameter at levels in [0, 1], shape (..., h)."""
+        """Return the prior quantiles of every hyper-parameter, shape (..., h).
+
+        Parameters
+        ----------
+        level
+            Probabilities in [0, 1], shape (..., h), or (..., 1) for the same of all.
+        """
         level = np.broadcast_to(level, (*level.shape[:-1], len(self.names)))
         phi = np.empty(level.shape)
         length = erfcinv((1.0 - level[..., self.in_mm]) * self._mass)
         phi[..., self.in_mm] = self.scale[self.in_mm] * np.sqrt(2.0) * length
         low, high = self._decay_levels
-        white = ndtri(low + (high - low) * level[..., self._decay])
-        decay = self.scale[self._decay] + self.decay_sd * white
+        standard_normal = ndtri(low + (high - low) * level[..., self._decay])
+        decay = self.scale[self._decay] + self.decay_sd * standard_normal
         phi[..., self._decay] = np.clip(decay, _LEAST_DECAY, _MOST_DECAY)
         phi[..., self._circle] = np.sqrt(_RATE / gammainccinv(_SHAPE, level[..., self._circle]))
         return phi

@@ -79,7 +79,20 @@ class Information:
         return np.concatenate(self.blocks(fixed))
 
     def blocks(self, fixed: Collection[str] = ()) -> list[Array]:
-        """Return the result of `rows` as one array for each block of readings.
+        """Return the columns of the coefficients in units of the noise, by block of readings.
+
+        Each block is multiplied from the left by the inverse Cholesky factor of its noise
+        covariance.
+
+        Parameters
+        ----------
+        fixed
+            Names of the terms whose noise is left out, as if it were known.
+
+        Returns
+        -------
+        list of array
+            For every block, shape (rows, m) for m coefficients in units of their prior sd.
 
         Raises
         ------

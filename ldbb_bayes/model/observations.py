@@ -371,7 +371,10 @@ def _add_priors(
 def _coefficient_priors(
     nuisances: _Nuisances, tests: int, sources: list[Source]
 ) -> _CoefficientPriors:
-    """Return the priors of the shared coefficients, then of those of every single test."""
+    """Return the priors of all coefficients: those that tests share, then those of each test.
+
+    ``sources`` are all sources of variance, to which the indices in the result refer.
+    """
     sd = [np.zeros(0)]
     stated_sd = [np.zeros(0)]
     mean = [np.zeros(0)]
@@ -380,17 +383,17 @@ def _coefficient_priors(
         sd.append(term.sd)
         stated_sd.append(zeros if term.stated is None else term.stated)
         mean.append(zeros if term.mean is None else term.mean)
-    owners: list[Source] = []
+    coefficient_sources: list[Source] = []
     for term in nuisances.shared:
-        owners += term.sources
+        coefficient_sources += term.sources
     for r in range(tests):
         for term in nuisances.private:
-            owners += term.sources_of(r)
+            coefficient_sources += term.sources_of(r)
     return _CoefficientPriors(
         sd=np.concatenate(sd),
         stated_sd=np.concatenate(stated_sd),
         mean=np.concatenate(mean),
-        source=np.array([sources.index(owner) for owner in owners], dtype=np.intp),
+        source=np.array([sources.index(source) for source in coefficient_sources], dtype=np.intp),
     )
 
 

@@ -147,15 +147,18 @@ def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) 
 def _converted_settings(
     table: str, types: Mapping[str, type], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the settings of a table in internal units (mm, N, rad).
+    """Return the settings of a table of a model file in internal units (mm, N, rad).
 
-    InputError for unknown names or wrong types.
+    ``types`` are the types of all settings that the table may have, by name; ``values`` are the
+    settings as the file states them. Numbers may be texts with a unit. Raise an `InputError` for an
+    unknown name or a value of the wrong type.
     """
     check_known(f"{table} key", values, types)
     settings = {}
     for key, value in values.items():
-        is_number = types[key] is float
-        settings[key] = setting_to_inside(key, value, f"{table} {key}") if is_number else value
+        settings[key] = value
+        if types[key] is float:
+            settings[key] = setting_to_inside(key, value, f"{table} {key}")
     for key, value in settings.items():
         require(
             isinstance(value, types[key]),

@@ -173,7 +173,7 @@ def _serve(connection: Connection) -> None:
     try:
         connection.send("ready")
         while True:
-            answer = _next_answer(connection)
+            answer = _run_next_job(connection)
             if answer is None:
                 return
             _send(connection, answer)
@@ -181,8 +181,11 @@ def _serve(connection: Connection) -> None:
         return
 
 
-def _next_answer(connection: Connection) -> _Answer | None:
-    """Return the outcome of the next job, or None if the pipe is closed."""
+def _run_next_job(connection: Connection) -> _Answer | None:
+    """Run the next job that comes through the pipe, and return its result or its error.
+
+    Return None if the pipe is closed.
+    """
     try:
         call = connection.recv()
         return _Answer(True, call())

@@ -87,10 +87,18 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 
 
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
-    """Return the place of each value of a field that files state, by value; all are noted.
+    """Return every value that files state for a field, with the place that states it.
 
-    Tests for which a user or a column states the field are passed over. A plane is added to the
-    fields of its test.
+    The values are noted as assumptions, and a plane is added to the fields of its test. The
+    statements about a test do not count if a user or a column states the field of this test. Raise
+    an `InputError` for contradictory statements.
+
+    Parameters
+    ----------
+    recordings
+        Recordings of all tests.
+    key
+        Name of the field.
     """
     places: dict[Any, str] = {}
     for recording in recordings:

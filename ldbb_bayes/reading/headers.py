@@ -290,6 +290,7 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
 
 
 def _stated_header_row(sheet: Sheet, line: int) -> int:
+    """Return the index of the row in the header line that the user states."""
     header_row = [row.line for row in sheet.rows].index(line)
     cells = sheet.rows[header_row].cells
     if count_numbers(cells) >= 2 and not names_columns(cells):

@@ -326,6 +326,7 @@ def _direction_after(text: str) -> set[str]:
 
 
 def _senses(text: str) -> set[str]:
+    """Return the directions of travel, CW and CCW, that a text names."""
     senses = set()
     counter_words = tuple(_DIRECTION_WORDS["counter"])
     for match in _SENSE.finditer(text):

@@ -45,7 +45,7 @@ _CAMPAIGN_COLUMNS = {
 
 
 @parts_of.register
-def _(campaign: Campaign) -> tuple[Passage, ...]:
+def _passages_of_campaign(campaign: Campaign) -> tuple[Passage, ...]:
     """Return a table with one row per test, without columns that no test fills."""
     rows = []
     for test in campaign.tests:
@@ -62,7 +62,7 @@ def _(campaign: Campaign) -> tuple[Passage, ...]:
 
 
 @parts_of.register
-def _(preview: CampaignPreview) -> tuple[Passage, ...]:
+def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ...]:
     """Return a table with one row per test, and the remarks and assumptions of a preview.
 
     Plane, set-up, radius and centre are columns only if the tests differ in them.
@@ -123,7 +123,7 @@ def _significant(value: float | None, digits: int) -> str:
 
 
 @parts_of.register
-def _(result: Uncertainties) -> tuple[Passage, ...]:
+def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
     """Return a table of the quantities assumed of the instrument, and the certificates.
 
     Every row has the nominal value, standard uncertainty u, its source, and the place in

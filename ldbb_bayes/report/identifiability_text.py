@@ -15,7 +15,7 @@ __all__ = ["parts_of"]
 
 
 @parts_of.register
-def _(result: Identifiability) -> tuple[Passage, ...]:
+def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
     """Return a table of prior sd, u, contraction, information gain and verdict by parameter.
 
     Sentences and the combinations of parameters that no reading can resolve follow the table.
@@ -56,7 +56,7 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 
 
 @wording.with_words.register
-def _(result: Identifiability) -> dict[str, Any]:
+def _record_of_identifiability(result: Identifiability) -> dict[str, Any]:
     record = result.as_dict()
     record.pop("cures")
     rows = zip(record["degeneracies"], result.degeneracies, result.cures, strict=True)

@@ -55,7 +55,7 @@ _MOST_SOURCES = 3  # largest number of sources that are named as limiting a para
 
 
 @parts_of.register
-def _(result: Imported) -> tuple[Passage, ...]:
+def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
     campaign = result.campaign
     heading = (
         f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed"
@@ -68,7 +68,7 @@ def _(result: Imported) -> tuple[Passage, ...]:
 
 
 @parts_of.register
-def _(model: HybridModel) -> tuple[Passage, ...]:
+def _passages_of_hybrid_model(model: HybridModel) -> tuple[Passage, ...]:
     prior = "proper"
     if model.prior.flat:
         prior = "flat"
@@ -91,7 +91,7 @@ def _setting_words(name: str, value: Any) -> str:
 
 
 @parts_of.register
-def _(density: LogDensity) -> tuple[Passage, ...]:
+def _passages_of_log_density(density: LogDensity) -> tuple[Passage, ...]:
     rows = []
     for name, unit, bounds in zip(density.names, density.units, density.bounds, strict=True):
         rows.append((display_name(name), unit, *bounds))
@@ -100,7 +100,7 @@ def _(density: LogDensity) -> tuple[Passage, ...]:
 
 
 @parts_of.register
-def _(simulation: Simulation) -> tuple[Passage, ...]:
+def _passages_of_simulation(simulation: Simulation) -> tuple[Passage, ...]:
     rows: list[tuple[Any, ...]] = []
     for name, value in simulation.parameters.items():
         factor, label = display_unit(simulation.units[name])
@@ -114,19 +114,19 @@ def _(simulation: Simulation) -> tuple[Passage, ...]:
 
 
 @parts_of.register
-def _(fit: Fit) -> tuple[Passage, ...]:
+def _passages_of_fit(fit: Fit) -> tuple[Passage, ...]:
     # The verdict already states whether the sampler missed its target.
     concerns = tuple(concern for concern in fit.concerns if concern.kind != "not-converged")
     return (wording.fit_verdict(fit), *wording.concern_sentences(concerns, {}))
 
 
 @parts_of.register
-def _(words: FitWords) -> tuple[Passage, ...]:
+def _passages_of_fit_words(words: FitWords) -> tuple[Passage, ...]:
     return (words["verdict"], tuple(words["warnings"]))
 
 
 @parts_of.register
-def _(result: LeastSquares) -> tuple[Passage, ...]:
+def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
     rows = []
     for name, row in result.table.iterrows():
         factor, unit = display_unit(row["unit"])
@@ -144,7 +144,7 @@ def _(result: LeastSquares) -> tuple[Passage, ...]:
 
 
 @parts_of.register
-def _(validation: Validation) -> tuple[Passage, ...]:
+def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
     """Return a table of how often credible intervals hold the true values in simulations.
 
     The table also states whether the ranks of the true values among the draws are uniform. The
@@ -168,13 +168,13 @@ def _(validation: Validation) -> tuple[Passage, ...]:
 
 
 @wording.with_words.register
-def _(result: Validation) -> dict[str, Any]:
+def _record_of_validation(result: Validation) -> dict[str, Any]:
     return {**result.as_dict(), "verdict": wording.validation_verdict(result)}
 
 
 @parts_of.register(ByName)
-def _(results: ByName[Any]) -> tuple[Passage, ...]:
-    """Return a table of conformity decisions, or, for budgets, of what limits each parameter."""
+def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
+    """Return a table of uncertainty budgets by parameter, or of decisions on conformity."""
     if not all(isinstance(result, Budget) for result in results.values()):
         return (conformity_table({name: result.as_dict() for name, result in results.items()}),)
     rows = []
@@ -205,7 +205,7 @@ def _largest_sources(budget: Budget) -> str:
 
 
 @parts_of.register
-def _(budget: Budget) -> tuple[Passage, ...]:
+def _passages_of_budget(budget: Budget) -> tuple[Passage, ...]:
     factor, unit = display_unit(budget.unit)
     rows: list[tuple[str, ...]] = []
     small_share = 0.0
@@ -275,7 +275,7 @@ def _budget_source(contribution: Any) -> _BudgetSource:
 
 
 @wording.with_words.register
-def _(result: Budget) -> dict[str, Any]:
+def _record_of_budget(result: Budget) -> dict[str, Any]:
     return {**result.as_dict(), "improve": wording.remedy_words(result)}
 
 
@@ -311,12 +311,12 @@ def comparison_parts(comparison: Comparison, *, rmse: bool = True) -> tuple[Pass
 
 
 @parts_of.register
-def _(comparison: Comparison) -> tuple[Passage, ...]:
+def _passages_of_comparison(comparison: Comparison) -> tuple[Passage, ...]:
     return comparison_parts(comparison)
 
 
 @wording.with_words.register
-def _(result: Comparison) -> dict[str, Any]:
+def _record_of_comparison(result: Comparison) -> dict[str, Any]:
     sentences = wording.comparison_sentences(result)
     record = {name: value for name, value in result.as_dict().items() if value is not None}
     return {**record, "verdict": " ".join(sentences), "sentences": list(sentences)}
@@ -326,7 +326,7 @@ def _(result: Comparison) -> dict[str, Any]:
 
 
 @parts_of.register
-def _(design: Design) -> tuple[Passage, ...]:
+def _passages_of_design(design: Design) -> tuple[Passage, ...]:
     """Return tables of the tests to run and of expected uncertainties, and what they mean."""
     heads = [wording.PAGE["tests"].get(name, name) for name in ("force_N", *design.columns)]
     rows = []
@@ -337,7 +337,7 @@ def _(design: Design) -> tuple[Passage, ...]:
 
 
 @wording.with_words.register
-def _(result: Design) -> dict[str, Any]:
+def _record_of_design(result: Design) -> dict[str, Any]:
     return {
         **result.as_dict(),
         "notes": list(wording.design_notes(result)),

@@ -504,7 +504,7 @@ def look_sentences(preview: CampaignPreview) -> list[str]:
 
 
 @with_words.register
-def _(result: CampaignPreview) -> dict[str, Any]:
+def _record_of_campaign_preview(result: CampaignPreview) -> dict[str, Any]:
     record = {"schema": 1, **result.as_dict()}
     _add_remarks(record, result.remarks)
     for test_record, test in zip(record["tests"], result.tests, strict=True):

@@ -216,7 +216,7 @@ class Search:
         for k in range(_STARTS + self._number_of_restarts(tests)):
             if k >= _STARTS:
                 starts.append(_perturbed(best, rng))
-            start = self._with_enough_forces(starts[k], rng)
+            start = self._at_enough_forces(starts[k], rng)
             counts, start_value = exchange(
                 self.objective, start, rng, feasible=self._is_feasible, thorough=False
             )
@@ -243,6 +243,7 @@ class Search:
         return starts
 
     def _is_feasible(self, counts: Array) -> bool:
+        """Return whether a design has tests at enough different forces."""
         return len(distinct_forces(self.forces_N[counts > 0])) >= self.levels
 
     def _merge_close_forces(self, counts: Array, value: float) -> tuple[Array, float]:
@@ -266,14 +267,19 @@ class Search:
                 value = values[best]
         return counts, value
 
-    def _with_enough_forces(self, start: Array, rng: np.random.Generator) -> Array:
-        """Return the design; where it has too few forces, one test is moved to another force."""
-        if self._is_feasible(start):
-            return start
-        start[np.argmax(start)] -= 1
-        other_forces = np.flatnonzero(self.forces_N != self.forces_N[np.argmax(start)])
-        start[rng.choice(other_forces)] += 1
-        return start
+    def _at_enough_forces(self, counts: Array, rng: np.random.Generator) -> Array:
+        """Return a design with at least as many different forces as slopes need.
+
+        ``counts`` is the number of tests of every candidate. If all of them are at one force where
+        two are needed, ``counts`` is changed: one test moves to a random candidate at another
+        force.
+        """
+        if self._is_feasible(counts):
+            return counts
+        counts[np.argmax(counts)] -= 1
+        other_forces = np.flatnonzero(self.forces_N != self.forces_N[np.argmax(counts)])
+        counts[rng.choice(other_forces)] += 1
+        return counts
 
     def _number_of_restarts(self, tests: int) -> int:
         """Return the number of restarts from perturbed designs.

@@ -174,7 +174,12 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
 
 
 def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
-    """Return the best shares of a few candidates, computed with SLSQP."""
+    """Return the shares of a few candidates that maximise the objective, computed with SLSQP.
+
+    Shares are not negative and sum to one. ``tests`` is the number of tests to be divided among the
+    candidates, ``start`` the shares to start from, shape (candidates,), and ``tolerance`` that of
+    the objective relative to the sum of its sensitivities.
+    """
     n = objective.candidates
     if n == 1:
         return np.ones(1)

@@ -48,14 +48,14 @@ class SetupShift(Term):
         )
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the columns of the term in the setting of a campaign."""
-        zero = np.where(ORDERS == 0, 1.0, 0.0)
-        centre = np.where(ORDERS == 1, 1.0, 0.0)
+        """Return the shift as noise of the basis functions 1, cos θ and sin θ of every circle."""
+        zero_sd = np.where(ORDERS == 0, 1.0, 0.0)
+        centre_sd = np.where(ORDERS == 1, 1.0, 0.0)
         circle = setting.circle
         if self.moves == "apart":
-            return BasisNoise("delta_0", zero, circle), BasisNoise("delta_1", centre, circle)
-        sd = {"together": zero + centre, "zero": zero, "centre": centre}
-        return (BasisNoise("delta", sd[self.moves], circle),)
+            return BasisNoise("delta_0", zero_sd, circle), BasisNoise("delta_1", centre_sd, circle)
+        sd_by_choice = {"together": zero_sd + centre_sd, "zero": zero_sd, "centre": centre_sd}
+        return (BasisNoise("delta", sd_by_choice[self.moves], circle),)
 
 
 @dataclass(frozen=True)
