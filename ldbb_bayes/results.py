@@ -163,6 +163,11 @@ def _brief_collection(value: Any, longest: int) -> str:
 
 
 def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
+    """Return an object on one line, as its class with ``name=value`` for its entries.
+
+    Empty entries are left out. If the line is longer than ``longest`` characters, entries that have
+    their default are left out too, and then the last ones, as many as needed.
+    """
     kind = type(value)
     filled = {name: entry for name, entry in entries.items() if not _is_empty(entry)}
     assignments = [f"{name}={brief(entry)}" for name, entry in filled.items()]

@@ -166,7 +166,11 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
 
 
 def _contributions(variance: _PosteriorVariance, i: int, u: float) -> tuple[Contribution, ...]:
-    """Return the lines of the budget of parameter i, the largest share first."""
+    """Return the lines of the budget of parameter i, the largest share of the variance first.
+
+    ``u`` is the parameter's standard uncertainty. Small contributions of one term are summed in one
+    line.
+    """
     lines = []
     unlisted_shares: dict[str, float] = {}
     for (source, term), shares in variance.shares.items():

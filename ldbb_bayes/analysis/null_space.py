@@ -71,7 +71,12 @@ class NullSpace:
     def _independent_vectors(
         self, columns: NDArray[np.intp], *, preferred: NDArray[np.bool_]
     ) -> dict[int, Array]:
-        """Return a basis of the null space of these columns: a vector for each pivot column."""
+        """Return a basis of the null space of these columns, by the index of the pivot column.
+
+        Each vector has the value one for its pivot, and values of columns that are no pivots, so
+        that the effects of all cancel in the readings. ``preferred`` states which columns should be
+        pivots where possible.
+        """
         pivots = columns[_choose_pivots(self._orthonormal_basis(columns), preferred)]
         imitators = np.setdiff1d(columns, pivots)
         basis = {}
@@ -91,7 +96,11 @@ class NullSpace:
         return basis
 
     def _imitation(self, target: int, imitators: NDArray[np.intp]) -> Array | None:
-        """Return a unit of a coefficient and others that cancel it in the readings, or None."""
+        """Return a combination of coefficients that changes no reading: the target and imitators.
+
+        The target has the value one. Imitators with the smallest effects are left out where the
+        others suffice. Return None if the imitators cannot cancel the effect of the target.
+        """
         solved = np.zeros(self.scaled.shape[1])
         solution = np.linalg.lstsq(
             self._triangle[:, imitators], self._triangle[:, target], rcond=_RANK_TOLERANCE

@@ -344,6 +344,13 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 @lru_cache(maxsize=128)
 def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) -> dict[str, Any]:
+    """Return what the planned tests are expected to show.
+
+    ``rows`` has U of every parameter but slopes, today and expected; ``settle`` has the
+    probabilities that the evidence will decide for linear or constant compliance, or is None
+    without slopes. Without ``fine``, fewer states of the machine are averaged over, which is
+    faster.
+    """
     space, tests, _ = _planned_tests(report, settings_json)
     sd_today = _pilot_of(report).sd
     states = None

@@ -250,6 +250,7 @@ async def _cancel_fit(house: House, session: Session, request: Request) -> Respo
 
 
 async def _show_forecast(house: House, session: Session, request: Request) -> Response:
+    """Return the section of the page with the expected results of the tests on the sliders."""
     sent = await _read_json(request)
     if sent is None:
         return refused(session.word("form"), 422)

@@ -104,15 +104,19 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
         with refuse_unwritable(target):
             yield staging
             staging.chmod(0o755)
-            _take_place(staging, target, force=force)
+            _replace_folder(target, staging, force=force)
     except InputError as error:
         raise InputError(str(error).replace(str(staging), str(target))) from None
     finally:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def _take_place(staging: Path, target: Path, *, force: bool) -> None:
-    """Rename ``staging`` to ``target``, even while another run writes the same target."""
+def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
+    """Rename ``staging`` to ``target``, and delete a folder that has this name already.
+
+    The old folder is moved aside first, and comes back if the renaming fails. If another run writes
+    the same target meanwhile, the renaming is tried again, or fails without ``force``.
+    """
     retired = staging.with_name(f"{staging.name}-old")
     while True:
         try:

@@ -152,6 +152,7 @@ def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
 
 
 def _origin_columns(campaign: Campaign) -> dict[str, Any]:
+    """Return the columns that describe the campaign: machine, date, tests, forces and limits."""
     columns: dict[str, Any] = {name: getattr(campaign, name) for name in _CAMPAIGN_COLUMNS}
     return columns | {
         "planes": ",".join(campaign.machine().planes),

@@ -82,6 +82,10 @@ class _PanelData(NamedTuple):
 
 
 def _panel_data(rows: pd.DataFrame, factor: float) -> _PanelData:
+    """Return what a panel shows, from the rows of one parameter in `Trend.estimates`.
+
+    ``factor`` converts the internal unit to that of the axis.
+    """
     return _PanelData(
         place=np.arange(1.0, len(rows) + 1.0),
         estimate=rows["estimate"].to_numpy() * factor,

@@ -85,12 +85,17 @@ class Estimates(NamedTuple):
 
 
 def estimate_separately(likelihood: Gaussian, parameters: int) -> Estimates:
-    """Return the estimates from campaigns or machines, each alone.
+    """Return estimates of the parameters from each campaign or machine alone.
+
+    Each estimate is the posterior mean from its own likelihood and the prior c ~ N(0, I), as a
+    function of the errors b of the instrument.
 
     Parameters
     ----------
-    likelihood : likelihoods g, shape (n, q).
-    parameters : number c of parameters.
+    likelihood
+        Likelihoods g of n campaigns or machines, for q quantities each.
+    parameters
+        Number c of parameters, which come first among the quantities.
     """
     c = parameters
     covariance = np.linalg.inv(np.eye(c) + likelihood.precision[:, :c, :c])

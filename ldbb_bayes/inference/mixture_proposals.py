@@ -71,12 +71,18 @@ class SplitT:
         return np.asarray(-log_mass - np.linalg.slogdet(self.root)[1] - tails)
 
     def transform(self, uniform: Array) -> Array:
-        """Return points, shape (n, h), from uniform random numbers between 0 and 1, (n, h)."""
+        """Return random points of the distribution from uniform random numbers.
+
+        Both have the shape (n, h); the uniform numbers are between 0 and 1.
+        """
         masses = _side_masses(self.scale, self.freedom)
-        share = masses / masses.sum(axis=0)
-        below = uniform < share[0]
-        probability = np.where(below, uniform / share[0], (1.0 - uniform) / share[1])
-        level = np.clip(probability / 2.0, 1e-15, 0.5)
+        side_probability = masses / masses.sum(axis=0)
+        below = uniform < side_probability[0]
+        # Each side is one half of a t distribution.
+        probability_within_side = np.where(
+            below, uniform / side_probability[0], (1.0 - uniform) / side_probability[1]
+        )
+        level = np.clip(probability_within_side / 2.0, 1e-15, 0.5)
         signed_scale = np.where(below, self.scale[0], -self.scale[1])
         freedom = np.where(below, self.freedom[0], self.freedom[1])
         z = signed_scale * stdtrit(freedom, level)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +37,17 @@ class _Noise:
         return root @ root.T
 
 
+class _SortedColumns(NamedTuple):
+    """Columns of a model's nuisances, by whether all tests share their coefficients."""
+
+    #: columns with coefficients that all tests share
+    shared: list[Columns]
+    #: class name of the term of every shared coefficient
+    owners: list[str]
+    #: columns that are treated as noise of each test
+    noises: list[_Noise]
+
+
 def information_of(bound: BoundModel, phi: Array) -> Information:
     """Return the information about a bound model's coefficients at hyper-parameters φ (h,) [mm].
 
@@ -47,20 +59,14 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
 def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     """Yield the result of `information_of` for each of several φ, shape (w, h) [mm].
 
-    Parts that do not depend on φ, except for a scale, are computed only once.
+    The design matrix does not depend on φ and is computed once. For each φ there follow the scales
+    of the coefficients and the noise covariances, one for all tests with the same noise.
     """
+    shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)
-    owners = [OWN] * len(bound.names)
-    shared: list[Columns] = []
-    noises: list[_Noise] = []
-    for kind, columns_of_term in bound.columns_of.items():
-        for columns in columns_of_term:
-            if isinstance(columns, BasisNoise) or columns.private:
-                noises.append(_Noise(kind.__name__, columns))
-            else:
-                names += columns.names
-                owners += [kind.__name__] * len(columns.names)
-                shared.append(columns)
+    for columns in shared:
+        names += columns.names
+    owners = [OWN] * len(bound.names) + shared_owners
     values = np.concatenate([bound.interest, *(columns.values for columns in shared)], axis=2)
     design = tuple(test.factor @ values[r] for r, test in enumerate(bound.reduced))
     representatives = _first_tests_of_equal_noise(bound, noises, phi)
@@ -75,6 +81,21 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
         yield Information(
             tuple(names), tuple(owners), scales, bound.model.prior.flat, design, blocks_of_tests
         )
+
+
+def _sort_columns(bound: BoundModel) -> _SortedColumns:
+    """Return the columns of the nuisances, those shared by all tests apart from those of each."""
+    shared: list[Columns] = []
+    owners: list[str] = []
+    noises: list[_Noise] = []
+    for kind, columns_of_term in bound.columns_of.items():
+        for columns in columns_of_term:
+            if isinstance(columns, BasisNoise) or columns.private:
+                noises.append(_Noise(kind.__name__, columns))
+            else:
+                shared.append(columns)
+                owners += [kind.__name__] * len(columns.names)
+    return _SortedColumns(shared, owners, noises)
 
 
 def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Array) -> list[int]:

@@ -292,12 +292,12 @@ def _copy_columns(
     w = white_shift.shape[1]
     for front, front_factors in zip(elimination.fronts, factors, strict=True):
         for columns, factor in zip(front.columns, front_factors, strict=True):
-            chosen = np.flatnonzero((columns >= wanted.start) & (columns < wanted.stop))
-            targets = columns[chosen] - wanted.start
-            for k, target in zip(chosen, targets, strict=True):
-                below = targets >= target
-                lower[target, targets[below]] = factor[k, chosen[chosen >= k], :w]
-            white_shift[targets] = factor[chosen, -1, :w]
+            sources = np.flatnonzero((columns >= wanted.start) & (columns < wanted.stop))
+            targets = columns[sources] - wanted.start
+            for k, target in zip(sources, targets, strict=True):
+                from_diagonal = targets >= target
+                lower[target, targets[from_diagonal]] = factor[k, sources[sources >= k], :w]
+            white_shift[targets] = factor[sources, -1, :w]
 
 
 def _round_to_ten_digits(values: Array) -> Array:

@@ -57,6 +57,7 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
 
 @wording.with_words.register
 def _record_of_identifiability(result: Identifiability) -> dict[str, Any]:
+    """Return the JSON record, with a statement and a cure for every degeneracy, and notes."""
     record = result.as_dict()
     record.pop("cures")
     rows = zip(record["degeneracies"], result.degeneracies, result.cures, strict=True)

@@ -213,6 +213,12 @@ class SheetNumbers:
         return stated
 
     def _stiffness(self, compliance: Any) -> StatedQuantity:
+        """Return the stiffness 1/C of a direct compliance C.
+
+        It has a value with an uncertainty only where the interval of C is well above zero.
+        Otherwise a lower limit is stated, the stiffness at the upper end of the interval; and
+        nothing where this end is not positive either.
+        """
         summary = self._summaries[compliance.label]
         median = summary["median"]
         low = summary["ci_low"]
@@ -221,6 +227,7 @@ class SheetNumbers:
         limit = ""
         sd = np.nan
         if low > smallest > 0.0:
+            # Rare draws near zero would dominate the sd.
             draws = np.maximum(self._draws[compliance.label], 0.5 * smallest)
             sd = float(np.std(1.0 / draws))
         elif high > 0.0:

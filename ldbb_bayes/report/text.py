@@ -56,6 +56,7 @@ _MOST_SOURCES = 3  # largest number of sources that are named as limiting a para
 
 @parts_of.register
 def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
+    """Return a heading that counts tests and readings, and the list of what was assumed."""
     campaign = result.campaign
     heading = (
         f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed"
@@ -122,6 +123,7 @@ def _passages_of_fit(fit: Fit) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_fit_words(words: FitWords) -> tuple[Passage, ...]:
+    """Return the verdict on a fit, and its warnings."""
     return (words["verdict"], tuple(words["warnings"]))
 
 
@@ -169,6 +171,7 @@ def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
 
 @wording.with_words.register
 def _record_of_validation(result: Validation) -> dict[str, Any]:
+    """Return the JSON record, with the verdict on the calibration."""
     return {**result.as_dict(), "verdict": wording.validation_verdict(result)}
 
 
@@ -206,6 +209,7 @@ def _largest_sources(budget: Budget) -> str:
 
 @parts_of.register
 def _passages_of_budget(budget: Budget) -> tuple[Passage, ...]:
+    """Return the table of an uncertainty budget; small contributions share one row."""
     factor, unit = display_unit(budget.unit)
     rows: list[tuple[str, ...]] = []
     small_share = 0.0
@@ -276,6 +280,7 @@ def _budget_source(contribution: Any) -> _BudgetSource:
 
 @wording.with_words.register
 def _record_of_budget(result: Budget) -> dict[str, Any]:
+    """Return the JSON record, with what would reduce the uncertainty most."""
     return {**result.as_dict(), "improve": wording.remedy_words(result)}
 
 
@@ -312,11 +317,13 @@ def comparison_parts(comparison: Comparison, *, rmse: bool = True) -> tuple[Pass
 
 @parts_of.register
 def _passages_of_comparison(comparison: Comparison) -> tuple[Passage, ...]:
+    """Return the tables and sentences of a comparison, RMSE included."""
     return comparison_parts(comparison)
 
 
 @wording.with_words.register
 def _record_of_comparison(result: Comparison) -> dict[str, Any]:
+    """Return the JSON record, with its sentences."""
     sentences = wording.comparison_sentences(result)
     record = {name: value for name, value in result.as_dict().items() if value is not None}
     return {**record, "verdict": " ".join(sentences), "sentences": list(sentences)}
@@ -338,6 +345,7 @@ def _passages_of_design(design: Design) -> tuple[Passage, ...]:
 
 @wording.with_words.register
 def _record_of_design(result: Design) -> dict[str, Any]:
+    """Return the JSON record, with its sentences and notes."""
     return {
         **result.as_dict(),
         "notes": list(wording.design_notes(result)),

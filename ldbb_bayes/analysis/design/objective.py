@@ -47,9 +47,9 @@ class Objective(Shown):
         """Number of candidates."""
         return int(self.rows.shape[1])
 
-    def among(self, chosen: Array) -> Objective:
-        """Return the same objective with only some of the candidates."""
-        return replace(self, rows=self.rows[:, chosen])
+    def among(self, candidates: Array) -> Objective:
+        """Return the same objective with only the candidates of these indices."""
+        return replace(self, rows=self.rows[:, candidates])
 
     def efficiency(self, value: float, best: float) -> float:
         """Return the efficiency, 0 … 1, of a design with value Φ relative to the best value."""
@@ -77,9 +77,10 @@ class Objective(Shown):
         return total
 
     def sensitivity(self, counts: Array) -> tuple[float, Array]:
-        """Return Φ and ∂Φ/∂n_i, shape (candidates,).
+        """Return Φ of a design and its derivatives ∂Φ/∂n_i by the counts n_i of the candidates.
 
-        With the derivative ∂Φ/∂M = D_k D_kᵀ at the k-th value of the hyper-parameters, ∂Φ/∂n_i is
+        ``counts`` and the derivatives have the shape (candidates,). With the derivative
+        ∂Φ/∂M = D_k D_kᵀ by the precision M at the k-th value of the hyper-parameters, ∂Φ/∂n_i is
         the mean of ‖G_ki D_k‖² over k.
         """
         s = self.interest
