@@ -76,7 +76,9 @@ def joint_difference(
     if _several_clockings(bounds):
         bounds = [bound.with_two_balls() for bound in bounds]
     phi = _share_hypers(bounds, phi)
-    campaigns = [_solve(bound, values) for bound, values in zip(bounds, phi, strict=True)]
+    campaigns = [
+        _information_and_means(bound, values) for bound, values in zip(bounds, phi, strict=True)
+    ]
     require(
         not any(campaign.information.flat for campaign in campaigns),
         "same_instrument must go with proper priors, got flat ones. Fit with the default preset.",
@@ -136,8 +138,11 @@ def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Ar
     return shared
 
 
-def _solve(bound: BoundModel, phi: Array) -> _Campaign:
-    """Return information, names and posterior means of a campaign's coefficients."""
+def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
+    """Return the information about a campaign's coefficients, and their posterior means.
+
+    ``phi`` are the hyper-parameters, shape (h,) [mm].
+    """
     information = information_of(bound, phi)
     # The bar length is common to both campaigns only if their radii are the same.
     bar_length = f"bar_length_{bound.setting.radii_mm[0]:g}"

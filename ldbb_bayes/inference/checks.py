@@ -301,19 +301,31 @@ def check_predictions(
 
 
 def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) -> dict[int, float]:
-    """Return the p-value of the residual of test r at every order.
+    """Return the p-value of the residual of test r at every order of its harmonics.
 
-    ``shared`` holds the predicted basis coefficients of machine and shared nuisances for every
-    draw, shape (draws, 25); ``sigma`` holds σ [mm], shape (draws,).
+    The residual is what the machine and the shared nuisances leave of the readings. It is compared
+    with the scatter that reading noise and the effects private to one test lead to expect.
+
+    Parameters
+    ----------
+    draws
+        Posterior draws of one model.
+    r
+        Index of the test.
+    shared
+        Basis coefficients that machine and shared nuisances predict in every draw, shape
+        (draws, 25).
+    sigma
+        White noise σ of every draw, shape (draws,) [mm].
     """
     reduced = draws.bound.reduced[r]
-    inverse = harmonics_of(draws.bound, r)
-    residual = (np.asarray(reduced.projection) - shared @ reduced.factor.T) @ inverse.T
-    visible = inverse @ reduced.factor
-    columns = [inverse]
-    sd = [np.tile(sigma[:, None], inverse.shape[1])]
+    to_harmonics = harmonics_of(draws.bound, r)
+    residual = (np.asarray(reduced.projection) - shared @ reduced.factor.T) @ to_harmonics.T
+    basis_to_harmonics = to_harmonics @ reduced.factor
+    columns = [to_harmonics]
+    sd = [np.tile(sigma[:, None], to_harmonics.shape[1])]
     for term in private_terms(draws.bound, draws.phi, r):
-        columns.append(visible @ term.columns)
+        columns.append(basis_to_harmonics @ term.columns)
         sd.append(term.sd)
     expected = _Scatter(np.concatenate(columns, axis=1), np.concatenate(sd, axis=1))
     p_values = {}
