@@ -61,7 +61,7 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     Raises
     ------
     InputError
-        For an average over models, flat priors, a single test, or too few draws.
+        For an average over models, flat priors, a single test, or fewer draws than chains.
 
     Notes
     -----
@@ -79,6 +79,15 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     exceeds 0.4 nevertheless, p is raised to a power below one and scaled so that its harmonic mean
     is the exact density. The sum of ln p over tests is not the log likelihood of all readings; for
     the sensitivity of the posterior to the latter see ``Fit.sensitivity``.
+
+    Examples
+    --------
+    >>> posterior = lb.sample(lb.HybridModel.first(0), campaign, sampler="independent")
+    >>> checked = lb.with_predictive(posterior, draws=40)
+    >>> checked["log_likelihood"]["per_test"].dims
+    ('chain', 'draw', 'test')
+    >>> checked["posterior_predictive"]["reading_mm"].shape
+    (4, 10, 4320)
     """
     require(
         "averaged" not in record_of(posterior),

@@ -42,6 +42,7 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
     Parameters
     ----------
     model : HybridModel
+        Model with its nuisances and priors.
     campaign : Campaign
         Campaign with readings.
 
@@ -58,10 +59,12 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
 
     Examples
     --------
-    >>> density = lb.log_density(lb.HybridModel.default(1), campaign)
-    >>> d = len(density.names)
-    >>> sampler = emcee.EnsembleSampler(4 * d, d, density.log_prob, vectorize=True)
-    >>> sampler.run_mcmc(density.initial(4 * d, seed=1), 5000)
+    >>> import emcee
+    >>> density = lb.log_density(lb.HybridModel.first(0), campaign)
+    >>> sampler = emcee.EnsembleSampler(40, len(density.names), density.log_prob, vectorize=True)
+    >>> last = sampler.run_mcmc(density.initial(40, seed=1), 5)  # some thousand steps in earnest
+    >>> sampler.get_chain().shape
+    (5, 40, 17)
     """
     require(
         not campaign.is_plan,
@@ -75,9 +78,21 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
 class LogDensity(Shown):
     """Log density ln p(x, y) of a model at x = (β, φ), for the readings y of a campaign.
 
-    x holds the parameters β, then the hyper-parameters φ. For one point, shape (d,), a density is a
-    number; for n points, shape (n, d), densities have the shape (n,). Logarithms are natural and
-    every density is normalised, so that the evidence of a nested sampler is that of `log_evidence`.
+    x holds the parameters β (compliances, their slopes and geometric errors), then the
+    hyper-parameters φ (the scales of the noise and of other effects), in mm, N and rad. For one
+    point, shape (d,), a density is a number; for n points, shape (n, d), densities have the shape
+    (n,). Logarithms are natural and every density is normalised, so that the evidence of a nested
+    sampler is that of `log_evidence`.
+
+    Examples
+    --------
+    >>> density = lb.log_density(lb.HybridModel.first(0), campaign)
+    >>> density.names[0], density.units[0]
+    ('C_XXX', 'mm/N')
+    >>> points = density.initial(3, seed=1)
+    >>> points[0, 0] = -1e-6  # a direct compliance cannot be negative
+    >>> np.isfinite(density.log_prob(points)).tolist()
+    [False, True, True]
     """
 
     bound: BoundModel  #: the model bound to the campaign

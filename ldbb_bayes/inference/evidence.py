@@ -36,7 +36,10 @@ _LARGEST_LOG_PROBABILITY = 0.1
 def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1e-3) -> Evidence:
     """Return the log evidence of a model, truncation included, with its error.
 
-    If the weights of the nodes cannot be trusted, warn and return an infinite error.
+    The evidence is Z = ∫ p(y | β, φ) p(β) p(φ) dβ dφ, the density of the readings y (in mm) under
+    the model, averaged over the priors of its parameters β and hyper-parameters φ. Truncation
+    restricts compliances to values that are not negative. Only differences of ln Z between models
+    of the same readings have a meaning; see `inference.log_bayes_factor`.
 
     Parameters
     ----------
@@ -47,11 +50,33 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
     tolerance : float
         Error asked for [nat]; the error reached is ``error`` of the result.
 
+    Returns
+    -------
+    Evidence
+        Log evidence ``log_value`` and its ``error`` [nat], with the number of nodes of the
+        quadrature and the digest of the readings. The error is infinite if the weights of the
+        nodes cannot be trusted.
+
     Raises
     ------
     InputError
         For a flat prior, under which the evidence is undefined, for a plan (a campaign without
-        readings), or for a tolerance that is not positive.
+        readings), for a tolerance that is not positive, or for a model to which the campaign cannot
+        be fitted.
+
+    Warns
+    -----
+    RuntimeWarning
+        If the weights of the nodes cannot be trusted.
+
+    Examples
+    --------
+    >>> constant = lb.log_evidence(lb.HybridModel.first(0), campaign, tolerance=0.1)
+    >>> linear = lb.log_evidence(lb.HybridModel.first(1), campaign, tolerance=0.1)
+    >>> round(linear.log_value - constant.log_value)  # compliance is constant rather than linear
+    -6
+    >>> bool(linear.error < 0.1)
+    True
     """
     check_comparable(model, campaign)
     require(
@@ -97,15 +122,32 @@ def check_comparable(model: HybridModel, campaign: Campaign) -> None:
 def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]:
     """Return the log Bayes factor of a model over another model, and its error [nat].
 
+    The Bayes factor is B = Z / Z', the ratio of the two evidences. At equal prior probabilities of
+    the models it is the ratio of their posterior probabilities.
+
     Parameters
     ----------
     evidence, other : Evidence
-        Evidences of the two models for the same readings.
+        Evidences of the two models for the same readings, from `log_evidence`.
+
+    Returns
+    -------
+    tuple of float
+        Log Bayes factor ln B of the first model over the second, and the sum of the errors of both
+        log evidences [nat].
 
     Raises
     ------
     InputError
         If the two evidences are of different readings.
+
+    Examples
+    --------
+    >>> constant = lb.log_evidence(lb.HybridModel.first(0), campaign, tolerance=0.1)
+    >>> linear = lb.log_evidence(lb.HybridModel.first(1), campaign, tolerance=0.1)
+    >>> log_bayes_factor, error = lb.inference.log_bayes_factor(linear, constant)
+    >>> round(log_bayes_factor)
+    -6
     """
     require(
         evidence.sha256 == other.sha256,

@@ -35,15 +35,29 @@ def _silent() -> None:
 class Evidences(Shown):
     """Nodes and evidences of models of one campaign, each computed once.
 
+    Nodes are weighted points that represent the posterior of the hyper-parameters, the scales of
+    the noise and of other effects. `compare` and `average` take an object of this class, so that
+    neither computes again what the other has computed.
+
     Parameters
     ----------
     campaign : Campaign
+        Campaign with readings.
     tolerance : float
         Error asked of every log evidence [nat].
     progress : callable, optional
-        Called after each model.
+        Function called without arguments after each model.
     keep : sequence of str, optional
-        Names of the tests to keep; default: all.
+        Names of the tests to keep. Default: all.
+
+    Examples
+    --------
+    >>> evidences = lb.inference.Evidences(campaign, tolerance=0.1)
+    >>> constant, linear = evidences.of(lb.HybridModel.first(0), lb.HybridModel.first(1))
+    >>> constant.evidence.log_value > linear.evidence.log_value
+    True
+    >>> len(evidences.every)
+    2
     """
 
     shown = ("campaign", "tolerance", "every")

@@ -27,7 +27,18 @@ _SINGULAR = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares(Result):
-    """Least-squares estimate of the parameters, and how well it fits."""
+    """Least-squares estimate of the parameters, and how well it fits.
+
+    Examples
+    --------
+    >>> fit = lb.fit_least_squares(campaign)
+    >>> round(fit.estimate["C_XXX"] * 1e6)  # nm/N
+    62
+    >>> round(fit.quality.rmse_um, 1)
+    1.1
+    >>> len(fit.predicted_um["f742"])  # readings of one test
+    720
+    """
 
     #: table with the columns unit, estimate and u, and one row per parameter, in internal units
     #: (mm, N, rad); u is the standard uncertainty from the scatter of the residuals, taken as white
@@ -54,14 +65,17 @@ def fit_least_squares(
 ) -> LeastSquares:
     """Return compliances, slopes and geometric errors estimated by least squares (Eq. 31).
 
+    Errors of the balls, the bar and the mount are not modelled, so that the estimates contain them
+    and their uncertainties u are too small; compare `sample`.
+
     Parameters
     ----------
     campaign : Campaign
         Campaign with readings.
     degree : {0, 1, 2}
-        Compliances are constant (0), linear (1, Eq. 33) or quadratic (2) in force.
+        Degree of the compliances in force: constant (0), linear (1, Eq. 33) or quadratic (2).
     reference_force_N : float, optional
-        Force F0 at which slopes add nothing; by default the mid-range of the campaign's forces.
+        Force F0 at which slopes add nothing [N]. Default: the mid-range of the campaign's forces.
         Zero gives Eq. 33 literally.
     fixed : tuple of str
         Names of parameters held at zero.
@@ -74,7 +88,16 @@ def fit_least_squares(
     Raises
     ------
     InputError
-        For a plan (a campaign without readings), or for fewer than degree + 2 force levels.
+        For an object that is no campaign, a plan (a campaign without readings), another degree, an
+        unknown name in ``fixed``, or fewer than degree + 2 force levels.
+
+    Examples
+    --------
+    >>> fit = lb.fit_least_squares(campaign, degree=1, reference_force_N=0.0)
+    >>> round(fit.estimate["C_XXX"] * 1e6)  # nm/N
+    60
+    >>> round(fit.estimate["C_XXX_1"] * 1e9, 1)  # nm/N per kN
+    0.9
     """
     require_campaign(campaign)
     if campaign.is_plan:

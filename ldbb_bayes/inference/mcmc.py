@@ -59,7 +59,17 @@ class StoppingRule(Shown):
     """Rule that decides when sampling stops.
 
     Sampling stops when every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, or
-    when ``max_steps`` are used up.
+    when ``max_steps`` are used up. ESS is the effective sample size; R-hat compares the variance of
+    all draws with that within each chain, and is one after convergence.
+
+    Examples
+    --------
+    >>> rule = lb.inference.StoppingRule(ess=400)
+    >>> posterior = lb.sample(
+    ...     lb.HybridModel.first(0), campaign, sampler="independent", rule=rule
+    ... )
+    >>> bool(lb.summarize(posterior)["ess_bulk"].min() >= 400)
+    True
     """
 
     ess: float = 1000.0  #: smallest effective sample size

@@ -110,14 +110,27 @@ def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     Parameters
     ----------
     tree : DataTree
-        Posterior from `sample` or `load`.
-    path : path
-        Name of the file to write.
+        Posterior from `sample`, `load` or `average`.
+    path : str or os.PathLike
+        Name of the file to write; a file of this name is replaced.
 
     Returns
     -------
     Path
         Name of the file written.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be written.
+
+    Examples
+    --------
+    >>> path = lb.save(posterior, "posterior.nc")
+    >>> path.name
+    'posterior.nc'
+    >>> path.stat().st_size > 100_000  # bytes
+    True
     """
     target = Path(path)
     tree = tree.copy()
@@ -146,19 +159,26 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
 
     Parameters
     ----------
-    path : path
+    path : str or os.PathLike
         Name of the file, or of a folder that contains ``posterior.nc``.
 
     Returns
     -------
     DataTree
-        The posterior.
+        Posterior as `sample` returned it, in mm, N and rad.
 
     Raises
     ------
     InputError
         For a file that is missing, that is damaged (its digest then differs), that this package did
         not write, or that an earlier edition of it wrote.
+
+    Examples
+    --------
+    >>> path = lb.save(posterior, "posterior.nc")
+    >>> loaded = lb.load(path)
+    >>> loaded["posterior"].equals(posterior["posterior"])
+    True
     """
     source = Path(path)
     if source.is_dir():
@@ -388,10 +408,8 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
     """Return a posterior with its draws in units that are easy to read: nm/N, nrad/N, µrad, µm.
 
     The result is for plots and summaries by other libraries; the analyses of this package need the
-    posterior itself. The unit of each variable is in its attribute ``units``. It is the one of the
-    tables, but for two kinds of variables that other libraries would round to 0.00: scales of noise
-    and of other effects are in nm instead of µm, and rotations for a moment in nrad/(N m) instead
-    of µrad/(N m). Readings, forces and angles are not converted.
+    posterior itself. The unit of each variable is in its attribute ``units``. Readings, forces and
+    angles are not converted.
 
     Parameters
     ----------
@@ -402,6 +420,15 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
     -------
     DataTree
         Converted posterior, without the group ``provenance``.
+
+    Examples
+    --------
+    >>> converted = lb.to_units(posterior)
+    >>> compliance = converted["posterior"]["C_YYY"]
+    >>> compliance.attrs["units"]
+    'nm/N'
+    >>> round(float(compliance.mean()))
+    39
     """
     converted = {}
     for path, node in posterior.children.items():

@@ -50,36 +50,42 @@ def predict(
     """Return predicted readings of new circles on the machine of a posterior.
 
     Bar, balls, mount and force device are those of the posterior. The effects of the machine and of
-    shared nuisances are drawn from the posterior. Set-up shift, discrepancy, random force error and
-    white noise are drawn anew. Effects that the campaign does not show, such as the length of the
-    bar at another radius, are drawn from their prior.
+    shared nuisances (effects that are modelled but not of interest, such as ball form) are drawn
+    from the posterior. Set-up shift, discrepancy, random force error and white noise are drawn
+    anew. Effects that the campaign does not show, such as the length of the bar at another radius,
+    are drawn from their prior.
 
     Parameters
     ----------
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
     plan : Campaign
-        The circles to predict; any readings in it are ignored.
+        Circles to predict; any readings in it are ignored.
     prob : float
-        Probability of the equal-tailed interval of a reading.
+        Probability of the equal-tailed interval of a reading, between 0 and 1.
     seed : int
         Seed of the random draws.
 
     Returns
     -------
     DataFrame
-        Columns test, force_N, angle_deg, mean_um, median_um, ci_low_um and ci_high_um, with one row
-        per test and angle.
+        Table with the columns test, force_N, angle_deg, mean_um, median_um, ci_low_um and
+        ci_high_um, and one row per test and angle; readings are in µm.
 
     Raises
     ------
     InputError
-        For a plan on another machine, or for circles that depend on parameters which the fit lacks.
+        For a probability that is not between 0 and 1, a plan on another machine, or circles that
+        depend on parameters which the fit lacks.
 
     Examples
     --------
     >>> circle = lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0))
     >>> table = lb.predict(posterior, lb.Plan((circle,)))
+    >>> len(table)
+    72
+    >>> table.columns.to_list()[3:]
+    ['mean_um', 'median_um', 'ci_low_um', 'ci_high_um']
     """
     check_probability(prob)
     require_campaign(plan)

@@ -40,17 +40,19 @@ def marginalize(
 ) -> pd.DataFrame:
     """Return means, sd and quantiles of the posterior by quadrature.
 
-    Warn where the weights of the nodes, or of the draws behind the quantiles, cannot be trusted.
+    Quadrature over the hyper-parameters (the scales of the noise and of other effects) needs no
+    sampling: the parameters given the hyper-parameters are Gaussian, apart from the truncation.
 
     Parameters
     ----------
     model : HybridModel
+        Model with its nuisances and priors.
     campaign : Campaign
         Campaign with readings.
     prob : float
-        Probability of the equal-tailed credible interval.
+        Probability of the equal-tailed credible interval, between 0 and 1.
     tolerance : float
-        Relative error of the integrals behind means and standard deviations.
+        Relative error of the integrals behind means and standard deviations, between 0 and 1.
     seed : int
         Seed of the random points from which quantiles are computed. Where compliances must not be
         negative, the standard error of a quantile is 0.5 % in probability.
@@ -58,13 +60,26 @@ def marginalize(
     Returns
     -------
     DataFrame
-        Columns unit, mean, sd, median, ci_low and ci_high, with one row for each parameter and
-        hyper-parameter, in mm, N and rad.
+        Table with the columns unit, mean, sd, median, ci_low and ci_high, and one row for each
+        parameter and hyper-parameter, in mm, N and rad.
 
     Raises
     ------
     InputError
-        For a plan (a campaign without readings), or a probability or tolerance out of range.
+        For a plan (a campaign without readings), a probability or tolerance out of range, or a
+        model to which the campaign cannot be fitted.
+
+    Warns
+    -----
+    RuntimeWarning
+        If the weights of the nodes, or of the draws behind the quantiles, cannot be trusted.
+
+    Examples
+    --------
+    >>> table = lb.inference.marginalize(lb.HybridModel.first(0), campaign, tolerance=0.1)
+    >>> interval = table.loc["C_YYY", ["ci_low", "ci_high"]]
+    >>> [round(limit * 1e6) for limit in interval]  # nm/N
+    [38, 47]
     """
     require(
         not campaign.is_plan,

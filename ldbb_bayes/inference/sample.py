@@ -86,40 +86,56 @@ def sample(
 ) -> xr.DataTree:
     """Sample the posterior of compliances, slopes, geometric errors and hyper-parameters.
 
+    The posterior is p(β, φ | y) ∝ p(y | β, φ) p(β) p(φ). y are the readings. β are the parameters:
+    compliances, their slopes and geometric errors. φ are the hyper-parameters: the scales of the
+    noise and of other effects. Nuisances, effects that are modelled but not of interest, are
+    integrated out.
+
     Parameters
     ----------
     model : HybridModel
+        Model with its nuisances and priors.
     campaign : Campaign
         Campaign with readings.
     sampler : {"joint", "independent"}
         ``joint``: emcee samples all parameters and hyper-parameters. ``independent``: independent
         draws from a proposal fitted to the hyper-parameters; if its weights cannot be trusted,
-        ``joint`` is used instead and the record states it. Nuisances, effects that are modelled but
-        not of interest, are integrated out by both.
+        ``joint`` is used instead and the record states it.
     seed : int
         Seed of all random numbers.
     ensembles : int
-        Number of independent ensembles, at least 4.
+        Number of independent ensembles of walkers, at least 4; only for ``joint``.
     walkers : int, optional
-        Number of walkers of each ensemble.
+        Number of walkers of each ensemble, even and at least twice the number of parameters and
+        hyper-parameters; only for ``joint``. Default: 128, or four times that number if it is more.
     rule : StoppingRule, optional
-        When to stop; by default every parameter has bulk and tail ESS ≥ 1000 and R-hat ≤ 1.01.
+        When to stop. Default: every parameter has bulk and tail ESS (effective sample size) ≥ 1000
+        and R-hat ≤ 1.01.
     progress : callable, optional
-        Called with a `Progress` each time that convergence is assessed.
+        Function called with a report of the run each time that convergence is assessed.
 
     Returns
     -------
     DataTree
         Posterior in ArviZ's layout, in mm, N and rad, with the groups posterior, prior,
-        sample_stats, log_prior, observed_data, constant_data and provenance. ``lp`` in sample_stats
-        is the log density in coordinates ln(φ − lower bound), and the logit for a decay.
-        `with_predictive` adds the groups for checks of models.
+        sample_stats, log_prior, observed_data, constant_data and provenance. Draws have the shape
+        (chain, draw). ``lp`` in sample_stats is the log density in coordinates ln(φ − lower bound),
+        and the logit for a decay. `with_predictive` adds the groups for checks of models.
 
     Raises
     ------
     InputError
-        For a plan (a campaign without readings), an unknown sampler, or a model to which the
-        campaign cannot be fitted.
+        For a plan (a campaign without readings), an unknown sampler, too few ensembles or walkers,
+        or a model to which the campaign cannot be fitted.
+
+    Examples
+    --------
+    >>> posterior = lb.sample(lb.HybridModel.first(0), campaign, sampler="independent")
+    >>> compliance = posterior["posterior"]["C_YYY"]
+    >>> compliance.dims, compliance.attrs["unit"]
+    (('chain', 'draw'), 'mm/N')
+    >>> round(float(compliance.mean()) * 1e6)  # nm/N
+    43
     """
     sampler = sampler_named(sampler)
     require(

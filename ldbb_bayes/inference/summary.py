@@ -46,17 +46,33 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
     Parameters
     ----------
     posterior : DataTree
-        Posterior from `sample` or `load`.
+        Posterior from `sample`, `load` or `average`.
     prob : float
-        Probability of the equal-tailed credible interval.
+        Probability of the equal-tailed credible interval, between 0 and 1.
 
     Returns
     -------
     DataFrame
-        Columns unit, mean, sd, median, ci_low, ci_high, prior_mean, prior_sd, ess_bulk, ess_tail
-        and rhat. The prior columns are filled for proper priors only; those of parameters are the
-        prior before truncation. ``attrs["fit"]`` is the `Fit`, with warnings and whether the
-        numbers can be used (``state``).
+        Table with the columns unit, mean, sd, median, ci_low, ci_high, prior_mean, prior_sd,
+        ess_bulk, ess_tail (effective sample sizes) and rhat. The prior columns are filled for
+        proper priors only; those of parameters are the prior before truncation. ``attrs["fit"]``
+        says how well the model fits, with warnings and whether the numbers can be used
+        (``state``). In print, units are those for reading, such as nm/N.
+
+    Raises
+    ------
+    InputError
+        For a probability that is not between 0 and 1, or a posterior from `to_units`.
+
+    Examples
+    --------
+    >>> table = lb.summarize(posterior)
+    >>> table.loc["C_YYY", "unit"]
+    'mm/N'
+    >>> round(table.loc["C_YYY", "mean"] * 1e6)  # nm/N
+    39
+    >>> table.attrs["fit"].state.value
+    'usable'
     """
     check_probability(prob)
     prior_sd, prior_mean = priors_of(posterior)
@@ -158,6 +174,9 @@ def check_probability(prob: float) -> None:
 def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     """Return the posterior of the shared nuisance coefficients.
 
+    Shared nuisances are effects that are modelled but not of interest and that several tests have
+    in common, such as ball form and bar length.
+
     Parameters
     ----------
     posterior : DataTree
@@ -166,9 +185,24 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns term, unit, mean, sd and prior_sd, with one row per coefficient. Units are mm, or mm
-        per bar, N, h or K. The prior sd is that at the posterior mean of φ. Coefficients of the
-        mount are deviations from its nominal deflection.
+        Table with the columns term, unit, mean, sd and prior_sd, and one row per coefficient. Units
+        are mm, N, rad, bar, h and K and quotients of these, or 1. The prior sd is that at the
+        posterior mean of the hyper-parameters (the scales of the noise and of other effects).
+        Coefficients of the mount are deviations from its nominal deflection.
+
+    Raises
+    ------
+    InputError
+        For a posterior from `to_units`.
+
+    Examples
+    --------
+    The readings determine the eighth order of the balls' form, but hardly the length of the bar:
+
+    >>> table = lb.inference.summarize_nuisances(posterior)
+    >>> share = table["sd"] / table["prior_sd"]
+    >>> share[["form_sin8", "bar_length"]].round(1).to_list()
+    [0.1, 0.9]
     """
     draws_by_model = model_draws_of(posterior, _DRAWS)
     mean_phi = np.concatenate([draws.phi for draws in draws_by_model]).mean(axis=0)
