@@ -93,39 +93,49 @@ def average(
 ) -> xr.DataTree:
     """Average the posterior over models and over what else explains a change with force.
 
+    The average is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior of the parameters β and
+    hyper-parameters φ under each model M, weighted by the probability of the model given the
+    readings y. Every model, with every subset of its rival explanations of a change with force, has
+    the same prior probability.
+
     Parameters
     ----------
-    models : mapping of name to HybridModel
-        For example constant and linear compliance. Each must be the largest model with some
-        parameters fixed at zero.
+    models : mapping of str to HybridModel
+        Models by name, for example constant and linear compliance. Each must be the largest model
+        with some parameters fixed at zero.
     campaign : Campaign
-        With readings.
+        Campaign with readings.
     seed : int
         Seed of the draws.
     draws : int
-        Number of draws in all four chains; each model has a share equal to its probability.
+        Number of draws in all four chains, at least 400; each model has a share equal to its
+        probability.
     evidences : Evidences, optional
         Evidences that are known already, for example those that `compare` was given; they are not
         computed again.
 
     Returns
     -------
-    xarray.DataTree
-        As returned by `sample`, with the parameters of the largest model. ``sample_stats.model``
-        is the index of the model that each draw comes from; the entry ``averaged`` of the record
-        lists the models with rival explanations, log evidence and probability. The prior draws
-        come from all models, too.
+    DataTree
+        Posterior as returned by `sample`, with the parameters of the largest model; a parameter
+        that a model lacks is zero in its draws. ``sample_stats.model`` is the index of the model
+        that each draw comes from; the entry ``averaged`` of the record lists the models with rival
+        explanations, log evidence and probability. The prior draws come from all models, too.
 
     Raises
     ------
     InputError
-        For a plan, a flat prior, models that are not nested, or too few draws.
+        For no models, or models that are not nested, a plan (a campaign without readings), a flat
+        prior, too few draws, or evidences of other readings.
 
     Examples
     --------
-    >>> linear = lb.HybridModel.default(degree=1)
+    >>> linear = lb.HybridModel.first(1)
     >>> models = {"constant": linear.with_degree(0), "linear": linear}
-    >>> posterior = lb.average(models, campaign)
+    >>> averaged = lb.average(models, campaign, draws=400)
+    >>> slope = averaged["posterior"]["C_XXX_1"]
+    >>> round(float((slope == 0.0).mean()), 1)  # probability that compliance is constant
+    1.0
     """
     started = datetime.now(UTC)
     clock = time.perf_counter()

@@ -118,22 +118,38 @@ class _NoiseSource(NamedTuple):
 
 @one_blas_thread
 def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
-    """Return the uncertainty budget of every parameter of a posterior.
+    """Return the uncertainty budget of every parameter of a posterior, in the form of the GUM.
+
+    The share of a source s in the variance of a parameter y is u_s²(y) / u²(y), as in the GUM, but
+    for the truncation (compliances are not negative) and the uncertainty of the hyper-parameters
+    (the scales of the noise and of other effects). Both are in the variance u²(y), which is that of
+    the posterior draws; shares are computed at the mean hyper-parameters.
 
     Parameters
     ----------
-    posterior : xarray.DataTree
-        From `sample`, `load` or `average`. Shares of the sources are computed at its mean
-        hyper-parameters; the variance that they divide is that of its draws.
+    posterior : DataTree
+        Posterior from `sample`, `load` or `average`.
 
     Returns
     -------
-    dict of Budget
-        By parameter, in internal units (mm, N, rad).
+    dict of str to Budget
+        Budget of each parameter by name, in internal units (mm, N, rad). Its ``contributions`` are
+        the lines, the largest share first; ``heaviest`` is the term with the largest share.
+
+    Raises
+    ------
+    InputError
+        For a posterior from `to_units`.
 
     Examples
     --------
-    >>> print(lb.analysis.budget_uncertainty(posterior)["C_XXX"])
+    >>> budget = lb.analysis.budget_uncertainty(posterior)["C_XXX"]
+    >>> budget.heaviest
+    'Mount'
+    >>> round(budget.share("Mount"), 1)
+    0.4
+    >>> round(sum(line.share for line in budget.contributions), 6)
+    1.0
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)

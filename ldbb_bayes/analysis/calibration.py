@@ -40,7 +40,17 @@ _MIN_DRAWS = 9
 
 @dataclass(frozen=True, eq=False)
 class Validation(Result):
-    """Ranks of true values among their posterior draws."""
+    """Ranks of true values among their posterior draws.
+
+    Examples
+    --------
+    >>> plan = campaign.plan()
+    >>> validation = lb.calibrate(lb.HybridModel.first(0), plan, replicates=10, draws=9)
+    >>> validation.ranks.shape, len(validation.names)
+    ((10, 18), 18)
+    >>> validation.coverage().columns.to_list()
+    ['50', 'u50', '80', 'u80', '95', 'u95']
+    """
 
     names: tuple[str, ...]  #: parameters, hyper-parameters, and ``log_likelihood``
     #: ranks of the true values, 0 … ``draws``, shape (replicates, quantities); uniformly
@@ -174,40 +184,54 @@ def calibrate(
 ) -> Validation:
     """Return the ranks of true values among posterior draws of simulated campaigns.
 
-    In every replicate, true parameters and hyper-parameters are drawn from their priors.
+    In every replicate, true parameters and hyper-parameters (the scales of the noise and of other
+    effects) are drawn from their priors, readings are simulated, and the true values are ranked
+    among posterior draws. If the posterior is computed correctly, the ranks are uniformly
+    distributed (Talts et al. 2018).
 
     Parameters
     ----------
-    model
+    model : HybridModel
         Model whose posterior is validated, with proper priors.
-    plan
+    plan : Campaign
         Campaign whose forces, angles and clockings are simulated; its readings are ignored.
-    replicates, draws
-        Number of simulated campaigns, and number of independent posterior draws of each.
+    replicates : int
+        Number of simulated campaigns, at least 10.
+    draws : int
+        Number of independent posterior draws of each campaign, at least 9.
     sampler : {"independent", "joint"}
-        Method of drawing from the posterior.
-    generator
-        Model that simulates the readings; default: ``model``. Another one shows the effect of an
+        Method of drawing from the posterior, as in `sample`.
+    generator : HybridModel, optional
+        Model that simulates the readings. Default: ``model``. Another one shows the effect of an
         analysis with a wrong model.
-    prob
+    prob : float
         Probability that all ranks of all quantities lie inside their bands, if calibrated.
-    seed
+    seed : int
         Seed of all random numbers.
-    executor
-        Runs the replicates in parallel, one BLAS thread each; default: this process, one after the
-        other. The result does not depend on it.
-    progress
-        Called with the number of replicates done and their total.
+    executor : Executor, optional
+        Executor of ``concurrent.futures`` that runs the replicates in parallel, one BLAS thread
+        each. Default: this process, one after the other. The result does not depend on it.
+    progress : callable, optional
+        Function called with the number of replicates done and their total.
 
     Returns
     -------
     Validation
-        The ranks, and whether they are uniform.
+        Ranks, and whether they are uniform. ``failures`` are the error messages of replicates that
+        gave no draws.
 
     Raises
     ------
     InputError
-        For a flat prior, an unknown sampler, or numbers out of range.
+        For a flat prior, an unknown sampler, numbers out of range, a plan to which the model cannot
+        be fitted, or if no replicate gives draws.
+
+    Examples
+    --------
+    >>> plan = campaign.plan()
+    >>> validation = lb.calibrate(lb.HybridModel.first(0), plan, replicates=10, draws=9)
+    >>> validation.calibrated, validation.outside
+    (True, ())
     """
     sampler = sampler_named(sampler)
     if generator is None:

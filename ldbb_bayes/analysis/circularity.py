@@ -77,26 +77,43 @@ def predict_circularity(
 ) -> pd.DataFrame:
     """Return circular-test quantities of the machine's own tool path, with credible intervals.
 
+    The quantities are those of ISO 230-4, without errors of the instrument, on the first circle of
+    each plane. A G is a largest difference: where the path is not known it is more often too large
+    than too small.
+
     Parameters
     ----------
     posterior : DataTree
+        Posterior from `sample`, `load` or `average`.
     forces_N : sequence of float
-        Forces of the bar; default: 0 (geometric errors alone) and the tested forces.
+        Forces of the bar [N]. Default: 0 (geometric errors alone) and the tested forces.
     prob : float
-        Probability of the intervals.
+        Probability of the equal-tailed intervals, between 0 and 1.
     draws : int
         Number of posterior draws used, evenly spaced among all.
 
     Returns
     -------
     DataFrame
-        One row per plane, force and quantity: radius_mm, unit, mean, sd, median, ci_low, ci_high;
-        on the first circle of the plane. G, F_max, F_min about the least-squares centre and radius;
+        One row per plane, force and quantity: plane, radius_mm, force_N, quantity, unit, mean, sd,
+        median, ci_low, ci_high. G, F_max, F_min about the least-squares centre and radius [µm];
         squareness (in the sense and sign of the plane's own parameter, E_C0YX in XY) and
-        scale_mismatch (gain of the first axis less that of the second), as the second harmonic
-        shows them, compliance included; where the plane is run both ways G_b and D, the mean radius
-        less the nominal one (G and F are then of the mean path). A G is a largest difference: where
-        the path is not known it is more often too large than too small.
+        scale_mismatch (gain of the first axis less that of the second) [µm/m], as the second
+        harmonic shows them, compliance included; where the plane is run both ways G_b and D, the
+        mean radius less the nominal one [µm] (G and F are then of the mean path).
+
+    Raises
+    ------
+    InputError
+        For a probability that is not between 0 and 1, or a posterior from `to_units`.
+
+    Examples
+    --------
+    >>> table = lb.analysis.predict_circularity(posterior, [0.0, 300.0], draws=400)
+    >>> table["quantity"].to_list()[:5]
+    ['G', 'F_max', 'F_min', 'squareness', 'scale_mismatch']
+    >>> table["force_N"].unique().tolist()
+    [0.0, 300.0]
     """
     check_probability(prob)
     units = QUANTITIES | BIDIRECTIONAL

@@ -54,7 +54,17 @@ class Decision(StrEnum):
 
 @dataclass(frozen=True)
 class Conformity(Result):
-    """A quantity, its tolerance and the decision, in internal units (mm, N, rad)."""
+    """A quantity, its tolerance and the decision, in internal units (mm, N, rad).
+
+    Examples
+    --------
+    >>> decisions = lb.assess_conformity(posterior, {"stiffness_X": "18 N/µm"})
+    >>> stiffness = decisions["stiffness_X"]
+    >>> stiffness.limits  # N/mm
+    (18000.0, inf)
+    >>> round(stiffness.probability, 1), stiffness.decision.value
+    (0.6, 'not decided')
+    """
 
     unit: str  #: unit of the quantity, its limits, mean, sd and guard band
     #: force at which the quantity is stated; None for geometric errors and slopes
@@ -86,31 +96,44 @@ def assess_conformity(
 ) -> dict[str, Conformity]:
     """Decide whether a machine conforms with its tolerances.
 
+    The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106, for a quantity η
+    given the readings y. By ISO 14253-1 the quantity conforms where p is at least ``confidence``,
+    does not conform where 1 − p is at least ``confidence``, and in between nothing is decided.
+
     Parameters
     ----------
     posterior : DataTree
-        From `average`, `sample` or `load`.
-    tolerances : mapping of name to str or Tolerance, optional
-        Tolerances by name; default: those of the campaign. Names are those of parameters,
+        Posterior from `sample`, `load` or `average`.
+    tolerances : mapping of str to str or Tolerance, optional
+        Tolerances by name. Default: those of the campaign. Names are those of parameters,
         ``stiffness_X`` (1/C_XXX), and G, F_max and F_min of the machine's circular path, with the
-        plane where there are several (``G_YZ``).
+        plane where there are several (``G_YZ``). Texts have a unit, such as ``60 nm/N``,
+        ``−20..40 µrad`` or ``≥ 18 N/µm``; a `Tolerance` is in mm, N and rad.
     force_N : float, optional
-        Force at which compliances, stiffnesses and the circular path are stated, from a tenth of
-        the smallest force tested to 1.5 times the largest; default: the model's reference force, at
-        which the compliance C(F) is the parameter C.
+        Force at which compliances, stiffnesses and the circular path are stated [N], from a tenth
+        of the smallest force tested to 1.5 times the largest. Default: the model's reference force,
+        at which the compliance C(F) is the parameter C.
     confidence : float
-        Probability that a decision asks for.
+        Probability that a decision asks for, between 0.5 and 1.
 
     Returns
     -------
-    dict of Conformity
-        By name of the quantity.
+    dict of str to Conformity
+        Decision on each quantity by name.
 
     Raises
     ------
     InputError
-        For an unknown name, a number without its unit or with one of another kind, or limits the
-        wrong way round.
+        For an unknown name, a number without its unit or with one of another kind, limits the
+        wrong way round or below zero for a quantity that cannot be negative, or a force or
+        confidence out of range.
+
+    Examples
+    --------
+    >>> limits = {"C_XXX": "70 nm/N", "stiffness_X": "18 N/µm"}
+    >>> decisions = lb.assess_conformity(posterior, limits)
+    >>> {name: conformity.decision.value for name, conformity in decisions.items()}
+    {'C_XXX': 'conforms', 'stiffness_X': 'not decided'}
     """
     require(
         0.5 < confidence < 1.0,

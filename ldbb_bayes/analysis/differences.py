@@ -52,30 +52,46 @@ def compare_posteriors(
     same_instrument: bool = False,
     prob: float = 0.95,
 ) -> pd.DataFrame:
-    """Return the difference of every parameter, ``other`` minus ``posterior``.
+    """Return the difference of every parameter between two campaigns, second minus first.
+
+    The campaigns, of ``posterior`` and of ``other``, may be before and after a repair, or of two
+    machines of the same kind.
 
     Parameters
     ----------
     posterior, other : DataTree
-        Posteriors of machines with the same topology, planes and joint frames.
+        First and second posterior, from `sample`, `load` or `average`, of machines with the same
+        topology, planes and joint frames.
     same_instrument : bool
-        Whether bar, balls, mount and force device were the same.
+        Whether bar, balls, mount and force device were the same. Their errors then largely cancel
+        in the difference.
     prob : float
-        Probability of the intervals.
+        Probability of the equal-tailed intervals, between 0 and 1.
 
     Returns
     -------
     DataFrame
-        One row per parameter that both have, without offsets of the tool ball. Columns are unit,
-        first, second (means at the reference force of the first), difference, sd, ci_low, ci_high
-        and probability_of_increase. With the same instrument, ``attrs["conflict"]`` is the
-        instrument's coefficient about which the campaigns disagree most, and the p-value of the
-        disagreement (Bonferroni); otherwise it is None.
+        One row per parameter that both have, without offsets of the tool ball, in internal units
+        (mm, N, rad). Columns are unit, first, second (means at the reference force of the first),
+        difference, sd, ci_low, ci_high and probability_of_increase. With the same instrument,
+        ``attrs["conflict"]`` is the instrument's coefficient about which the campaigns disagree
+        most, and the p-value of the disagreement (Bonferroni); otherwise it is None.
 
     Raises
     ------
     InputError
-        For other machines, or a flat prior with ``same_instrument``.
+        For a probability that is not between 0 and 1, posteriors of the same readings or of
+        different machines or planes, or a flat prior with ``same_instrument``.
+
+    Examples
+    --------
+    >>> simple = lb.HybridModel.first(0)
+    >>> softer = simple.simulate(campaign, seed=2, parameters={"C_XXX": 90e-6}).campaign
+    >>> before = lb.sample(simple, campaign, sampler="independent")
+    >>> after = lb.sample(simple, softer, sampler="independent")
+    >>> table = lb.analysis.compare_posteriors(before, after)
+    >>> bool(table.loc["C_XXX", "probability_of_increase"] > 0.99)
+    True
     """
     check_probability(prob)
     bounds = [bound_of(posterior), bound_of(other)]

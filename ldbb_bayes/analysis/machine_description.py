@@ -79,20 +79,22 @@ class DescribedMachine(Result):
 
 
 def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachine:
-    """Return the parameters of a machine that circular tests can determine.
+    """Describe a machine by the parameters that circular tests can determine.
 
     Parameters
     ----------
-    machine
+    machine : Machine
         Machine with its joints, planes and frames.
-    circles
+    circles : sequence of Circle
         Circles in the machine's planes. Default: in every plane a circle of radius 150 mm about the
         origin of the frames. Patterns are those of the first circle of each plane.
 
     Returns
     -------
     DescribedMachine
-        In internal units (mm, N, rad).
+        Parameters with units, meanings and patterns, in internal units (mm, N, rad). A pattern is
+        the change of the reading with the angle θ of the circle: c = cos θ, s = sin θ, R is the
+        radius.
 
     Raises
     ------
@@ -101,7 +103,13 @@ def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> Descri
 
     Examples
     --------
-    >>> print(lb.describe_machine(lb.Machine()))
+    >>> described = lb.describe_machine(lb.Machine())
+    >>> [compliance.name for compliance in described.compliances]
+    ['C_XXX', 'C_XYX', 'C_YYY', 'C_CXY', 'C_CYY', 'C_CCY']
+    >>> described.compliances[0].pattern["XY"], described.compliances[2].pattern["XY"]
+    ('c²', 's²')
+    >>> described.null  # compliances that change no reading
+    ('C_XCX', 'C_YCX', 'C_CXX', 'C_CYX', 'C_CCX')
     """
     circles = tuple(circles) or tuple(Circle(plane=plane) for plane in machine.planes)
     _check_circles(machine, circles)

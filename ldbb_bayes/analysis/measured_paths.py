@@ -27,10 +27,12 @@ _FULL_CIRCLE_DEG = 350.0
 def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return circular-test quantities of the readings, errors of the instrument included.
 
+    The quantities are those of ISO 230-4, computed from the readings as they are.
+
     Parameters
     ----------
     posterior : DataTree or Campaign
-        Campaign, or posterior whose campaign is used; the fit is not used.
+        Campaign with readings, or posterior whose campaign is used; the fit is not used.
 
     Returns
     -------
@@ -39,8 +41,16 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
         F_min (about the least-squares centre) [µm]; squareness and scale_mismatch [µm/m], not a
         number for less than a full circle.
     pairs : DataFrame
-        One row per clockwise and counterclockwise test of the same circle: G_b, G_b_minimum_zone, D
-        [µm].
+        One row per clockwise and counterclockwise test of the same circle: force_N, plane; G_b,
+        G_b_minimum_zone, D [µm].
+
+    Examples
+    --------
+    >>> tests, pairs = lb.analysis.measure_circularity(campaign)
+    >>> tests["F_max"].round(1).to_list()  # µm
+    [6.5, 6.3, 7.2, 8.1, 9.3, 10.3]
+    >>> len(pairs)  # all circles were run clockwise
+    0
     """
     if isinstance(posterior, Campaign):
         bound = HybridModel.first(0).bind(posterior)

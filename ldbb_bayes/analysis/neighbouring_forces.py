@@ -44,6 +44,9 @@ def local_fits(
 ) -> pd.DataFrame:
     """Fit constant compliance and geometry to every pair of neighbouring force levels.
 
+    Where the estimates of the pairs differ by more than their uncertainties, compliance changes
+    with force.
+
     Parameters
     ----------
     model : HybridModel
@@ -51,9 +54,9 @@ def local_fits(
         campaign (number of ball forms, estimate Ĉ of the compliances) are those of the whole
         campaign.
     campaign : Campaign
-        Campaign with readings.
+        Campaign with readings at two or more force levels.
     prob : float
-        Probability of the equal-tailed credible intervals.
+        Probability of the equal-tailed credible intervals, between 0 and 1.
     seed : int
         Seed of the quantiles.
 
@@ -62,12 +65,23 @@ def local_fits(
     DataFrame
         One row per pair and parameter: force_low_N, force_high_N, force_N (mean of the pair's
         tests), tests, parameter, unit, least_squares, least_squares_u (white noise alone; not a
-        number where the pair does not determine it), mean, sd, ci_low, ci_high; in internal units.
+        number where the pair does not determine it), mean, sd, ci_low, ci_high; in internal units
+        (mm, N, rad).
 
     Raises
     ------
     InputError
-        For one force level, a plan, or a flat prior.
+        For one force level, a plan (a campaign without readings), a flat prior, or a probability
+        that is not between 0 and 1.
+
+    Examples
+    --------
+    >>> table = lb.local_fits(lb.HybridModel.first(0), campaign)
+    >>> of_x = table[table["parameter"] == "C_XXX"]
+    >>> of_x["force_N"].to_list()  # six circles at different forces make five pairs
+    [137.0, 301.0, 427.0, 553.0, 679.0]
+    >>> bool(of_x["mean"].between(45e-6, 70e-6).all())  # mm/N
+    True
     """
     require_campaign(campaign)
     check_comparable(model, campaign)

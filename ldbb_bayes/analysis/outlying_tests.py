@@ -81,16 +81,20 @@ def find_outlying_tests(
     tolerance: float = 1e-2,
     replicates: int | None = None,
 ) -> pd.DataFrame:
-    """Return which tests do not belong with the others, under one or several models.
+    """Find the tests that do not belong with the others, under one or several models.
+
+    Each test is compared with circles simulated from what the other tests predict. Its p-value is
+    the probability that a circle of the same machine lies as far out in any Fourier order. A test
+    has a flag where its family-wise p-value (Holm) is below 2 %.
 
     Parameters
     ----------
-    models : mapping of name to HybridModel
-        Models take part with their posterior probabilities given the other tests.
+    models : mapping of str to HybridModel
+        Models by name; they take part with their posterior probabilities given the other tests.
     campaign : Campaign
-        With readings of at least two tests.
+        Campaign with readings of at least two tests.
     seed : int
-        Seed of the replicates.
+        Seed of the simulated circles.
     tolerance : float
         Error allowed in every log evidence [nat].
     replicates : int, optional
@@ -106,12 +110,17 @@ def find_outlying_tests(
     Raises
     ------
     InputError
-        For fewer than two tests, a plan, an improper prior, or too few replicates.
+        For fewer than two tests, a plan (a campaign without readings), an improper prior, or too
+        few replicates.
 
     Examples
     --------
-    >>> model = lb.HybridModel.default(degree=1)
-    >>> print(lb.find_outlying_tests({"linear": model}, campaign))
+    >>> models = {"constant": lb.HybridModel.first(0)}
+    >>> table = lb.find_outlying_tests(models, campaign, tolerance=0.1, replicates=400)
+    >>> table.columns.to_list()[:4]
+    ['force_N', 'p_value', 'family_wise_p_value', 'flag']
+    >>> bool(table["flag"].any())
+    False
     """
     require_campaign(campaign)
     tests = len(campaign.tests)

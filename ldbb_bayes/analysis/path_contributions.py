@@ -51,22 +51,39 @@ def decompose_deviation(
 ) -> pd.DataFrame:
     """Return largest, smallest and peak-to-peak contributions to the reading of one circle [µm].
 
+    The circle is the first of each plane.
+
     Parameters
     ----------
     posterior : DataTree
+        Posterior from `sample`, `load` or `average`.
     force_N : float, optional
-        Default: the highest tested.
+        Force of the bar [N]. Default: the highest tested.
     prob : float
-        Probability of the intervals.
+        Probability of the equal-tailed intervals, between 0 and 1.
 
     Returns
     -------
     DataFrame
         One row per plane and source. Sources are all effects together, all compliances, all
         geometric errors, every compliance (its slope included) and every geometric error. Columns
-        are radius_mm and force_N; maximum, minimum and peak_to_peak of the mean contribution; and
-        median, sd, ci_low and ci_high of the peak-to-peak. For a source that is hardly known, the
-        median exceeds the peak-to-peak of the mean contribution, which may be zero.
+        are plane, radius_mm, force_N and source; maximum, minimum and peak_to_peak; and sd, ci_low
+        and ci_high of the peak-to-peak. maximum and minimum are those of the mean contribution;
+        peak_to_peak is the posterior median. For a source that is hardly known, it exceeds maximum
+        less minimum, which may be zero.
+
+    Raises
+    ------
+    InputError
+        For a probability that is not between 0 and 1, or a posterior from `to_units`.
+
+    Examples
+    --------
+    >>> table = lb.analysis.decompose_deviation(posterior, force_N=500.0).set_index("source")
+    >>> table.index.to_list()[:4]
+    ['compliance and geometry', 'compliance', 'geometry', 'C_XXX']
+    >>> round(table.loc["C_YYY", "maximum"])  # µm, C_YYY times 500 N
+    20
     """
     check_probability(prob)
     bound = bound_of(posterior)

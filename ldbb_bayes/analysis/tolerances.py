@@ -45,7 +45,18 @@ _UNIT_CHARACTER = re.compile(r"[^\W\d]|[%°]")
 
 @dataclass(frozen=True)
 class Tolerance(Shown):
-    """Limits of a quantity, themselves allowed, in internal units (mm, N, rad)."""
+    """Limits of a quantity, themselves allowed, in internal units (mm, N, rad).
+
+    At least one limit must be given, and the lower one must lie below the upper one.
+
+    Examples
+    --------
+    >>> tolerance = lb.analysis.Tolerance(upper=60e-6)  # mm/N, that is 60 nm/N
+    >>> tolerance.ends
+    (-inf, 6e-05)
+    >>> lb.assess_conformity(posterior, {"C_YYY": tolerance})["C_YYY"].decision.value
+    'conforms'
+    """
 
     lower: float | None = None  #: lower limit; None where there is none
     upper: float | None = None  #: upper limit; None where there is none

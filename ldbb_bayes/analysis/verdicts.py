@@ -117,13 +117,20 @@ class Verdict(StrEnum):
 class ParameterIdentifiability(Result):
     """How well one parameter is known, in internal units (mm, N, rad).
 
-    ``partners`` are the terms, then the parameters, that a confounded parameter is confounded with,
-    the heaviest first. For a parameter that is not confounded they are the terms that hold at least
-    5 % of its variance.
+    Examples
+    --------
+    >>> result = lb.identify(lb.HybridModel.first(0), campaign)
+    >>> parameter = result.parameters["C_XXX"]
+    >>> parameter.verdict.value, parameter.partners[0]
+    ('confounded', 'Mount')
+    >>> round(parameter.partner_shares["Mount"], 1)  # of the variance; known, it would vanish
+    0.6
     """
 
     name: str  #: name of the parameter
     verdict: Verdict  #: identified, prior-limited or confounded
+    #: terms, then parameters, that a confounded parameter is confounded with, the heaviest first;
+    #: for a parameter that is not confounded the terms that hold at least 5 % of its variance
     partners: Annotated[tuple[str, ...], Field(alias="with")]
     #: share of the parameter's variance that vanishes if the partner is known, by partner; effects
     #: that the model leaves out have no share
@@ -145,7 +152,17 @@ class ParameterIdentifiability(Result):
 
 @dataclass(frozen=True, eq=False)
 class Identifiability(Result):
-    """How well a campaign or plan determines the parameters of a model."""
+    """How well a campaign or plan determines the parameters of a model.
+
+    Examples
+    --------
+    >>> result = lb.identify(lb.HybridModel.first(0), campaign)
+    >>> round(result.effective_parameters, 1), len(result.parameters)
+    (12.7, 13)
+    >>> known = result.certificates["mount ± 2 %"]["C_XXX"]
+    >>> round(known / result.certificates["none of these"]["C_XXX"], 1)
+    0.6
+    """
 
     parameters: dict[str, ParameterIdentifiability]  #: by name of the parameter
     degeneracies: tuple[Degeneracy, ...]  #: combinations that no reading resolves
@@ -179,6 +196,12 @@ class SampledSd(NamedTuple):
 def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     """Return how well a campaign, or a plan once run, determines the parameters of a model.
 
+    Each parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
+    (the readings cannot separate it from another effect). No readings are needed, so that a plan
+    can be judged before it is run. All is computed for the linear Gaussian model without
+    truncation, at the posterior mean of the hyper-parameters (the scales of the noise and of other
+    effects), or at their prior median for a plan.
+
     Parameters
     ----------
     model : HybridModel
@@ -189,11 +212,21 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     Returns
     -------
     Identifiability
-        In internal units (mm, N, rad).
+        Verdicts, unresolved combinations, their cures and the worth of certificates, in internal
+        units (mm, N, rad).
+
+    Raises
+    ------
+    InputError
+        For a model to which the campaign cannot be fitted.
 
     Examples
     --------
-    >>> print(lb.identify(lb.HybridModel.default(degree=1), campaign))
+    >>> result = lb.identify(lb.HybridModel.first(0), campaign.plan())
+    >>> result.parameters["C_XXX"].verdict.value
+    'confounded'
+    >>> result.parameters["C_XXX"].partners[0]  # also the mount deflects in proportion to force
+    'Mount'
     """
     bound = model.bind(campaign)
     weight, nodes = hyper_parameter_nodes(bound)
@@ -226,20 +259,33 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
 def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
     """Return the verdict on every parameter of a posterior.
 
+    Each parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
+    (the readings cannot separate it from another effect).
+
     Parameters
     ----------
-    posterior : xarray.DataTree
-        From `sample`, `load` or `average`.
+    posterior : DataTree
+        Posterior from `sample`, `load` or `average`.
 
     Returns
     -------
-    dict of ParameterIdentifiability
-        By parameter, computed at the posterior mean of the hyper-parameters; mean, sd and
-        contraction are those of the posterior draws.
+    dict of str to ParameterIdentifiability
+        Verdict on each parameter by name, computed at the posterior mean of the hyper-parameters
+        (the scales of the noise and of other effects); mean, sd and contraction are those of the
+        posterior draws.
+
+    Raises
+    ------
+    InputError
+        For a posterior from `to_units`.
 
     Examples
     --------
-    >>> print(lb.analysis.judge_posterior(posterior)["C_XXX"])
+    >>> judged = lb.analysis.judge_posterior(posterior)
+    >>> judged["C_XXX"].verdict.value, judged["C_XXX"].partners[0]
+    ('confounded', 'Mount')
+    >>> judged["C_XYX_1"].verdict.value
+    'prior-limited'
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)

@@ -39,7 +39,7 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
     The evidence is Z = ∫ p(y | β, φ) p(β) p(φ) dβ dφ, the density of the readings y (in mm) under
     the model, averaged over the priors of its parameters β and hyper-parameters φ. Truncation
     restricts compliances to values that are not negative. Only differences of ln Z between models
-    of the same readings have a meaning; see `inference.log_bayes_factor`.
+    of the same readings have a meaning; see `log_bayes_factor`.
 
     Parameters
     ----------

@@ -116,7 +116,19 @@ class Planned:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design(Forecast):
-    """Recommended tests and their forecast."""
+    """Recommended tests and their forecast.
+
+    Examples
+    --------
+    >>> model = lb.HybridModel.first(0)
+    >>> best = lb.design(model, campaign, tests=3, forces_N=(36.0, 742.0))
+    >>> best.certificate.holds  # no other shares of the forces are better
+    True
+    >>> best.expected["C_XXX"].sd < best.expected["C_XXX"].prior_sd
+    True
+    >>> len(best.plan(seed=1).tests)
+    3
+    """
 
     criterion: str  #: criterion that the design optimizes
     parameters: tuple[str, ...]  #: parameters of interest; all others are nuisances
@@ -226,17 +238,26 @@ class Design(Forecast):
 
 
 def read_design(path: str | os.PathLike[str]) -> Design:
-    """Return the design in a folder written by ``ldbb-bayes design --out``, or in a design.json.
+    """Read the design in a folder written by ``ldbb-bayes design --out``.
 
     Parameters
     ----------
-    path
-        Folder or file.
+    path : str or os.PathLike
+        Folder, or its file ``design.json``.
 
     Returns
     -------
     Design
-        The design without its tests, which are in the plan in the same folder.
+        Design without its tests, which are in the plan in the same folder.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing, damaged, or not written by this package.
+
+    Examples
+    --------
+    >>> best = lb.analysis.read_design("design")  # doctest: +SKIP
     """
     return read_result(path, "design", "design", Design.from_dict)
 
@@ -281,45 +302,61 @@ def design(
     prior when the pilot is a plan. The expected sds account for the truncation (compliances must
     not be negative); criteria and evidence do not. The reference force F0, the force range and the
     estimate Ĉ of the compliances about which the model is linearised are those of the pilot:
-    analyse the plan with `Design.model`.
+    analyse the plan with ``model`` of the design.
 
     Parameters
     ----------
-    model
-        The model that the tests are to determine.
-    pilot
+    model : HybridModel
+        Model that the tests are to determine.
+    pilot : Campaign
         Campaign already run, or plan, that the design starts from.
-    tests
-        Number of circles to run; default: as many as the pilot has.
-    forces_N
-        Force levels to choose from; default: the pilot's range in steps of 1 N.
-    clockings_deg, radii_mm, directions
-        Clockings (work ball, tool ball), radii and directions of travel (CW, CCW) to choose from;
-        default: balls not turned, the rest as in the pilot. If both directions may be chosen, the
+    tests : int, optional
+        Number of circles to run, at most 300. Default: as many as the pilot has.
+    forces_N : sequence of float, optional
+        Force levels to choose from [N]. Default: the pilot's range in steps of 1 N.
+    clockings_deg : sequence of pair of float
+        Clockings to choose from: angles by which the work ball and the tool ball are turned [°].
+        Default: balls not turned.
+    radii_mm : sequence of float
+        Radii to choose from [mm]. Default: as in the pilot.
+    directions : sequence of {"CW", "CCW"}
+        Directions of travel to choose from. Default: as in the pilot. If both may be chosen, the
         model always includes hysteresis.
     criterion : {"eig", "d", "a", "c", "i", "discriminate"}, optional
-        Criterion to optimize; default: ``eig`` with proper priors, ``d`` with flat ones.
-    parameters
-        Parameters of interest; all others are nuisances. Default: all that the criterion is
-        about.
-    augment
+        Criterion to optimize. ``eig``: expected information gain. ``d``: determinant of the
+        covariance of the parameters. ``a``: sum of their variances. ``c``: variance of one
+        parameter. ``i``: mean variance of the compliances C(F). ``discriminate``: evidence about
+        the slopes. Default: ``eig`` with proper priors, ``d`` with flat ones.
+    parameters : sequence of str
+        Names of the parameters of interest; all others are nuisances. Default: all that the
+        criterion is about.
+    augment : bool
         Whether the pilot's tests count as run, so that ``tests`` is the number of tests added.
-    against
+    against : mapping of str to Campaign
         Designs to compare with: campaigns or plans by name.
-    slope_size
+    slope_size : float
         Size of the slopes that the tests are to detect [prior sd].
-    seed
+    seed : int
         Seed of the random numbers of search and forecast.
 
     Returns
     -------
     Design
-        The recommended tests and their forecast.
+        Recommended tests and their forecast.
 
     Raises
     ------
     InputError
-        For unknown names, or tests that leave parameters undetermined.
+        For numbers out of range, unknown names, a design to compare with of another machine, a
+        model or criterion that does not suit the parameters, or tests that leave parameters
+        undetermined.
+
+    Examples
+    --------
+    >>> model = lb.HybridModel.first(0)
+    >>> best = lb.design(model, campaign, tests=3, forces_N=(36.0, 742.0))
+    >>> best.table["force_N"].to_list(), best.table["count"].to_list()
+    ([36.0, 742.0], [1, 2])
     """
     require_campaign(pilot)
     number = len(pilot.tests) if tests is None else tests
