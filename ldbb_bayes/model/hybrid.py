@@ -77,13 +77,28 @@ class HybridModel(Result):
     A reading is ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε. F is the force, F0 the
     reference force, C_0 the compliances, C_1 and C_2 their slopes, E the geometric errors, j_C and
     j_G their columns, and ε white noise. Nuisances are effects that are modelled but not of
-    interest. InputError if the settings contradict each other.
+    interest. Start from ``default``, from ``first`` (the model of the first edition) or from
+    ``paper`` (least squares as in the paper), and change it by methods that return another model.
+
+    Raises
+    ------
+    InputError
+        If the settings contradict each other.
+
+    Examples
+    --------
+    >>> lb.HybridModel.default(degree=0).bind(campaign).names
+    ('C_XXX', 'C_XYX', 'C_YYY', 'C_CXY', 'C_CYY', 'C_CCY',
+     'E_XX1', 'E_YX2', 'E_XY2', 'E_YY1', 'E_C0YX', 'E_Xt0', 'E_Yt0')
+    >>> informed = model.with_prior(C_XXX=("60 nm/N", "5 nm/N")).without("hysteresis")
+    >>> informed.prior.means["C_XXX"], "Hysteresis" in informed.terms
+    (6e-05, False)
     """
 
     #: compliance constant (0), linear (1) or quadratic (2) in force; constant: linear with its
     #: slopes at zero
     degree: int = 1
-    nuisances: tuple[Term, ...] = field(default_factory=_default_terms)
+    nuisances: tuple[Term, ...] = field(default_factory=_default_terms)  #: nuisance terms
     prior: Prior = field(default_factory=Prior.default)  #: prior of parameters and hyper-parameters
     #: Reference force F0 [N]. Default: the middle of the campaign's forces. F0 = 0 gives Eq. 33.
     reference_force_N: float | None = None
@@ -203,11 +218,34 @@ class HybridModel(Result):
     ) -> HybridModel:
         """Return the same model with other priors.
 
-        ``C_XXX=("60 nm/N", "5 nm/N")``: mean and sd of a parameter, which is free again if it was
-        fixed; a slope's mean stays 0. ``tau_um="2 µm"``: a field of `Prior`. Each value is a text
-        with its unit or a number in internal units (mm, N, rad). Names as the paper prints them go
-        in a mapping: ``{"E_C(0Y)X": (0, "20 µrad")}``. InputError for other names; names of
+        A parameter has a mean and a sd, and is free again if it was fixed; a slope's mean stays 0.
+        Each value is a text with its unit or a number in internal units (mm, N, rad). Names of
         parameters are checked against the machine when the model is bound to a campaign.
+
+        Parameters
+        ----------
+        priors : mapping of str to object, optional
+            The same as ``further_priors``, for names as the paper prints them:
+            ``{"E_C(0Y)X": (0, "20 µrad")}``.
+        **further_priors : object
+            Mean and sd of a parameter, ``C_XXX=("60 nm/N", "5 nm/N")``, or a field of `Prior`,
+            ``tau_um="2 µm"``.
+
+        Returns
+        -------
+        HybridModel
+            The model with these priors.
+
+        Raises
+        ------
+        InputError
+            For other names, and for values without mean and sd or with a unit that does not fit.
+
+        Examples
+        --------
+        >>> calibrated = model.with_prior({"E_C(0Y)X": (0, "20 µrad")}, tau_um="0.5 µm")
+        >>> calibrated.prior.overrides["E_C0YX"], calibrated.prior.tau_um
+        (2e-05, 0.5)
         """
         new_priors = {
             inside_name(name): value for name, value in {**(priors or {}), **further_priors}.items()
@@ -242,7 +280,10 @@ class HybridModel(Result):
     def with_term(self, *terms: Term) -> HybridModel:
         """Return the same model with these nuisances, each in place of one of the same class.
 
-        Example: ``model.with_term(Drift("temperature"))``.
+        Examples
+        --------
+        >>> "Drift" in model.with_term(lb.terms.Drift("temperature")).terms
+        True
         """
         term_by_kind = {type(term): term for term in (*self.nuisances, *terms)}
         order = [*Term.kinds.values(), *term_by_kind]
@@ -338,26 +379,35 @@ class HybridModel(Result):
 
         Parameters
         ----------
-        plan
+        plan : Campaign
             Forces, angles, set-ups and machine.
-        seed
+        seed : int
             Seed of the random numbers.
-        parameters
+        parameters : mapping of str to float, optional
             True values in internal units (mm, N, rad), zero if not named. By default a random draw
             from the prior.
-        hyper_um
+        hyper_um : mapping of str to float, optional
             True hyper-parameters [µm]; those not named are drawn at random from their priors.
-        exact
-            Geometric errors through the exact forward model (Eq. 1-14) instead of the linear one.
+        exact : bool, default False
+            Whether geometric errors act through the exact forward model (Eq. 1-14 of the paper)
+            instead of the linear one.
 
         Returns
         -------
-        The simulated campaign and the true values.
+        Simulation
+            The simulated ``campaign`` and the true values.
 
         Raises
         ------
         InputError
             For unknown names, negative hyper-parameters, or a flat prior without parameters.
+
+        Examples
+        --------
+        >>> truth = {"C_XXX": 60e-6, "C_YYY": 40e-6}
+        >>> simulation = model.simulate(campaign.plan(), seed=1, parameters=truth)
+        >>> simulation.campaign.readings
+        4320
         """
         rng = np.random.default_rng(seed)
         bound = self.bind(plan)

@@ -149,6 +149,20 @@ class Prior(Shown):
     at zero. If ``means`` names a compliance, the prior sd of this compliance in ``overrides`` is
     how well it is known, not how large it may be; its slopes therefore keep the prior sd that
     follows from the default for its kind.
+
+    Raises
+    ------
+    InputError
+        For a sd or scale that is not positive, a unit that does not fit, a mean that is that of a
+        slope or absurdly large, and for a flat prior that is truncated or has means or overrides.
+
+    Examples
+    --------
+    >>> prior = lb.Prior(direct_mm_per_N="50 nm/N", overrides={"E_XX1": "100 µm/m"})
+    >>> prior.direct_mm_per_N
+    5e-05
+    >>> dict(prior.overrides)
+    {'E_XX1': 0.0001}
     """
 
     direct_mm_per_N: float = 1e-4  #: prior sd of C_XXX and C_YYY

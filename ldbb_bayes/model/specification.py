@@ -84,9 +84,37 @@ def model_from_toml(text: str) -> HybridModel:
 
 
 def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> HybridModel:
-    """Return the model that a TOML file describes, see `model_from_toml`.
+    r"""Return the model that a TOML file describes.
 
-    If the file states no degree, the model has this ``degree``, or else that of the preset.
+    Settings that the file omits are those of its preset, ``default``, ``first`` or ``paper``. If
+    the file has ``[terms]``, the model has exactly the nuisances (effects that are modelled but not
+    of interest) listed there.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        Path of the file.
+    degree : int, optional
+        Degree of the compliance in force, 0, 1 or 2, if the file states none; by default 0 for the
+        preset ``paper`` and 1 for the others.
+
+    Returns
+    -------
+    HybridModel
+        The model.
+
+    Raises
+    ------
+    InputError
+        For a file that is not TOML, unknown keys, and values out of range or of another unit; the
+        message names the file and the place.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> size = Path("model.toml").write_text("schema = 1\n[terms.BarLength]\nsd_um = 1.0\n")
+    >>> lb.read_model("model.toml", degree=0).nuisances
+    (BarLength(sd_um=1),)
     """
     return _model_of(read_toml(Path(path)), str(path), degree)
 

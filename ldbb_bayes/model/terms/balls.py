@@ -75,9 +75,19 @@ class BallForm(Term):
     between tests, each ball has its own form: the work ball at θ − ψ_work, and the tool ball, which
     is touched on its far side, at θ + 180° − ψ_tool, each with τ²/2 and its own S². Every plane
     has separate forms, because it runs over another great circle of the balls.
+
+    Examples
+    --------
+    >>> lb.terms.BallForm.describe("form_cos2")
+    '2-lobe form (cos 2θ)'
+    >>> better_balls = model.with_term(lb.terms.BallForm(sphericity_um=0.5))
+    >>> better_balls.nuisances[0]
+    BallForm(sphericity_um=0.5, law='decay')
     """
 
+    #: deviation from sphericity, peak to valley, of a ball of which nothing is stated
     sphericity_um: float = 2.5
+    #: how the prior sd falls with the order n: decay, with the power p, or 1/n
     law: Literal["decay", "1/n"] = "decay"
     stem = ("form", "work_form", "tool_form")
     calibration = "a calibration of the balls' form"
@@ -237,6 +247,13 @@ class MachinePattern(Term):
     the same in all tests of one plane, direction of travel and radius. The term acts only if a ball
     is clocked: the form turns with the ball and the pattern does not, so that they can be
     separated.
+
+    Examples
+    --------
+    The balls of the embedded campaign are not clocked:
+
+    >>> "MachinePattern" in model.terms, "MachinePattern" in model.bind(campaign).terms
+    (True, False)
     """
 
     stem = "pattern"

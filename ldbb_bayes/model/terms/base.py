@@ -37,7 +37,15 @@ _SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\
 
 
 class Unit(NamedTuple):
-    """A coefficient's unit."""
+    """Unit of a coefficient, and the unit in which reports display it.
+
+    Examples
+    --------
+    >>> lb.terms.Unit(inside="mm/N", one=1e-6, label="nm/N")
+    Unit(inside='mm/N', one=1e-06, label='nm/N')
+    >>> lb.terms.Mount.unit_of("mount").label
+    'µm/bar'
+    """
 
     inside: str  #: internal unit, used in files and results
     one: float  #: one display unit, in the internal unit
@@ -58,7 +66,15 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """All assumptions of a model's terms about the instrument, and the certificates."""
+    """All assumptions of a model's terms about the instrument, and the certificates.
+
+    Examples
+    --------
+    >>> instrument = lb.terms.uncertainties(campaign)
+    >>> assumed = {assumption.name: assumption for assumption in instrument.assumed}
+    >>> assumed["bar_length"].sd, assumed["bar_length"].unit, assumed["bar_length"].stated
+    (0.0094, 'mm', False)
+    """
 
     assumed: tuple[Uncertainty, ...]  #: in the order of the terms
     certificates: Mapping[str, str]  #: names of the certificates
@@ -67,12 +83,26 @@ class Uncertainties(Result):
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
     """Return the assumptions of terms about the instrument of a campaign or plan.
 
+    Printed, they are a table that says where in ``campaign.toml`` a certificate's value belongs.
+
     Parameters
     ----------
-    campaign
+    campaign : Campaign
         Campaign or plan.
-    terms
+    terms : iterable of Term, optional
         The terms; by default those of the default model.
+
+    Returns
+    -------
+    Uncertainties
+        Value and standard uncertainty of each quantity of the instrument that the terms assume, and
+        the names of the certificates.
+
+    Examples
+    --------
+    >>> instrument = lb.terms.uncertainties(campaign, [lb.terms.ForceError()])
+    >>> [(assumed.name, assumed.sd, assumed.unit) for assumed in instrument.assumed]
+    [('force_gain', 0.01, '1'), ('force_curvature', 0.01, '1'), ('force_random', 4.0, 'N')]
     """
     if terms is None:
         terms = [kind() for kind in Term.kinds.values() if not kind.on_demand]
@@ -113,14 +143,21 @@ class Term(Shown):
 
     Examples
     --------
+    Five waves in each turn, the same in all tests:
+
+    >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)
-    ... class PitchError(lb.terms.Term):
+    ... class FiveWaves(lb.terms.Term):
     ...     sd_um: float = 2.0
     ...
     ...     def columns(self, setting):
     ...         sd = np.full(2, self.sd_um * 1e-3)
-    ...         names = ("pitch_error_cos5", "pitch_error_sin5")
+    ...         names = ("five_waves_cos5", "five_waves_sin5")
     ...         return (lb.terms.Columns(names, setting.harmonics([5]), sd),)
+    >>> model.with_term(FiveWaves(sd_um=1.0)).terms[-1]
+    'FiveWaves'
+    >>> FiveWaves.describe("five_waves_cos5")
+    'five waves (cos 5θ)'
     """
 
     #: all kinds of terms by class name, in the order of models, results and model files

@@ -31,9 +31,16 @@ class SetupShift(Term):
 
     The prior sd is the hyper-parameter δ. ``moves`` states whether zero (order 0) and centre
     (order 1) have one common δ, have a δ_0 and a δ_1, or only one of them moves, with sd δ.
+
+    Examples
+    --------
+    >>> [scale.name for scale in lb.terms.SetupShift().scales]
+    ['delta']
+    >>> [scale.name for scale in lb.terms.SetupShift(moves="apart").scales]
+    ['delta_0', 'delta_1']
     """
 
-    moves: Moves = "together"
+    moves: Moves = "together"  #: what moves: together, apart, zero or centre
     words = "set-up shift"
     remedy = "Run more circles: zero and centre move from one to the next."
 
@@ -64,9 +71,17 @@ class Discrepancy(Term):
 
     The coefficients are separate for every test. Their prior sd is κ/n^decay, with the
     hyper-parameter κ.
+
+    Examples
+    --------
+    The prior sd of the orders 0, 1 and 2, in units of κ:
+
+    >>> noise = lb.terms.Discrepancy(decay=1.0).columns(model.bind(campaign).setting)[0]
+    >>> noise.sd[:5]
+    array([0. , 0. , 0. , 0.5, 0.5])
     """
 
-    decay: float = 1.0
+    decay: float = 1.0  #: power by which the prior sd falls with the order
     remedy = "Run more circles: what differs from one to the next averages out."
     scales = (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
@@ -83,6 +98,12 @@ class CircleScale(Term):
     λ² has an inverse gamma prior, InvGamma(3/2, 3/2). The circles therefore scatter as Student's t
     with three degrees of freedom, and an outlying circle hardly changes the compliances. The term
     does not act on campaigns with fewer than four tests.
+
+    Examples
+    --------
+    >>> setting = model.bind(campaign).setting
+    >>> [scale.name for scale in lb.terms.CircleScale().scales_in(setting)][:3]
+    ['lambda_f036', 'lambda_f238', 'lambda_f364']
     """
 
     stem = "lambda"
@@ -125,10 +146,20 @@ class Hysteresis(Term):
     term acts on planes that are run in both directions; with one direction it cannot be separated
     from the machine's other errors. With ``law`` fixed (model of the first edition) the first part
     ends at order 4 and ``constant_um`` replaces η.
+
+    Examples
+    --------
+    The embedded campaign has one direction of travel, in which the term does not act:
+
+    >>> lb.terms.Hysteresis().columns(model.bind(campaign).setting)
+    ()
+    >>> lb.terms.Hysteresis.describe("hysteresis_force_cos2")
+    'hysteresis in proportion to force (cos 2θ)'
     """
 
-    constant_um: float = 2.0
-    proportional_um_per_kN: float = 2.0
+    constant_um: float = 2.0  #: prior sd of the part that does not depend on force, if law is fixed
+    proportional_um_per_kN: float = 2.0  #: prior sd of the part proportional to force
+    #: whether η is a hyper-parameter (sampled) or replaced by ``constant_um`` (fixed)
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."
@@ -205,11 +236,18 @@ class Drift(Term):
     ``time_s`` or ``temperature_C``, as ``over`` states. ``length_um`` and ``centre_um`` are prior
     sds per hour or kelvin; a steel bar of 150 mm grows by 1.7 µm/K. The term is off by default,
     because `SetupShift` covers random changes between circles.
+
+    Examples
+    --------
+    >>> model.with_term(lb.terms.Drift("temperature", length_um=1.7)).terms[-1]
+    'Drift'
+    >>> lb.terms.Drift.unit_of("drift_temperature_length").label
+    'µm/K'
     """
 
-    over: Covariate = "time"
-    length_um: float = 2.0
-    centre_um: float = 5.0
+    over: Covariate = "time"  #: quantity that the drift is proportional to: time or temperature
+    length_um: float = 2.0  #: prior sd of the bar's length per hour or kelvin
+    centre_um: float = 5.0  #: prior sd of each coordinate of the centre per hour or kelvin
     on_demand = True
     remedy = "Run the forces in an order that has nothing to do with time."
 

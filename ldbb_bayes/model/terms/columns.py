@@ -30,6 +30,14 @@ class Scale(NamedTuple):
 
     Hyper-parameters of two laws have no unit: ``decay``, the power by which the amplitude of form
     falls with its order, and ``circle``, the factor λ of one circle, λ² ~ InvGamma(3/2, 3/2).
+
+    Examples
+    --------
+    >>> scale = lb.terms.Scale("ripple", prior_um=0.5, symbol="r", words="ripple")
+    >>> scale.prior_um, scale.law
+    (0.5, 'half-normal')
+    >>> [scale.name for scale in model.scales]
+    ['sigma', 'delta', 'kappa', 'tau', 'decay', 'omega', 'eta']
     """
 
     name: Hyper  #: results append ``_um`` to this name
@@ -37,7 +45,7 @@ class Scale(NamedTuple):
     prior_um: float | str
     symbol: str = ""  #: symbol in reports, such as σ
     words: str = ""  #: description in reports, such as white noise
-    law: Law = "half-normal"
+    law: Law = "half-normal"  #: law of the prior: half-normal, decay or circle
 
     def __repr__(self) -> str:
         return f"Scale({self.name!r})"
@@ -75,7 +83,21 @@ class Columns(Shown):
     """Columns of one term's p coefficients, with their Gaussian prior.
 
     The prior sd of coefficient j is sd_j · hyper · λ_circle · (order_j/6)^(−decay), to which
-    ``stated`` is added in quadrature.
+    ``stated`` is added in quadrature. The Fourier basis of the columns is 1, cos θ, sin θ, cos 2θ,
+    sin 2θ, … to the order 12, with the angle θ on the circle.
+
+    Raises
+    ------
+    InputError
+        For columns or sds whose shapes do not agree with the number of names.
+
+    Examples
+    --------
+    >>> setting = model.bind(campaign).setting
+    >>> names = ("five_waves_cos5", "five_waves_sin5")
+    >>> columns = lb.terms.Columns(names, setting.harmonics([5]), sd=0.002)
+    >>> columns.values.shape, columns.sd
+    ((6, 25, 2), array([0.002, 0.002]))
     """
 
     names: tuple[str, ...]  #: they begin with the term's ``stem``
@@ -144,10 +166,19 @@ class Columns(Shown):
 class BasisNoise(Shown):
     """Noise in the Fourier basis: coefficients independent of each other and between tests.
 
-    Their sd is hyper · λ · ``sd``, with the test's λ.
+    Their sd is hyper · λ · ``sd``, with the test's λ. The Fourier basis is 1, cos θ, sin θ, cos 2θ,
+    sin 2θ, … to the order 12, with the angle θ on the circle.
+
+    Examples
+    --------
+    Noise of the order 12 alone, with the sd ``ripple``:
+
+    >>> noise = lb.terms.BasisNoise("ripple", np.append(np.zeros(23), np.ones(2)))
+    >>> noise.sd_at({"ripple": 0.5e-3}, test=0)[-3:]
+    array([0.    , 0.0005, 0.0005])
     """
 
-    hyper: Hyper
+    hyper: Hyper  #: name of the hyper-parameter that scales ``sd``
     sd: Array  #: shape (25,), in units of ``hyper``
     circle: Sequence[Hyper] | Array = ()  #: name of each test's λ, empty for none
 

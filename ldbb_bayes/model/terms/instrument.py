@@ -29,6 +29,14 @@ class BarLength(Term):
 
     Every nominal radius has a length error of its own. Mean and sd are those of the bar's
     certificate, if there is one.
+
+    Examples
+    --------
+    >>> bar_length = lb.terms.BarLength(sd_um=2.0)
+    >>> [(assumed.name, assumed.sd) for assumed in bar_length.assumed(campaign)]
+    [('bar_length', 0.002)]
+    >>> lb.terms.BarLength.describe("bar_length_150")
+    'bar length at R = 150 mm'
     """
 
     sd_um: float = 9.4  #: prior sd of the bar's length, if no certificate states it
@@ -70,11 +78,21 @@ class Mount(Term):
 
     The deflection is proportional to the pressure in bar. Its prior sd is ``relative_sd`` of its
     nominal value (Eq. 32) or follows from its certificate. The curvature with force F is
-    q(F) = 4 (F/F_max)(1 − F/F_max), with a prior sd of ``curvature_um`` (0: no curvature).
+    q(F) = 4 (F/F_max)(1 − F/F_max), with a prior sd of ``curvature_um`` (0: no curvature); F_max is
+    the largest force of the campaign.
+
+    Examples
+    --------
+    A deflection known to 2 % of 2.33 µm/bar, without curvature:
+
+    >>> mount = lb.terms.Mount(relative_sd=0.02, curvature_um=0.0)
+    >>> [(assumed.name, round(assumed.sd, 7)) for assumed in mount.assumed(campaign)]
+    [('mount', 4.66e-05)]
     """
 
+    #: prior sd of the deflection, a share of its nominal value, if no certificate states it
     relative_sd: float = 0.10
-    curvature_um: float = 0.5
+    curvature_um: float = 0.5  #: prior sd of the curvature at half the largest force; 0 for none
     unit = Unit("mm/bar", 1e-3, "µm/bar")
     calibration = "a measurement of the mount's deflection"
     remedy = "Measure the mount's deflection."
@@ -123,7 +141,14 @@ class ForceError(Term):
     A force error times the estimated deflection per newton, j_C·Ĉ, changes the reading; Ĉ are
     estimated compliances and j_C their columns. The force error is F times the gain error, F_max
     q(F) times the curvature (``curvature_sd`` 0: none) with q(F) = 4 (F/F_max)(1 − F/F_max), and
-    the random error. The prior sds follow from the load cell's certificate, if there is one.
+    the random error; F_max is the largest force of the campaign. The prior sds follow from the load
+    cell's certificate, if there is one.
+
+    Examples
+    --------
+    >>> force_error = lb.terms.ForceError(gain_sd=0.005, curvature_sd=0.0)
+    >>> [(assumed.name, assumed.sd, assumed.unit) for assumed in force_error.assumed(campaign)]
+    [('force_gain', 0.005, '1'), ('force_random', 4.0, 'N')]
     """
 
     gain_sd: float = 0.01  #: prior sd of the gain error, a share of the force
@@ -197,6 +222,14 @@ class Angle(Term):
     ρ = F j_C·Ĉ + j_G·Ê, where Ĉ are estimated compliances, Ê estimated geometric errors and j_C,
     j_G their columns. The error of the reference is the same in all tests; the lag has the sign of
     the direction of travel. Tests that state no direction count as clockwise.
+
+    Examples
+    --------
+    >>> columns = lb.terms.Angle(sd_deg=0.1).columns(model.bind(campaign).setting)
+    >>> columns[0].names
+    ('angle_reference', 'angle_lag')
+    >>> np.rad2deg(columns[0].sd)
+    array([0.1, 0.1])
     """
 
     sd_deg: float = 0.1  #: prior sd of the angle reference, if no certificate states it

@@ -27,10 +27,18 @@ class JointLoad(Term):
     F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔). F is the bar's force
     and F0 the reference force. Both columns are zero where the bar is along the axis and F = F0, so
     that C_aa is the secant compliance there. The prior sd of each coefficient is ``relative_sd``
-    times the estimated compliance Ĉ_aa.
+    times the estimated compliance Ĉ_aa. F_max is the largest force of the campaign.
+
+    Examples
+    --------
+    >>> columns = lb.terms.JointLoad().columns(model.bind(campaign).setting)
+    >>> [of_axis.names for of_axis in columns]
+    [('joint_load_X_slope', 'joint_load_X_contact'), ('joint_load_Y_slope', 'joint_load_Y_contact')]
+    >>> lb.terms.JointLoad.describe("joint_load_X_contact")
+    'contact of axis X under its own load'
     """
 
-    relative_sd: float = 0.2
+    relative_sd: float = 0.2  #: prior sd of each coefficient, a share of the estimated compliance
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
     remedy = "Measure the axis' deflection under its own load."
@@ -94,10 +102,19 @@ class Position(Term):
 
     Screw and guideway are stiffer near their bearings. The columns are F u_a³ (linear change) and
     F (u_a⁴ − u_a²/2) (quadratic change); u is the bar's direction. Their prior sds are
-    ``linear_sd`` and ``quadratic_sd``, times the estimated compliance Ĉ_aa.
+    ``linear_sd`` and ``quadratic_sd``, times the estimated compliance Ĉ_aa. F is the force.
+
+    Examples
+    --------
+    >>> columns = lb.terms.Position().columns(model.bind(campaign).setting)
+    >>> columns[0].names
+    ('position_X_linear', 'position_X_quadratic')
+    >>> lb.terms.Position.describe("position_X_linear")
+    'linear change of the compliance along X'
     """
 
-    linear_sd: float = 0.07
+    linear_sd: float = 0.07  #: prior sd of the linear change, a share of the estimated compliance
+    #: prior sd of the quadratic change, a share of the estimated compliance
     quadratic_sd: float = 0.04
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
