@@ -23,13 +23,17 @@ __all__ = ["information_of", "informations_of"]
 
 @dataclass(frozen=True, eq=False)
 class _Noise:
-    """Columns whose coefficients differ between tests: they are treated as noise of each test."""
+    """Effect of a nuisance term that differs between tests, treated as noise of each test."""
 
     term: str
     columns: Columns | BasisNoise
 
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
-        """Return the covariance of this noise in the reduced readings of a test [mm²]."""
+        """Return the covariance of this noise in the reduced readings of one test [mm²].
+
+        ``factor`` is the matrix from Fourier coefficients to the test's reduced readings, and
+        ``hyper`` holds the values of the scales by name.
+        """
         if isinstance(self.columns, BasisNoise):
             root = factor * self.columns.sd_at(hyper, test)
         else:
@@ -38,29 +42,34 @@ class _Noise:
 
 
 class _SortedColumns(NamedTuple):
-    """Columns of a model's nuisances, by whether all tests share their coefficients."""
+    """Columns of the nuisances, sorted by whether all tests share their coefficients.
+
+    Nuisances are effects that are modelled but not of interest.
+    """
 
     #: columns with coefficients that all tests share
     shared: list[Columns]
-    #: class name of the term of every shared coefficient
+    #: class name of the nuisance term that each shared coefficient belongs to
     owners: list[str]
-    #: columns that are treated as noise of each test
+    #: columns whose coefficients differ between tests; they are treated as noise
     noises: list[_Noise]
 
 
 def information_of(bound: BoundModel, phi: Array) -> Information:
-    """Return the information about a bound model's coefficients at hyper-parameters φ (h,) [mm].
+    """Return the information that readings carry about all coefficients of a campaign's model.
 
-    Effects whose coefficients differ between tests are treated as noise of each test.
+    ``phi`` (h,) [mm] are the hyper-parameters, the scales of noise and nuisances. Effects whose
+    coefficients differ between tests are treated as noise of each test.
     """
     return next(informations_of(bound, phi[None]))
 
 
 def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
-    """Yield the result of `information_of` for each of several φ, shape (w, h) [mm].
+    """Yield the information about all coefficients for each of w values of the hyper-parameters.
 
-    The design matrix does not depend on φ and is computed once. For each φ there follow the scales
-    of the coefficients and the noise covariances, one for all tests with the same noise.
+    ``phi`` (w, h) [mm] are the hyper-parameters, the scales of noise and nuisances. The design
+    matrix does not depend on them and is computed once. Tests with the same noise share one
+    covariance.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)
@@ -84,7 +93,7 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
 
 
 def _sort_columns(bound: BoundModel) -> _SortedColumns:
-    """Return the columns of the nuisances, those shared by all tests apart from those of each."""
+    """Return the nuisances' columns, sorted by whether all tests share their coefficients."""
     shared: list[Columns] = []
     owners: list[str] = []
     noises: list[_Noise] = []
@@ -101,8 +110,8 @@ def _sort_columns(bound: BoundModel) -> _SortedColumns:
 def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Array) -> list[int]:
     """Return for each test the index of the first test that has the same noise covariance.
 
-    The noise of two tests is the same if their angles, their circles' scales λ and their columns of
-    noise are the same.
+    Two tests have the same noise if their angles, the noise factors λ of their circles and their
+    columns of noise are equal.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     first_of_kind: dict[tuple[object, ...], int] = {}
@@ -120,7 +129,7 @@ def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Ar
 def _noise_covariances(
     factor: Array, noises: list[_Noise], hyper: Mapping[str, float], test: int
 ) -> dict[str, Array]:
-    """Return the covariances of a test's noise by term, white noise of the readings too [mm²]."""
+    """Return the noise covariances of one test [mm²] by term, with that of the reading noise."""
     blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
     for noise in noises:
         covariance = noise.covariance(factor, hyper, test)

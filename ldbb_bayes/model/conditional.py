@@ -1,7 +1,8 @@
-"""The Gaussian p(β | y, φ) of the parameters at given hyper-parameters, and its truncation.
+"""Gaussian density of the parameters at given hyper-parameters, and its truncation.
 
-β are compliances, their slopes and geometric errors; y are the readings; φ are the scales of the
-noise and of other effects. Truncation restricts β to compliances that are not negative.
+The density is p(β | y, φ). β are compliances, their slopes and geometric errors; y are the
+readings; φ are the scales of the noise and of other effects. Truncation restricts β to compliances
+that are not negative.
 """
 
 from __future__ import annotations
@@ -20,16 +21,20 @@ __all__ = ["ParameterConditional"]
 
 
 class ParameterConditional(Gaussian):
-    """Gaussian p(β | y, φ) of the p parameters β for w values of φ, without truncation.
+    """Gaussian density p(β | y, φ) of the parameters given the readings, for w values of φ.
 
-    ``physical`` is the region A β ≥ 0 where compliances are not negative, with A of shape
-    (rows, p). It is set whether or not the model imposes it.
+    β are the p parameters, y the readings and φ the hyper-parameters (scales of the noise and of
+    other effects). ``physical`` is the region A β ≥ 0 where compliances are not negative, with A of
+    shape (rows, p). The density itself is not restricted to it.
     """
 
     physical: Truncation
 
     def select(self, index: NDArray[np.intp]) -> ParameterConditional:
-        """Return the Gaussians of the values of φ with these indices, which may repeat."""
+        """Return the Gaussians with these indices, which may repeat.
+
+        Each Gaussian belongs to one value of the hyper-parameters.
+        """
         selected = ParameterConditional.factored(
             self.mean[index], self.root[index], self.scale[index]
         )
@@ -38,7 +43,7 @@ class ParameterConditional(Gaussian):
 
     @cached_property
     def orthant(self) -> Orthant:
-        """Problem from which P(A β ≥ 0 | y, φ) is computed."""
+        """Numerical problem that yields the probability that no compliance is negative."""
         rows = self.physical.rows
         return Orthant(self.mean @ rows.T, self.spread(rows))
 
@@ -46,10 +51,11 @@ class ParameterConditional(Gaussian):
         self,
         rng: np.random.Generator,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return a random draw of β given A β ≥ 0 for every φ, and whether it is exact.
+        """Return random parameters without negative compliances, and whether they are exact.
 
-        A draw is exact if the rejection sampler accepted a proposal and rounding did not move β
-        outside the region. Shapes are (w, p) and (w,).
+        There is one draw of the p parameters for each of the w Gaussians. A draw is exact if the
+        rejection sampler accepted it and rounding made no compliance negative. Shapes are (w, p)
+        and (w,).
         """
         z, accepted = self.orthant.draw_standard(rng)
         beta = self.from_standard(z)

@@ -56,12 +56,13 @@ __all__ = ["BoundModel", "HybridModel", "Preset", "Simulation"]
 
 Preset = Literal["default", "first", "paper"]
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
-# Order of the hyper-parameters φ; the scales of other terms follow, then the circles' λ.
+# Order of the hyper-parameters (scales of the noise and of other effects) in every array. The
+# scales of terms not listed here follow, and last the factors λ of single circles.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
-# Circles have a scale λ each only in campaigns with at least this many circles.
+# In campaigns with fewer circles than this, no circle has a noise factor λ of its own.
 _FEWEST_SCALED_CIRCLES = 4
-# Error tolerance of ln P(T | prior) for one block of compliances [nat]; T is the event that
-# compliances are not negative.
+# Error tolerance [nat] of the log prior probability that compliances are not negative. It holds for
+# each block of compliances that share parameters.
 _TRUNCATION_TOLERANCE = 1e-4
 
 
@@ -95,14 +96,15 @@ class HybridModel(Result):
     (6e-05, False)
     """
 
-    #: compliance constant (0), linear (1) or quadratic (2) in force; constant: linear with its
-    #: slopes at zero
+    #: degree of the compliance as a polynomial in force: 0 constant, 1 linear, 2 quadratic
     degree: int = 1
-    nuisances: tuple[Term, ...] = field(default_factory=_default_terms)  #: nuisance terms
+    nuisances: tuple[Term, ...] = field(
+        default_factory=_default_terms
+    )  #: effects modelled but not of interest
     prior: Prior = field(default_factory=Prior.default)  #: prior of parameters and hyper-parameters
     #: Reference force F0 [N]. Default: the middle of the campaign's forces. F0 = 0 gives Eq. 33.
     reference_force_N: float | None = None
-    preset: Preset = "default"  #: where the model started from
+    preset: Preset = "default"  #: name of the preset that the model was derived from
     #: parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a
     #: campaign
     fixed: tuple[str, ...] = ()
@@ -157,14 +159,17 @@ class HybridModel(Result):
 
     @classmethod
     def default(cls, degree: int = 1) -> HybridModel:
-        """Return the model with all nuisances, proper priors and truncation."""
+        """Return the default model: all nuisances, proper priors and no negative compliances.
+
+        Nuisances are effects that are modelled but not of interest.
+        """
         return cls(degree)
 
     @classmethod
     def first(cls, degree: int = 1) -> HybridModel:
-        """Return the model of the first edition.
+        """Return the model of the software's first edition, which has fewer effects.
 
-        In it the form of the balls falls as 1/n with its order n, and fewer effects are modelled.
+        The prior sd of the form of the balls falls as 1/n with its order n.
         """
         return cls(degree, first_edition(), Prior.first(), preset="first")
 
@@ -178,15 +183,18 @@ class HybridModel(Result):
 
     @classmethod
     def from_preset(cls, preset: str, degree: int) -> HybridModel:
-        """Return the named preset; InputError for an unknown name."""
+        """Return the model of a preset, named ``default``, ``first`` or ``paper``.
+
+        Raise an `InputError` for another name.
+        """
         presets = {"default": cls.default, "first": cls.first, "paper": cls.paper}
         check_known("preset", [preset], presets)
         return presets[preset](degree)
 
     def with_degree(self, degree: int) -> HybridModel:
-        """Return the same model with another degree.
+        """Return the same model with another degree of compliance in force, 0, 1 or 2.
 
-        Fixed parameters and priors of parameters that the new degree does not have are dropped.
+        Settings of slopes that the new degree does not have are dropped.
         """
         fixed = tuple(name for name in self.fixed if degree_of(name) <= degree)
         overrides = {
@@ -196,7 +204,10 @@ class HybridModel(Result):
         return replace(self, degree=degree, fixed=fixed, prior=prior)
 
     def with_slope_scale(self, scale: float) -> HybridModel:
-        """Return the same model with another ``slope_scale``; prior sds of slopes scale with it."""
+        """Return the same model with another ``slope_scale``.
+
+        The prior sds of all slopes are proportional to this number, also those that a user gave.
+        """
         factor = scale / self.prior.slope_scale
         overrides = dict(self.prior.overrides)
         for name, sd in overrides.items():
@@ -205,7 +216,10 @@ class HybridModel(Result):
         return replace(self, prior=replace(self.prior, slope_scale=scale, overrides=overrides))
 
     def fixing(self, *names: str) -> HybridModel:
-        """Return the same model with the named parameters fixed at zero (prior means are reset)."""
+        """Return the same model with the named parameters fixed at zero.
+
+        The prior means of these parameters become zero too.
+        """
         fixed = {*self.fixed, *(inside_name(name) for name in names)}
         means = dict(self.prior.means)
         for name in means:
@@ -278,7 +292,7 @@ class HybridModel(Result):
         return replace(self, fixed=fixed, prior=prior)
 
     def with_term(self, *terms: Term) -> HybridModel:
-        """Return the same model with these nuisances, each in place of one of the same class.
+        """Return the same model with these terms added; a term of the same class is replaced.
 
         Examples
         --------
@@ -291,7 +305,7 @@ class HybridModel(Result):
         return replace(self, nuisances=tuple(term_by_kind[kind] for kind in kinds))
 
     def including(self, *terms: Term) -> HybridModel:
-        """Return `with_term` with a FutureWarning: this was its name before version 0.2.0."""
+        """Return the result of `with_term`, and warn that ``including`` is the old name of it."""
         renamed("the method", "including", {"including": "with_term"}, refused_from="0.3.0")
         return self.with_term(*terms)
 
@@ -308,9 +322,9 @@ class HybridModel(Result):
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """Names of the model's rivals of slopes, effects that resemble a slope of compliance.
+        """Names of the model's effects that resemble a change of compliance with force.
 
-        These are joint load, curved mount and curved force law.
+        Such rivals of the slopes are joint load, curved mount and curved force law.
         """
         term_by_kind = {type(term): term for term in self.nuisances}
         names = []
@@ -321,7 +335,7 @@ class HybridModel(Result):
         return tuple(names)
 
     def with_rivals(self, *names: str) -> HybridModel:
-        """Return the same model with only these of its `rivals`."""
+        """Return the same model, keeping only the named ones of its `rivals` of the slopes."""
         model = self
         for name in self.rivals:
             if name in names:
@@ -336,14 +350,17 @@ class HybridModel(Result):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the model: the sd of white noise σ and those of its terms."""
+        """Hyper-parameters of the model: the sd σ of white noise, then the scales of its terms."""
         scales = [_SIGMA]
         for term in self.nuisances:
             scales.extend(term.scales)
         return _ordered(scales)
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the hyper-parameters that act in a setting, with one scale λ per circle if any."""
+        """Return the hyper-parameters that act under the conditions of a campaign's tests.
+
+        They include the noise factors λ of single circles, if the campaign has these.
+        """
         scales = [_SIGMA]
         acting = {_SIGMA.name}
         for term in self.nuisances:
@@ -359,10 +376,10 @@ class HybridModel(Result):
         return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
     def bind(self, campaign: Campaign) -> BoundModel:
-        """Return the model of this campaign or plan.
+        """Return the model of one campaign or plan, with numerical columns and priors.
 
-        InputError if the campaign has too few levels of force for the model's degree or for flat
-        priors.
+        Raise an `InputError` if the campaign has too few levels of force for the model's degree or
+        for flat priors.
         """
         return BoundModel(self, campaign)
 
@@ -437,7 +454,10 @@ class HybridModel(Result):
 
 
 def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
-    """Return the scales without repetition, in the order of the hyper-parameters φ."""
+    """Return the hyper-parameters without repetition, in the order of ``_HYPER_ORDER``.
+
+    Scales not named there follow, and the factors λ of single circles are last.
+    """
 
     def place(scale: Scale) -> int:
         if scale.name in _HYPER_ORDER:
@@ -448,7 +468,7 @@ def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
 
 
 def _values_by_name(parameters: Mapping[str, float], names: Sequence[str]) -> Array:
-    """Return the values of parameters in the order of ``names``, zero for those not given."""
+    """Return the values of parameters in the order of ``names``; a missing value is zero."""
     values = {inside_name(name): value for name, value in parameters.items()}
     check_known("parameter", values, names)
     return np.array([values.get(name, 0.0) for name in names], dtype=float)
@@ -457,7 +477,10 @@ def _values_by_name(parameters: Mapping[str, float], names: Sequence[str]) -> Ar
 def _draw_hyper_parameters(
     bound: BoundModel, hyper_um: Mapping[str, float], rng: np.random.Generator
 ) -> dict[str, float]:
-    """Return hyper-parameters by name [mm]: given values [µm], else random draws from the prior."""
+    """Return the value of every hyper-parameter by its name; lengths are in mm.
+
+    Values given in ``hyper_um`` [µm] are used; the others are drawn at random from the prior.
+    """
     prior = bound.hyper_prior
     check_known("hyper-parameter", hyper_um, prior.names)
     for name, value in hyper_um.items():
@@ -475,7 +498,7 @@ def _draw_hyper_parameters(
 
 @dataclass(frozen=True)
 class Simulation(Result):
-    """A simulated campaign and the true values that it was simulated with."""
+    """Simulated campaign and the true values from which it was simulated."""
 
     campaign: Campaign
     parameters: dict[str, float]  #: true values in internal units (mm, N, rad)
@@ -483,7 +506,8 @@ class Simulation(Result):
     units: dict[str, str]  #: units of the parameters
 
 
-# Cache of the reduced readings of campaigns: comparisons bind one campaign to hundreds of models.
+# Cache of every campaign's readings, reduced to Fourier coefficients. Comparisons combine one
+# campaign with hundreds of models, and the reduction is the same for all of them.
 _REDUCED_READINGS: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 
@@ -557,7 +581,7 @@ class BoundModel(Shown):
         self.interest = self._interest_columns()
 
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
-        """Return the setting of the whole campaign, linearised about estimated parameters."""
+        """Return the conditions of all tests, linearised about estimated parameters."""
         setting = setting_of(
             self.campaign, self.compliances, self.model.reference_force_N, pilot=self.pilot
         )
@@ -577,9 +601,10 @@ class BoundModel(Shown):
         return setting
 
     def _estimate_of_pilot(self, pilot: Campaign) -> MachineEstimate:
-        """Return the estimated compliances and geometric errors of the pilot campaign.
+        """Return the compliances and geometric errors estimated from a pilot campaign.
 
-        Values that its circles cannot show are those of a plan without readings.
+        Compliances that the pilot's circles do not determine get the values assumed for a plan;
+        such geometric errors get zero.
         """
         bound = BoundModel(self.model, pilot)
         compliance_of = dict(zip(bound.compliances, bound.setting.compliance_estimate, strict=True))
@@ -593,10 +618,10 @@ class BoundModel(Shown):
         return MachineEstimate(np.array(compliances), np.array(geometric))
 
     def _physical_rows(self, reference_force_N: float) -> Array:
-        """Return the matrix A of the physical region A β ≥ 0, shape (rows, p).
+        """Return the matrix A whose product A β is not negative if compliances are physical.
 
-        A β holds C(F) at tested forces F. For compliances linear in force, the smallest and the
-        largest force suffice.
+        β are the p parameters; A β holds compliances C(F) at tested forces F. For compliances
+        linear in force, the smallest and the largest force suffice. A has shape (rows, p).
         """
         forces = distinct_forces(self.campaign.forces_N)
         if self.model.degree == 0:
@@ -607,9 +632,11 @@ class BoundModel(Shown):
         return physical_rows(self._of_interest, self.parameters, levers, reference_force_N)
 
     def _interest_columns(self) -> Array:
-        """Return the columns of the free parameters of interest, shape (tests, 25, p).
+        """Return the columns of the p free parameters, shape (tests, 25, p).
 
-        These are F (F − F0)^k j_C for every degree k, then j_G.
+        Compliances and slopes of degree k have the columns F (F − F0)^k j_C; geometric errors
+        follow with j_G. F is the force, F0 the reference force, j_C the reading per unit force and
+        compliance, and j_G the reading per unit geometric error.
         """
         setting = self.setting
         lever = setting.force_N - setting.reference_force_N
@@ -622,22 +649,25 @@ class BoundModel(Shown):
 
     @property
     def compliances(self) -> tuple[ComplianceName, ...]:
-        """Names of the compliances (without slopes), fixed ones included."""
+        """Names of the compliances without their slopes; those fixed at zero are included."""
         return self._of_interest.compliances
 
     @property
     def geometric_errors(self) -> tuple[GeometricName, ...]:
-        """Names of the geometric errors, fixed ones included."""
+        """Names of the geometric errors; those fixed at zero are included."""
         return self._of_interest.geometric_errors
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
-        """Return the bound model of the named tests only; campaign properties stay as they are."""
+        """Return the model of the named tests alone.
+
+        Reference force, force range and other properties of the whole campaign do not change.
+        """
         return BoundModel(self.model, self.campaign, keep=names, pilot=self.pilot)
 
     def with_two_balls(self) -> BoundModel:
-        """Return the same bound model with a separate form for each ball instead of their sum.
+        """Return the same model with a separate form for each ball, not one for their sum.
 
-        It is needed together with other readings of the same balls.
+        Separate forms are needed when readings of another campaign used the same balls.
         """
         bound = self.keeping(self.test_names)
         bound.setting = replace(bound.setting, two_balls=True)
@@ -658,18 +688,20 @@ class BoundModel(Shown):
         return tuple(name for name in self.model.terms if name not in idle)
 
     def compliance_at(self, force_N: float) -> Array:
-        """Return the matrix A, shape (compliances, p), with C(F) = A β at a force F.
+        """Return the matrix A with C(F) = A β, shape (compliances, p), at one force F.
 
-        C(F) are the compliances at F and β the parameters of interest.
+        C(F) are the compliances at F, and β are the p parameters: compliances at the reference
+        force, slopes and geometric errors.
         """
         lever = force_N - self.setting.reference_force_N
         return compliance_rows(self.compliances, self.parameters, lever)
 
     @cached_property
     def scale(self) -> Array:
-        """Typical size of every parameter, shape (p,).
+        """Typical size of each of the p parameters, shape (p,).
 
-        This is the prior sd, or that of the first edition's prior if the prior is flat.
+        The size is the prior sd. If the prior is flat, it is the prior sd of the model's first
+        edition.
         """
         if not self.model.prior.flat:
             return self.prior_sd
@@ -677,9 +709,9 @@ class BoundModel(Shown):
 
     @cached_property
     def centre(self) -> Array:
-        """Least-squares estimate about which densities are computed, shape (p,).
+        """Least-squares estimate of the p parameters, shape (p,); for a plan the prior mean.
 
-        For a plan, which has no readings, it is the prior mean.
+        Densities are computed about this point, to lose fewer digits by rounding.
         """
         return fit_nearest(
             self.interest, self.prior_mean, self.scale, self.reduced, self.known_offset
@@ -687,17 +719,23 @@ class BoundModel(Shown):
 
     @property
     def known_offset(self) -> Array:
-        """Nominal mount deflection still in the readings (Eq. 32), shape (tests, 25) [mm]."""
+        """Nominal mount deflection that the readings contain, as Fourier coefficients [mm].
+
+        It has shape (tests, 25) and is zero if the readings are compensated for the mount.
+        """
         return nominal_mount_offset(self.setting)
 
     @cached_property
     def columns_of(self) -> dict[type[Term], tuple[Columns | BasisNoise, ...]]:
-        """Columns of the nuisances by term; empty for a term that does not act on this campaign."""
+        """Columns of each nuisance term, by its class; none for a term that does not act here.
+
+        Nuisances are effects that are modelled but not of interest.
+        """
         return {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
 
     @property
     def nuisance_columns(self) -> tuple[Columns | BasisNoise, ...]:
-        """The columns of all nuisances in one tuple."""
+        """Columns of all nuisances (effects modelled but not of interest) in one tuple."""
         columns: list[Columns | BasisNoise] = []
         for columns_of_term in self.columns_of.values():
             columns.extend(columns_of_term)
@@ -705,9 +743,10 @@ class BoundModel(Shown):
 
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
-        """Prior mean and sd, by name, of the rivals of slopes and of the parameters.
+        """Prior mean and sd of some coefficients by name: rivals of slopes, then parameters.
 
-        In this order they are the last coefficients of `collapsed` that are common to all tests.
+        Rivals are effects that resemble a change of compliance with force. In this order these
+        coefficients are the last that all tests share in `collapsed`.
         """
         priors: dict[str, tuple[float, float]] = {}
         for columns in self.nuisance_columns:
@@ -722,17 +761,17 @@ class BoundModel(Shown):
     def given_interest(self) -> StructuredGaussian:
         """Density p(y | β, φ) of the readings y, with the nuisances integrated out.
 
-        β are the parameters of interest and φ the hyper-parameters. The density is a function of
-        β − `centre`.
+        Nuisances are effects modelled but not of interest. β are the parameters and φ the
+        hyper-parameters (scales of noise and nuisances). The density takes β − `centre`.
         """
         return self._structured(self.nuisance_columns, self.interest)
 
     @cached_property
     def collapsed(self) -> StructuredGaussian:
-        """Density p(y | φ) of the readings y, with nuisances and β integrated out, not truncated.
+        """Density p(y | φ) of the readings y, with nuisances and parameters β integrated out.
 
-        β are the parameters of interest and φ the hyper-parameters. The last coefficients that
-        are common to all tests are the rivals of slopes and β − `centre`.
+        φ are the hyper-parameters (scales of noise and nuisances). Negative compliances count too.
+        The last coefficients that all tests share are the `rivals` of slopes and β − `centre`.
         """
         nuisances = sorted(self.nuisance_columns, key=is_rival_of_slopes)
         interest = Columns(
@@ -754,14 +793,16 @@ class BoundModel(Shown):
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
         """Return the log likelihood ln p(y | β, φ) of the readings y, shape (w,).
 
-        The hyper-parameters φ have shape (w, h) [mm], the parameters of interest β shape (w, p).
+        φ (w, h) [mm] are w values of the h hyper-parameters, the scales of noise and nuisances.
+        β (w, p) are the parameters: compliances, slopes and geometric errors.
         """
         return self.given_interest.log_density(phi, beta - self.centre)
 
     def log_prior(self, beta: Array) -> Array:
         """Return the log prior density of parameters β (..., p), shape (...); 0 if it is flat.
 
-        It is −inf where compliances are negative that must not be, and normalised over the rest.
+        If compliances must not be negative, the density is −inf where one is, and it is normalised
+        over the allowed region.
         """
         if self.model.prior.flat:
             return np.zeros(beta.shape[:-1])
@@ -773,10 +814,10 @@ class BoundModel(Shown):
 
     @cached_property
     def truncation_prior(self) -> tuple[float, float]:
-        """The log probability ln P(T | prior) and its error [nat]; 0 without truncation.
+        """Log prior probability that no compliance is negative, and its numerical error [nat].
 
-        T is the event that compliances are not negative. Compliances that have no parameter in
-        common are independent, and their log probabilities add.
+        Both numbers are 0 if negative compliances are allowed. Compliances without a common
+        parameter are independent, so that their log probabilities add.
         """
         if not self.truncation.active:
             return 0.0, 0.0
@@ -792,14 +833,15 @@ class BoundModel(Shown):
 
     @property
     def log_prob_truncation_prior(self) -> float:
-        """Log prior probability ln P(T | prior) that compliances are not negative (event T)."""
+        """Log prior probability that no compliance is negative; 0 if negative ones are allowed."""
         return self.truncation_prior[0]
 
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
         """Return the log evidence ln p(y | φ), shape (w,), and the density p(β | y, φ).
 
-        y are the readings, φ (w, h) [mm] the hyper-parameters and β the parameters of interest. If
-        the prior is flat, the evidence lacks its normalising constant.
+        y are the readings, β the parameters, and φ (w, h) [mm] are w values of the h
+        hyper-parameters (scales of noise and nuisances). With a flat prior, the evidence lacks its
+        normalising constant.
         """
         log_evidence, shifted = self.collapsed.conditional(phi, last=len(self.names))
         conditional = ParameterConditional.factored(
@@ -809,17 +851,17 @@ class BoundModel(Shown):
         return log_evidence, conditional
 
     def log_evidence(self, phi: Array) -> Array:
-        """Return the log evidence ln p(y | φ) at hyper-parameters φ (w, h), shape (w,).
+        """Return the log evidence ln p(y | φ) of the readings y, shape (w,), as `given` does.
 
-        It is the same as that of `given`.
+        φ (w, h) [mm] are w values of the h hyper-parameters (scales of noise and nuisances).
         """
         return self.collapsed.log_density(phi)
 
     def draw_parameters(self, size: int, rng: np.random.Generator) -> Array:
-        """Return random draws of the parameters β from their prior, shape (size, p).
+        """Return random draws of the p parameters from their prior, shape (size, p).
 
-        If the prior is truncated, draws with negative compliances do not occur where these are
-        excluded. InputError when the prior is flat.
+        If the prior excludes negative compliances, no draw has one. Raise an `InputError` if the
+        prior is flat.
         """
         require(
             not self.model.prior.flat,
@@ -838,10 +880,10 @@ class BoundModel(Shown):
         return draws[:size]
 
     def draw_machine(self, rng: np.random.Generator) -> Array:
-        """Return the parameters β (p,) of a random machine, drawn from the truncated prior.
+        """Return the p parameters of a machine drawn at random from the prior, shape (p,).
 
-        If the prior sd of slopes is proportional to the size of compliances, the size is that of
-        the drawn compliances.
+        If the prior sd of a slope is proportional to the size of its compliance, the drawn
+        compliance gives this size.
         """
         prior = self.model.prior
         if not prior.slopes_of_estimate:
@@ -854,7 +896,7 @@ class BoundModel(Shown):
                 return np.asarray(beta)
 
     def linearised_at(self, beta: Array) -> Setting:
-        """Return the setting linearised about parameters of interest β (p,)."""
+        """Return the conditions of the tests, linearised about the p parameters β, shape (p,)."""
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta
         first_geometric = len(every_parameter) - len(self.geometric_errors)
@@ -864,9 +906,10 @@ class BoundModel(Shown):
         return linearise(self.setting, self.compliances, estimate)
 
     def linearisation_error_mm(self, test: CircularTest, beta: Array) -> Array:
-        """Return the linearisation error of the geometric reading of one test, shape (n,) [mm].
+        """Return the linearisation error of one test's n readings, shape (n,) [mm].
 
-        It is the exact reading (Eq. 1-14) minus the linear one, at parameters β (p,).
+        It is the exact effect of the geometric errors on the reading (Eq. 1-14 of the paper) minus
+        the linear effect, at the parameters β (p,).
         """
         values = dict(zip(self.names, beta.tolist(), strict=True))
         angle = test.angles_rad()
@@ -881,7 +924,10 @@ class BoundModel(Shown):
         return exact - linear
 
     def largest_linearisation_error_mm(self, beta: Array) -> float:
-        """Return the largest absolute linearisation error of all readings at β (p,) [mm]."""
+        """Return the largest absolute linearisation error of all readings [mm].
+
+        β (p,) are the parameters at which the error is computed.
+        """
         errors = []
         for test in self.campaign.tests:
             if test.name in self.test_names:
@@ -890,14 +936,14 @@ class BoundModel(Shown):
 
 
 def _rows_of_tests(campaign: Campaign, names: Sequence[str] | None) -> list[int]:
-    """Return the indices of the named tests in a campaign, by default of all tests."""
+    """Return the indices of the named tests in a campaign; without names, of all tests."""
     selected = campaign if names is None else campaign.select(names)
     selected_names = {test.name for test in selected.tests}
     return [r for r, test in enumerate(campaign.tests) if test.name in selected_names]
 
 
 def _check_levels(model: HybridModel, campaign: Campaign) -> None:
-    """Refuse a campaign with too few levels of force for the model's degree."""
+    """Raise an `InputError` if a campaign has too few levels of force for the model's degree."""
     levels = campaign.force_levels
     degree = model.degree
     require(
@@ -916,7 +962,7 @@ def _check_levels(model: HybridModel, campaign: Campaign) -> None:
 
 
 def _reduced_readings(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return the reduced readings of a campaign, from the cache if they were computed before."""
+    """Return the readings of every test, reduced to Fourier coefficients; cached by campaign."""
     if campaign not in _REDUCED_READINGS:
         reduce = _reduce_plan if campaign.is_plan else _reduce_campaign
         _REDUCED_READINGS[campaign] = reduce(campaign)
@@ -928,7 +974,7 @@ def _reduce_campaign(campaign: Campaign) -> tuple[Reduced, ...]:
 
 
 def _reduce_plan(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return the reduced tests of a plan; tests with the same angles share one result."""
+    """Return the tests of a plan, reduced to their angles; equal angles share one result."""
     reduced_by_angles: dict[bytes, Reduced] = {}
     for test in campaign.tests:
         angles = test.angle_deg.tobytes()
