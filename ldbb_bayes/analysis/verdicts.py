@@ -121,10 +121,11 @@ class ParameterIdentifiability(Result):
     --------
     >>> result = lb.identify(lb.HybridModel.first(0), campaign)
     >>> parameter = result.parameters["C_XXX"]
-    >>> parameter.verdict.value, parameter.partners[0]
-    ('confounded', 'Mount')
-    >>> round(parameter.partner_shares["Mount"], 1)  # of the variance; known, it would vanish
-    0.6
+    >>> round(parameter.contraction, 2)  # the readings narrow the prior
+    1.0
+    >>> share = parameter.partner_shares["Mount"]  # of the variance, due to the mount
+    >>> parameter.verdict.value, round(share, 1)
+    ('confounded', 0.6)
     """
 
     name: str  #: name of the parameter

@@ -36,8 +36,8 @@ class LeastSquares(Result):
     62
     >>> round(fit.quality.rmse_um, 1)
     1.1
-    >>> len(fit.predicted_um["f742"])  # readings of one test
-    720
+    >>> fit.predicted_um["f742"].shape  # one value for each reading of the test
+    (720,)
     """
 
     #: table with the columns unit, estimate and u, and one row per parameter, in internal units

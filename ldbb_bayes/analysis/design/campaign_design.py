@@ -126,8 +126,8 @@ class Design(Forecast):
     True
     >>> best.expected["C_XXX"].sd < best.expected["C_XXX"].prior_sd
     True
-    >>> len(best.plan(seed=1).tests)
-    3
+    >>> sorted(test.force_N for test in best.plan(seed=1).tests)
+    [36.0, 742.0, 742.0]
     """
 
     criterion: str  #: criterion that the design optimizes
