@@ -70,8 +70,14 @@ _Column = str | int | list[str | int]
 class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     """Layout of tables that are to be imported as a campaign.
 
-    A field that is None, or an empty list, is determined from each file, and noted. Names of roles
-    in ``columns`` are those of the reference of columns, such as angle and reading.
+    A field that is None, or an empty list, is determined from each file, and noted. The roles of
+    columns are angle, reading, time, force, pressure, test (the name of the test) and direction.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        For a field that a layout does not have, and for a value that it cannot have; it is a
+        ValueError.
 
     Examples
     --------
