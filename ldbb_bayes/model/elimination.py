@@ -10,10 +10,10 @@ Rows with the same variance are of one kind. There are few kinds, so P and Aᵀ 
 the kinds of a matrix that does not depend on φ (its elements are called Gram entries), times 1/D.
 The last axis of every array, of length w, runs over the values of φ and is contiguous.
 
-Two columns have a row in common if both are non-zero in it. Columns are divided into isolated
-groups, which have no row in common with other columns; leaves, which are groups that have rows in
-common with the root only; and the root. Leaves are eliminated before the root. The root is chosen
-once, such that the fewest operations are needed.
+Two columns have a row in common if both are non-zero in that row. Columns are divided into three
+kinds of groups. Isolated groups have no row in common with other columns. Leaves have rows in
+common with one further group only, the root. Leaves are eliminated before the root. The root is
+chosen once, so that the fewest operations are needed.
 """
 
 from __future__ import annotations
@@ -31,40 +31,42 @@ from ldbb_bayes.results import Array
 
 __all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "Front"]
 
-# Most and fewest values of φ that are factorised in one pass.
+# Most values of the hyper-parameters for which matrices are factorised in one pass.
 _MOST_PHI = 512
+# Fewest values of the hyper-parameters per pass, even if the factors do not fit into the cache.
 FEWEST_PHI = 128
 # Floating-point numbers that fit into the processor's cache.
 _CACHE_SIZE = 1 << 19
-# Values of φ are processed in multiples of eight, which BLAS rounds identically: results then do
-# not depend on how many values are processed together.
+# Values of the hyper-parameters are processed in multiples of this number, which BLAS rounds
+# identically. Results then do not depend on how many values are processed together.
 BLAS_MULTIPLE = 8
-# Overhead of the function calls for one column, in multiplications that take as long.
+# Overhead of the function calls for one column, as the number of multiplications that take as long.
 _CALL_COST = 60.0
-# Number of columns for which the weighted sum of Gram entries is one matrix product.
+# Number of columns that one matrix product assembles. Fewer waste time in calls; more compute
+# entries below the diagonal that are not needed.
 _GRAM_COLUMNS = 4
 
 
 class Front(NamedTuple):
-    """Groups with equal numbers of columns, which are eliminated together.
+    """Groups of columns that are eliminated together, each with the same number of columns.
 
-    Each group has s columns; its border is the m columns eliminated later that have rows in common
-    with it.
+    Each group has s columns. Its border is the m columns eliminated later that have rows in common
+    with it. Rows of one kind have the same noise variance.
     """
 
-    #: Indices of the columns in A, shape (groups, s).
+    #: Indices of the s columns of each group in the design matrix, shape (groups, s).
     columns: NDArray[np.intp]
-    #: Kinds of the rows in which each group is not zero, at most k, shape (groups, k).
+    #: Indices of the at most k kinds of rows in which each group is not zero, shape (groups, k).
     kinds: NDArray[np.intp]
-    #: Gram entries for every kind: products of the s columns with each other, with the m border
-    #: columns and with the values r, shape (groups, s, s + m + 1, k).
+    #: Scalar products over the rows of each of k kinds, shape (groups, s, s + m + 1, k): the s
+    #: columns of a group with each other, with its m border columns and with the readings.
     gram: Array
-    #: Signs ±1 of the pivots, shape (groups, s); None if all pivots are positive.
+    #: Signs ±1 of the Cholesky pivots, shape (groups, s); None if all pivots are positive.
     signs: Array | None
 
     @property
     def entries(self) -> int:
-        """Number of matrix entries for each value of φ."""
+        """Number of matrix entries for each value of the hyper-parameters."""
         return int(np.prod(self.gram.shape[:3]))
 
     def assemble(
@@ -73,7 +75,10 @@ class Front(NamedTuple):
         shift: Array | None,
         out: Array | None = None,
     ) -> Array:
-        """Return the upper triangle of P (in blocks) and Aᵀ D⁻¹ r of the groups.
+        """Return the groups' parts of the matrix P = Aᵀ D⁻¹ A and of the vector Aᵀ D⁻¹ r.
+
+        A is the design matrix, D the diagonal noise covariance and r the readings, for w values of
+        the hyper-parameters. Only the upper triangle of P is computed, in blocks.
 
         Parameters
         ----------
@@ -102,7 +107,10 @@ class Front(NamedTuple):
     def factorize(
         self, matrix: Array, links: Array | None = None, link_signs: Array | None = None
     ) -> Array:
-        """Compute the Cholesky factors of the groups in place, from the output of `assemble`.
+        """Compute the Cholesky factors L of the groups in place, from the output of `assemble`.
+
+        They are factors of P = Aᵀ D⁻¹ A = L Lᵀ for w values of the hyper-parameters φ. A is the
+        design matrix, D the diagonal noise covariance and r are the readings.
 
         Parameters
         ----------
@@ -137,7 +145,11 @@ class Front(NamedTuple):
 
 
 class Elimination(NamedTuple):
-    """Groups of columns (`Front`) in the order of their elimination."""
+    """Groups of columns of the design matrix, in the order of their elimination.
+
+    Isolated groups have no row in common with other columns; leaves have rows in common with the
+    root only; the root is eliminated last.
+    """
 
     isolated: list[Front]
     leaves: list[Front]
@@ -145,12 +157,12 @@ class Elimination(NamedTuple):
 
     @property
     def fronts(self) -> list[Front]:
-        """All fronts, in the order in which `factorize` returns their factors."""
+        """All groups of columns, in the order in which `factorize` returns their factors."""
         return [*self.isolated, *self.leaves, self.root]
 
     @property
     def chunk_size(self) -> int:
-        """Number of values of φ per pass for which the factors fit into the processor's cache."""
+        """Number of values of the hyper-parameters per pass, so that factors fit into the cache."""
         entries = max(sum(front.entries for front in self.fronts), 1)
         fitting = _CACHE_SIZE // entries // BLAS_MULTIPLE * BLAS_MULTIPLE
         return max(FEWEST_PHI, min(_MOST_PHI, fitting))
@@ -160,10 +172,12 @@ class Elimination(NamedTuple):
         weight: Array,
         shift: Array | None,
     ) -> tuple[list[Array], Array]:
-        """Compute the Cholesky factor of P = Aᵀ D⁻¹ A = L Lᵀ for w values of φ.
+        """Compute the Cholesky factor L of P = Aᵀ D⁻¹ A = L Lᵀ for w values of φ.
 
-        Isolated groups and leaves are factorised first. The rows of the leaves' factors that link
-        them with the root are then eliminated from the root, which is factorised last.
+        A is the design matrix, D the diagonal noise covariance, r are the readings and φ the
+        hyper-parameters. Isolated groups and leaves are factorised first. The products of the
+        leaves' factors that concern the root are then subtracted from the root, which is factorised
+        last.
 
         Parameters
         ----------
@@ -176,9 +190,9 @@ class Elimination(NamedTuple):
         -------
         factors
             L and L⁻¹ Aᵀ D⁻¹ r of every front, in the order of `fronts`; each of shape
-            (groups, s, s + m + 1, w).
+            (groups, s, s + m + 1, w) for s columns and m border columns.
         gain
-            Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of all fronts to ln p(z | φ), shape (w,).
+            Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of all fronts to ln p(r | φ), shape (w,).
         """
         leaf_factors, links = self._assemble_leaves(weight, shift)
         factors = [front.assemble(weight, shift) for front in self.isolated]
@@ -193,11 +207,11 @@ class Elimination(NamedTuple):
         return factors, np.sum(gains, axis=0)
 
     def _assemble_leaves(self, weight: Array, shift: Array | None) -> tuple[list[Array], Array]:
-        """Return the assembled entries of every leaf's front, and their columns of the root.
+        """Return two views of one array: the leaves' matrices, and their part for the root.
 
-        Both are views of one array in which the columns of the root are aligned, so that
-        factorising the leaves in place fills the second, shape (columns of leaves, columns of the
-        root + 1, w), with the links of the leaves to the root.
+        In the array, the entries that concern columns of the root are aligned. Factorising the
+        leaves in place therefore fills the second view with the rows of their factors that link
+        them to the root. Its shape is (columns of leaves, columns of the root + 1, w).
         """
         widest = max((front.gram.shape[1] for front in self.leaves), default=0)
         leaf_columns = sum(front.columns.size for front in self.leaves)
@@ -215,7 +229,7 @@ class Elimination(NamedTuple):
         return assembled, rows[:, widest:]
 
     def _link_signs(self) -> Array | None:
-        """Return the signs ±1 of the leaves' pivots, or None if all pivots are positive."""
+        """Return the signs ±1 of the leaves' Cholesky pivots; None if all are positive."""
         if all(front.signs is None for front in self.leaves):
             return None
         signs = []
@@ -228,7 +242,10 @@ class Elimination(NamedTuple):
 
 
 class _Plan(NamedTuple):
-    """Division of the columns of A into isolated groups, leaves and the root."""
+    """Division of the columns of the design matrix into isolated groups, leaves and the root.
+
+    Isolated groups have no row in common with other columns; leaves only with the root.
+    """
 
     isolated: list[NDArray[np.intp]]
     leaves: list[NDArray[np.intp]]
@@ -236,7 +253,7 @@ class _Plan(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Cost of the elimination, in multiplications for each value of φ."""
+        """Cost of the elimination: multiplications for each value of the hyper-parameters."""
         total = 0.0
         for groups in _group_by_size(self.isolated):
             total += _elimination_cost(groups, border=0)
@@ -246,20 +263,22 @@ class _Plan(NamedTuple):
 
 
 class DesignRows:
-    """Observation equations r = A x + noise, and the elimination of the columns of A.
+    """Observation equations r = A x + noise, and the elimination of their coefficients x.
+
+    r are readings, and A is the design matrix with one column for each coefficient.
 
     Parameters
     ----------
     columns
         Matrix A, shape (rows, columns).
     values
-        Readings r that do not depend on the parameters β; zero in the other rows. Shape (rows,).
+        Readings r, shape (rows,); zero in rows that depend on the parameters of interest.
     kinds
         Index of each row's kind (rows of one kind have the same variance), shape (rows,).
     signs
-        Signs ±1 of the columns' pivots, shape (columns,).
+        Signs ±1 of the columns' Cholesky pivots, shape (columns,).
     shared
-        Number of columns that several tests use; they come first.
+        Number of columns that all tests share; they come first.
     private
         For every test, the indices of the columns that only this test uses.
     """
@@ -287,7 +306,7 @@ class DesignRows:
         groups: Sequence[NDArray[np.intp]],
         border: NDArray[np.intp] | None = None,
     ) -> Front:
-        """Return the front of groups that have equal numbers of columns.
+        """Return the data for eliminating groups that have equal numbers of columns together.
 
         Parameters
         ----------
@@ -310,7 +329,7 @@ class DesignRows:
             size = len(columns)
             grams.append(np.stack([block[:, :size].T @ block for block in blocks]))
             group_kinds.append(kinds)
-        # Groups with fewer kinds of rows are padded with Gram entries of zero.
+        # Groups with fewer kinds of rows are padded with scalar products of zero.
         most_kinds = max(len(kinds) for kinds in group_kinds)
         gram = np.zeros((len(groups), *grams[0].shape[1:], most_kinds))
         padded_kinds = np.zeros((len(groups), most_kinds), dtype=np.intp)
@@ -324,13 +343,13 @@ class DesignRows:
         return Front(group_columns, padded_kinds, gram, None)
 
     def elimination(self, last: int | None) -> Elimination:
-        """Return the elimination with the fewest operations.
+        """Return the order of elimination that needs the fewest operations.
 
         Parameters
         ----------
         last
-            Number of columns, the last of those that tests share, that must be eliminated last.
-            None: all shared columns keep their order and follow the columns of single tests.
+            This many of the shared columns, counted from the end, must be eliminated last. None:
+            all shared columns keep their order and follow the columns of single tests.
         """
         if last not in self._eliminations:
             plans = [self._private_first]
@@ -350,14 +369,17 @@ class DesignRows:
         self,
         columns: NDArray[np.intp],
     ) -> list[NDArray[np.intp]]:
-        """Return groups of columns such that columns with a row in common are in one group."""
+        """Return the columns in groups: columns that are non-zero in the same row belong together.
+
+        Each group holds the indices of its columns.
+        """
         nonzero = (self._columns[:, columns] != 0.0).astype(float)
         count, label = connected_components(nonzero.T @ nonzero > 0.0, directed=False)
         return [columns[label == k] for k in range(count)]
 
     @cached_property
     def _private_first(self) -> _Plan:
-        """Plan with the columns of single tests as leaves and the shared columns as the root."""
+        """Order of elimination in which the columns of single tests precede the shared columns."""
         isolated = []
         root = [np.zeros(0, dtype=np.intp)]
         for group in self._connected_groups(np.arange(self._columns.shape[1])):
@@ -368,9 +390,10 @@ class DesignRows:
         return _Plan(isolated, self._private, np.sort(np.concatenate(root)))
 
     def _plans_by_row_count(self, last: int) -> list[_Plan]:
-        """Return plans whose root holds the shared columns with more non-zero rows than a limit.
+        """Return plans that eliminate first the shared columns with few non-zero rows.
 
-        The root also holds the columns of single tests and the ``last`` shared columns. There is
+        The other columns form the root, which is eliminated last: shared columns with more non-zero
+        rows than a limit, the ``last`` shared columns, and the columns of single tests. There is
         one plan for every possible limit.
         """
         nonzero = self._columns != 0.0
@@ -394,7 +417,7 @@ class DesignRows:
 
 
 def _group_by_size(groups: list[NDArray[np.intp]]) -> list[list[NDArray[np.intp]]]:
-    """Return lists of groups with equal numbers of columns, the smallest number first."""
+    """Return the groups of columns, sorted into lists by their number of columns."""
     by_size: dict[int, list[NDArray[np.intp]]] = {}
     for group in groups:
         by_size.setdefault(len(group), []).append(group)
@@ -406,9 +429,9 @@ def _elimination_cost(
     *,
     border: int,
 ) -> float:
-    """Return the multiplications for groups that have equal numbers of columns.
+    """Return the number of multiplications that eliminate groups of equal numbers of columns.
 
-    ``border`` is the number of columns in their border (see `Front`).
+    ``border`` is the number of columns eliminated later that have rows in common with a group.
     """
     columns = len(groups[0])
     remaining = columns + border + 1 - np.arange(columns)

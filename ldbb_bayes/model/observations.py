@@ -2,14 +2,14 @@
 
     z − H β = A x + N(0, D(φ))
 
-z are the readings of T tests, reduced to the Fourier basis (`reduction`), and H (rows, p) are the
-columns of the p parameters β. x = (u, v_1 … v_T) are the nuisance coefficients (of effects that are
-modelled but not of interest), in units of their prior standard deviations: u are shared by all
-tests, v_r belong to test r only. A (rows, coefficients) are their columns. The rows of a test are
-rotated so that both the noise of the basis and the reading noise are diagonal. Every prior of a
-coefficient is one more row. Only the diagonal matrix D depends on the hyper-parameters φ (scales of
-the noise and of nuisances); its entries are sums of known numbers times squared sources of
-variance.
+z are the readings of T tests, reduced to Fourier coefficients (`reduction`). β are the p
+parameters, with the columns H (rows, p). x are the coefficients of nuisances, which are effects
+modelled but not of interest; each is in units of its prior standard deviation. A
+(rows, coefficients) are their columns. Some coefficients are shared by all tests; private ones
+belong to a single test. The rows of a test are rotated so that all its noise is diagonal. Every
+prior of a coefficient is one more row. Only the diagonal matrix D depends on the hyper-parameters
+φ, the scales of the noise and of nuisances. Its entries are sums of known numbers times squared
+sources of variance; a source is a hyper-parameter or a product of hyper-parameters.
 """
 
 from __future__ import annotations
@@ -33,7 +33,11 @@ _LOG_2PI = float(np.log(2 * np.pi))
 
 
 class Rows(NamedTuple):
-    """The n rows of observation equations z − H β = A x + N(0, D)."""
+    """The n rows of observation equations z − H β = A x + N(0, D).
+
+    z are readings or prior means, β the p parameters, x the coefficients of nuisances (effects
+    modelled but not of interest), and D is a diagonal covariance.
+    """
 
     #: Columns A of the nuisance coefficients, shape (n, columns).
     columns: Array
@@ -43,59 +47,73 @@ class Rows(NamedTuple):
     values: Array
     #: Number of readings that each row represents, shape (n,).
     readings: Array
-    #: Index of each row's test; T, the number of tests, for priors of shared coefficients. (n,)
+    #: Index of each row's test, shape (n,). Priors of coefficients that all tests share have the
+    #: number of tests instead.
     test: NDArray[np.intp]
-    #: Share of every source of variance in D, shape (n, sources): D = variance · source².
+    #: Factors of the squared sources of variance in the noise variance of each row, shape
+    #: (n, sources). A source is a hyper-parameter or a product of hyper-parameters.
     variance: Array
 
 
 class Observations(NamedTuple):
-    """Observation equations of all tests, and further quantities for the likelihood."""
+    """Observation equations of all tests, and further quantities for the likelihood.
+
+    They are linear equations between readings, parameters and coefficients of nuisances, which are
+    effects modelled but not of interest.
+    """
 
     rows: Rows
-    #: Sources of variance: hyper-parameters and products of them.
+    #: Sources of variance: hyper-parameters and products of hyper-parameters.
     sources: list[Source]
-    #: Unit of every column: its prior sd, or the size of a column with a flat prior.
+    #: Unit of every coefficient: its prior sd, or with a flat prior the reciprocal norm of its
+    #: column.
     unit: Array
-    #: Signs ±1 of the columns' prior variances; −1 removes noise, see
-    #: `_columns_for_uneven_angles`.
+    #: Signs ±1 of the coefficients' prior variances. A negative variance removes noise, as
+    #: `_columns_for_uneven_angles` explains.
     signs: Array
-    #: Number of columns that tests share; they come first.
+    #: Number of coefficients that all tests share; their columns come first.
     shared: int
     #: For every test, the indices of the columns that only this test uses.
     private: list[NDArray[np.intp]]
-    #: Constants of the log density: one for every test, last that of flat priors, (tests + 1,).
+    #: Constants that are added to the log density: one for every test, and one for all flat priors.
+    #: Shape (tests + 1,).
     log_constants: Array
     #: Whether extra columns describe a circle whose angles are not spaced uniformly.
     uneven: bool
 
 
 class _Nuisances(NamedTuple):
-    """Nuisance terms, sorted by how they enter the observation equations."""
+    """Nuisances (effects modelled but not of interest), by how they enter the equations.
 
-    #: Noise in the basis that becomes part of the diagonal covariance D.
+    ``shared`` columns have coefficients common to all tests; in ``private`` columns every test has
+    its own coefficients. ``uneven`` states whether some circle's angles are not spaced uniformly.
+    """
+
+    #: Noise of Fourier coefficients that becomes part of the diagonal noise covariance.
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
-    #: Signs ±1 of the prior variances of the coefficients that one test alone uses.
+    #: Signs ±1 of the prior variances of one test's own coefficients; −1 removes noise.
     private_signs: list[float]
     uneven: bool
 
     @property
     def shared_size(self) -> int:
-        """Number of coefficients that tests share."""
+        """Number of coefficients that all tests share."""
         return sum(len(term.names) for term in self.shared)
 
     @property
     def private_size(self) -> int:
-        """Number of coefficients that belong to a single test, the same for every test."""
+        """Number of coefficients that a single test has for itself, equal for all tests."""
         return len(self.private_signs)
 
 
 class _Rotated(NamedTuple):
-    """Rotated rows of a test: Q (m, m), Q R (m, 25) and the sd of each noise in every row.
+    """Rows of one test after a rotation that makes all its noise diagonal.
 
-    R (m, 25) is the triangular factor of the reduced readings; Q makes all noise diagonal.
+    ``rotation`` Q (m, m) is the rotation. ``factor`` Q R (m, 25) is the rotated triangular factor R
+    from Fourier coefficients to the m reduced readings. ``noise_sd`` holds the sd of every row, for
+    each term of noise.
     """
 
     rotation: Array
@@ -104,21 +122,25 @@ class _Rotated(NamedTuple):
 
 
 class _CoefficientPriors(NamedTuple):
-    """Priors of all coefficients, in the order of the columns."""
+    """Gaussian priors of all nuisance coefficients, in the order of their columns.
 
-    #: Prior sd in units of the source of variance; infinite for a flat prior.
+    A source of variance is the hyper-parameter, or product of them, that scales a prior sd.
+    """
+
+    #: Prior sd of every coefficient in units of its source of variance; infinite for a flat prior.
     sd: Array
-    #: Prior sd [mm] that no hyper-parameter scales; it is added in quadrature.
+    #: Part of every prior sd [mm] that no hyper-parameter scales; it is added in quadrature.
     stated_sd: Array
     mean: Array
-    #: Index of the source of variance.
+    #: Index of the source of variance that scales each coefficient's prior sd.
     source: NDArray[np.intp]
 
 
 class _Scaled(NamedTuple):
-    """Rows with rescaled columns, the unit of each column, and the constant of flat priors.
+    """Observation equations whose coefficients are in units of their prior sd.
 
-    ``log_volume`` is what flat priors add to the log density.
+    ``unit`` holds these units, and ``log_volume`` is the constant that flat priors add to the log
+    density.
     """
 
     rows: Rows
@@ -152,8 +174,8 @@ def observation_equations(
     Returns
     -------
     Observations
-        The rows, those of the readings test by test and then those of the priors, with the sources
-        of variance and the constants of the log density.
+        The rows of the readings test by test, then the rows of the priors; and the sources of
+        variance and constants of the log density.
     """
     near_uniform = [test.near_uniform for test in reduced if test.near_uniform is not None]
     all_uniform = len(near_uniform) == len(reduced)
@@ -165,11 +187,12 @@ def observation_equations(
     rows, unit, log_volume = _add_priors(reading_rows, nuisances, len(reduced), sources)
     signs = np.array([1.0] * nuisances.shared_size + nuisances.private_signs * len(reduced))
     private_signs = signs[nuisances.shared_size :]
-    # The priors of private coefficients are the last rows.
+    # The last rows are the priors of coefficients that belong to a single test.
     first = len(rows.variance) - len(private_signs)
     rows.variance[first:] *= private_signs[:, None]
     log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
-    # The rotation of the rows by S R⁻¹ has the log determinant −½ Σ ln(1 + λ).
+    # The rows of nearly uniform circles were multiplied by a matrix whose log determinant is
+    # −½ Σ ln(1 + departure). The log density needs it as a constant.
     if all_uniform:
         for r, test in enumerate(near_uniform):
             log_constants[r] -= 0.5 * np.log1p(test.departure).sum()
@@ -190,11 +213,12 @@ def _sort_nuisances(
     near_uniform: list[NearUniform] | None,
     tests: int,
 ) -> _Nuisances:
-    """Sort nuisances into diagonal noise, shared columns and private columns.
+    """Return the nuisances, sorted into diagonal noise, shared columns and private columns.
 
-    Private columns are used by a single test. If a test covers an arc only (``near_uniform``
-    is None), a single noise term of basis functions can be made diagonal: the one with the most
-    basis functions is chosen, and the others become private columns.
+    Nuisances are effects modelled but not of interest; private columns are used by a single test.
+    If some test covers an arc only (``near_uniform`` is None), one term of noise alone can be made
+    diagonal. The term that affects the most Fourier coefficients is chosen, and the other noise
+    becomes private columns.
     """
     noise = [term for term in terms if isinstance(term, BasisNoise)]
     columns = [term for term in terms if isinstance(term, Columns)]
@@ -240,7 +264,10 @@ def _sort_sources(
     terms: Sequence[Columns | BasisNoise],
     hypers: Sequence[Hyper],
 ) -> list[Source]:
-    """Return every source of variance once, in the order of the hyper-parameters."""
+    """Return every source of variance once, in the order of the hyper-parameters.
+
+    A source of variance is a hyper-parameter or a product of hyper-parameters.
+    """
     sources = {Source(), Source("sigma")}
     for term in terms:
         sources.update(term.sources)
@@ -261,9 +288,10 @@ def _reading_rows(
     *,
     all_uniform: bool,
 ) -> Rows:
-    """Return the rows of every test's readings.
+    """Return the observation equations of the readings, test by test.
 
-    The last row of each test represents the part of its readings outside the Fourier basis.
+    The last row of each test represents the part of its readings that Fourier series to order 12
+    cannot describe.
     """
     tests = len(reduced)
     shared_values = _stack_values(nuisances.shared, tests)
@@ -319,12 +347,12 @@ def _rotate(
     *,
     uniform: bool,
 ) -> _Rotated:
-    """Rotate the rows of a test, so that its noise of the basis has a diagonal covariance.
+    """Return the rows of a test, rotated so that the noise of Fourier coefficients is diagonal.
 
-    With the triangular factor R of the reduced readings and the norms S of the basis functions, the
-    rotation is S R⁻¹ for a nearly uniform circle (``uniform``), which makes any number of ``noise``
-    terms diagonal. Otherwise it is the transpose of the left singular vectors of R times the sd,
-    which makes one noise term diagonal; ``noise`` then has at most one.
+    R is the triangular factor of the reduced readings and S the diagonal matrix of the norms of the
+    basis functions. For a nearly uniform circle (``uniform``) the rotation is S R⁻¹, which makes
+    any number of noise terms diagonal. Otherwise ``noise`` has at most one term, and the rotation
+    is the transpose of the left singular vectors of R · diag(sd of this noise).
     """
     if uniform and test.near_uniform is not None:
         column_norms = test.near_uniform.column_norms
@@ -343,7 +371,7 @@ def _add_priors(
     tests: int,
     sources: list[Source],
 ) -> _Scaled:
-    """Rescale the columns, and append the rows of the priors to those of the readings.
+    """Return the rows of the readings and of the priors, with coefficients in natural units.
 
     The unit of a coefficient is its prior sd; with a flat prior, the reciprocal norm of its column.
     """
@@ -371,9 +399,10 @@ def _add_priors(
 def _coefficient_priors(
     nuisances: _Nuisances, tests: int, sources: list[Source]
 ) -> _CoefficientPriors:
-    """Return the priors of all coefficients: those that tests share, then those of each test.
+    """Return the priors of all nuisance coefficients.
 
-    ``sources`` are all sources of variance, to which the indices in the result refer.
+    Coefficients that all tests share come first, then those of each test. ``sources`` are the
+    sources of variance to which the indices in the result refer.
     """
     sd = [np.zeros(0)]
     stated_sd = [np.zeros(0)]
@@ -402,10 +431,11 @@ def _prior_variance(
     unit: Array,
     sources: list[Source],
 ) -> Array:
-    """Return the share of every source in the prior variances, shape (columns, sources).
+    """Return the factors of the squared sources in the prior variances of the coefficients.
 
-    Variances are in squared units of the coefficients. A coefficient with a prior sd of zero gets a
-    variance of one, because its rescaled column is zero.
+    A source of variance is a hyper-parameter or a product of hyper-parameters. The result has shape
+    (coefficients, sources) and is in squared units of the coefficients. A coefficient with a prior
+    sd of zero gets a variance of one, because its rescaled column is zero.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)
@@ -422,17 +452,20 @@ def _test_of_coefficients(
     nuisances: _Nuisances,
     tests: int,
 ) -> NDArray[np.intp]:
-    """Return the index of every coefficient's test; T, the number of tests, if it is shared."""
+    """Return the index of the test that each coefficient belongs to.
+
+    For a coefficient that all tests share it is the number of tests.
+    """
     shared = np.full(nuisances.shared_size, tests)
     private = np.repeat(np.arange(tests), nuisances.private_size)
     return np.concatenate([shared, private])
 
 
 def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
-    """Return noise of basis functions as columns: one for every function that has noise.
+    """Return noise of Fourier coefficients in the form of columns.
 
-    Each column is the basis function itself. Every test has a coefficient of its own, whose prior
-    sd is the sd of the noise.
+    There is one column for every Fourier function that has noise, equal to this function. Every
+    test has its own coefficient, whose prior sd is the sd of the noise.
     """
     functions = np.flatnonzero(term.sd)
     values = np.zeros((tests, SIZE, len(functions)))
@@ -450,15 +483,16 @@ def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
 def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> Columns | None:
     """Return columns that correct the reading noise for angles that are not spaced uniformly.
 
-    If readings have the noise σ, the coefficients of the basis functions, in units of the norms S,
-    have the covariance σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ); V and λ are the directions and
-    departures of `NearUniform`. Each significant direction v becomes a column S⁻¹ v √(|λ|/(1 + λ))
-    whose coefficient has the sd σ.
+    Fit the 25 Fourier coefficients of a test to readings with the noise sd σ, and multiply each by
+    the norm of its basis function (diagonal matrix S). Their covariance is then
+    σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ), where V and λ are the directions and departures of
+    `NearUniform`. Each significant direction v becomes a column S⁻¹ v √(|λ|/(1 + λ)) whose
+    coefficient has the sd σ.
 
     Parameters
     ----------
     circles
-        Every test's departures from uniform sampling; every test has its own coefficients.
+        Departures of every test from uniform sampling.
     sign
         +1 for the directions in which readings are sparse (λ < 0), whose columns add noise; −1 for
         those in which readings are dense (λ > 0), whose columns remove noise, by a negative
@@ -467,7 +501,8 @@ def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> C
     Returns
     -------
     Columns or None
-        As many columns as the circle with the most such directions needs; None if none has any.
+        As many columns as the circle with the most directions of this sign needs; None if no
+        circle has such a direction.
     """
     indices_by_test = []
     for circle in circles:

@@ -1,14 +1,13 @@
 """Probabilities P(u ≥ 0) of Gaussian vectors u, and exact random draws of u given u ≥ 0.
 
-Each element u_j (a row) is one constraint, such as a compliance that must not be negative; u ≥ 0 is
-called the orthant. Small probabilities and random draws are computed by minimax tilting, that is by
-sampling from a shifted density (`tilting`). Most probabilities P do not need it, because they lie
-between close bounds: with P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) of the two constraints most likely to fail,
+Each element u_j is one constraint, such as a compliance that must not be negative. The region u ≥ 0
+is called the orthant. Small probabilities and random draws are computed by minimax tilting, that is
+by sampling from a shifted density (`tilting`). Most probabilities P do not need it, because they
+lie between close bounds: with P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) of the two constraints most likely to fail,
 
     P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁) ≤ P ≤ P₁₂.
 
-Below, a member is one problem of a batch; the distance of a row is the mean of u_j divided by its
-sd; the tightest row has the smallest distance.
+The tightest constraint is the one whose mean, divided by its sd, is smallest.
 """
 
 from __future__ import annotations
@@ -31,65 +30,77 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Orthant", "OrthantMoments"]
 
-# A row is a linear combination of others if its remainder is smaller than this share of it.
+# A constraint counts as a linear combination of others if the part of its row of coefficients that
+# the other rows cannot explain is shorter than this share of the row.
 _DEPENDENT = 1e-7
-# A constraint whose mean is this many sd above zero counts as certain, unless the mean of another
-# constraint is more than three sd below zero.
+# A constraint u_j ≥ 0 counts as certain if the mean of u_j is this many sd above zero.
 _CERTAIN_SD = 12.0
+# No constraint counts as certain if the mean of another one, divided by its sd, is below this.
 _PUSHED_SD = -3.0
-# Constraints whose mean is at least this many sd above zero are left out at first.
+# A probability is first computed without the constraints u_j ≥ 0 whose mean is at least this many
+# sd above zero.
 _NEAR_SD = 6.0
-# Largest error from the constraints left out, as a share of the tolerance.
+# Largest error from leaving out unlikely constraints, as a share of the error tolerance.
 _LEFT_OUT_SHARE = 0.1
-# Most proposals of the rejection sampler for one random draw, and most at once.
+# Most proposals of the rejection sampler for one random draw.
 _MOST_PROPOSALS = 12_800
+# Most proposals for one random draw that are computed in one call.
 _MOST_TRIES = 64
-# Points of the Gauss-Legendre rule in one dimension.
+# Number of points of the Gauss-Legendre quadrature rule in one dimension.
 _RULE_POINTS = 24
-# Numbers of quasi-random points of each scramble, and number of independent scrambles.
+# Numbers of quasi-random points that are tried in turn until the error is small enough.
 _SIZES = (32, 128, 512, 2048, 8192)
+# Number of scrambles: independent random shifts of the quasi-random points. The scatter of their
+# results gives the error.
 _SCRAMBLES = 8
-# Student's factor that multiplies the standard error from the scatter of eight scrambles.
+# Factor on the standard error from the scatter of only eight scrambles (Student's t).
 _STUDENT = 1.5
-# Least error, as a share of that of plain random numbers: a few scrambles may agree by chance.
+# The stated error is at least this share of the error of plain random numbers, because the results
+# of a few scrambles may agree by chance.
 _LEAST_ERROR_SHARE = 0.1
-# Most numbers (points times problems of the batch) that are computed at once.
+# Largest number of weights (points times problems) that are computed at once, to limit memory.
 _CHUNK = 1 << 20
-# Factor on the bounds of a problem; the fraction of the product shifts its quasi-random points.
+# The bounds of a problem times this factor, modulo 1, are the shift of its quasi-random points.
+# Different problems thereby use different points.
 _DIGITS = 1e5
-# Owen's T is exact to 1e-15.
+# Absolute error of Owen's T function as SciPy computes it.
 _OWEN_ERROR = 1e-15
-# The bound by pairs is numerically unreliable for a pair with a smaller probability, or if the
-# correlation of two rows is closer to ±1.
+# The bound by pairs of constraints is too inaccurate if the probability of the pair is smaller.
 _LEAST_PAIR = 1e-9
+# The bound by pairs of constraints is too inaccurate if their correlation is this close to ±1.
 _LEAST_DIFFERENCE = 1e-6
-# If the bound by the tightest row alone has a smaller error, no second row is considered.
+# If the bound by the tightest constraint alone has an error below this, no pair is considered.
 _NEGLIGIBLE_ERROR = 1e-9
-# Replacement for a distance of zero in Owen's formula, which divides by it.
+# Replacement for arguments of zero in Owen's formula, which divides by them.
 _NEARLY_ZERO = 1e-300
-# Generators of a lattice of up to 2²⁰ points, extensible (F. Y. Kuo,
-# lattice-32001-1024-1048576); further ones are any odd numbers.
+# Generating vector of a lattice of quasi-random points, one number for each dimension (F. Y. Kuo,
+# lattice-32001-1024-1048576). Random odd numbers serve for further dimensions.
 _LATTICE = (1, 182667, 469891, 498753, 110745, 446979, 250185, 118627, 245333, 283199)
-# Random shifts of the lattice are generated for at least this many dimensions.
+# Random shifts of the lattice are generated for at least this many dimensions. The shifts of the
+# first dimensions then do not depend on how many dimensions there are.
 _SHIFT_DIMENSIONS = 32
 
 
 class OrthantMoments(NamedTuple):
-    """Mean and covariance of e ~ N(0, I) given u = mean + spread e ≥ 0.
+    """Mean and covariance of e ~ N(0, I) given u = mean + spread e ≥ 0, for w problems.
 
-    They are given along the d directions of e that the constraints depend on, for w problems.
+    e has q elements. The moments are given along the d directions that the constraints depend on.
     """
 
-    #: Shape (w, d).
+    #: Mean of the coordinates of e along ``axes``, shape (w, d) for w problems.
     mean: Array
-    #: Shape (w, d, d).
+    #: Covariance of the coordinates of e along ``axes``, shape (w, d, d) for w problems.
     covariance: Array
-    #: Orthonormal directions of e, shape (w, d, q).
+    #: The d orthonormal directions of the vector e that the constraints depend on, shape (w, d, q).
     axes: Array
 
 
 class _Solved(NamedTuple):
-    """Tilted problems, and the orthonormal directions of e that they depend on, (w, d, q)."""
+    """Problems in triangular form, for sampling from a shifted (tilted) density.
+
+    ``axes`` (w, d, q) holds d orthonormal directions of the standard normal vector e (q,) for each
+    of the w problems. The constraints depend on e along these directions only.
+    """
 
     tilted: Tilted
     axes: Array
@@ -98,8 +109,8 @@ class _Solved(NamedTuple):
 class Orthant:
     """Batch of w problems P(u ≥ 0), where u = mean + spread e with e ~ N(0, I).
 
-    Methods raise `InputError` if the saddle point of the tilting cannot be found in double
-    precision.
+    Methods raise `InputError` if double precision does not suffice to find the density from which
+    they sample.
 
     Parameters
     ----------
@@ -119,21 +130,21 @@ class Orthant:
         *,
         seed: int = 0,
     ) -> tuple[Array, Array]:
-        """Return ln P and its error [nat], each of shape (w,).
+        """Return ln P(u ≥ 0) and its numerical error [nat], each of shape (w,) for w problems.
 
         ln P is computed analytically if its bounds differ by no more than the tolerance, else from
-        up to 65 536 quasi-random points. The error is then the scatter of independent scrambles
-        times Student's factor, so that ±3 errors hold 99 %. The result of a problem does not depend
-        on the others in the batch. The problems use the same points, so their errors are
-        correlated. If no point satisfies the constraints that are linear combinations of others,
-        ln P is its upper bound and the error is infinite.
+        up to 65 536 quasi-random points. The error then follows from the scatter between eight
+        random shifts of the points, times Student's factor, so that ±3 errors hold 99 %. The result
+        of a problem does not depend on the others in the batch. All problems use the same points,
+        so their errors are correlated. If no point satisfies all constraints, ln P is its upper
+        bound and the error is infinite.
 
         Parameters
         ----------
         tolerance
             Error to reach [nat].
         seed
-            Seed of the scrambles.
+            Seed of the random shifts.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = self._mean / np.linalg.norm(self._spread, axis=2)
@@ -141,8 +152,8 @@ class Orthant:
         value, error = _bound_in_closed_form(distance, self._spread)
         open_members = np.flatnonzero(error > tolerance)
         for near in (_NEAR_SD, np.inf):
-            # Constraints that are far from failing are left out at first. If their effect is too
-            # large, the second pass takes all constraints.
+            # The first pass leaves out constraints that are far from failing. Where their effect
+            # exceeds the tolerance, the second pass uses all constraints.
             near_rows = distance[open_members] < near
             unfinished = np.zeros(len(open_members), dtype=bool)
             for pattern in np.unique(near_rows, axis=0):
@@ -162,15 +173,19 @@ class Orthant:
 
     @property
     def log_bound(self) -> Array:
-        """Upper bound of ln P, shape (w,): smooth, close in the tails, exact for one constraint."""
+        """Upper bound of ln P(u ≥ 0) for each of w problems, shape (w,).
+
+        The bound is a smooth function of the mean, close where P is small, and exact for a single
+        constraint.
+        """
         return self._tilted.log_bound
 
     def moments(self, size: int = 512, *, seed: int = 0) -> OrthantMoments:
-        """Return mean and covariance of the standard normal e given u ≥ 0.
+        """Return mean and covariance of the standard normal e, given u = mean + spread e ≥ 0.
 
-        They are given along the directions `axes`; perpendicular to these e stays standard normal.
-        The quasi-random points of each problem are shifted by an amount computed from its own
-        bounds. Errors then average out over many problems, and a result does not depend on the
+        The moments are given along the directions `axes`. Perpendicular to them e stays standard
+        normal. The quasi-random points of each problem are shifted by an amount computed from its
+        own bounds. Errors then average out over many problems, and a result does not depend on the
         others in the batch.
 
         Parameters
@@ -202,7 +217,8 @@ class Orthant:
     def axes(self) -> Array:
         """Orthonormal directions of e that the uncertain constraints depend on, shape (w, d, q).
 
-        The coordinates of e along them are x = axes e.
+        e is the standard normal vector (q,) of each of the w problems. Its d coordinates along
+        these directions are x = axes e.
         """
         return self._solved.axes
 
@@ -212,14 +228,15 @@ class Orthant:
         *,
         max_proposals: int = _MOST_PROPOSALS,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return an exact random draw of x = axes e given u ≥ 0 for every problem.
+        """Return an exact random draw of x = axes e given u ≥ 0 for each of w problems.
 
-        The draws come from a rejection sampler that proposes from the tilted density.
+        e is the standard normal vector of a problem and x its d coordinates along `axes`. A
+        rejection sampler proposes x from the shifted (tilted) density.
 
         Returns
         -------
         x
-            Shape (w, d); a rejected proposal if none was accepted.
+            Random draws, shape (w, d); a rejected proposal if none was accepted.
         accepted
             Whether one of about ``max_proposals`` proposals was accepted, shape (w,).
         """
@@ -245,12 +262,14 @@ class Orthant:
         self,
         rng: np.random.Generator,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return an exact random draw of e ~ N(0, I) given u ≥ 0 for every problem.
+        """Return an exact random draw of e ~ N(0, I) given u = mean + spread e ≥ 0.
+
+        Each of the w problems gets one draw.
 
         Returns
         -------
         e
-            Shape (w, q).
+            Random draws of the q elements, shape (w, q).
         accepted
             Whether the rejection sampler accepted a proposal, shape (w,).
         """
@@ -263,14 +282,15 @@ class Orthant:
         uniform: Array,
         normal: Array,
     ) -> tuple[Array, Array]:
-        """Return a random draw of e from the tilted density, and its log importance weight.
+        """Return a random draw of e from the shifted density, and its log importance weight.
 
-        The weight is ln (exact density / tilted density), without the constant ln P.
+        e is the standard normal vector in u = mean + spread e. The weight is
+        ln (exact density / shifted density), without the constant ln P(u ≥ 0).
 
         Parameters
         ----------
         uniform
-            Uniform numbers, shape (w, m); those beyond the number of axes are not used.
+            Uniform numbers, shape (w, m); only the first ones are used, one for each of `axes`.
         normal
             Standard normal numbers, shape (w, q).
         """
@@ -279,18 +299,23 @@ class Orthant:
         return self._complete(x[:, 0].T, normal), log_weight[0]
 
     def log_proposal_weight(self, e: Array) -> Array:
-        """Return the log importance weight of points e, shape (w,); see `propose_standard`.
+        """Return the log importance weight of one point e for each of w problems, shape (w,).
+
+        The weight is that of `propose_standard`.
 
         Parameters
         ----------
         e
-            Points inside the orthant, shape (w, q).
+            Points with u = mean + spread e ≥ 0, shape (w, q).
         """
         x = np.einsum("wiq,wq->iw", self.axes, e)
         return self._tilted.log_weight(x[:, None])[0]
 
     def _complete(self, x: Array, normal: Array) -> Array:
-        """Return e (w, q): x along the directions `axes`, ``normal`` perpendicular to them."""
+        """Return vectors e (w, q) from their coordinates x along `axes`.
+
+        Perpendicular to these directions, e is equal to ``normal``, shape (w, q).
+        """
         normal_along_axes = np.einsum("wiq,wq->wi", self.axes, normal)
         return normal + np.einsum("wiq,wi->wq", self.axes, x - normal_along_axes)
 
@@ -299,7 +324,7 @@ class Orthant:
         tolerance: float,
         seed: int,
     ) -> tuple[Array, Array]:
-        """Return ln P and its error from quasi-random points.
+        """Return ln P(u ≥ 0) and its error from quasi-random points, each of shape (w,).
 
         The number of points is multiplied by four until the error is within the tolerance.
         """
@@ -308,7 +333,7 @@ class Orthant:
         error = np.zeros(len(self._mean))
         if len(tilted.bound) + len(tilted.dependent) > 1:
             error[:] = np.inf
-        # Weights do not depend on the last x.
+        # Importance weights do not depend on the last coordinate, so it needs no points.
         dimensions = max(len(tilted.bound) - 1, 1)
         for size in _SIZES:
             points = _scrambled_points(dimensions, size, seed).reshape(-1, _SCRAMBLES * size, 1)
@@ -334,7 +359,7 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> _Solved:
-        """Tilted problems, without the constraints that are certain in the whole batch."""
+        """Problems in triangular form, without constraints that are certain in the whole batch."""
         rows = _uncertain_rows(self._mean, self._spread)
         mean = self._mean[:, rows]
         spread = self._spread[:, rows]
@@ -349,7 +374,8 @@ class Orthant:
         bound = -core_mean / np.abs(diagonal)
         saddle = find_saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
-        # Constraints that are linear combinations of others, as unit vectors in terms of x.
+        # The following constraints are linear combinations of others. Each is expressed as a unit
+        # vector in the coordinates x along the directions ``axes``.
         outside_core = np.ones(mean.shape, dtype=bool)
         np.put_along_axis(outside_core, core, values=False, axis=1)
         other_rows = np.nonzero(outside_core)[1].reshape(len(core), -1)
@@ -374,7 +400,11 @@ class Orthant:
 
 
 def _scramble_error(weight: Array) -> Array:
-    """Return the standard error of the mean of weights (scrambles, points, w), shape (w,)."""
+    """Return the standard error of the mean weight of each of w problems, shape (w,).
+
+    ``weight`` has shape (scrambles, points, w); scrambles are independent random shifts of the
+    quasi-random points.
+    """
     scatter = weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES)
     points = weight.shape[0] * weight.shape[1]
     random_error = weight.std(axis=(0, 1)) / np.sqrt(points)
@@ -387,9 +417,10 @@ def _bound_in_closed_form(
 ) -> tuple[Array, Array]:
     """Return ln P(u ≥ 0) from analytical bounds, and its largest error, each of shape (w,).
 
-    P is at most the probability of the tightest row alone, and at least that probability minus the
-    probabilities that the other rows are negative. Where the two differ, closer bounds are computed
-    from pairs of rows. The error is infinite if no bounds are of use.
+    A row is one element u_j of u; the tightest has the smallest mean divided by sd. P is at most
+    the probability of u_j ≥ 0 for the tightest row alone. P is at least this probability minus the
+    probabilities that other rows are negative. Where the two bounds differ, closer ones are
+    computed from pairs of rows. The error is infinite if all bounds are too far apart.
 
     Parameters
     ----------
@@ -427,10 +458,18 @@ def _bound_by_pairs(
     tail: Array,
     unit: Array,
 ) -> tuple[Array, Array]:
-    """Return ln P midway between the bounds by pairs of rows, and its error, each of shape (w,).
+    """Return ln P(u ≥ 0) midway between bounds from pairs of constraints, and its error.
 
-    Distances and tail probabilities have shape (m, w), unit rows (w, m, q), the tightest row first.
-    The error is infinite if rounding makes the bounds unreliable.
+    The results have shape (w,). The error is infinite if rounding makes the bounds unreliable.
+
+    Parameters
+    ----------
+    distance
+        Mean of each of m constraints divided by its sd, the smallest first, shape (m, w).
+    tail
+        Probability that each constraint alone fails, shape (m, w).
+    unit
+        Rows of coefficients of the constraints, of length one, shape (w, m, q).
     """
     m = len(distance)
     correlation = np.einsum("wmq,wnq->mnw", unit, unit[:, :2])
@@ -453,7 +492,11 @@ def _loss_to_row(
     tight_distance: Array,
     correlation: Array,
 ) -> Array:
-    """Return P(u_j < 0 ≤ u_i) for a tight row i, or 1 if the rows are nearly parallel."""
+    """Return the probability P(u_j < 0 ≤ u_i) of two Gaussian variables u_i and u_j.
+
+    ``tight_distance`` and ``distance`` are the means of u_i and u_j divided by their sds. The
+    result is 1 if the correlation is too close to ±1 to compute the probability.
+    """
     probability = _pair_probability(-distance, tight_distance, -correlation)
     return np.where(np.abs(correlation) < 1.0 - _LEAST_DIFFERENCE, probability, 1.0)
 
@@ -463,9 +506,9 @@ def _pair_probability(
     k: Array,
     rho: Array,
 ) -> Array:
-    """Return P(x < h, y < k) of standard normals with correlation ρ.
+    """Return P(x < h, y < k) for standard normal x and y with correlation ρ.
 
-    By Owen's T function (Ann. Math. Stat. 27, 1075-1090, 1956).
+    It is computed by Owen's T function (Ann. Math. Stat. 27, 1075-1090, 1956).
     """
     h = np.where(h == 0.0, _NEARLY_ZERO, h)
     k = np.where(k == 0.0, _NEARLY_ZERO, k)
@@ -483,9 +526,10 @@ def _scrambled_points(
     size: int,
     seed: int,
 ) -> Array:
-    """Return independent scrambles of a lattice, shape (dimensions, scrambles, size).
+    """Return quasi-random points, shape (dimensions, scrambles, size).
 
-    Each scramble shifts all points by one random vector and then folds them (`_fold`).
+    Each scramble is a copy of the same lattice, shifted by one random vector and then folded by
+    the baker's transformation (`_fold`).
     """
     rng = np.random.default_rng([seed, size])
     shifts = rng.random((_SCRAMBLES, max(dimensions, _SHIFT_DIMENSIONS)))
@@ -494,7 +538,10 @@ def _scrambled_points(
 
 
 def _fold(points: Array) -> Array:
-    """Return points folded by the baker's transformation, which makes integrands periodic."""
+    """Return numbers between 0 and 1 after the baker's transformation 1 − |2x − 1|.
+
+    It makes an integrand periodic, so that a lattice of points integrates it more exactly.
+    """
     return 1.0 - np.abs(2.0 * points - 1.0)
 
 
@@ -503,7 +550,7 @@ def _lattice(
     size: int,
     seed: int,
 ) -> Array:
-    """Return the points of a lattice, shape (dimensions, size), not yet modulo 1."""
+    """Return the points of a lattice before they are taken modulo 1, shape (dimensions, size)."""
     rng = np.random.default_rng([seed, 1])
     generators = list(_LATTICE)
     while len(generators) < dimensions:
@@ -513,7 +560,7 @@ def _lattice(
 
 
 class _Rule(NamedTuple):
-    """Points of the unit cube (dimensions, n) and their log weights (n,)."""
+    """Quadrature rule of n points: points in the unit cube (dimensions, n), log weights (n,)."""
 
     points: Array
     log_weight: Array
@@ -521,9 +568,10 @@ class _Rule(NamedTuple):
 
 @cache
 def _quadrature_rule(dimensions: int) -> _Rule:
-    """Return a product rule: Gauss-Legendre in s, u = s³ (10 − 15 s + 6 s²).
+    """Return a quadrature rule for the unit cube in one or two dimensions.
 
-    The integrand changes towards both ends, where the substitution puts its points.
+    In each dimension, it is the Gauss-Legendre rule in s with the substitution
+    u = s³ (10 − 15 s + 6 s²). The points u are dense at both ends, where the integrand changes.
     """
     nodes, legendre_weight = np.polynomial.legendre.leggauss(_RULE_POINTS)
     s = (nodes + 1.0) / 2.0
@@ -540,10 +588,10 @@ def _uncertain_rows(
     mean: Array,
     spread: Array,
 ) -> NDArray[np.intp]:
-    """Return the rows that may fail anywhere in the batch.
+    """Return the indices of the constraints that are not certain in every problem of the batch.
 
-    Return all rows if the mean of an uncertain row is more than three sd below zero, because
-    conditioning on it can then make the other rows fail.
+    Return all indices if an uncertain constraint has its mean more than three sd below zero.
+    Imposing it can then make constraints fail that look certain.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = mean / np.linalg.norm(spread, axis=2)
@@ -557,7 +605,10 @@ def _core_rows(
     mean: Array,
     spread: Array,
 ) -> NDArray[np.intp]:
-    """Return linearly independent rows of every problem, the tightest first, (w, rank)."""
+    """Return the indices of linearly independent constraints of w problems, shape (w, rank).
+
+    The tightest constraint, with the smallest mean divided by sd, is first.
+    """
     if not mean.shape[1]:
         return np.zeros(mean.shape, dtype=np.intp)
     norms = np.linalg.norm(spread, axis=2)
@@ -577,10 +628,11 @@ def _binding_rows(
     unit: Array,
     rank: int,
 ) -> list[int]:
-    """Return linearly independent rows of one problem, the tightest first.
+    """Return the indices of linearly independent constraints of one problem, the tightest first.
 
-    Rows are chosen first if they are active at the most probable point of the orthant, then by the
-    size of their part that is independent of the rows chosen before.
+    Constraints that hold with equality at the most probable permitted point are chosen first. Then
+    follow those with the largest part that is independent of the constraints chosen before. The
+    tightest constraint has the smallest ``distance``, its mean divided by its sd.
     """
     force = np.zeros(len(unit))
     if (distance < 0.0).any():

@@ -8,8 +8,8 @@ importance weight (Φ is the standard normal distribution function)
 
 is bounded by its value at the saddle point. Rejection sampling is therefore exact, and averages of
 weights are efficient, however small the probability is (Botev, J. R. Statist. Soc. B 79, 125-148,
-2017). Rows beyond the rank are constraints that are linear combinations of others. They restrict
-the last x_j that they depend on to an interval, which only reduces the weights.
+2017). Rows beyond the rank are constraints that are linear combinations of others. Each restricts
+the last x_j that it depends on to an interval, which only reduces the weights.
 """
 
 from __future__ import annotations
@@ -26,26 +26,34 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_distance_forces"]
 
-# The saddle point counts as found if the relative size of the gradient is smaller.
+# The search for a saddle point ends when the relative size of the gradient is below this.
 ROUNDING = 1e-10
-# Most steps of Newton's method for the saddle point, and most halvings of one step.
+# Most steps of Newton's method for the saddle point.
 _ITERATIONS = 60
+# Number of lengths that are tried for one step of Newton's method, each half of the one before.
 _HALVINGS = 20
-# Where |ln P| is about this large, the saddle point need not be found exactly.
+# Where the log probability is below minus this number, an inexact saddle point is good enough.
 _NEGLIGIBLE_LOG_PROBABILITY = 1e7
-# Smallest uniform number: its logarithm is finite.
+# Smaller uniform random numbers are replaced by this one, so that their logarithm is finite.
 _LEAST_UNIFORM = 1e-300
 
 
 class SaddlePoint(NamedTuple):
-    """Saddle points x and tilts μ of w problems, each of shape (w, d); the last of each is zero."""
+    """Saddle points of w problems: coordinates x and tilts μ, each of shape (w, d).
+
+    A tilt μ_j is the shift of the normal density from which x_j is drawn at random. The last x_j
+    and the last μ_j are zero.
+    """
 
     x: Array
     tilt: Array
 
 
 class Proposal(NamedTuple):
-    """Log weights ψ (s, w) of s random draws x (d, s, w) from the tilted density."""
+    """Random draws from the shifted (tilted) density, and their log importance weights.
+
+    There are s draws for each of w problems: ``x`` has shape (d, s, w), ``log_weight`` (s, w).
+    """
 
     log_weight: Array
     x: Array
@@ -59,35 +67,41 @@ class _Interval(NamedTuple):
 
     #: Logarithm of the probability between the edges, ln (Φ(high) − Φ(low)).
     log_mass: Array
-    #: Logarithm of Φ(high) if both edges are mainly left of zero (low + high < 0), else of Φ(−low).
+    #: Log probability of the larger tail: to the left of the upper edge if the centre of the
+    #: interval is negative, else to the right of the lower edge.
     log_tail: Array
-    #: Probability of the tail beyond the other edge divided by that of ``log_tail``; None without
-    #: an upper edge.
+    #: Probability of the smaller tail, beyond the other edge, divided by that of the larger tail.
+    #: None if the interval has no upper edge.
     tail_ratio: Array | None
-    #: −1 where the tails are those to the left of the edges, else 1.
+    #: −1 where the centre of the interval is negative and left tails are used, else 1.
     direction: Array | float
 
 
 class _ConvexFunction(NamedTuple):
-    """Convex function of m, whose minimum is the saddle point, at one m for each of w problems.
+    """Convex function whose minimum gives the saddle point, evaluated once for each of w problems.
 
-    m = φ(e) / Φ(−e), shape (w, d), is the inverse Mills ratio of the edges e; φ and Φ are the
-    standard normal density and distribution function. C = unit unitᵀ − I, shape (w, d, d), is the
-    coupling of the rows.
+    Its value is ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)). Its argument m (w, d) are the
+    inverse Mills ratios m = φ(e) / Φ(−e) of the edges e, the lower limits of the shifted normals. φ
+    and Φ are the standard normal density and distribution function. C = unit unitᵀ − I,
+    shape (w, d, d), is the coupling of the constraints, whose rows of coefficients are ``unit``.
     """
 
-    #: Value ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)), shape (w,).
+    #: Value of the function for each of w problems, shape (w,).
     value: Array
-    #: Gradient in m, e + C m − bound, shape (w, d).
+    #: Gradient of the function in the inverse Mills ratios, shape (w, d).
     gradient: Array
-    #: Derivative dm / de, from 0 to 1, shape (w, d).
+    #: Derivative of each inverse Mills ratio in its edge, between 0 and 1, shape (w, d).
     slope: Array
-    #: Largest entry of the gradient, relative to the size of its terms, shape (w,).
+    #: Largest element of the gradient, relative to the size of its terms, shape (w,).
     error: Array
 
 
 class _Edges(NamedTuple):
-    """Edges (w, d), whether they are solutions (w,), and the convex function at the edges (w,)."""
+    """Lower limits (edges) of the shifted normals at the saddle points of w problems.
+
+    ``edge`` has shape (w, d). ``solved`` (w,) states whether the search succeeded, and ``value``
+    (w,) is the convex function at the edges.
+    """
 
     edge: Array
     solved: NDArray[np.bool_]
@@ -95,24 +109,27 @@ class _Edges(NamedTuple):
 
 
 class Tilted(NamedTuple):
-    """A batch of w tilted problems: independent rows and rows beyond the rank.
+    """Batch of w problems, each with constraints on a standard normal vector x (d,).
 
-    Independent rows are in order, the tightest constraint first, and divided by their diagonal
-    entries L_jj. Rows beyond the rank are linear combinations of the independent ones.
+    The d independent constraints are unit · x ≥ bound, with a lower triangular matrix ``unit``; the
+    tightest is first. The k rows beyond the rank are further constraints, dependent_mean +
+    dependent · x ≥ 0, which are linear combinations of the independent ones.
     """
 
-    #: Matrix L_jk / L_jj, shape (d, d, w).
+    #: Lower triangular matrix of the independent constraints, with ones on its diagonal,
+    #: shape (d, d, w).
     unit: Array
-    #: Bounds of the independent rows, shape (d, w).
+    #: Lower bounds of the independent constraints, shape (d, w).
     bound: Array
-    #: Saddle point x and its tilt, shape (d, w); the last of each is zero.
+    #: Saddle point, about which the sampling density is centred, shape (d, w); its last is zero.
     x: Array
+    #: Shift (tilt) of the density from which each x_j is drawn, shape (d, w); the last is zero.
     tilt: Array
-    #: Coefficients of x in the k rows beyond the rank, shape (k, d, w).
+    #: Coefficients of x in the k constraints beyond the rank, shape (k, d, w).
     dependent: Array
-    #: Means of the rows beyond the rank, shape (k, w).
+    #: Means of the k constraints beyond the rank, shape (k, w).
     dependent_mean: Array
-    #: Index of the last x_j that each row beyond the rank depends on, shape (k, w).
+    #: Index of the last x_j on which each constraint beyond the rank depends, shape (k, w).
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
@@ -129,17 +146,21 @@ class Tilted(NamedTuple):
 
     @property
     def log_bound(self) -> Array:
-        """Upper bound of ln P: ψ at the saddle point without rows beyond the rank, shape (w,)."""
+        """Upper bound of the log probability that all constraints hold, shape (w,).
+
+        It is the log importance weight at the saddle point, without the constraints that are linear
+        combinations of others.
+        """
         independent = self._replace(last=np.full_like(self.last, -1))
         return independent.log_weight(self.x[:, None])[0]
 
     def propose(self, uniform: Array, *, draw_last: bool = True) -> Proposal:
-        """Return random draws of x from the tilted density, with their log weights.
+        """Return s random draws of x from the shifted density, with their log importance weights.
 
         Parameters
         ----------
         uniform
-            Uniform numbers, shape (d, s, w) or (d, s, 1).
+            Uniform random numbers, shape (d, s, w) for w problems, or (d, s, 1) for all alike.
         draw_last
             Whether the last x_j is drawn; weights do not depend on it.
         """
@@ -157,7 +178,10 @@ class Tilted(NamedTuple):
         return Proposal(log_weight, x)
 
     def log_weight(self, x: Array) -> Array:
-        """Return the log weights ψ of points x (d, s, w), shape (s, w)."""
+        """Return the log importance weights of s points for each of w problems, shape (s, w).
+
+        The points x have shape (d, s, w).
+        """
         log_mass = np.zeros(x.shape[1:])
         for j in range(len(x)):
             log_mass = log_mass + _measure_interval(*self._edges(j, x)).log_mass
@@ -169,11 +193,12 @@ class Tilted(NamedTuple):
         j: int,
         x: Array,
     ) -> tuple[Array, Array | None]:
-        """Return lower and upper edges (s, w) of x_j less its tilt, given x_k for all k < j.
+        """Return lower and upper limits of x_j − tilt_j, given x_k for all k < j.
 
-        The upper edge is None if no row beyond the rank ends at x_j.
+        They have shape (s, w) for s points of w problems. The upper limit is None if no constraint
+        beyond the rank has x_j as the last element on which it depends.
         """
-        # The first row depends on no other x: its edge is the same for all points.
+        # The first constraint depends on x_0 alone, so its limit is the same for all points.
         explained = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j > 0 else 0.0
         low = np.atleast_2d(self.bound[j] - explained - self.tilt[j])
         rows = np.flatnonzero((self.last == j).any(axis=1))
@@ -195,7 +220,10 @@ class Tilted(NamedTuple):
 
 
 def _measure_interval(low: Array, high: Array | None) -> _Interval:
-    """Return the probability that a standard normal variable is between two edges."""
+    """Return the probability that a standard normal variable is between ``low`` and ``high``.
+
+    The result also holds the tail probabilities from which random draws are computed.
+    """
     if high is None:
         log_tail = log_ndtr(-low)
         return _Interval(log_tail, log_tail, None, 1.0)
@@ -210,9 +238,10 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 
 
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
-    """Return the logarithm of the tail probability at a random point of the interval.
+    """Return the log tail probability of random points of a standard normal in an interval.
 
-    ``uniform`` numbers make the point's probability uniform between those of the two edges.
+    ``uniform`` random numbers make the tail probability uniform between its values at the two
+    edges.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:
@@ -221,12 +250,13 @@ def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
 
 
 def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
-    """Return the saddle points of ψ(x, μ), at which the tilts μ are best, for w problems.
+    """Return the saddle points of the log importance weight ψ(x, μ) for w problems.
 
-    Both derivatives of ψ are zero where x = unitᵀ m and μ = x − m, with m_j = φ(e_j) / Φ(−e_j) the
-    inverse Mills ratios of the edges e. The edges solve e + (unit unitᵀ − I) m = bound, which is
-    done by Newton's method. Where ln P is below about −1e7, too small to matter, the saddle point
-    may be approximate.
+    μ are the tilts, the shifts of the normals from which x is drawn; at the saddle point they are
+    best. Both derivatives of ψ are zero where x = unitᵀ m and μ = x − m, with the inverse Mills
+    ratios m_j = φ(e_j) / Φ(−e_j). φ and Φ are the standard normal density and distribution
+    function. The edges e solve e + (unit unitᵀ − I) m = bound, by Newton's method. Where the log
+    probability is below about −1e7, too small to matter, the saddle point may be approximate.
 
     Parameters
     ----------
@@ -238,8 +268,8 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
     Returns
     -------
     SaddlePoint
-        x and μ, each of shape (w, d). The last x_j and μ_j, which do not change the bound of ψ,
-        are zero.
+        x and μ, each of shape (w, d). The last x_j and the last μ_j are zero, because they do not
+        change the bound of ψ.
 
     Raises
     ------
@@ -258,7 +288,7 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
 
 
 def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
-    """Return the edges e at the saddle points of w problems, shape (w, d).
+    """Return the lower limits (edges) of the shifted normals at w saddle points, shape (w, d).
 
     Newton's method starts from the bounds. Where it fails, it starts once more, from the most
     probable point that meets the constraints.
@@ -288,8 +318,9 @@ def _solve_edges(
 ) -> _Edges:
     """Solve e + C m(e) = bound for the edges e of w problems, by Newton's method.
 
-    C, shape (w, d, d), is ``coupling``; ``bound`` and ``start``, the first e, have shape (w, d).
-    A step is halved until it reduces the convex function or the relative size of the gradient.
+    m(e) are the inverse Mills ratios of the edges and C (w, d, d) is ``coupling``. ``bound`` and
+    the first edges, ``start``, have shape (w, d). A step is halved until it reduces the convex
+    function or the relative size of its gradient.
     """
     edge = np.array(start)
     current = _evaluate_convex_function(coupling, bound, edge)
@@ -325,15 +356,15 @@ def _edges_of_nearest_point(
     unit: Array,
     bound: Array,
 ) -> Array:
-    """Return the edges (d,) at the most probable point that meets the constraints.
+    """Return the edges at the most probable point that meets the constraints, shape (d,).
 
-    Newton's method starts there if it fails from the bounds.
+    Newton's method for the saddle point starts from this point if it fails from the bounds.
     """
     binding = np.flatnonzero(least_distance_forces(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
     mills = np.zeros(len(bound))
     mills[binding] = np.linalg.solve(block, bound[binding])
-    # For a large edge the inverse Mills ratio is about edge + 1 / edge.
+    # Invert the Mills ratio m approximately: for a large edge, m is about edge + 1 / edge.
     far = mills - 1.0 / np.maximum(mills, 1.0)
     return np.where(mills > 1.0, far, bound - coupling @ mills)
 
@@ -343,9 +374,9 @@ def _evaluate_convex_function(
     bound: Array,
     edge: Array,
 ) -> _ConvexFunction:
-    """Return the convex function whose minimum is the saddle point, with its derivatives.
+    """Return the convex function whose minimum gives the saddle point, with its derivatives.
 
-    It is evaluated at the edges e, ``edge``, shape (w, d), of w problems; see `_ConvexFunction`.
+    It is evaluated at the edges ``edge`` (w, d) of w problems, by the formula of `_ConvexFunction`.
     """
     mills = _inverse_mills(edge)
     coupled_mills = np.einsum("wij,wj->wi", coupling, mills)
@@ -359,9 +390,9 @@ def _evaluate_convex_function(
 
 
 def _inverse_mills(edge: Array) -> Array:
-    """Return the inverse Mills ratio φ(edge) / Φ(−edge).
+    """Return the inverse Mills ratio φ(edge) / Φ(−edge) of the standard normal.
 
-    φ and Φ are the density and the distribution function of the standard normal.
+    φ is its density and Φ its distribution function.
     """
     with np.errstate(over="ignore"):
         return np.asarray(np.sqrt(2.0 / np.pi) / erfcx(edge / np.sqrt(2.0)))
@@ -370,9 +401,9 @@ def _inverse_mills(edge: Array) -> Array:
 def least_distance_forces(unit: Array, bound: Array) -> Array:
     """Return the Lagrange multipliers of the point x nearest to zero with unit · x ≥ bound.
 
-    They have shape (d,), are not negative and are known up to a common factor; those of constraints
-    that do not bind are zero. The problem is solved by non-negative least squares (Lawson and
-    Hanson, Solving Least Squares Problems, ch. 23).
+    There is one multiplier for each of the d constraints, zero or positive, known up to a common
+    factor. It is zero where the constraint holds without equality. The problem is solved by
+    non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, ch. 23).
 
     Parameters
     ----------
