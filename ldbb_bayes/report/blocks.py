@@ -15,7 +15,7 @@ _WIDE = 1.6  # ratio of width to height above which a figure needs the full widt
 
 @dataclass(frozen=True)
 class Fields:
-    """Form fields: texts with their names.
+    """Form fields of a certificate's sheet, each with a name and a text.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Banner:
     kind
         ``usable``, ``reserved`` (usable with reservations) or ``unusable``.
     sentence
-        Statement with its most serious reasons.
+        Statement whether the numbers can be used, with the most serious reasons.
     """
 
     kind: str
@@ -47,7 +47,7 @@ class Banner:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A figure with a list beside or below it.
+    """A figure of a certificate's sheet, with a list beside or below it.
 
     Parameters
     ----------
@@ -65,13 +65,13 @@ class Pair:
 
     @property
     def wide(self) -> bool:
-        """Whether the figure needs the full width, so that the list is placed below it."""
+        """Whether the figure needs the sheet's full width, so that its list is placed below it."""
         width, height = self.picture.figure.get_size_inches()
         return bool(width > _WIDE * height)
 
 
 Block: TypeAlias = str | Fields | Banner | Table | Pair | Picture
-"""One piece of a sheet's content; a plain string is a note."""
+"""One piece of the content of a certificate's sheet; a plain string is a note."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class ReportSheet:
     blocks
         Content from top to bottom.
     scale
-        Relative size of the letters; less than 1 if the content would not fit otherwise.
+        Relative size of the letters; less than 1 if larger letters would not fit on the page.
     """
 
     key: str

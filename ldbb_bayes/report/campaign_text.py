@@ -1,6 +1,7 @@
 """Campaigns as tables and sentences: what was measured, and what is assumed of the instrument.
 
-Campaigns are also displayed before a fit, when no analysis is needed; this module loads none.
+Campaigns are also displayed before a fit. Hence this module imports no analysis modules, which take
+long to load.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ __all__ = ["parts_of"]
 
 
 class _Setting(NamedTuple):
-    """A setting of a test: head of its table column, and format template of its value."""
+    """Presentation of one setting of a test: the head of its column, the format of its value."""
 
     head: str
     template: str
 
 
-# Settings of tests, by field; a table shows those in which its tests differ.
+# Settings of circular tests, by the name of their field. A table of tests has a column for a
+# setting only if the tests differ in it.
 _SETTINGS = {
     "plane": _Setting("plane", "{}"),
     "setup": _Setting("set-up", "{}"),
@@ -46,7 +48,7 @@ _CAMPAIGN_COLUMNS = {
 
 @parts_of.register
 def _passages_of_campaign(campaign: Campaign) -> tuple[Passage, ...]:
-    """Return a table with one row per test, without columns that no test fills."""
+    """Return a table of a campaign's tests, one row per test, without empty columns."""
     rows = []
     for test in campaign.tests:
         cells = [getattr(test, field) for field in _CAMPAIGN_COLUMNS.values()]
@@ -63,9 +65,10 @@ def _passages_of_campaign(campaign: Campaign) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ...]:
-    """Return a table with one row per test, and the remarks and assumptions of a preview.
+    """Return a table of a campaign's tests, then remarks and assumptions of its preview.
 
-    Plane, set-up, radius and centre are columns only if the tests differ in them.
+    A preview states what the readings show before any fit. Plane, set-up, radius and centre are
+    columns of the table only if the tests differ in them.
     """
     varied = []
     for field in _SETTINGS:
@@ -124,10 +127,10 @@ def _significant(value: float | None, digits: int) -> str:
 
 @parts_of.register
 def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
-    """Return a table of the quantities assumed of the instrument, and the certificates.
+    """Return a table of what a fit assumes of the instrument, and a list of its certificates.
 
-    Every row has the nominal value, standard uncertainty u, its source, and the place in
-    campaign.toml.
+    Every row of the table has a quantity, its nominal value, its standard uncertainty u, the source
+    of u, and where campaign.toml can state the quantity.
     """
     rows = []
     for assumed in result.assumed:

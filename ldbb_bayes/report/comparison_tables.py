@@ -16,10 +16,11 @@ __all__ = ["assumptions_table", "left_out_tests_table", "models_table"]
 
 
 def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bool = True) -> Table:
-    """Return a table of ln B, probability, elpd and RMSE of every model.
+    """Return a table of evidence, probability, predictive density and RMSE of every model.
 
-    ln B and elpd are relative to the first model; elpd sums the predictions of every test from the
-    other tests.
+    The evidence is stated as ln B, the log Bayes factor relative to the first model. The predictive
+    density is stated as elpd, the expected log predictive density, also relative to the first
+    model. elpd is a sum over the tests; each test is predicted from the other tests.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ def _least_squares_cell(model: ComparedModel) -> str:
 
 
 def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return the cells of a model's ln B relative to the first model, and of its error."""
+    """Return two cells: a model's log Bayes factor relative to the first model, and its error."""
     first = comparison.pair[0]
     if name == first:
         return "0", "0"
@@ -71,7 +72,11 @@ def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return the difference in elpd to the first model, and its standard error, as two cells."""
+    """Return two cells on how well a model predicts tests, relative to the first model.
+
+    The cells are the difference in elpd, the expected log predictive density, and its standard
+    error.
+    """
     first = comparison.pair[0]
     if name == first:
         return "0", "0"
@@ -82,9 +87,9 @@ def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> Table:
-    """Return a table of ln B under other assumptions than those of the models.
+    """Return a table of the log Bayes factor ln B under other assumptions than those of the models.
 
-    Its last column states by how much the readings prefer each assumption to that of the models.
+    The last column states how much the readings favour each assumption over that of the models.
 
     Parameters
     ----------
@@ -114,9 +119,10 @@ def _log_bayes_factor(value: float, error: float) -> tuple[str, str]:
 
 
 def left_out_tests_table(comparison: Comparison) -> Table:
-    """Return a table of the p-value of every test, as predicted from the other tests.
+    """Return a table with one row per test, which is predicted from the other tests.
 
-    Its last column states how much better the second model predicts the test than the first.
+    One column states the p-value of the test's readings. The last column states how much better the
+    second model predicts the test than the first model does.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ from ldbb_bayes.units import display_name
 __all__ = ["dsi_unit", "write_dcc"]
 
 _DSI = {"mm": r"\milli\metre", "um": r"\micro\metre", "N": r"\newton", "rad": r"\radian"}
-_DIGEST_LENGTH = 32  # hexadecimal digits of the identifier
+_DIGEST_LENGTH = 32  # number of hexadecimal digits in the identifier of a certificate file
 
 
 def dsi_unit(*units: str) -> str:
@@ -119,7 +119,7 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
 
 
 def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[float, str]]]:
-    """Return the columns of a covariance matrix, every entry with its unit."""
+    """Return the columns of a covariance matrix; each element is a value and its D-SI unit."""
     columns = []
     for j, column_unit in enumerate(units):
         column = []
@@ -130,9 +130,10 @@ def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[
 
 
 def _coverage_factor(draws: Array, covariance: Array, probability: float) -> float:
-    """Return the coverage factor of the ellipsoid that holds a given share of the random draws.
+    """Return the coverage factor of an ellipsoid that holds a given share of the posterior.
 
-    Parameters that are the same in all draws do not contribute.
+    ``draws`` are random draws of the parameters from the posterior, shape (parameters, draws).
+    Parameters that have the same value in all draws do not contribute.
     """
     sd = np.sqrt(np.diag(covariance))
     scale = np.where(sd > 0.0, sd, 1.0)
@@ -145,9 +146,9 @@ def _coverage_factor(draws: Array, covariance: Array, probability: float) -> flo
 def _parameter_entries(
     posterior: xr.DataTree, entries: Mapping[str, Mapping[str, Any]], draws: Array, interval: str
 ) -> list[dict[str, Any]]:
-    """Return the entries of the file for every parameter.
+    """Return what the certificate file states of every parameter, as a list of dictionaries.
 
-    Entry ``within`` is the share of random draws that lie in mean ± U.
+    ``within`` is the share of the posterior's random draws that lie in mean ± U (U: k = 2).
     """
     verdict_by_name = judge_posterior(posterior)
     parameters = []

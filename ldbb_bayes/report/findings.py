@@ -1,4 +1,4 @@
-"""Collection of everything that a report shows about one fit."""
+"""Collection of all results that a report shows about one fit."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ if TYPE_CHECKING:
 __all__ = ["Beside", "Compared", "Findings", "Recommended", "find"]
 
 Compared: TypeAlias = "Comparison | str"
-"""A comparison of models, or the reason why there is none, in words."""
+"""A comparison of models, or a text with the reason why no comparison is available."""
 
 Recommended: TypeAlias = "Design | str"
-"""A design of the next tests, or the reason why there is none, in words."""
+"""A design of the next tests, or a text with the reason why no design is available."""
 
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """Everything that a report shows about one posterior.
+    """All results that a report shows about one fit.
 
     Quantities that the fit did not store are computed on first use.
 
@@ -69,14 +69,18 @@ class Findings:
 
     @property
     def numbers(self) -> xr.DataTree:
-        """Posterior whose numbers the sheets state: the average over models, if computed."""
+        """Posterior whose numbers the certificate's sheets state.
+
+        This is the average over models if it was computed, else the posterior of the fit.
+        """
         return self.posterior if self.averaged is None else self.averaged
 
     @cached_property
     def probabilities(self) -> Mapping[str, float]:
-        """Posterior probabilities of the models averaged over, and of rival explanations of slopes.
+        """Posterior probabilities of the averaged models and of rival explanations, by name.
 
-        The mapping is empty if no average was computed.
+        A rival explanation is an effect other than compliance that may cause a change with force.
+        The mapping is empty if no average over models was computed.
         """
         averaged = record_of(self.numbers).get("averaged", {})
         probabilities: dict[str, float] = averaged.get("probability", {})
@@ -89,22 +93,22 @@ class Findings:
 
     @cached_property
     def design(self) -> Recommended:
-        """Design of the tests to run next, or the reason why there is none."""
+        """Design of the tests to run next, or the reason why no design is available."""
         return self.recommended()
 
     @cached_property
     def result(self) -> dict[str, Any]:
-        """Results of the fit, as ``fit --json`` states them."""
+        """Results of the fit as a dictionary, the same as the command ``fit --json`` prints."""
         return fit_tables.full_result(self.posterior, self.prob)
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """Table of the results of the fit, with diagnostics of the random draws."""
+        """Table of the fit's results, one row per parameter, with diagnostics of the sampling."""
         return summarize(self.posterior, prob=self.prob)
 
     @cached_property
     def seen(self) -> CampaignPreview:
-        """Preview of the campaign: what its readings show without a model."""
+        """Preview of the campaign: what the readings show without any fit."""
         return check_campaign(campaign_of(self.posterior))
 
     @cached_property
@@ -119,16 +123,16 @@ class Findings:
 
     @cached_property
     def path(self) -> pd.DataFrame:
-        """Circular-test quantities of the machine's tool path."""
+        """Table of circular-test quantities, such as circular deviation G, of the tool path."""
         return predict_circularity(self.posterior, prob=self.prob)
 
     def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
-        """Decide conformity with the tolerances, at a force [N]."""
+        """Return decisions on conformity with the tolerances at a force [N], by quantity."""
         return assess_conformity(self.numbers, self.tolerances or None, force_N=force_N)
 
     @property
     def flat(self) -> bool:
-        """Whether the parameters have flat priors."""
+        """Whether the parameters have flat priors, as in a fit by least squares."""
         return all(entry["prior_sd"] is None for entry in self.result["parameters"].values())
 
 
@@ -213,9 +217,10 @@ def _design_next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended
 
 
 def _compare_degrees(posterior: xr.DataTree) -> Compared:
-    """Compare constant and linear compliance by evidence alone.
+    """Return a comparison of constant and linear compliance by their evidence alone.
 
-    If quadratic compliance was fitted, it is included in the comparison.
+    Quadratic compliance is compared too if it was fitted. If the comparison is not possible, return
+    the reason.
     """
     model = model_of(posterior)
     largest = model.with_degree(max(model.degree, 1))

@@ -42,14 +42,14 @@ __all__ = [
     "results_table",
 ]
 
-# Median from which on the scale λ of a single circle is shown. λ is the ratio of the noise of this
-# circle to that of the others.
+# Smallest median of λ at which a table shows it. λ is the ratio of the noise of one circle to the
+# noise of the other circles.
 _ODD_CIRCLE = 2.5
-# Kinds of remarks that are left out of a preview because the fit itself states them.
+# Kinds of remarks on a campaign that are not repeated after a fit, because the fit states them.
 _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
 
 
-# ---- the JSON of a fit
+# ---- JSON record of a fit
 
 
 def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
@@ -77,7 +77,7 @@ def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
 
 
 class FitWords(Shown, dict[str, Any]):
-    """State, verdict, misfits and warnings of a fit in words; it prints as sentences."""
+    """State, verdict, misfits and warnings of a fit in words; printed as sentences."""
 
     def __repr__(self) -> str:
         return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
@@ -119,7 +119,7 @@ def describe_fit(posterior: xr.DataTree) -> FitWords:
 
 
 def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
-    """Return those remarks on a campaign that the sentences on its fit do not contain."""
+    """Return the remarks on a campaign that the sentences on its fit do not already contain."""
     return [
         wording.remark_words(remark)
         for remark in campaign_preview.remarks
@@ -127,11 +127,11 @@ def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
     ]
 
 
-# ---- tables
+# ---- tables of a fit
 
 
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
-    """Return the results of a fit as tables and sentences, without effects of the instrument.
+    """Return the results of a fit as tables and sentences, without the instrument's effects.
 
     Parameters
     ----------
@@ -168,7 +168,9 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
 
 
 def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Return tolerance, probability of conformance, guard band and decision of every quantity.
+    """Return a table of decisions on conformity, one row for each quantity with a tolerance.
+
+    Its columns include the tolerance, the probability of conformance and the guard band.
 
     Parameters
     ----------
@@ -201,10 +203,10 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def parameter_table(result: Mapping[str, Any]) -> Table:
-    """Return a table of mean, sd and interval of the posterior, and mean and sd of the prior.
+    """Return a table of each parameter's posterior (mean, sd, interval) and prior (mean, sd).
 
-    The prior means are left out if all are zero. The noise scale λ of a circle is shown only if the
-    circle is much noisier than the others.
+    The prior means are left out if all are zero. A circle's noise relative to that of the other
+    circles, λ, is shown only if the circle is much noisier.
 
     Parameters
     ----------
@@ -257,14 +259,14 @@ def results_table(
     *,
     shares: bool = True,
 ) -> Table:
-    """Return a table of value, u, U, interval, stiffness and verdict of every parameter.
+    """Return a table of the results: value, u, U, interval, stiffness and verdict by parameter.
 
     Parameters
     ----------
     result
         Results of a fit, see `full_result`.
     verdicts
-        Verdicts on its parameters.
+        Verdicts on the parameters of the fit: how far the readings determine each of them.
     shares
         Whether the verdict on a confounded parameter states the share of the variance due to each
         effect that it is confounded with; False where an uncertainty budget shows this.
@@ -308,6 +310,9 @@ def results_table(
 
 def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
     """Return a table of the nuisance coefficients that differ from zero by more than 2 u.
+
+    Nuisance coefficients are effects that are modelled but not of interest; u is the standard
+    uncertainty.
 
     Parameters
     ----------

@@ -16,9 +16,10 @@ __all__ = ["parts_of"]
 
 @parts_of.register
 def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
-    """Return a table of prior sd, u, contraction, information gain and verdict by parameter.
+    """Return a table of how far the readings determine each parameter, followed by sentences.
 
-    Sentences and the combinations of parameters that no reading can resolve follow the table.
+    Contraction is the share of the prior variance that the readings remove. Lists of the
+    combinations of parameters that no reading can resolve follow the sentences.
     """
     rows = []
     for name, entry in result.parameters.items():
@@ -57,7 +58,11 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
 
 @wording.with_words.register
 def _record_of_identifiability(result: Identifiability) -> dict[str, Any]:
-    """Return the JSON record, with a statement and a cure for every degeneracy, and notes."""
+    """Return the JSON record of identifiability, with notes and sentences on every degeneracy.
+
+    A degeneracy is a combination of parameters that no reading can resolve. One sentence states it,
+    another the measures that would remove it.
+    """
     record = result.as_dict()
     record.pop("cures")
     rows = zip(record["degeneracies"], result.degeneracies, result.cures, strict=True)

@@ -38,7 +38,7 @@ _SUFFIX_OF_UNIT = {"µm": "_um", "µm/m": "_um_per_m"}
 
 
 def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
-    """Return all numbers of a report as tables, by the name of the file that a table is for.
+    """Return all numbers of a report as tables, by the name of the CSV file of each table.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def _results(findings: Findings) -> pd.DataFrame:
 
 
 def _budget(findings: Findings) -> pd.DataFrame:
-    """Return the uncertainty budgets: one row per parameter and contribution."""
+    """Return the uncertainty budgets as a table: one row per parameter and contribution."""
     columns = {"kind": "type", "unit": "u_unit"}
     rows = []
     for name, budget in findings.budgets.items():
@@ -105,9 +105,10 @@ def _budget(findings: Findings) -> pd.DataFrame:
 
 
 def _averaged(findings: Findings) -> pd.DataFrame:
-    """Return the numbers averaged over models, as the sheets state them, without slopes.
+    """Return a table of the parameters averaged over models, as the certificate states them.
 
-    In some of the models slopes are exactly zero, so that mean and U do not describe them.
+    The table has no slopes: some of the models have slopes of exactly zero, so that mean and U do
+    not describe the distribution of a slope.
     """
     averaged = findings.numbers
     summary = summarize(averaged, prob=findings.prob)
@@ -121,13 +122,13 @@ def _averaged(findings: Findings) -> pd.DataFrame:
 
 
 def _with_reading_units(summary: pd.DataFrame) -> pd.DataFrame:
-    """Add columns with the unit in which each row is shown, and the factor to this unit."""
+    """Return a table of parameters with added columns: the unit shown, and the factor to it."""
     factors, labels = zip(*map(display_unit, summary["unit"]), strict=True)
     summary = summary.assign(reading_unit=labels, reading_factor=factors)
     return summary.rename_axis("parameter")
 
 
 def _with_unit_suffixes(frame: pd.DataFrame) -> pd.DataFrame:
-    """Append the unit to the name of every column that holds a quantity."""
+    """Return a table in which the name of every column with a quantity ends in its unit."""
     names = {name: f"{name}{_SUFFIX_OF_UNIT[unit]}" for name, unit in frame.attrs["units"].items()}
     return frame.rename(columns=names)

@@ -102,7 +102,7 @@ def compose(
     force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
-    """Return a report with its sheets and sections.
+    """Return a complete report, with its sheets and sections, from the findings of a fit.
 
     Parameters
     ----------
@@ -147,11 +147,11 @@ def compose(
 
 
 def _ignore(done: int, total: int) -> None:
-    """Do nothing in place of a progress function."""
+    """Do nothing; used in place of a function that shows progress."""
 
 
 def _lines(findings: Findings) -> tuple[str, str, str]:
-    """Return lines that state the machine, the tests, the fit and the annex of the report."""
+    """Return the lines under the report's title: machine and tests, fit, model of the annex."""
     result = findings.result
     seen = findings.seen
     forces_N = [test.force_N for test in seen.tests]
@@ -178,8 +178,8 @@ def _alerts(findings: Findings, others: Sequence[Beside]) -> Iterator[str]:
 def html_page(document: Document) -> str:
     """Return the report as an HTML page.
 
-    The page has no scripts and loads nothing, which a security policy in it enforces. Figures are
-    inline SVG; all text is escaped.
+    The page has no scripts and loads no other files; a security policy in the page enforces this.
+    Figures are inline SVG. All text is escaped.
 
     Parameters
     ----------
@@ -359,7 +359,7 @@ def _record(
 
 
 def _analysis_record(result: Any) -> dict[str, Any]:
-    """Return the JSON record of an analysis, or the reason why it is missing."""
+    """Return the JSON record of an analysis, or a record of the reason why it is missing."""
     if isinstance(result, str):
         return {"missing": result}
     return wording.with_words(result)

@@ -1,4 +1,4 @@
-"""Writing the sheets of the certificate as a PDF of A4 pages, with the library fpdf2.
+"""Conversion of the certificate's sheets to a PDF of A4 pages, with the library fpdf2.
 
 Lengths are in millimetres, sizes of letters in points, greys from 0 (black) to 255 (white).
 """
@@ -23,37 +23,37 @@ from ldbb_bayes.results import Table
 
 __all__ = ["fit_to_page", "pdf_of"]
 
-_WIDTH = 182.0  # width of the printed area
-_LEFT = 14.0  # left margin
-_TOP = 14.0  # top margin
-# Lowest position at which a sheet may end. A browser prints the sheet at the same scale with
-# slightly higher lines; the space below is for that.
+_WIDTH = 182.0  # width of the printed area of a page [mm]
+_LEFT = 14.0  # left margin of a page [mm]
+_TOP = 14.0  # top margin of a page [mm]
+# Lowest position at which a sheet may end [mm from the top of the page]. The space below it is a
+# reserve, because lines of text are slightly higher if a browser prints the sheet.
 _BOTTOM = 272.0
-_SIGNATURES = 256.0  # highest position of the fields for signatures, from the top of the page
-_PAIRED_WIDTH = 104.0  # width of a figure with a list beside it
-_PAIRED_HEIGHT = 88.0  # largest height of a figure with a list
-_PICTURE_HEIGHT = 100.0  # largest height of a figure without a list
+_SIGNATURES = 256.0  # highest position of the signature fields [mm from the top of the page]
+_PAIRED_WIDTH = 104.0  # width of a figure with a list beside it [mm]
+_PAIRED_HEIGHT = 88.0  # largest height of a figure with a list [mm]
+_PICTURE_HEIGHT = 100.0  # largest height of a figure without a list [mm]
 _DPI = 300.0
 _MM_PER_INCH = 25.4
-_LINE_HEIGHT = 0.46  # height of a line [mm] per size of its letters [point]
-_INK = 0  # grey of text
-_SOFT_INK = 85  # grey of names and notes
-_RULE = 150  # grey of lines
-# Greys of the background and of the letters of a banner, by its kind.
+_LINE_HEIGHT = 0.46  # height of a line of text, per size of its letters [mm per point]
+_INK = 0  # grey level of text, from 0 (black) to 255 (white)
+_SOFT_INK = 85  # grey level of names of fields and of notes, from 0 (black) to 255 (white)
+_RULE = 150  # grey level of drawn lines, from 0 (black) to 255 (white)
+# Grey levels (0 black, 255 white) of a banner's background and of its letters, by kind of banner.
 _GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _SMALLEST_TITLE_SCALE = 0.8
 _MOST_ATTEMPTS = 20  # largest number of attempts to make a sheet fit its page
 
 
 def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: datetime) -> bytes:
-    """Return sheets as the bytes of a PDF file with one page per sheet and embedded fonts.
+    """Return the bytes of a PDF file with one page per sheet and with embedded fonts.
 
     Parameters
     ----------
     sheets
         Sheets that fit their pages, see `fit_to_page`.
     title, language, created
-        Properties of the document.
+        Properties of the PDF document.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
 
 
 def fit_to_page(sheet: ReportSheet) -> ReportSheet:
-    """Return a sheet whose letters are so small that it fits its page.
+    """Return a sheet with letters that are small enough for the sheet to fit its page.
 
     Parameters
     ----------
@@ -119,7 +119,10 @@ def _draw_sheet(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> floa
 
 
 def _draw_block(pdf: FPDF, block: Block, scale: float, pictures: bool) -> None:
-    """Draw a block of a sheet below the current position; without ``pictures``, leave room."""
+    """Draw a block of a sheet below the current position.
+
+    If ``pictures`` is false, the places of figures are left empty.
+    """
     if isinstance(block, str):
         _write(pdf, block, 7.2 * scale, grey=_SOFT_INK)
     elif isinstance(block, Fields):
@@ -144,7 +147,7 @@ def _write(
     grey: int = _INK,
     **options: Any,
 ) -> None:
-    """Write a paragraph and move the position to the line below it."""
+    """Write a paragraph, and move the current position to the line below the paragraph."""
     pdf.set_font("DejaVu", "B" if bold else "", size)
     pdf.set_text_color(grey)
     height = _LINE_HEIGHT * size
@@ -160,12 +163,12 @@ def _draw_banner(pdf: FPDF, banner: Banner, scale: float) -> None:
     pdf.set_fill_color(255)
 
 
-# ---- fields
+# ---- form fields
 
 
 @dataclass(frozen=True)
 class _FieldColumn:
-    """Positions in one of the two columns of form fields: the name, and the text beside it."""
+    """Horizontal positions [mm] in one of the two columns of form fields: names and texts."""
 
     left: float
     name_width: float = 36.0
@@ -189,7 +192,7 @@ _SECOND_COLUMN = _FieldColumn(_FIRST_COLUMN.next_left)
 
 
 def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
-    """Draw form fields in two columns, each with its name and with its text above a line."""
+    """Draw form fields in two columns; each field has a name, and a text above a line."""
     space = 0.7 * scale
     if fields.tall:
         pdf.set_y(max(pdf.y, _SIGNATURES))
@@ -246,10 +249,10 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
 
 
 def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
-    """Return column widths that add up to the full width.
+    """Return the widths of a table's columns [mm], which add up to the full width of a sheet.
 
-    The first and last columns share the space that the others leave; their texts are broken into
-    lines if necessary.
+    The first and last columns share the space that the other columns leave. Their texts are broken
+    into lines if necessary.
     """
     widths = []
     for k in range(len(rows[0])):
@@ -265,7 +268,7 @@ def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
 
 
 def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
-    """Draw a figure with its list, which is placed below a wide figure and beside any other."""
+    """Draw a figure and its list: below the figure if it is wide, otherwise beside it."""
     top = pdf.y
     if pair.wide:
         indent = 0.0

@@ -26,7 +26,7 @@ _DIGITS = re.compile(r"(\.\d\d)\d+")
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A figure with the name of its file and a caption, which also describes it to the blind."""
+    """A figure, the name of its file, and its caption, which screen readers read to the blind."""
 
     key: str
     caption: str
@@ -34,10 +34,10 @@ class Picture:
 
     @cached_property
     def svg(self) -> str:
-        """The figure as SVG text to be inserted into an HTML page.
+        """The figure as SVG text, ready to be inserted into an HTML page.
 
-        The SVG adapts to the width of the screen and has an accessible name. Its element ids begin
-        with the name of the figure, so that they differ from those of other figures.
+        The figure adapts to the width of the screen, and screen readers can name it. The ids of its
+        elements begin with the figure's name, so that they differ from those of other figures.
         """
         text = _PROLOGUE.sub("", _draw_svg(self.figure))
         text = _REFERENCE.sub(rf"\g<1>{self.key}-", text)
@@ -57,25 +57,25 @@ def _draw_svg(figure: Figure) -> str:
         for ground in visible_grounds:
             ground.set_visible(False)
         canvas: Any = FigureCanvasSVG(figure)
-        canvas.print_svg(buffer, metadata={"Date": None})  # savefig draws a figure twice
+        canvas.print_svg(buffer, metadata={"Date": None})  # savefig would draw the figure twice
     for ground in visible_grounds:
         ground.set_visible(True)
     return buffer.getvalue()
 
 
 def _round_coordinates(match: re.Match[str]) -> str:
-    """Round matched coordinates to a hundredth of a point, finer than any screen or printer."""
+    """Return the matched coordinates of an SVG figure, rounded to a hundredth of a point."""
     return _DIGITS.sub(r"\1", match[0])
 
 
 class DrawnPicture(NamedTuple):
-    """Function that draws a figure of the page, and the figure's caption."""
+    """A function that draws one figure of the HTML page, and the caption of the figure."""
 
     draw: Callable[..., Figure]
     caption: str
 
 
-# Names of the functions that draw figures, where they differ from the names of the files.
+# Name of the function that draws a figure, by the figure's file name, where the two names differ.
 _FUNCTIONS = {"budget": "budget_bars"}
 PICTURES: Mapping[str, DrawnPicture] = {
     key: DrawnPicture(getattr(figures, _FUNCTIONS.get(key, key)), caption)
@@ -84,7 +84,7 @@ PICTURES: Mapping[str, DrawnPicture] = {
 
 
 def picture(key: str, subject: Any, caption: str = "", **options: Any) -> Picture:
-    """Return a figure of the page.
+    """Return a figure of the HTML page, with the name of its file and its caption.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def picture(key: str, subject: Any, caption: str = "", **options: Any) -> Pictur
     subject
         Posterior or result of an analysis that the figure shows.
     caption
-        Caption. Default: the one in `PICTURES`.
+        Caption of the figure. Default: the caption in `PICTURES`.
     **options
         Further arguments of the function that draws the figure.
 

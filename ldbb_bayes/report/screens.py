@@ -18,17 +18,21 @@ from ldbb_bayes.units import display_name, display_unit, three_digits, two_digit
 
 __all__ = ["screen_of"]
 
-# Longest verdict that stands beside u and its unit in a line of 80 characters.
+# Longest verdict on a parameter that fits into one line of a table 80 characters wide [characters].
 _LONGEST_VERDICT = 42
-# Largest number of effects that a verdict names.
+# Largest number of effects that the verdict on a confounded parameter names.
 _MOST_PARTNERS = 2
-# Largest number of other designs beside the recommended one.
+# Largest number of other designs that a table shows beside the recommended one.
 _MOST_DESIGNS = 2
 
 
 @screen_of.register
 def _(result: Identifiability) -> tuple[Passage, ...]:
-    """Return how many parameters are identified, u and verdict of each, and what would help."""
+    """Return the most important tables and sentences on which parameters are identifiable.
+
+    They state how many parameters the readings determine, u and verdict by parameter, and the
+    measures that would separate confounded parameters.
+    """
     rows = []
     for name, entry in result.parameters.items():
         factor, unit = display_unit(entry.unit)
@@ -46,7 +50,10 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 
 
 def _short_verdict(entry: ParameterIdentifiability) -> str:
-    """Return the verdict with the effects of the largest shares, as many as there is room for."""
+    """Return the verdict on a parameter and the effects that it is confounded with, as text.
+
+    The effects with the largest shares of the variance are named, as many as a line has room for.
+    """
     partners = wording.partners_with_shares(entry)
     for number in range(_MOST_PARTNERS, 0, -1):
         verdict = wording.short_verdict_words(entry, partners[:number])
@@ -57,7 +64,7 @@ def _short_verdict(entry: ParameterIdentifiability) -> str:
 
 @screen_of.register
 def _(comparison: Comparison) -> tuple[Passage, ...]:
-    """Return what the evidence says, and tables of models and of what it hangs on."""
+    """Return sentences on the evidence, and tables of the models and of other assumptions."""
     tables = (
         models_table(comparison, least_squares=False),
         assumptions_table(comparison, slope_scales=False),
@@ -68,7 +75,10 @@ def _(comparison: Comparison) -> tuple[Passage, ...]:
 
 @screen_of.register
 def _(design: Design) -> tuple[Passage, ...]:
-    """Return the tests to run, the expected u of the parameters of interest, and what remains."""
+    """Return the tests to run, a table of expected standard uncertainties, and sentences.
+
+    If readings of these tests cannot separate some parameters, measures against this are listed.
+    """
     first, heading, *others = wording.design_screen(design)
     items = wording.cure_items(design.limits.degeneracies, design.limits.cures)
     passages: list[Passage] = [first, heading, _expected_table(design), *others]
@@ -78,7 +88,10 @@ def _(design: Design) -> tuple[Passage, ...]:
 
 
 def _expected_table(design: Design) -> Table:
-    """Return a table of the expected u of every parameter of interest, and of its prior sd."""
+    """Return a table of the expected standard uncertainty and the prior sd of each parameter.
+
+    The table has the parameters of interest only.
+    """
     others = design.compared[:_MOST_DESIGNS]
     rows = []
     for name in design.parameters:

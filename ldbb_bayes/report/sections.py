@@ -56,12 +56,15 @@ class Details:
 
 
 Part: TypeAlias = Passage | Picture | Details
-"""A paragraph (code where it has several lines), a list, a table, or what its name says."""
+"""One part of a section of the HTML page: a paragraph, list, table, figure, or hidden details.
+
+A paragraph of several lines is shown as code.
+"""
 
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the page: its anchor, heading and content."""
+    """A section of the HTML page: its anchor, heading and content."""
 
     key: str
     title: str
@@ -69,7 +72,7 @@ class Section:
 
 
 def campaign(findings: Findings) -> Iterator[Part]:
-    """Yield the section on the campaign: its tests, the model's assumptions, and remarks."""
+    """Yield the section on the campaign: its tests, remarks on them, and the fit's assumptions."""
     yield from parts_of(findings.seen)
 
 
@@ -107,14 +110,15 @@ def limits(findings: Findings) -> Iterator[Part]:
 def degree(findings: Findings) -> Iterator[Part]:
     """Yield the section on whether compliance changes with force.
 
-    It states the evidence for each model and how it depends on assumptions; also the probability of
-    each slope and predictions for tests left out, if the comparison has them.
+    It states the evidence for each model and how the evidence depends on assumptions. If the
+    comparison has them, the probability of each slope and predictions for tests left out follow.
     """
     comparison = findings.comparison
     if not isinstance(comparison, Comparison):
         yield f"The models were not compared: {comparison}"
         return
-    # No RMSE: the section on the fit states one, which is from other random draws.
+    # Leave out the RMSE: the section on the fit states it, from other random draws, so that the two
+    # numbers would differ slightly.
     yield from text.comparison_parts(comparison, rmse=False)
     yield picture("evidence", comparison)
     if not comparison.local_fits.empty:
@@ -122,7 +126,7 @@ def degree(findings: Findings) -> Iterator[Part]:
 
 
 def uncertainty(findings: Findings) -> Iterator[Part]:
-    """Yield the section on uncertainty budgets, and on what would reduce each uncertainty most."""
+    """Yield the section on uncertainty budgets, with what would reduce each uncertainty most."""
     yield wording.PAGE["budget"]
     yield from parts_of(findings.budgets)
     yield picture("budget", findings.budgets)
@@ -170,7 +174,7 @@ def _quantities_table(table: pd.DataFrame, quantities: Mapping[str, str], captio
 
 
 def _shown_forces(forces: Sequence[float]) -> list[float]:
-    """Return a selection of forces that is small enough for a table and includes the last one."""
+    """Return some of the forces, few enough for a table; the last force is always included."""
     if len(forces) <= _MOST_FORCES:
         return list(forces)
     stride = len(forces) // (_MOST_FORCES - 2)
@@ -186,7 +190,7 @@ def _interval_cell(row: pd.Series[Any]) -> str:
 
 
 def plan(findings: Findings) -> Iterator[Part]:
-    """Yield the section on the circles to run next and the uncertainties to expect from them."""
+    """Yield the section on the circular tests to run next, with the uncertainties to expect."""
     design = findings.design
     if not isinstance(design, Design):
         yield f"No tests are recommended: {design}"
@@ -301,7 +305,7 @@ def glossary(findings: Findings) -> Iterator[Part]:
 def beside(
     first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, prob: float
 ) -> Iterator[Part]:
-    """Yield the section on the differences of other campaigns from the first one.
+    """Yield the section on the differences of other campaigns from the first campaign.
 
     Every parameter's difference is stated with its interval and probabilities.
 

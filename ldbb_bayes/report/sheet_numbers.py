@@ -30,10 +30,14 @@ if TYPE_CHECKING:
 
 __all__ = ["SheetNumbers", "StatedQuantity", "ValueAndU", "remark"]
 
-_INSEPARABLE = 0.5  # share of the variance from which on a partner is named without lesser ones
-_MOST_NAMES = 2  # largest number of partners that a remark names
-_HARDLY_POSITIVE = 0.2  # share of its median; if a compliance may be less, only a limit is stated
-_ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # the axis about which A, B, C turn
+# Share of a quantity's variance. Effects with at least this share are named as confounded with the
+# quantity, and effects with smaller shares are then not named.
+_INSEPARABLE = 0.5
+_MOST_NAMES = 2  # largest number of effects that a remark names as confounded with a quantity
+# Share of a compliance's median. If the interval of the compliance begins below this share, only a
+# limit of its stiffness is stated.
+_HARDLY_POSITIVE = 0.2
+_ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # linear axis about which each rotation A, B, C turns
 _SHEET_1_KINDS = (
     "cross",
     "rotation_for_force",
@@ -53,7 +57,7 @@ class ValueAndU:
 
 @dataclass(frozen=True)
 class StatedQuantity:
-    """One quantity that the sheets state.
+    """One quantity that the sheets of the certificate state.
 
     Parameters
     ----------
@@ -96,12 +100,12 @@ class StatedQuantity:
 
     @property
     def is_undetermined(self) -> bool:
-        """Whether the readings leave the quantity undetermined."""
+        """Whether the quantity is a parameter that the readings do not determine."""
         return self.entry is not None and not is_determined(self.entry)
 
     @property
     def unmodelled_partners(self) -> list[str]:
-        """Effects outside the model that the quantity is confounded with.
+        """Effects which the model leaves out and with which the quantity is confounded.
 
         The list is empty if the quantity is also confounded with effects in the model.
         """
@@ -113,10 +117,10 @@ class StatedQuantity:
 
     @property
     def inseparable_partners(self) -> list[str]:
-        """Partners that an undetermined quantity is confounded with; else an empty list.
+        """Names of the effects that an undetermined quantity is confounded with.
 
-        The list has the partners that hold at least half of the quantity's variance, or all
-        partners if none holds so much.
+        These are the effects with at least half of the quantity's variance, or all effects if none
+        has so large a share. The list is empty if the readings determine the quantity.
         """
         if self.entry is None or self.entry.verdict != "confounded" or not self.is_undetermined:
             return []
@@ -127,7 +131,7 @@ class StatedQuantity:
 
 @dataclass(frozen=True, eq=False)
 class SheetNumbers:
-    """All quantities that the sheets state.
+    """All quantities that the sheets of the certificate state.
 
     Parameters
     ----------
@@ -145,7 +149,7 @@ class SheetNumbers:
 
     @cached_property
     def parameters(self) -> dict[str, StatedQuantity]:
-        """Compliances at the force, their slopes, and geometric errors, by name.
+        """Compliances at the stated force, their slopes, and geometric errors, by name.
 
         Slopes are stated only if a change of compliance with force is more probable than none. Tool
         offsets are never stated.
@@ -172,17 +176,20 @@ class SheetNumbers:
 
     @cached_property
     def _draws(self) -> Mapping[str, Any]:
-        """Random draws of every parameter, compliances at the stated force, in internal units."""
+        """Random draws of each parameter from the posterior, in internal units (mm, N, rad).
+
+        Compliances are those at the stated force.
+        """
         return draws_at(self.findings.numbers, self.force_N)
 
     @cached_property
     def _summaries(self) -> dict[str, Mapping[str, float]]:
-        """Mean, sd, median and interval of the draws, by parameter."""
+        """Mean, sd, median and interval of each parameter's random draws, by parameter."""
         prob = self.findings.prob
         return {name: interval_numbers(draws, prob) for name, draws in self._draws.items()}
 
     def _quantity_words(self, name: Any, degree: int) -> str:
-        """Return the name of a compliance or geometric error in words."""
+        """Return the name of a parameter (compliance, its slope, geometric error) in words."""
         key = str(name.kind)
         if degree == 1:
             key = "slope"
@@ -202,9 +209,10 @@ class SheetNumbers:
 
     @cached_property
     def stiffnesses(self) -> dict[str, StatedQuantity]:
-        """Stiffness 1 / C of every axis at the median of its compliance C, by the label of C.
+        """Stiffness of every axis: 1 / C at the median of its direct compliance C.
 
-        If C may be as small as a fifth of its median, only a lower limit of stiffness is stated.
+        Keys are the labels of C. If C may be as small as a fifth of its median, only a lower limit
+        of the stiffness is stated.
         """
         stated = {}
         for compliance in bound_of(self.findings.numbers).compliances:
@@ -215,9 +223,9 @@ class SheetNumbers:
     def _stiffness(self, compliance: Any) -> StatedQuantity:
         """Return the stiffness 1/C of a direct compliance C.
 
-        It has a value with an uncertainty only where the interval of C is well above zero.
-        Otherwise a lower limit is stated, the stiffness at the upper end of the interval; and
-        nothing where this end is not positive either.
+        The stiffness has a value and an uncertainty if the interval of C begins well above zero.
+        Otherwise it has a lower limit, which is the stiffness at the upper end of the interval. If
+        this end is not positive, no stiffness is stated.
         """
         summary = self._summaries[compliance.label]
         median = summary["median"]
@@ -227,7 +235,7 @@ class SheetNumbers:
         limit = ""
         sd = np.nan
         if low > smallest > 0.0:
-            # Rare draws near zero would dominate the sd.
+            # Limit the compliance from below: rare draws near zero would dominate the sd of 1 / C.
             draws = np.maximum(self._draws[compliance.label], 0.5 * smallest)
             sd = float(np.std(1.0 / draws))
         elif high > 0.0:
@@ -247,7 +255,7 @@ class SheetNumbers:
 
     @cached_property
     def further(self) -> dict[str, StatedQuantity]:
-        """Quantities that sheet 1 states besides stiffnesses: other compliances, and squareness."""
+        """Quantities of sheet 1 other than stiffnesses: some compliances, and squareness."""
         names = _names_by_label(bound_of(self.findings.numbers))
         stated = {}
         for label, quantity in self.parameters.items():
@@ -259,7 +267,7 @@ class SheetNumbers:
     def path(self) -> dict[str, StatedQuantity]:
         """Circular deviations G, F_max and F_min of the tool path in every plane.
 
-        They are affected by the effects that the geometric errors are confounded with.
+        Effects that the geometric errors are confounded with change these deviations too.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.numbers, [self.force_N], prob=prob)
@@ -289,13 +297,13 @@ class SheetNumbers:
         for name, quantity in self.parameters.items():
             if name.startswith("E_") and quantity.is_undetermined:
                 partners |= dict.fromkeys(quantity.inseparable_partners)
-        # The bar's length makes the circle larger, not less round.
+        # Leave out the bar's length: its error makes the circle larger, but not less round.
         partners.pop(BarLength.__name__, None)
         return tuple(partners)
 
 
 def _names_by_label(bound: BoundModel) -> dict[str, Any]:
-    """Return the structured names of compliances and geometric errors, by label."""
+    """Return the names of compliances and geometric errors, split into parts, by label."""
     names: list[Any] = [*bound.compliances, *geometric_errors_of(bound.campaign)]
     return {name.label: name for name in names}
 

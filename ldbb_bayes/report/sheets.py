@@ -23,7 +23,7 @@ from ldbb_bayes.units import display_name, display_unit, state, two_digits
 
 __all__ = ["sheets"]
 
-_MOST_REASONS = 2  # largest number of reasons that the banner gives
+_MOST_REASONS = 2  # largest number of reasons in the banner on whether the numbers can be used
 _MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
 _LONGEST_ENTRY = 70  # longest text of a form field [characters]
 _LONGEST_CERTIFICATE = 32  # longest name of a calibration certificate [characters]
@@ -83,7 +83,7 @@ def _shorten(text: str) -> str:
     return f"{text[: _LONGEST_ENTRY - 1]}…"
 
 
-# ---- sheet 1
+# ---- sheet 1: the certificate
 
 
 def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
@@ -112,7 +112,7 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _undetermined(numbers: SheetNumbers) -> list[str]:
-    """Return the quantities that the readings do not determine, with the reason for each."""
+    """Return texts on the quantities that the readings do not determine, with the reasons."""
     words = numbers.words
     items = []
     if 0.05 < numbers.findings.varying < 0.95:
@@ -136,7 +136,7 @@ def _undetermined(numbers: SheetNumbers) -> list[str]:
 
 
 def _averaged_models(findings: Findings, words: Words) -> str:
-    """Return a sentence on the model, or the models averaged over, that the numbers come from."""
+    """Return a sentence on the model or the average over models that gave the sheets' numbers."""
     probabilities = findings.probabilities
     if not probabilities:
         degree = _DEGREES[findings.result["model"]["degree"]]
@@ -154,7 +154,7 @@ def _averaged_models(findings: Findings, words: Words) -> str:
     return words("notes.averaged", models=", ".join(models), beside=beside)
 
 
-# ---- sheet 2
+# ---- sheet 2: the results
 
 
 def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
@@ -193,7 +193,7 @@ def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
     return [f"{words.term(name)}: {meanings[name]}" for name in partners if name in meanings]
 
 
-# ---- tables
+# ---- tables of sheet 2
 
 
 def _table_with_U(
@@ -240,7 +240,7 @@ def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuan
 def _table(
     numbers: SheetNumbers, caption: str, keys: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> Table:
-    """Return a table whose columns have the headings of these keys, in the sheet's language."""
+    """Return a table with column headings in the language of the sheet, one heading per key."""
     words = numbers.words
     percent = words.number(f"{100 * numbers.findings.prob:g}")
     heads = {key: words(f"heads.{key}", percent=percent) for key in keys}
@@ -295,7 +295,7 @@ def _limits(conformity: Conformity, factor: float) -> str:
 
 
 def _banner(numbers: SheetNumbers) -> Banner:
-    """Return the banner on whether the numbers can be used, with the most serious reasons."""
+    """Return the banner that states whether the numbers can be used, and the main reasons."""
     words = numbers.words
     findings = numbers.findings
     quantities = numbers.stiffnesses | numbers.further
@@ -317,7 +317,8 @@ def _banner(numbers: SheetNumbers) -> Banner:
     forces_N = campaign_of(findings.numbers).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
-        # This reason comes first, or second if another one makes the numbers unusable.
+        # A force outside the tested range is the first reason, or the second if the numbers cannot
+        # be used for another reason.
         reasons.insert(1 if is_unusable else 0, outside)
 
     kind = "usable"
@@ -337,7 +338,7 @@ def _banner(numbers: SheetNumbers) -> Banner:
 
 
 def _missing_certificates(findings: Findings, words: Words) -> str:
-    """Return a note if certificates are missing for parts of the instrument; else nothing."""
+    """Return a note on parts of the instrument without certificate; empty if all have one."""
     if findings.flat:
         return ""
     is_stated = [piece.is_stated for piece in _instrument(findings)]
@@ -348,7 +349,7 @@ def _missing_certificates(findings: Findings, words: Words) -> str:
     return words("state.none_stated")
 
 
-# ---- what a certificate names
+# ---- form fields: what and who the certificate is about
 
 
 def _entries(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
@@ -400,7 +401,7 @@ def _entries(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
 
 
 def _certificate_name(findings: Findings, key: str) -> str:
-    """Return the name of the certificate of a part of the instrument, in brackets."""
+    """Return the name of an instrument part's certificate in brackets; empty if it has none."""
     certificates = campaign_of(findings.posterior).instrument.certificates
     for name, certificate in certificates.items():
         if name.startswith(key):
@@ -412,12 +413,12 @@ class _InstrumentPiece(NamedTuple):
     """A part of the instrument with its certified or assumed uncertainty."""
 
     key: str
-    #: Text of the value that a certificate states, or of the assumed U (k = 2).
+    #: Text of the part's certified value or grade, or of its assumed uncertainty U (k = 2).
     size: str
     is_stated: bool
 
 
-# Name of the uncertainty that the sheets state for each part of the instrument.
+# Name of the instrument error whose uncertainty the sheets state, by part of the instrument.
 _UNCERTAINTY_OF_PIECE = {
     "bar": "bar_length",
     "work": "work_form_2",
@@ -429,7 +430,7 @@ _UNCERTAINTY_OF_PIECE = {
 
 
 def _instrument(findings: Findings) -> list[_InstrumentPiece]:
-    """Return the parts of the instrument that the model has effects of."""
+    """Return the parts of the instrument (bar, balls, …) whose errors the model includes."""
     bound = bound_of(findings.posterior)
     assumed = uncertainties(bound.campaign, bound.model.nuisances).assumed
     by_name = {uncertainty.name: uncertainty for uncertainty in assumed}
@@ -443,7 +444,10 @@ def _instrument(findings: Findings) -> list[_InstrumentPiece]:
 
 
 def _ball_size(findings: Findings, key: str) -> str:
-    """Return the grade or sphericity stated for a ball; empty if none is, or for other parts."""
+    """Return the stated grade or sphericity of a ball as text; empty if it is not stated.
+
+    ``key`` names a part of the instrument; for parts other than balls the text is empty too.
+    """
     if key not in ("work", "tool"):
         return ""
     ball = getattr(bound_of(findings.posterior).campaign.instrument, key)
@@ -453,7 +457,10 @@ def _ball_size(findings: Findings, key: str) -> str:
 
 
 def _size(key: str, uncertainty: Uncertainty) -> str:
-    """Return the text of U (k = 2) of a part, for the bar with its length error if stated."""
+    """Return the uncertainty U (k = 2) of a part of the instrument as text.
+
+    For the bar, its length error comes first if it is stated.
+    """
     if uncertainty.unit == "1" or key == "mount":
         size = f"{two_digits(2.0 * uncertainty.sd / (uncertainty.value or 1.0), 100.0)} %"
     elif uncertainty.unit == "rad":

@@ -45,18 +45,18 @@ from ldbb_bayes.units import (
 
 __all__ = ["comparison_parts", "parts_of"]
 
-_SMALL_SHARE = 0.005  # share of a variance below which a budget's contributions are added up
-_NEGLIGIBLE_SHARE = 5e-4  # share of a variance below which their sum is not shown
-_LARGE_SHARE = 0.05  # smallest share of a variance of a source that is named as limiting
-_MOST_SOURCES = 3  # largest number of sources that are named as limiting a parameter
+_SMALL_SHARE = 0.005  # contributions with smaller shares of the variance share one row of a budget
+_NEGLIGIBLE_SHARE = 5e-4  # smallest share of the variance for which a budget has this common row
+_LARGE_SHARE = 0.05  # smallest share of the variance for which a source is named as limiting u
+_MOST_SOURCES = 3  # largest number of uncertainty sources named as limiting a parameter's u
 
 
-# ---- import
+# ---- import of a campaign
 
 
 @parts_of.register
 def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
-    """Return a heading that counts tests and readings, and the list of what was assumed."""
+    """Return a heading with the numbers of tests and readings, and a list of assumptions."""
     campaign = result.campaign
     heading = (
         f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed"
@@ -116,14 +116,14 @@ def _passages_of_simulation(simulation: Simulation) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_fit(fit: Fit) -> tuple[Passage, ...]:
-    # The verdict already states whether the sampler missed its target.
+    # Leave out the concern that the sampler missed its target: the verdict already states it.
     concerns = tuple(concern for concern in fit.concerns if concern.kind != "not-converged")
     return (wording.fit_verdict(fit), *wording.concern_sentences(concerns, {}))
 
 
 @parts_of.register
 def _passages_of_fit_words(words: FitWords) -> tuple[Passage, ...]:
-    """Return the verdict on a fit, and its warnings."""
+    """Return the verdict on a fit, and the warnings of the fit."""
     return (words["verdict"], tuple(words["warnings"]))
 
 
@@ -142,15 +142,15 @@ def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
     return (Table.of(caption, heads, rows, text=("unit",)),)
 
 
-# ---- calibration and budgets
+# ---- check of the intervals by simulation; uncertainty budgets
 
 
 @parts_of.register
 def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
     """Return a table of how often credible intervals hold the true values in simulations.
 
-    The table also states whether the ranks of the true values among the draws are uniform. The
-    standard uncertainty of the shares and a verdict follow.
+    The table also states whether the ranks of the true values among the random draws of their
+    posteriors are uniform. The standard uncertainty of the shares and a verdict follow.
     """
     coverage = validation.coverage()
     intervals = [name for name in coverage.columns if not name.startswith("u")]
@@ -171,7 +171,7 @@ def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
 
 @wording.with_words.register
 def _record_of_validation(result: Validation) -> dict[str, Any]:
-    """Return the JSON record, with the verdict on the calibration."""
+    """Return the JSON record of a simulation-based calibration, with the verdict in words."""
     return {**result.as_dict(), "verdict": wording.validation_verdict(result)}
 
 
@@ -209,7 +209,7 @@ def _largest_sources(budget: Budget) -> str:
 
 @parts_of.register
 def _passages_of_budget(budget: Budget) -> tuple[Passage, ...]:
-    """Return the table of an uncertainty budget; small contributions share one row."""
+    """Return the table of one uncertainty budget, in which small contributions share one row."""
     factor, unit = display_unit(budget.unit)
     rows: list[tuple[str, ...]] = []
     small_share = 0.0
@@ -280,15 +280,15 @@ def _budget_source(contribution: Any) -> _BudgetSource:
 
 @wording.with_words.register
 def _record_of_budget(result: Budget) -> dict[str, Any]:
-    """Return the JSON record, with what would reduce the uncertainty most."""
+    """Return the JSON record of an uncertainty budget, with what would reduce u most."""
     return {**result.as_dict(), "improve": wording.remedy_words(result)}
 
 
-# ---- comparison
+# ---- comparison of models
 
 
 def comparison_parts(comparison: Comparison, *, rmse: bool = True) -> tuple[Passage, ...]:
-    """Return the tables and sentences of a comparison.
+    """Return the tables and sentences of a comparison of models.
 
     Parameters
     ----------
@@ -317,24 +317,24 @@ def comparison_parts(comparison: Comparison, *, rmse: bool = True) -> tuple[Pass
 
 @parts_of.register
 def _passages_of_comparison(comparison: Comparison) -> tuple[Passage, ...]:
-    """Return the tables and sentences of a comparison, RMSE included."""
+    """Return the tables and sentences of a comparison of models, with the RMSE of each model."""
     return comparison_parts(comparison)
 
 
 @wording.with_words.register
 def _record_of_comparison(result: Comparison) -> dict[str, Any]:
-    """Return the JSON record, with its sentences."""
+    """Return the JSON record of a comparison of models, with sentences that explain it."""
     sentences = wording.comparison_sentences(result)
     record = {name: value for name, value in result.as_dict().items() if value is not None}
     return {**record, "verdict": " ".join(sentences), "sentences": list(sentences)}
 
 
-# ---- design
+# ---- design of tests
 
 
 @parts_of.register
 def _passages_of_design(design: Design) -> tuple[Passage, ...]:
-    """Return tables of the tests to run and of expected uncertainties, and what they mean."""
+    """Return tables of the tests to run and of expected uncertainties, with explanations."""
     heads = [wording.PAGE["tests"].get(name, name) for name in ("force_N", *design.columns)]
     rows = []
     for row in design.table.to_numpy(dtype=object).tolist():
@@ -345,7 +345,7 @@ def _passages_of_design(design: Design) -> tuple[Passage, ...]:
 
 @wording.with_words.register
 def _record_of_design(result: Design) -> dict[str, Any]:
-    """Return the JSON record, with its sentences and notes."""
+    """Return the JSON record of a design of tests, with sentences and notes that explain it."""
     return {
         **result.as_dict(),
         "notes": list(wording.design_notes(result)),
@@ -360,7 +360,8 @@ def _design_cell(value: Any) -> str:
 def _expected_table(design: Design) -> Table:
     """Return a table of the expected standard uncertainty u of every parameter.
 
-    Beside it are u with the other designs compared, the lower limit of u, and the prior sd.
+    Further columns state u under the other designs compared, the limit of u for ever more
+    repetitions of the tests, and the prior sd.
     """
     rows = []
     for name, expected in design.expected.items():

@@ -36,26 +36,26 @@ class Words:
     table: Mapping[str, Any]
 
     def __call__(self, key: str, **values: str) -> str:
-        """Return the words for a key such as ``heads.value``, with the given values filled in."""
+        """Return the text with a key such as ``heads.value``, with the given values filled in."""
         words: Any = self.table
         for name in key.split("."):
             words = words[name]
         return str(words).format(**values)
 
     def number(self, text: str) -> str:
-        """Return a text in which numbers have the decimal mark of the language."""
+        """Return a text with the decimal mark of its numbers changed to that of the language."""
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:
-        """Return items joined to one text in the language, as in: a, b and c."""
+        """Return items joined to one text with the language's word for and: a, b and c."""
         return joined(items, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:
-        """Return the label of a unit in the language."""
+        """Return the label of a unit with the word per translated into the language."""
         return label.replace(" per ", str(self.table["per"]))
 
     def percent(self, probability: float) -> str:
-        """Return a probability in per cent; beyond 1 or 99 % as ``< 1`` or ``> 99``."""
+        """Return a probability in per cent as text; ``< 1`` below 1 %, ``> 99`` above 99 %."""
         shown = min(max(100.0 * probability, 1.0), 99.0)
         sign = ""
         if probability < 0.01:
@@ -65,7 +65,10 @@ class Words:
         return self("percent", value=f"{sign}{shown:.0f}")
 
     def term(self, name: str) -> str:
-        """Return the name of a model term or parameter; a user's own terms are not translated."""
+        """Return the name of a model term or parameter in the language.
+
+        Names of terms that a user defined are not translated.
+        """
         if name in self.table["terms"]:
             return str(self.table["terms"][name])
         if name in Term.kinds:

@@ -124,32 +124,35 @@ TO_NARROW = "What would narrow them:"
 MORE = "All of it: print(result.details()). For programs: lb.report.with_words(result)."
 NONE_ALIKE = "The readings determine every combination."
 
-# Limits at which the wording of sentences changes; they decide nothing else.
-_EQUAL_RATIOS = 2e-3  # ratios of expected sds that differ by less count as equal
-_MOST_CHECKS = 3  # largest number of checks that a sentence on a fit names
-_CONTRADICTED = -13.815510557964274  # ln 1e-6; below it, readings are said to contradict a prior
-_SURE = 0.95  # inclusion probability from which on a slope is called certain
+# Limits at which the wording of sentences changes; no result depends on them.
+_EQUAL_RATIOS = 2e-3  # ratios of expected standard uncertainties that differ by less are equal
+_MOST_CHECKS = 3  # largest number of failed checks that a sentence on a fit names
+# Natural logarithm of the posterior probability that no compliance is negative. Below this value,
+# ln 1e-6, sentences say that the readings contradict non-negative compliance.
+_CONTRADICTED = -13.815510557964274
+_SURE = 0.95  # probability that a slope is not zero, from which on sentences call it certain
 _MOST_NAMES = 5  # largest number of campaigns or tests that a sentence names
-_MOST_JOINED = 3  # largest number of change points that a sentence joins
+_MOST_JOINED = 3  # largest number of campaigns named as outside their control limits
 _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
 _UNLIKELY = 5e-4  # smallest probability stated as a number with three decimals, not as < 0.001
-_CONFLICT = 0.01  # p-value below which differences of geometry conflict with one instrument
-_NARROWER = 0.9  # ratio of uncertainties below which a certificate is worth mentioning
+# p-value below which two campaigns are said to disagree about an error of their common instrument.
+_CONFLICT = 0.01
+_NARROWER = 0.9  # ratio of u with to u without a certificate, below which sentences mention it
 _STRENGTHS = (
-    # Upper limit of |ln B|, B the Bayes factor, and the words for such values, from
-    # Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
+    # Each entry: an upper limit of |ln B|, with the Bayes factor B, and the words for values up to
+    # it. Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
     (1.0, "not worth more than a bare mention"),
     (3.0, "positive evidence"),
     (5.0, "strong evidence"),
 )
 
 
-# ---- templates
+# ---- templates of sentences
 
 
 @cache
 def _environment() -> jinja2.Environment:
-    """Return the Jinja environment of the templates, with the filters and names that they use."""
+    """Return the Jinja environment with the filters and names that templates of sentences use."""
     loader = jinja2.PackageLoader("ldbb_bayes.report")
     environment = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined)
     for function in (
@@ -193,13 +196,13 @@ def _point_words(point: Sequence[float]) -> str:
 
 
 def _sentences(macro: str, *findings: Any) -> tuple[str, ...]:
-    """Return the lines that a macro of sentences.j2 makes from results."""
+    """Return the sentences that a macro of the template sentences.j2 makes from results."""
     module = _environment().get_template("sentences.j2").module
     return tuple(_lines(getattr(module, macro)(*findings)))
 
 
 def _sentence(macro: str, *findings: Any) -> str:
-    """Return the lines that a macro of sentences.j2 makes from results, joined to one line."""
+    """Return the one-line text that a macro of the template sentences.j2 makes from results."""
     return " ".join(_sentences(macro, *findings))
 
 
@@ -228,14 +231,14 @@ def with_words(result: Any) -> dict[str, Any]:
 
 
 def joined(items: Sequence[str], word: str = "and") -> str:
-    """Return items joined to one text, as in: a, b and c."""
+    """Return items joined to one text by commas and a last word, such as: a, b and c."""
     if len(items) < 3:
         return f" {word} ".join(items)
     return f"{', '.join(items[:-1])} {word} {items[-1]}"
 
 
 def _first_names(names: Sequence[str]) -> str:
-    """Return a text of the first few names and the number of further ones."""
+    """Return the first few names as one text, with the number of names not listed."""
     text = ", ".join(names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         text += f" and {len(names) - _MOST_NAMES} more"
@@ -243,15 +246,19 @@ def _first_names(names: Sequence[str]) -> str:
 
 
 def _joined_parameters(names: Sequence[str]) -> str:
-    """Return one text of parameters, in the notation of the paper."""
+    """Return the names of parameters, in the notation of the paper, joined to one text."""
     return joined([display_name(name) for name in names])
 
 
-# ---- terms and aliases
+# ---- effects (terms of the model) and what parameters are confounded with
 
 
 def unit_words(name: str) -> tuple[float, str]:
-    """Return size (in internal units) and label of the unit that shows a nuisance coefficient."""
+    """Return the unit in which a nuisance coefficient is shown: its size and its label.
+
+    The size is in internal units (mm, N, rad). A nuisance coefficient is an effect that is modelled
+    but not of interest.
+    """
     inside_unit, one, label = Term.owner(name).unit_of(name)
     if inside_unit.endswith("/N"):
         factor, label = display_unit(inside_unit)
@@ -260,12 +267,18 @@ def unit_words(name: str) -> tuple[float, str]:
 
 
 def nuisance_words(name: str) -> str:
-    """Return a nuisance coefficient in words: form_cos2 becomes 2-lobe form (cos 2θ)."""
+    """Return the name of a nuisance coefficient in words: 2-lobe form (cos 2θ) for form_cos2.
+
+    A nuisance coefficient is an effect that is modelled but not of interest.
+    """
     return Term.owner(name).describe(name)
 
 
 def term_words(term: str) -> str:
-    """Return a term in words: BallForm becomes ball form; a parameter keeps its name."""
+    """Return the name of an effect in words: ball form for BallForm.
+
+    The name of a parameter is returned in the notation of the paper.
+    """
     if term in Term.kinds:
         return Term.kinds[term].words
     if "_" in term:
@@ -274,7 +287,7 @@ def term_words(term: str) -> str:
 
 
 def source_words(term: str) -> str:
-    """Return the name of a source in an uncertainty budget."""
+    """Return the name of a source of uncertainty in words, as an uncertainty budget shows it."""
     if term == OWN:
         return "prior of the parameters"
     return term_words(term)
@@ -292,7 +305,10 @@ def _amount_words(value: float, factor: float, label: str, name: str, plus: str 
 
 
 def statement(degeneracy: Degeneracy) -> str:
-    """Return a sentence on a degeneracy, with amounts that have the same effect on the readings."""
+    """Return a sentence on a degeneracy: changes of parameters that no reading can resolve.
+
+    It states amounts of parameters and of effects that change the readings in the same way.
+    """
     sign = -1.0 if degeneracy.term else 1.0
     changes = []
     for name in degeneracy.parameters:
@@ -312,7 +328,11 @@ def statement(degeneracy: Degeneracy) -> str:
 
 
 def _effect_words(degeneracy: Degeneracy) -> str:
-    """Return the amounts of the effects that change readings exactly as parameters do."""
+    """Return the amounts of those effects in words that change readings as parameters do.
+
+    The effects and parameters are those of one degeneracy, that is, of one combination that no
+    reading can resolve.
+    """
     amounts = []
     for name in degeneracy.nuisances:
         one, unit = unit_words(name)
@@ -326,7 +346,10 @@ def _effect_words(degeneracy: Degeneracy) -> str:
 
 
 def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
-    """Return a sentence on the measures that would remove a degeneracy."""
+    """Return a sentence on measures, such as other tests, that would remove a degeneracy.
+
+    A degeneracy is a combination of parameters that no reading can resolve.
+    """
     calibration = "a calibration of it"
     if degeneracy.term in Term.kinds:
         calibration = Term.kinds[degeneracy.term].calibration
@@ -339,7 +362,10 @@ def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
 def degeneracy_items(
     degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
-    """Return a text on every degeneracy, with the measures that would remove it."""
+    """Return a text on every degeneracy, with the measures that would remove the degeneracy.
+
+    A degeneracy is a combination of parameters that no reading can resolve.
+    """
     items = []
     for degeneracy, cures_of_it in zip(degeneracies, cures, strict=True):
         items.append(f"{statement(degeneracy)} Cure: {cure_words(degeneracy, cures_of_it)}")
@@ -347,14 +373,14 @@ def degeneracy_items(
 
 
 def alias_sentences(degeneracies: Sequence[Degeneracy]) -> Iterator[str]:
-    """Yield sentences on what parameters are confounded with.
+    """Yield sentences on parameters that readings cannot separate from each other or from effects.
 
-    This may be each other, terms of the model, or terms that the model leaves out.
+    The effects may be in the model, or may be left out of it.
 
     Parameters
     ----------
     degeneracies
-        Degeneracies of a set of tests.
+        Combinations of parameters that no reading of a set of tests can resolve.
 
     Yields
     ------
@@ -389,12 +415,12 @@ def _confounding_sentence(degeneracies: Sequence[Degeneracy], meaning: str) -> I
 
 
 def standing_words(standing: Standing) -> str:
-    """Return a sentence on parameters and an effect that the tests cannot tell from them."""
+    """Return a sentence on parameters that look like another effect, such as drift."""
     names = _joined_parameters(standing.parameters)
     return str(_SENTENCES["standing"][standing.kind].format(names=names))
 
 
-# ---- fit
+# ---- sentences on a fit
 
 
 def fit_verdict(fit: Fit) -> str:
@@ -413,22 +439,26 @@ def check_notes(fit: Fit) -> tuple[str, ...]:
 
 
 def model_words(model: Mapping[str, Any]) -> str:
-    """Return a sentence on the model that was fitted, from its JSON record."""
+    """Return a sentence on the model that was fitted, from the JSON record of the model."""
     return _sentence("model_words", model)
 
 
 def quality_words(quality: Mapping[str, Any]) -> str:
-    """Return a sentence on the quality of a fit, from its JSON record."""
+    """Return a sentence on the quality of a fit, from the entry ``fit`` of its JSON record."""
     return _sentence("quality_words", quality)
 
 
 def sampler_words(sampler: Mapping[str, Any]) -> str:
-    """Return a sentence on whether the sampler reached its target, from its JSON record."""
+    """Return a sentence on whether the sampler reached its target, from the sampler's record."""
     return _sentence("sampler_words", sampler)
 
 
 def check_words(check: Check) -> str:
-    """Return the subject of a check in words, such as order 4 of f520 (a test)."""
+    """Return the subject of a check in words, such as order 4 of f520.
+
+    Order 4 is the Fourier component of the readings at four times the angle; f520 is the name of a
+    test.
+    """
     kinds = {"noise": "white noise", "autocorrelation": "autocorrelation"}
     kind = kinds.get(check.kind, f"order {check.order}")
     return f"{kind} of {check.test}"
@@ -470,16 +500,19 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
         yield typeset(sentence)
 
 
-# ---- campaign
+# ---- sentences on a campaign
 
 
 def preview_sentences(preview: CampaignPreview) -> tuple[str, ...]:
-    """Return sentences that describe a campaign, and remarks on its tests."""
+    """Return sentences that describe a campaign, with remarks on its tests."""
     return _sentences("preview_sentences", preview)
 
 
 def assumption_words(assumption: Any) -> str:
-    """Return an assumption of an import, its reason, and the option that would change it."""
+    """Return a text on an assumption made when readings were imported.
+
+    The text states the assumption, its reason, and the option that would change it.
+    """
     reason = assumption.because
     if assumption.place:
         reason = f"{reason}; {assumption.place}"
@@ -487,7 +520,7 @@ def assumption_words(assumption: Any) -> str:
 
 
 def remark_words(remark: Remark) -> str:
-    """Return a remark of a preview in words."""
+    """Return a remark on a campaign or one of its tests in words."""
     if remark.kind in _SENTENCES["remarks"]:
         return str(_SENTENCES["remarks"][remark.kind].format(**remark.values))
     template = _environment().from_string(_SENTENCES["choices"][remark.kind])
@@ -495,7 +528,7 @@ def remark_words(remark: Remark) -> str:
 
 
 def look_sentences(preview: CampaignPreview) -> list[str]:
-    """Return a sentence on each thing that looks odd, naming the tests in which it does."""
+    """Return a sentence on each oddity of a campaign's readings, with the names of the tests."""
     tests_by_words: dict[str, list[str]] = {}
     for test in preview.tests:
         for remark in test.remarks:
@@ -519,7 +552,7 @@ def _add_remarks(record: dict[str, Any], remarks: Sequence[Remark]) -> None:
 
 
 def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
-    """Return the name of a quantity assumed of the instrument, and its place in campaign.toml."""
+    """Return the name of an assumed instrument error, and where campaign.toml states it."""
     table, _, key = uncertainty.certificate.partition("_")
     if key:
         place = f"[{table}] {key}"
@@ -531,18 +564,21 @@ def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
     return words.partition(" (")[0], place
 
 
-# ---- machine
+# ---- sentences on a machine
 
 
 def machine_sentences(machine: Any) -> tuple[str, ...]:
-    """Return sentences on a machine's joints, rank, and parameters without effect on readings."""
+    """Return sentences on a machine's joints and on the parameters that circular tests can show.
+
+    They also state the rank of the design matrix, and parameters without effect on the readings.
+    """
     return _sentences("machine_sentences", machine)
 
 
 def sum_in_words(parameter: VisibleParameter) -> str:
-    """Return the sum of parameters that one parameter stands for, such as C_XXX + C_XXY.
+    """Return the sum of parameters that one parameter stands for as text: C_XXX + C_XXY.
 
-    Weights other than one are written, in mm and mm².
+    Weights in the sum are written if they differ from one; their units are mm and mm².
     """
     text = ""
     for name, weight in parameter.members.items():
@@ -557,13 +593,14 @@ def sum_in_words(parameter: VisibleParameter) -> str:
     return text
 
 
-# ---- identifiability
+# ---- sentences on identifiability: which parameters the readings can determine
 
 
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
-    """Return one text of hyper-parameters (scales of noise and other effects) and their values.
+    """Return hyper-parameters (scales of the noise and other effects) with values as one text.
 
-    The noise scales λ of single circles are left out.
+    The hyper-parameters λ, each the ratio of one circle's noise to that of the other circles, are
+    left out.
     """
     sizes = []
     for name, value in hyper_um.items():
@@ -574,7 +611,7 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
 
 
 def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> str:
-    """Return the verdict on a parameter in words.
+    """Return in words the verdict on how far the readings determine a parameter.
 
     Parameters
     ----------
@@ -616,8 +653,8 @@ def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> st
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
     """Return sentences on the assumptions and results of an identifiability analysis.
 
-    For each possible calibration certificate they name the parameters whose uncertainty it would
-    reduce by more than a tenth.
+    For each calibration certificate that could be obtained, the sentences name the parameters whose
+    uncertainty it would reduce by more than a tenth.
     """
     worth = _worth_of_certificates(result)
     sizes = joined_sizes(result.hyper_um, " = ")
@@ -625,7 +662,10 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
 
 
 def _worth_of_certificates(result: Identifiability) -> dict[str, list[str]]:
-    """Return for every certificate each u that it reduces by more than a tenth, in words."""
+    """Return texts on the parameters whose uncertainty a certificate reduces, by certificate.
+
+    Standard uncertainties u that decrease by no more than a tenth are left out.
+    """
     sd_by_certificate = dict(result.certificates)
     sd_without = sd_by_certificate.pop("none of these", {})
     worth = {}
@@ -640,7 +680,10 @@ def _worth_of_certificates(result: Identifiability) -> dict[str, list[str]]:
 
 
 def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
-    """Return the most important sentences on identifiability: first how many have each verdict."""
+    """Return the most important sentences on which parameters the readings can determine.
+
+    The first sentence states how many parameters have each verdict.
+    """
     verdicts = [str(entry.verdict) for entry in result.parameters.values()]
     worth = _worth_of_certificates(result)
     single_worth = {name: narrowed for name, narrowed in worth.items() if name != "all of these"}
@@ -650,14 +693,16 @@ def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
 def cure_items(
     degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
-    """Return the measures that would remove all degeneracies of an effect, by effects.
+    """Return texts on effects that are confounded, with measures that would separate them.
+
+    Effects for which the same measures help share one text.
 
     Parameters
     ----------
     degeneracies
-        Degeneracies of a set of tests.
+        Combinations of parameters and effects that no reading of a set of tests can resolve.
     cures
-        Measures that would remove each of them.
+        Measures that would remove each of these degeneracies.
 
     Returns
     -------
@@ -683,7 +728,7 @@ def cure_items(
 
 
 def partners_with_shares(entry: ParameterIdentifiability) -> list[str]:
-    """Return what a parameter is confounded with, each with its share of the variance."""
+    """Return the effects that a parameter is confounded with, and their shares of its variance."""
     partners = []
     for partner in entry.partners:
         share = "(left out)"
@@ -694,14 +739,17 @@ def partners_with_shares(entry: ParameterIdentifiability) -> list[str]:
 
 
 def short_verdict_words(entry: ParameterIdentifiability, partners: Sequence[str]) -> str:
-    """Return a verdict with some of its partners, as in confounded: mount 39 %, bar length 9 %."""
+    """Return the verdict on a parameter in few words: confounded: mount 39 %, bar length 9 %.
+
+    ``partners`` are effects that the parameter is confounded with, as texts.
+    """
     if str(entry.verdict) != "confounded":
         return str(entry.verdict)
     ending = ", …" if len(partners) < len(entry.partners) else ""
     return f"{entry.verdict}: {', '.join(partners)}{ending}"
 
 
-# ---- calibration
+# ---- sentences on the check of intervals by simulation
 
 
 def validation_verdict(validation: Validation) -> str:
@@ -709,11 +757,11 @@ def validation_verdict(validation: Validation) -> str:
     return _sentence("validation_verdict", validation)
 
 
-# ---- comparison
+# ---- sentences on a comparison of models
 
 
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
-    """Return sentences on the evidence of a comparison, its robustness, and further findings."""
+    """Return sentences on the evidence for each model, its robustness, and further findings."""
     return _sentences("comparison_sentences", comparison)
 
 
@@ -723,7 +771,7 @@ def comparison_screen(comparison: Comparison) -> tuple[str, ...]:
 
 
 def strength_words(log_bayes_factor: float) -> str:
-    """Return words for the strength of a log Bayes factor of either sign.
+    """Return words for the strength of evidence of a log Bayes factor, whatever its sign.
 
     The words are those of Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795.
     """
@@ -733,7 +781,7 @@ def strength_words(log_bayes_factor: float) -> str:
     return "very strong evidence"
 
 
-# ---- design
+# ---- sentences on a design of tests
 
 
 def design_sentences(design: Design) -> tuple[str, ...]:
@@ -757,12 +805,12 @@ def design_sentences(design: Design) -> tuple[str, ...]:
 
 
 def design_screen(design: Design) -> tuple[str, ...]:
-    """Return the most important sentences on a design, its tests first."""
+    """Return the most important sentences on a design of tests; the first lists the tests."""
     return _sentences("design_screen", design, _tests_to_run(design, most=len(design.table)))
 
 
 def design_notes(design: Design) -> tuple[str, ...]:
-    """Return notes on what recommended tests cannot show, on remedies, and on assumptions."""
+    """Return notes on a design: what its tests cannot show, remedies, and assumptions."""
     relative_errors = [expected.sd_error / expected.sd for expected in design.expected.values()]
     alike = degeneracy_items(design.limits.degeneracies, design.limits.cures)
     sizes = joined_sizes(design.hyper_um, " ")
@@ -791,7 +839,10 @@ def _tests_to_run(design: Design, most: int = _MOST_LISTED_TESTS) -> str:
 
 
 def _varied_settings(design: Design) -> list[str]:
-    """Return the settings in which tests differ; both clockings of balls if any ball is turned."""
+    """Return the names of the settings, such as radius, in which the tests of a design differ.
+
+    If a ball is turned about its stem in any test, the angles of both balls are included.
+    """
     table = design.table
     clockings = list(design.columns)[:2]
     others = list(design.columns)[2:]
@@ -801,7 +852,7 @@ def _varied_settings(design: Design) -> list[str]:
     return varied
 
 
-# ---- budget
+# ---- sentences on an uncertainty budget
 
 
 def remedy_words(budget: Budget) -> str:
@@ -811,11 +862,11 @@ def remedy_words(budget: Budget) -> str:
     return Term.kinds.get(budget.heaviest, Term).remedy
 
 
-# ---- population and trend
+# ---- sentences on a population of machines, and on the trend of one machine
 
 
 def caveat_words(caveat: Any) -> str:
-    """Return one or two sentences on a limitation of a trend or a population."""
+    """Return one or two sentences on a limitation of the result of a trend or a population."""
     template = _SENTENCES["caveats"][caveat.kind]
     return str(
         template.format(
@@ -828,7 +879,7 @@ def caveat_words(caveat: Any) -> str:
 
 
 def probability_words(probability: float) -> str:
-    """Return a probability with three decimals, or as < 0.001 or > 0.999."""
+    """Return a probability as text with three decimals; < 0.001 or > 0.999 near 0 or 1."""
     if probability < _UNLIKELY:
         return "< 0.001"
     if probability > 1.0 - _UNLIKELY:
@@ -862,7 +913,10 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 
 
 def trend_sentences(trend: Any) -> tuple[str, ...]:
-    """Return sentences on the findings of a trend, the most important first, without caveats."""
+    """Return sentences on the findings of a machine's trend, the most important first.
+
+    Sentences on the limitations of the trend are not included.
+    """
     estimates = trend.estimates
     probability_of_time = 0.0
     if trend.changed:
@@ -877,7 +931,10 @@ def trend_sentences(trend: Any) -> tuple[str, ...]:
 
 
 def population_sentences(population: Any) -> tuple[str, ...]:
-    """Return sentences on a population and on machines that do not belong, without caveats."""
+    """Return sentences on a population of machines, and on machines that do not belong to it.
+
+    Sentences on the limitations of the population are not included.
+    """
     furthest = {}
     for name in population.not_belonging:
         z = population.machine[name].z
@@ -887,20 +944,20 @@ def population_sentences(population: Any) -> tuple[str, ...]:
 
 
 def population_doubts(doubts: Any) -> tuple[str, ...]:
-    """Return sentences on the limitations of a population, especially of its use as a prior."""
+    """Return sentences on the limitations of a population, above all as a prior for a machine."""
     return _sentences("population_doubts", doubts)
 
 
-# ---- page
+# ---- sentences of the HTML page
 
 
 def annex_words(degree: int, averaged: bool) -> str:
-    """Return a sentence on the model from which the numbers after the sheets come."""
+    """Return a sentence on the model that gave the numbers after the certificate's sheets."""
     return _sentence("annex_words", degree, averaged)
 
 
 def instrument_words(force_N: float, same_instrument: bool) -> str:
-    """Return a sentence on the assumptions behind differences between campaigns."""
+    """Return a sentence on the force and the instrument assumed in comparing two campaigns."""
     return _sentence("instrument_words", force_N, same_instrument)
 
 
@@ -928,7 +985,7 @@ def _interval_key(entry: Mapping[str, Any]) -> str:
 
 
 def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return sentences on the reasons not to use the numbers of a fit, or only with caution."""
+    """Return sentences that warn against using the numbers of a fit, or advise caution."""
     grave = tuple(concern for concern in fit.concerns if concern.kind not in ("forces", "centre"))
     sentences = list(concern_sentences(grave, result["sampler"]))
     is_explained = "not-converged" in fit.kinds or "truncation" in fit.kinds

@@ -28,8 +28,8 @@ from ldbb_bayes.results import Array
 __all__ = ["residuals", "traces"]
 
 _DRAWS = 600
-_MOST_DOTS = 2400  # largest number of readings that are drawn, over all traces
-_MOST_BANDS = 12  # largest number of tests drawn with bands; more bands would hide one another
+_MOST_DOTS = 2400  # largest number of readings drawn as dots in a figure, over all its traces
+_MOST_BANDS = 12  # largest number of tests drawn with 95 % bands; more bands would overlap too much
 _MOST_NAMED_FORCES = 9  # largest number of labels on the scale of forces
 _MOST_RESIDUALS = 10  # largest number of tests whose residuals are drawn
 _ANGLE = np.linspace(0.0, 2 * np.pi, 361)
@@ -39,7 +39,7 @@ _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, 
 
 @dataclass(frozen=True, eq=False)
 class _Traces:
-    """Readings, predictions and scale that the polar panels of all planes have in common."""
+    """Readings, predictions and radial scale of a figure with one polar panel for each plane."""
 
     bound: BoundModel
     beta: Array
@@ -69,7 +69,7 @@ class _Traces:
 
     @property
     def zero_radius(self) -> float:
-        """Radius at which a reading of zero is drawn."""
+        """Radius in a polar panel at which a reading of zero is drawn [µm]."""
         return 0.9 * self.span - self.low
 
     @property
@@ -141,7 +141,7 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
 
 
 def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
-    """Draw the readings and the prediction of one test."""
+    """Draw the readings and the prediction of test number ``r`` in a polar panel."""
     test = shown.bound.campaign.tests[r]
     colour = shown.colours[r]
     dots = slice(None, None, shown.stride)
@@ -159,7 +159,7 @@ def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
 
 
 def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
-    """Draw the circle of zero readings, rings in µm, and angles with the names of the axes."""
+    """Draw the circle of zero readings, rings in µm, angles, and the names of the machine axes."""
     zero = shown.zero_radius
     circle = np.full_like(_ANGLE[::2], zero)
     axes.plot(_ANGLE[::2], circle, color="black", linewidth=0.8, linestyle=_DASHED)
@@ -190,7 +190,7 @@ def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
 
 
 def _panel_head(shown: _Traces, plane: str) -> str:
-    """Return the explanation of the marks of one plane, broken into lines as wide as its panel."""
+    """Return the heading of the polar panel of one plane, which explains the panel's marks."""
     words = shown.words
     setting = shown.bound.setting
     readings = words["readings"]
@@ -217,7 +217,7 @@ def _panel_head(shown: _Traces, plane: str) -> str:
 
 
 def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
-    """Draw the colour scale of forces, from the force of the innermost trace to the outermost."""
+    """Draw the colour scale of forces, in the order of the traces from the innermost outwards."""
     forces_N = shown.bound.setting.force_N
     levels = np.unique(forces_N)
     count = len(levels)
@@ -245,7 +245,7 @@ def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
 
 
 def _mean_reading(shown: _Traces, force_N: float) -> float:
-    """Return the mean over all tests at a force of their mean readings [µm]."""
+    """Return the mean reading of all tests at one force [µm]; each test counts equally."""
     means = []
     for readings, force in zip(shown.readings_um, shown.bound.setting.force_N, strict=True):
         if force == force_N:

@@ -21,12 +21,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["compliance_with_local_fits", "evidence", "geometry_with_local_fits"]
 
-_LINES = ("-", "--", ":")  # line styles of models, in turn
-_MIDDLE_NAT = 20.0  # smallest reach of the middle stretch of the scale [nat]
-_BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # shape of the mark where the scale is broken
+_LINES = ("-", "--", ":")  # Matplotlib line styles of the models, used in turn
+_MIDDLE_NAT = 20.0  # smallest |ln B| (log Bayes factor) at which the scale may be broken [nat]
+_BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # end points of the stroke that marks a broken scale
 
 
-# ---- evidence
+# ---- figure of the evidence for each model
 
 
 class _Assumption(NamedTuple):
@@ -35,7 +35,8 @@ class _Assumption(NamedTuple):
     name: str
     log_bayes_factor: float
     error: float
-    #: Evidence for the assumption itself [nat]; None for a width of the slopes' prior.
+    #: Log evidence for the assumption, relative to that of the models [nat]; None if the assumption
+    #: is a width of the slopes' prior.
     gain: float | None
     is_allowed: bool
 
@@ -106,7 +107,10 @@ def _assumptions(comparison: Comparison) -> list[_Assumption]:
 
 
 class _Stretch(NamedTuple):
-    """A stretch of the broken scale; outer stretches lie left or right of the middle one."""
+    """One stretch of the broken scale of the log Bayes factor [nat].
+
+    Outer stretches lie left or right of the middle one.
+    """
 
     low: float
     high: float
@@ -114,7 +118,11 @@ class _Stretch(NamedTuple):
 
 
 def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
-    """Return the stretches of the scale that hold values, from left to right."""
+    """Return the stretches of the broken scale that contain values, from left to right.
+
+    ``value`` are log Bayes factors; ``allowed`` marks those under assumptions that the readings do
+    not reject. The middle stretch contains all of these.
+    """
     near = max(_MIDDLE_NAT, 1.2 * float(np.abs(value[allowed]).max(initial=0.0)))
     left = value[value < -near]
     middle = value[np.abs(value) <= near]
@@ -185,7 +193,7 @@ def _gain_words(gain: float | None) -> str:
     return f"{gain:+.{decimals}f}".replace("-", "−")
 
 
-# ---- curves beside local fits
+# ---- figures of parameters against force, with local fits at neighbouring forces
 
 
 @styled
@@ -246,7 +254,7 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
 
 
 def _draw_nothing(axes: Axes, name: str, factor: float) -> None:
-    """Draw nothing beneath the curves of a panel."""
+    """Draw nothing beneath the curves; a stand-in for functions that draw intervals there."""
 
 
 def _draw_against_force(
@@ -255,7 +263,11 @@ def _draw_against_force(
     title: str,
     draw_beneath: Callable[[Axes, str, float], None],
 ) -> Figure:
-    """Draw a panel for every parameter: the mean of every model, and local fits."""
+    """Draw a panel for every parameter: its mean in each model against force, and local fits.
+
+    A local fit uses only the tests at two neighbouring forces. ``draw_beneath`` draws into each
+    panel before the curves are drawn.
+    """
     first = next(iter(comparison.models.values()))
     figure, all_axes = panels(len(names), 3, 1.7, 0.9)
     for axes, name in zip(all_axes, names, strict=True):
@@ -274,7 +286,7 @@ def _draw_against_force(
 
 
 def _mean_curve(model: Any, name: str) -> tuple[Array, Array]:
-    """Return forces, and the mean of a parameter at each."""
+    """Return forces [N], and the posterior mean of a parameter at each force."""
     curves = model.compliance_against_force
     if name in curves:
         return np.asarray(curves[name].force_N), curves[name].mean
@@ -283,10 +295,9 @@ def _mean_curve(model: Any, name: str) -> tuple[Array, Array]:
 
 
 def _draw_local_fits(axes: Axes, local_fits: pd.DataFrame, name: str, factor: float) -> None:
-    """Draw local fits.
+    """Draw the local fits of one parameter, that is, fits to the tests at two neighbouring forces.
 
-    Least-squares estimates beyond the range of everything else appear as arrows at the panel's
-    edge.
+    A least-squares estimate that lies beyond the panel's range appears as an arrow at its edge.
     """
     if local_fits.empty:
         return

@@ -18,12 +18,12 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["expected_widths"]
 
-_COLUMNS = 3  # number of parameters in one row
+_COLUMNS = 3  # number of parameters beside one another in one row of the figure
 _LONGEST_BAR = 0.72  # length of the longest bar, as a share of a column's width
 
 
 class _PlanBars(NamedTuple):
-    """Bars of one plan: its name, expected sd by parameter (internal units), and colour."""
+    """Bars of one plan: its name, expected sd by parameter (in mm, N, rad), and colour."""
 
     name: str
     sd: Mapping[str, float]
@@ -106,7 +106,7 @@ def _expected_sd(expected: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _sizes(design: Design, plans: list[_PlanBars]) -> Array:
-    """Return the standard uncertainty by plan (rows) and parameter, in the units shown."""
+    """Return expected standard uncertainties in the units shown, shape (plans, parameters)."""
     factors = [display_unit(expected.unit)[0] for expected in design.expected.values()]
     rows = []
     for plan in plans:

@@ -26,19 +26,19 @@ from ldbb_bayes.units import display_unit, inside_name, plus_minus
 __all__ = ["WORDS", "compliance_against_force", "corner", "forest"]
 
 _CATALOGUE = files("ldbb_bayes.report") / "templates" / "words_en.toml"
-#: English labels of the figures that the sheets show; sheets in another language replace them.
+#: English labels of figures on the certificate's sheets; other languages have their own labels.
 WORDS: Mapping[str, str] = MappingProxyType(
     tomllib.loads(_CATALOGUE.read_text(encoding="utf-8"))["figures"]
 )
-# Patterns of the names of parameters in a corner plot: direct compliances, rotations due to
-# moments, scale gains, squareness.
+# Patterns of the names of parameters that a corner plot shows by default: direct compliances,
+# rotations due to moments, scale gains, squareness.
 _CORNER_PARAMETERS = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
 _MOST_IN_CORNER = 8
-_MOST_WITHOUT_PATTERN = 6  # parameters in a corner plot if no name fits these patterns
+_MOST_WITHOUT_PATTERN = 6  # largest number of parameters in a corner plot without default ones
 _CURVE_DRAWS = 1500
 
 
-# ---- intervals
+# ---- figure of credible intervals
 
 
 @styled
@@ -78,7 +78,7 @@ def forest(posterior: xr.DataTree) -> Figure:
 def _draw_intervals(
     axes: Axes, posterior: xr.DataTree, names: Sequence[str], factor: float
 ) -> None:
-    """Draw the intervals of parameters of one unit, a row for each."""
+    """Draw the credible intervals of parameters that have the same unit, one row per parameter."""
     group = posterior["posterior"]
     rows = style.name_rows(axes, names)
     texts = []
@@ -95,7 +95,7 @@ def _draw_intervals(
         unit = group[name].attrs["unit"]
         texts.append(plus_minus(summary["mean"], summary["sd"], interval, unit))
     axes.axvline(0.0, color=GREY, linewidth=0.8)
-    # Keep the axis limits that the posterior needs: a prior may be much wider.
+    # Keep the axis limits of the posterior's intervals: those of a prior may be much wider.
     axes.set_xlim(axes.get_xlim())
     prior_sd, _ = priors_of(posterior)
     for row, name in zip(rows, names, strict=True):
@@ -106,7 +106,7 @@ def _draw_intervals(
     style.right_labels(axes, rows, texts)
 
 
-# ---- compliance against force
+# ---- figure of compliance against force
 
 
 @styled
@@ -171,7 +171,7 @@ def _draw_curve(axes: Axes, force_N: Array, curves: Array, words: Mapping[str, s
     axes.plot(force_N, curves.mean(axis=0), color=ACCENT, label=words["mean"])
 
 
-# ---- pairs
+# ---- corner plot: figure of pairs of parameters
 
 
 @styled
@@ -195,7 +195,7 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     InputError
         The posterior lacks one of the parameters.
     """
-    from corner import corner as draw_corner  # brings pyplot, which starts a backend
+    from corner import corner as draw_corner  # import it only here: it loads pyplot
 
     group = posterior["posterior"]
     if names is None:
@@ -215,7 +215,7 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
         np.column_stack(list(draws_by_label.values())),
         fig=figure,
         labels=list(draws_by_label),
-        levels=(0.393, 0.865),  # 1 and 2 sd of a bivariate Gaussian
+        levels=(0.393, 0.865),  # probabilities within 1 and 2 sd of a bivariate Gaussian
         smooth=1.0,
         bins=30,
         labelpad=0.14,

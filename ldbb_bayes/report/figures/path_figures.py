@@ -26,8 +26,8 @@ from ldbb_bayes.units import display_name, round_like, round_uncertainty
 __all__ = ["circularity", "contributions", "parameter_contributions"]
 
 _DRAWS = 500
-_FORCES = 13  # number of forces at which circular-test quantities are drawn
-_MOST_FORCES = 6  # largest number of forces, each with a panel, in the figure of contributions
+_FORCES = 13  # number of forces at which the curves of circular-test quantities are computed
+_MOST_FORCES = 6  # largest number of panels, one per force, in the figure of contributions
 _EXPLANATION = "Line: mean, band: 95 %\nAbove: peak to peak {}, median and 95 % interval"
 
 
@@ -189,8 +189,8 @@ def _paths(
 ) -> Mapping[str, Array]:
     """Return contributions to the tool path on the first circle of a plane [µm], by source.
 
-    Each array has the shape (random draws, 360 angles). The draws are the same as those of
-    `decompose_deviation`.
+    Each array has the shape (random draws, 360 angles). The random draws are from the posterior,
+    the same as `decompose_deviation` uses.
     """
     circle = first_circle(bound, plane)
     beta, _ = draws_of(posterior, bound, path_contributions.DRAWS)
@@ -198,9 +198,10 @@ def _paths(
 
 
 def _peak_to_peak_words(path: Array) -> str:
-    """Return the peak-to-peak value of tool paths in words, such as 17.2 [11.5, 39.8] µm.
+    """Return the peak-to-peak value of tool paths as text, such as 17.2 [11.5, 39.8] µm.
 
-    The numbers are the median and the 95 % interval over the random draws.
+    ``path`` has one tool path [µm] per random draw from the posterior, shape (draws, angles). The
+    text states the median and the 95 % interval over the draws.
     """
     low, median, high = np.quantile(np.ptp(path, axis=1), [0.025, 0.5, 0.975])
     _, decimals = round_uncertainty((high - low) / 4.0)

@@ -26,14 +26,14 @@ __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
 
 P = ParamSpec("P")
 
-WIDTH = 6.3  # inch: letters of 8 points stay readable where a screen is 390 pixels wide
+WIDTH = 6.3  # width of a figure [inch]; its letters are readable on a screen of 390 pixels
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 ACCENT = PALETTE[0]
 GREY = "#8C8C8C"
 FAINT = "#B8B8B8"
 LIGHT = "#D9D9D9"
-# Colour of each source of uncertainty, the same in all figures; terms that a user added take the
-# spare colours in turn.
+# Colour of each term (source of uncertainty), the same in all figures. Terms that a user defines
+# get spare colours.
 _TERM_COLOURS = {
     "BallForm": PALETTE[1],
     "BarLength": PALETTE[3],
@@ -118,7 +118,7 @@ def force_colours(forces_N: Sequence[float]) -> list[Any]:
 
 
 def axis_label(name: str, unit: str) -> tuple[float, str]:
-    """Return the factor to the unit shown, and the label, for an axis that shows a parameter."""
+    """Return the factor to the unit shown, and the label, of a figure's axis for a parameter."""
     factor, label = display_unit(unit)
     return factor, f"{display_name(name)} ({label})"
 
@@ -143,7 +143,7 @@ def panels(
 
 
 def name_rows(axes: Axes, names: Sequence[str]) -> Array:
-    """Label rows with parameter names, from top to bottom, and return their vertical positions."""
+    """Label a panel's rows with parameter names, from the top, and return their positions."""
     rows = np.arange(len(names))[::-1]
     axes.set_yticks(rows, [display_name(name) for name in names])
     axes.set_ylim(-0.6, len(names) - 0.4)
@@ -152,13 +152,13 @@ def name_rows(axes: Axes, names: Sequence[str]) -> Array:
 
 
 def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
-    """Write texts at the right end of rows."""
+    """Write a text at the right end of each row of a panel."""
     for row, text in zip(rows, texts, strict=True):
         axes.text(1.015, row, text, fontsize=8, va="center", transform=axes.get_yaxis_transform())
 
 
 def term_colours(terms: Iterable[str]) -> dict[str, str]:
-    """Return a colour for every term, in the order in which figures stack them."""
+    """Return a colour for every term (source of uncertainty), in the order of stacked bars."""
     distinct_terms = list(dict.fromkeys(terms))
     user_terms = [term for term in distinct_terms if term not in _TERM_COLOURS]
     colours = {term: colour for term, colour in _TERM_COLOURS.items() if term in distinct_terms}
@@ -166,12 +166,12 @@ def term_colours(terms: Iterable[str]) -> dict[str, str]:
 
 
 def band(axes: Axes, x: Any, limits: Any, colour: Any, alpha: float = 0.2, **options: Any) -> None:
-    """Shade the area between two curves."""
+    """Shade the area between the lower and the upper curve of ``limits``."""
     axes.fill_between(x, limits[0], limits[1], color=colour, alpha=alpha, linewidth=0, **options)
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int = 6) -> None:
-    """Put the legend of one panel below all of them."""
+    """Put the legend of one panel below all panels of a figure."""
     handles, labels = axes.get_legend_handles_labels()
     if labels:
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), columns))

@@ -23,9 +23,9 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["budget_bars", "prior_and_posterior"]
 
-_SMALLEST_SHARE = 0.5  # smallest share of a variance that is drawn, in any parameter [%]
+_SMALLEST_SHARE = 0.5  # sources with smaller shares of all parameters' variances are not drawn [%]
 _SHARE_PER_LETTER = 1.75  # width that a bar needs for each letter written in it [%]
-_LUMINANCE = (0.2126, 0.7152, 0.0722)  # weights of red, green and blue
+_LUMINANCE = (0.2126, 0.7152, 0.0722)  # weights of red, green and blue in a colour's brightness
 _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "confounded": PALETTE[1]}
 
 
@@ -128,9 +128,10 @@ def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
 def _draw_source(
     axes: Axes, rows: Array, start: Array, shares: Array, words: str, colour: str
 ) -> None:
-    """Draw the bars of one source of uncertainty.
+    """Draw the bars of one source of uncertainty, one bar per parameter.
 
-    Bars that are wide enough carry the source's name, so that grey prints can be read.
+    Bars that are wide enough have the source's name on them, so that the figure can also be read
+    without colours.
     """
     axes.barh(
         rows,
