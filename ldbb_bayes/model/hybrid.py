@@ -98,9 +98,8 @@ class HybridModel(Result):
 
     #: degree of the compliance as a polynomial in force: 0 constant, 1 linear, 2 quadratic
     degree: int = 1
-    nuisances: tuple[Term, ...] = field(
-        default_factory=_default_terms
-    )  #: effects modelled but not of interest
+    #: effects modelled but not of interest
+    nuisances: tuple[Term, ...] = field(default_factory=_default_terms)
     prior: Prior = field(default_factory=Prior.default)  #: prior of parameters and hyper-parameters
     #: Reference force F0 [N]. Default: the middle of the campaign's forces. F0 = 0 gives Eq. 33.
     reference_force_N: float | None = None
@@ -771,7 +770,7 @@ class BoundModel(Shown):
         """Density p(y | φ) of the readings y, with nuisances and parameters β integrated out.
 
         φ are the hyper-parameters (scales of noise and nuisances). Negative compliances count too.
-        The last coefficients that all tests share are the `rivals` of slopes and β − `centre`.
+        The last coefficients that all tests share are the rivals of slopes and β − `centre`.
         """
         nuisances = sorted(self.nuisance_columns, key=is_rival_of_slopes)
         interest = Columns(

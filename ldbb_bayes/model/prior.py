@@ -153,8 +153,9 @@ class Prior(Shown):
     Raises
     ------
     InputError
-        For a sd or scale that is not positive, a unit that does not fit, a mean that is that of a
-        slope or absurdly large, and for a flat prior that is truncated or has means or overrides.
+        For a prior sd or scale that is not positive, a unit that does not fit, a mean of a slope,
+        a mean too large for any machine, and for a flat prior that is truncated or has means or
+        overrides.
 
     Examples
     --------
