@@ -45,7 +45,7 @@ _UNIT_CHARACTER = re.compile(r"[^\W\d]|[%°]")
 
 @dataclass(frozen=True)
 class Tolerance(Shown):
-    """Limits of a quantity, themselves allowed, in internal units (mm, N, rad).
+    """Limits of a quantity, which it may reach, in internal units (mm, N, rad).
 
     At least one limit must be given, and the lower one must lie below the upper one.
 

@@ -226,7 +226,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     >>> result = lb.identify(lb.HybridModel.first(0), campaign.plan())
     >>> result.parameters["C_XXX"].verdict.value
     'confounded'
-    >>> result.parameters["C_XXX"].partners[0]  # also the mount deflects in proportion to force
+    >>> result.parameters["C_XXX"].partners[0]  # the mount, too, deflects with force
     'Mount'
     """
     bound = model.bind(campaign)

@@ -106,8 +106,8 @@ def sample(
     ensembles : int
         Number of independent ensembles of walkers, at least 4; only for ``joint``.
     walkers : int, optional
-        Number of walkers of each ensemble, even and at least twice the number of parameters and
-        hyper-parameters; only for ``joint``. Default: 128, or four times that number if it is more.
+        Number of walkers of each ensemble, even and at least twice the number d of parameters and
+        hyper-parameters; only for ``joint``. Default: the larger of 128 and 4 d.
     rule : StoppingRule, optional
         When to stop. Default: every parameter has bulk and tail ESS (effective sample size) ≥ 1000
         and R-hat ≤ 1.01.
