@@ -474,20 +474,20 @@ def test_a_question_that_hangs_takes_no_other_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The time of an answer counts from where it begins."""
-    monkeypatch.setattr("ldbb_bayes.app.desk.ANSWER_S", 8.0)
+    monkeypatch.setattr("ldbb_bayes.app.desk.ANSWER_S", 4.0)
 
     async def asked() -> list[dict[str, Any]]:
         desk = Desk()
         session = Session("key", tmp_path, "en")
         try:
-            works = [partial(pause, 60.0), *[partial(pause, 1.8)] * 5]
+            works = [partial(pause, 60.0), *[partial(pause, 0.9)] * 5]
             return await asyncio.gather(*(desk.ask(work, session) for work in works))
         finally:
             desk.stop()
 
     first, *later_answers = asyncio.run(asked())
     assert "had to be started again" in first["refused"]
-    assert later_answers == [{"slept": 1.8}] * 5
+    assert later_answers == [{"slept": 0.9}] * 5
 
 
 def pause(seconds: float, folder: Path) -> dict[str, Any]:

@@ -6,6 +6,8 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 
 import awkward
@@ -17,7 +19,7 @@ from openpyxl import Workbook
 from reports import NOT_COMPARED, undrawn
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli import app, questions, reporting
+from ldbb_bayes.cli import app, file_reports, questions, reporting
 from ldbb_bayes.reading.file_patterns import matching
 
 FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
@@ -260,8 +262,12 @@ def sheets(path: Path) -> list[str]:
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What compares, averages and designs has tests of its own, as figures have."""
+    """What compares, averages and designs has tests of its own, as figures have; fits of few draws
+    and no second process, which would have nothing to do."""
     undrawn(monkeypatch)
+    few_draws = partial(lb.sample, rule=lb.inference.StoppingRule(ess=400.0))
+    monkeypatch.setattr(lb, "sample", few_draws)
+    monkeypatch.setattr(file_reports, "second_process", nullcontext)
     for name in ("compare", "average", "design"):
         monkeypatch.setattr(lb, name, failing(lb.InputError(NOT_COMPARED)))
 

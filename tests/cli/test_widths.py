@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 from fleets import drawn_rows
+from reports import undrawn
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis import outlying_tests
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.cli import app, output
+from ldbb_bayes.inference import nodes
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.results import Table, lines_of
 
@@ -86,10 +89,16 @@ def collector(collected: list[Any]) -> Callable[..., None]:
 def printed(
     folder: Path, planned: Path, tmp_path_factory: pytest.TempPathFactory, compared: Comparison
 ) -> dict[str, list[Any]]:
-    """Of every command what it has shown; of what takes longer the results themselves."""
+    """Of every command what it has shown; of what takes longer the results themselves. Figures,
+    which are not printed, stay undrawn; tests are judged by fewer replicates, and hyper-parameters
+    averaged over fewer nodes, than numbers would need."""
     parts_of_commands: dict[str, list[Any]] = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("widths"))
+        undrawn(patch)
+        patch.setattr(lb.figures, "save_figure", always(None))
+        patch.setattr(outlying_tests, "_REPLICATES", 4000)
+        patch.setattr(nodes, "_COARSE_TOLERANCE", 1.0)
         Path("c").symlink_to(folder)
         Path("p").symlink_to(planned)
         rows = drawn_rows(6, np.random.default_rng(1), step_at=4)
@@ -102,10 +111,10 @@ def printed(
                     "embedded_campaign": Path("c"),
                     "sample": posterior,
                     "compare": comparison,
-                    "save_figures": None,
                 }
                 for name, replacement in replacements.items():
                     patch.setattr(lb, name, always(replacement))
+                patch.setattr(lb.figures, "save_figures", always(None))
             batch = machines
             if arguments[0] == "trend":
                 batch = rows

@@ -243,11 +243,9 @@ def test_a_unit_is_named_in_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
         replaced = (1e-3 * factor, label.replace("nm/N", "ells/N"))
         monkeypatch.setitem(units.DISPLAY_UNITS, inside, replaced)
     posterior = awkward("two tests")
+    findings = find(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED)
     for language in ("en", "de"):
-        document = compose(
-            find(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED), language=language
-        )
-        page = html_page(document)
+        page = html_page(compose(findings, language=language))
         assert "nm/N" not in page
         assert page.count("ells/N") > 20
 
