@@ -19,7 +19,7 @@ from openpyxl import Workbook
 from reports import NOT_COMPARED, undrawn
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli import app, file_reports, questions, reporting
+from ldbb_bayes.cli import app, file_reports, questions, report_making
 from ldbb_bayes.reading.file_patterns import matching
 
 FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
@@ -290,7 +290,7 @@ def answering(monkeypatch: pytest.MonkeyPatch, *answers: str) -> list[str]:
         asked.append(question)
         return next(remaining_answers)
 
-    monkeypatch.setattr(reporting, "can_ask", lambda: True)
+    monkeypatch.setattr(report_making, "can_ask", lambda: True)
     monkeypatch.setattr("typer.prompt", prompt)
     return asked
 
