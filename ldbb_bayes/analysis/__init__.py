@@ -1,4 +1,4 @@
-"""What it means: verdicts on parameters, previews of campaigns."""
+"""Analyses of a posterior or a plan: verdicts on parameters, comparisons, previews of campaigns."""
 
 import lazy_loader
 

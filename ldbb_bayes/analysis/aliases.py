@@ -25,51 +25,56 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Degeneracy", "Standing", "StandingKind", "degeneracies", "standing_degeneracies"]
 
-# Largest number of angles of each test at which patterns are compared; enough, because patterns
-# have at most 12 waves per turn.
+# Largest number of angles of a test at which the effects of coefficients on the readings are
+# computed. It is enough, because no effect has more than 12 waves per turn.
 _MOST_ANGLES = 240
-# Angles [rad] that agree to this number of decimals count as one.
+# Angles of readings [rad] that agree to this number of decimals count as one angle.
 _ANGLE_DECIMALS = 9
-# A degeneracy names only parameters whose effect on the readings is more than this share of its
-# largest effect.
+# A degeneracy names only parameters whose effect on the readings is more than this share of the
+# largest effect of any of its coefficients.
 _NAMED_SHARE = 0.02
-# Effects on the readings below this share of the largest are rounding errors.
+# An effect on the readings below this share of the largest effect is a rounding error.
 _ROUNDING = 1e-9
-# A pattern counts as a combination of other patterns where these leave less than this share of it
-# unexplained.
+# The pattern of friction in the readings counts as a combination of the parameters' patterns where
+# these leave less than this share of it unexplained.
 _UNEXPLAINED_SHARE = 1e-3
-# Singular values below this share of the largest count as zero where a pattern is explained by
-# others.
+# Singular values below this share of the largest count as zero when the pattern of friction is
+# fitted by the patterns of the parameters.
 _RANK_TOLERANCE = 1e-10
-# A change of a reading below this share of the resolution of the readout cannot be seen.
+# A change of a reading below this share of the resolution of the instrument cannot be seen.
 _VISIBLE_SHARE = 0.1
-# Millimetres in a micrometre.
+# One micrometre in millimetres.
 _MICROMETRE = 1e-3
-# Number of lobes of a ball's form error that look like the rotation caused by a moment.
+# A form error of the balls with this number of lobes per turn looks like the rotation of the
+# machine under a moment.
 _LOBES = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Degeneracy:
-    """A combination of coefficients that no reading of a campaign sees."""
+    """A combination of parameters and nuisance coefficients that no reading resolves."""
 
-    #: class name of the term of its first nuisance; empty where it combines parameters alone
+    #: class name of the model term that the first nuisance coefficient belongs to; empty where the
+    #: degeneracy combines parameters alone
     term: str
     #: changes of coefficients, by name, that compensate one another in every reading; in internal
-    #: units (mm, N, rad), nuisances first
+    #: units (mm, N, rad); nuisance coefficients come before parameters
     combination: Mapping[str, float]
-    #: parameters of interest whose effect is more than 2 % of the largest effect in it
+    #: parameters of interest whose effect on the readings is more than 2 % of the largest effect of
+    #: any coefficient in ``combination``
     parameters: tuple[str, ...]
-    units: Mapping[str, str]  #: units of all parameters in ``combination``
-    #: whether the model has every nuisance in it; a nuisance left out is not bounded by anything,
-    #: and the intervals of the parameters ignore it
+    units: Mapping[str, str]  #: internal units of all parameters in ``combination``, by name
+    #: whether the model has a term for every nuisance coefficient in ``combination``; if not, the
+    #: intervals of the parameters ignore the effect that is left out
     modelled: bool
-    #: whether the size of every nuisance in it is stated, by a certificate or by the user who
-    #: changed the term
+    #: whether a certificate, or a term changed by the user, states the size of every nuisance
+    #: coefficient in ``combination``
     stated: bool
-    prior_sds: float  #: length of ``combination`` in units of the prior sds
-    #: largest change of a reading that ``combination`` causes [µm]; 0 where it is below 1e-9 of
-    #: what the largest member causes alone, which is rounding
+    #: root sum of squares of the changes in ``combination``, each divided by its prior standard
+    #: deviation
+    prior_sds: float
+    #: largest change of a reading that ``combination`` causes [µm]; 0 where it is a rounding error
+    #: (below 1e-9 of the largest change that one of its coefficients causes alone)
     change_um: float
 
     @property
@@ -79,7 +84,11 @@ class Degeneracy:
 
 
 class StandingKind(StrEnum):
-    """Effect that is no term of the model, or that only different forces separate."""
+    """Kind of effect that looks like a parameter and that the tests hardly separate from it.
+
+    The effect is no term of the model, or only tests at different forces separate it from the
+    parameter.
+    """
 
     FRICTION = "friction"
     DRIFT = "drift"
@@ -89,7 +98,7 @@ class StandingKind(StrEnum):
 
 @dataclass(frozen=True)
 class Standing(Result):
-    """Parameters that look like an effect which the tests do not separate from them."""
+    """Parameters that look like one kind of effect, which the tests hardly separate from them."""
 
     kind: StandingKind
     parameters: tuple[str, ...]
@@ -97,11 +106,12 @@ class Standing(Result):
 
 @dataclass(frozen=True)
 class _Coefficients:
-    """All m parameters and nuisance coefficients that tests share, modelled or not.
+    """All m coefficients that tests share: parameters and nuisance coefficients, modelled or not.
 
-    ``owners`` are the class names of their terms, empty for parameters. ``columns``, shape
-    (tests, 25, m), are the Fourier coefficients of each test per unit of each coefficient;
-    ``prior_sd``, shape (m,), are the prior standard deviations.
+    ``owners`` are the class names of the model terms that the coefficients belong to, empty for
+    parameters. ``columns``, shape (tests, 25, m), are the changes of the 25 Fourier coefficients of
+    each test per unit of each coefficient. ``prior_sd``, shape (m,), are the prior standard
+    deviations.
     """
 
     names: tuple[str, ...]
@@ -138,7 +148,11 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def _without_nuisances(space: NullSpace, vector: Array) -> Array:
-    """Return a vector without its nuisances, if no reading resolves it without them either."""
+    """Return a combination without its nuisance coefficients, if no reading resolves that either.
+
+    ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations. It
+    is returned unchanged if its parameters alone change the readings noticeably.
+    """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)
     largest_effect = (space.largest * np.abs(parameters_only)).max()
@@ -151,7 +165,11 @@ def _without_nuisances(space: NullSpace, vector: Array) -> Array:
 def _describe_degeneracy(
     bound: BoundModel, coefficients: _Coefficients, space: NullSpace, pivot: int, vector: Array
 ) -> Degeneracy | None:
-    """Describe a vector of the null space; return None if it involves no parameter."""
+    """Return the degeneracy of a vector of the null space, or None if it involves no parameter.
+
+    ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations.
+    ``pivot`` is the index of the coefficient that comes first.
+    """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
     members = [int(i) for i in np.flatnonzero(effect > _ROUNDING * effect.max())]
@@ -179,7 +197,7 @@ def _describe_degeneracy(
 
 
 def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
-    """Return indices of coefficients, that with the largest effect on the readings first.
+    """Return indices of coefficients, sorted by effect on the readings, the largest first.
 
     ``effect`` holds the largest effect of every coefficient on a reading.
     """
@@ -188,10 +206,11 @@ def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
 
 
 def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) -> Array:
-    """Return a vector in internal units (mm, N, rad).
+    """Return a combination of coefficients in internal units (mm, N, rad).
 
-    Where the pivot is a nuisance, the vector is scaled so that the nuisance has the value one in
-    the unit that users see.
+    ``vector`` holds the coefficients in units of their prior standard deviations. If the first
+    coefficient, with index ``pivot``, is a nuisance, the combination is scaled so that this
+    nuisance is one in the unit that users see.
     """
     change = np.asarray(vector * coefficients.prior_sd)
     if coefficients.owners[pivot]:
@@ -202,7 +221,10 @@ def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) ->
 
 
 def _reading_change_um(space: NullSpace, prior_sds: Array) -> float:
-    """Return the largest change of a reading [µm]; zero where it is a rounding error."""
+    """Return the largest change of a reading [µm]; zero where it is a rounding error.
+
+    ``prior_sds`` are changes of the coefficients in units of their prior standard deviations.
+    """
     change = np.abs(space.scaled @ prior_sds).max()
     largest_alone = (space.largest * np.abs(prior_sds)).max()
     if change <= _ROUNDING * largest_alone:
@@ -211,7 +233,7 @@ def _reading_change_um(space: NullSpace, prior_sds: Array) -> float:
 
 
 def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
-    """Return the model's term with this class name, or None if the model leaves it out."""
+    """Return the model's nuisance term with this class name, or None if it is not modelled."""
     for term in bound.model.nuisances:
         if type(term).__name__ == owner:
             return term
@@ -229,7 +251,8 @@ def _is_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
 def standing_degeneracies(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[Standing, ...]:
     """Return parameters that look like an effect which the tests hardly separate from them.
 
-    The effect is no term of the model, or only tests at different forces separate it.
+    The effect is no term of the model, or only tests at different forces separate it from the
+    parameters.
 
     Parameters
     ----------
@@ -252,7 +275,7 @@ def standing_degeneracies(bound: BoundModel, aliases: Sequence[Degeneracy]) -> t
 
 
 def _compliances_of_kind(bound: BoundModel, kind: str) -> tuple[str, ...]:
-    """Return the names of compliances of one kind."""
+    """Return the names of the model's compliances of one kind, such as ``direct``."""
     return tuple(name.label for name in bound.compliances if name.kind == kind)
 
 
@@ -262,10 +285,10 @@ def _modelled_terms(bound: BoundModel) -> set[str]:
 
 
 def _like_friction(bound: BoundModel) -> tuple[str, ...]:
-    """Return cross compliances whose pattern looks like friction.
+    """Return the cross compliances that friction can be mistaken for.
 
-    Friction has the pattern of a cross compliance, with a sign that changes with the direction of
-    travel. It is hidden where this pattern is a combination of the parameters' patterns.
+    Friction changes the readings like a cross compliance, but with a sign that changes with the
+    direction of travel. It is hidden where the parameters together can cause the same change.
     """
     directions = {test.name: test.direction for test in bound.campaign.tests}
     sign = np.where([directions[name] == "CCW" for name in bound.test_names], -1.0, 1.0)
@@ -293,7 +316,10 @@ def _like_drift(bound: BoundModel) -> tuple[str, ...]:
 
 
 def _like_curvature(bound: BoundModel) -> tuple[str, ...]:
-    """Return direct compliances whose slopes look like a nonlinear mount or force device."""
+    """Return direct compliances whose slopes look like a nonlinear mount or force device.
+
+    There are none unless two or more direct compliances all have slopes.
+    """
     direct = _compliances_of_kind(bound, "direct")
     if len(direct) > 1 and all(f"{label}_1" in bound.names for label in direct):
         return direct
@@ -303,7 +329,7 @@ def _like_curvature(bound: BoundModel) -> tuple[str, ...]:
 def _like_lobes(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[str, ...]:
     """Return rotations by a moment that look like a four-lobed form error of the balls.
 
-    Only tests at different forces separate the two.
+    Only tests at different forces separate the rotation from the form error.
     """
     once = not bound.setting.two_balls and len(set(bound.setting.radius_mm)) == 1
     if not once or bound.campaign.force_levels <= 1:
@@ -321,9 +347,10 @@ def _like_lobes(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[str, 
 
 
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
-    """Return parameters and nuisances that tests share.
+    """Return the parameters, and all nuisance coefficients that tests share.
 
-    Nuisances are those of the model, and those that its preset has and the model leaves out.
+    The nuisance coefficients are those of the model's terms, and those of terms that the model's
+    preset has but the model leaves out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
     terms = {**_edition_terms(bound), **modelled}
@@ -361,10 +388,10 @@ def _edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
 
 
 def _effects(bound: BoundModel, columns: Array) -> Array:
-    """Return the change of readings per unit of each coefficient, shape (k, m) [mm].
+    """Return the change of k readings per unit of each of m coefficients, shape (k, m) [mm].
 
-    There are m coefficients, and a row for each of k readings: each test at its own angles, of
-    which at most ``_MOST_ANGLES`` are used.
+    ``columns`` has the shape (tests, 25, m). The readings are those of each test at its own angles,
+    of which at most ``_MOST_ANGLES`` are used.
     """
     tests = {test.name: test for test in bound.campaign.tests}
     rows = []

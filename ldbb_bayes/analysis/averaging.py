@@ -4,9 +4,11 @@ The averaged posterior is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the po
 M, weighted by the posterior probability of the model given the readings y. β are the parameters
 (compliances, their slopes and geometric errors), φ the hyper-parameters (the scales of the noise
 and of other effects). The models differ in whether compliance changes with force (slopes), and in
-what else may explain such a change (rival explanations). Every combination has the same prior
-probability, as in `explanations`. A coefficient that a model lacks is zero in the draws of that
-model, so that the share of zeros is the probability that the coefficient is zero (Hoeting, Madigan,
+what else may explain such a change (rival explanations).
+
+Every model with every subset of rival explanations has the same prior probability, as in
+`explanations`. A parameter that a model lacks is zero in the draws of that model. The share of
+zeros among all draws is therefore the probability that the parameter is zero (Hoeting, Madigan,
 Raftery and Volinsky 1999).
 """
 
@@ -41,18 +43,21 @@ if TYPE_CHECKING:
 
 __all__ = ["average"]
 
-# Number of chains into which the independent draws are divided, because diagnostics expect chains.
+# Number of chains into which the independent random draws are divided, because the diagnostics of
+# ArviZ expect several chains.
 _CHAINS = 4
-# Least number of draws that may be asked for.
+# Least number of posterior draws that a caller may ask for.
 _FEWEST_DRAWS = 400
-# The error of the evidence of a model with a posterior probability below this does not matter.
+# A model with a posterior probability below this is negligible: the error of its evidence is
+# ignored.
 _NEGLIGIBLE_PROBABILITY = 1e-3
-# Largest error of a log evidence at which the weights of models can be trusted [nat].
+# Largest error of a log evidence [nat] at which the posterior probabilities of models can be
+# trusted.
 _LARGEST_ERROR = 0.1
 
 
 class _Combination(NamedTuple):
-    """The name of a model, and the rival explanations of slopes that it includes."""
+    """The name of a model, and the rival explanations of slopes that it includes here."""
 
     name: str
     rivals: tuple[str, ...]
@@ -62,7 +67,9 @@ class _Combination(NamedTuple):
 class _WeightedModels:
     """Models with their posterior probabilities.
 
-    ``bound`` is the largest model, bound to the campaign.
+    ``combinations`` are the names and rival explanations of the models, ``nodes`` their weighted
+    nodes over the hyper-parameters. ``probability``, shape (models,), sums to one. ``bound`` is the
+    largest model, bound to the campaign.
     """
 
     combinations: tuple[_Combination, ...]
@@ -72,7 +79,7 @@ class _WeightedModels:
 
     @property
     def bounds(self) -> list[BoundModel]:
-        """Return the bound model of each combination."""
+        """Return each model bound to the campaign."""
         return [nodes.bound for nodes in self.nodes]
 
     @property
@@ -217,7 +224,7 @@ def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
 
 
 def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _WeightedModels:
-    """Return every model with every subset of its rival explanations, and the probabilities."""
+    """Return each model with each subset of its rival explanations, and their probabilities."""
     combinations = []
     variants = []
     for name, model in models.items():
@@ -239,7 +246,7 @@ def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _W
 
 
 def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
-    """Refuse a model that is not the largest with some parameters fixed at zero."""
+    """Refuse a model that is not the largest model with some parameters fixed at zero."""
     same_terms = bound.hyper_prior.names == largest.hyper_prior.names
     fewer_parameters = set(bound.names) <= set(largest.names)
     same_force = bound.setting.reference_force_N == largest.setting.reference_force_N
@@ -254,9 +261,9 @@ def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
 def _draw_posteriors(
     weighted: _WeightedModels, size: int, rng: np.random.Generator
 ) -> tuple[Array, list[ModelDraws]]:
-    """Return the index of the model of every draw, and the draws of each model that has any.
+    """Return the model's index of every posterior draw, and the draws of each model that has any.
 
-    The number of draws of a model is its probability times ``size``, to within less than one.
+    The number of draws of a model differs from its probability times ``size`` by less than one.
     """
     cumulative = np.append(0.0, np.cumsum(weighted.probability) / weighted.probability.sum())
     ends = np.floor(cumulative * size + rng.random()).astype(int)
@@ -272,7 +279,7 @@ def _draw_posteriors(
 def _draw_priors(
     weighted: _WeightedModels, draws: int, rng: np.random.Generator
 ) -> list[ModelDraws]:
-    """Return draws of each model's prior, the same number for every model."""
+    """Return random draws from the prior of each model, the same number for every model."""
     size = -(-draws // len(weighted.nodes))
     draws_of_models = []
     for bound in weighted.bounds:
@@ -282,9 +289,9 @@ def _draw_priors(
 
 
 def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tuple[Array, Array]:
-    """Return n draws of β, shape (n, p), and of φ, shape (n, h), model after model.
+    """Return all n draws of parameters β, shape (n, p), and hyper-parameters φ, shape (n, h).
 
-    β is zero where a model lacks a parameter.
+    The draws of the models follow one another. β is zero where a model lacks a parameter.
     """
     pooled_beta = []
     for draws_of_model in draws_of_models:
@@ -299,7 +306,10 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
 
 
 def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[str, Array]:
-    """Return the log densities of all draws, by name, in the given order of the draws."""
+    """Return the log densities of the draws of all models, by name of the density.
+
+    ``order`` holds the indices of the draws in the wanted order, shape (chains, draws).
+    """
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}
     for name in by_model[0]:
@@ -310,8 +320,8 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
     """Return ln P(T | y) of the most probable model, and its error [nat].
 
-    T is the event that no compliance is negative; P(T | y) is its probability in the posterior
-    that does not require it.
+    T is the truncation: no compliance is negative. P(T | y) is the probability of T in the
+    posterior that does not require it.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.plain.mode
@@ -319,7 +329,11 @@ def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
 
 
 def _free_coordinates(beta: Array, phi: Array) -> Array:
-    """Return β and φ, those that are not constant, shape (chains, draws, at most p + h)."""
+    """Return parameters β and hyper-parameters φ that are not constant over the draws.
+
+    β has the shape (chains, draws, p), φ the shape (chains, draws, h). The result has the shape
+    (chains, draws, at most p + h).
+    """
     coordinates = np.concatenate([beta, phi], axis=2)
     return coordinates[:, :, np.ptp(coordinates, axis=(0, 1)) > 0.0]
 
@@ -329,7 +343,8 @@ def _averaged_prior(
 ) -> dict[str, dict[str, float]]:
     """Return prior sd and mean of every parameter, averaged over equally probable models.
 
-    ``prior_sd`` has the prior sds of the largest model; those of hyper-parameters stay the same.
+    ``prior_sd`` has the prior standard deviations of the largest model. Those of the
+    hyper-parameters are returned unchanged.
     """
     names = weighted.bound.names
     moments = np.zeros((2, len(names)))
@@ -346,9 +361,9 @@ def _averaged_prior(
 
 
 def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
-    """Return the models with their probabilities, for the record.
+    """Return the models with their probabilities, for the record of the averaged posterior.
 
-    The probability of each name and of each rival explanation is included.
+    The result also has the total probability of each model name and of each rival explanation.
     """
     models = []
     for combination, nodes, probability in zip(

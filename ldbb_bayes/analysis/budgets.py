@@ -1,16 +1,16 @@
 """Uncertainty budgets of the parameters, in the form of the GUM.
 
-A budget lists the contributors to the uncertainty of one parameter: the standard uncertainty,
-sensitivity and share of each. Nuisance coefficients are effects that are modelled but not of
-interest; hyper-parameters φ are the scales of the noise and of other effects; truncation means that
-compliances must not be negative.
+A budget lists the contributors to the uncertainty of one parameter, and for each the standard
+uncertainty, the sensitivity and the share of the variance. Nuisance coefficients are effects that
+are modelled but not of interest; hyper-parameters φ are the scales of the noise and of other
+effects; truncation means that compliances must not be negative.
 
-Given φ, the estimation error of the parameters is a sum of independent parts, one for every source:
-the deviation of a nuisance coefficient from its prior mean, a noise of the readings, or the
-deviations of the parameters from their own prior means. The shares of the sources in the posterior
-variance (`Information.shares`) sum to one. The variance is that of the posterior draws and includes
-the truncation and the uncertainty of φ; without these two, the share of source s is the GUM's
-u_s²(y) / u²(y).
+Given φ, the estimation error of the parameters is a sum of independent parts, one for every source.
+A source is the deviation of a nuisance coefficient from its prior mean, a noise of the readings, or
+the deviation of the parameters from their own prior means. The shares of the sources in the
+posterior variance (`Information.shares`) sum to one. The variance is that of the posterior draws
+and includes the truncation and the uncertainty of φ. Without these two, the share of source s in
+the variance of a parameter y is u_s²(y) / u²(y), as in the GUM.
 """
 
 from __future__ import annotations
@@ -38,63 +38,68 @@ __all__ = ["Budget", "Contribution", "budget_uncertainty"]
 
 Kind = Literal["A", "B"]
 
-# A nuisance coefficient with a share of the variance below this has no line of its own.
+# A nuisance coefficient whose share of the variance is below this has no line of its own in a
+# budget.
 _LISTED_SHARE = 1e-3
-# Where terms of type B together have more than this share of the variance, the heaviest term is
-# chosen among them.
+# Where the terms evaluated by other means than statistics (type B of the GUM) together have more
+# than this share of the variance, the heaviest term is chosen among them.
 _MAJORITY = 0.5
 
 
 @dataclass(frozen=True)
 class Contribution:
-    """One line of a budget."""
+    """One line of an uncertainty budget: the contribution of one source to one parameter."""
 
-    #: a nuisance coefficient, the small coefficients of a term together ("other …"), a noise, or
-    #: ``Parameters`` for the parameters' own priors
+    #: name of the source: a nuisance coefficient, the small coefficients of one term together
+    #: ("other …"), a noise of the readings, or ``Parameters`` for the parameters' own priors
     source: str
     term: str  #: model term that the source belongs to
-    kind: Kind  #: evaluated from the readings' scatter (A), or by other means (B): GUM 2.3.2, 2.3.3
-    #: standard uncertainty of the source [``unit``]; None for several coefficients together
+    #: evaluation (GUM 2.3.2, 2.3.3): "A" from the scatter of the readings, "B" by other means
+    kind: Kind
+    #: standard uncertainty of the source, in the unit ``unit``; None for several coefficients
+    #: together
     u: float | None
-    unit: str  #: unit of the source
-    #: change of the parameter's estimate per unit of the source; for noise the contribution over
-    #: ``u``, without sign
+    unit: str  #: unit of the source's standard uncertainty ``u``
+    #: change of the parameter's estimate per unit of the source; for noise, ``contribution`` over
+    #: ``u``, without a sign
     sensitivity: float | None
-    #: part of the parameter's standard uncertainty due to the source [unit of the parameter]
+    #: standard uncertainty of the parameter due to this source alone, in the parameter's unit
     contribution: float
     share: float  #: share of the source in the parameter's variance
 
 
 @dataclass(frozen=True)
 class Budget(Result):
-    """The budget of one parameter.
+    """The uncertainty budget of one parameter.
 
-    ``contributions`` are its lines, the largest share first; the shares sum to one.
+    ``contributions`` are the lines of the budget, the largest share first; the shares sum to one.
     """
 
     parameter: str
     unit: str
     u: float  #: standard uncertainty of the parameter: its posterior standard deviation
     contributions: tuple[Contribution, ...]
-    #: term with the largest share; chosen among terms of type B where these have more than half
+    #: model term with the largest share of the variance; chosen among terms of type B (GUM 2.3.3)
+    #: where these have more than half of the variance
     heaviest: str
-    #: standard uncertainty of the parameter if the heaviest term were known exactly; None where
-    #: that term cannot be known: noise of the readings, and the parameters' own priors
+    #: standard uncertainty of the parameter if the term ``heaviest`` were known exactly; None where
+    #: that term cannot be known, as the noise of the readings or the parameters' own priors
     u_if_known: float | None
 
     def share(self, term: str) -> float:
-        """Return the share of a whole term in the parameter's variance."""
+        """Return the share of one model term, with all its sources, in the parameter's variance."""
         return sum(line.share for line in self.contributions if line.term == term)
 
 
 @dataclass(frozen=True)
 class _PosteriorVariance:
-    """The posterior variance of all p parameters, and where it comes from.
+    """The posterior variance of all p parameters, and the sources that it comes from.
 
     ``covariance``, shape (m, m), is that of all m coefficients (parameters and nuisances) at the
-    mean hyper-parameters, in units of the prior sd. ``shares`` are the shares of each source and
-    term in the variances of the parameters, shape (p,); ``variance_if_known`` the variances of the
-    parameters if a term were known, shape (p,); ``phi`` the mean hyper-parameters [mm].
+    mean hyper-parameters ``phi`` [mm], in units of the prior standard deviations. ``shares`` are
+    the shares of the parameters' variances, shape (p,), by names of source and term.
+    ``variance_if_known`` are the variances of the parameters, shape (p,), if the term of this name
+    were known exactly.
     """
 
     bound: BoundModel
@@ -106,7 +111,7 @@ class _PosteriorVariance:
 
 
 class _NoiseSource(NamedTuple):
-    """Type, standard uncertainty and unit of a noise.
+    """Type (A or B of the GUM), standard uncertainty and unit of a noise of the readings.
 
     ``u`` is None where several noises are taken together.
     """
@@ -207,7 +212,11 @@ def _contributions(variance: _PosteriorVariance, i: int, u: float) -> tuple[Cont
 def _coefficient_line(
     variance: _PosteriorVariance, i: int, source: str, term: str, share: float, u: float
 ) -> Contribution:
-    """Return the line of one nuisance coefficient."""
+    """Return the line of one nuisance coefficient in the budget of parameter i.
+
+    ``share`` is the share of the coefficient in the parameter's variance; ``u`` is the standard
+    uncertainty of the parameter.
+    """
     information = variance.information
     row = information.interest[i]
     column = information.names.index(source)
@@ -229,7 +238,10 @@ def _contribution(
     unit: str = "",
     sign: float = 1.0,
 ) -> Contribution:
-    """Return the line of a source from its share and the standard uncertainty u of a parameter."""
+    """Return the line of a source in a budget, from its share of the parameter's variance.
+
+    ``u`` is the standard uncertainty of the parameter, ``source_u`` that of the source.
+    """
     contribution = float(np.sqrt(max(share, 0.0))) * u
     sensitivity = None
     if source_u is not None:
@@ -247,7 +259,7 @@ def _contribution(
 
 
 def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
-    """Return type, u and unit of a noise of the readings, or of the parameters' own priors."""
+    """Return type, standard uncertainty and unit of a noise, or of the parameters' own priors."""
     if term == NOISE:
         return _NoiseSource("A", phi["sigma"], "mm")
     columns: Sequence[Columns | BasisNoise] = ()
@@ -268,10 +280,10 @@ def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _No
 
 
 def _heaviest_term(contributions: Sequence[Contribution]) -> str:
-    """Return the term with the largest share.
+    """Return the model term with the largest share of the variance.
 
-    Where terms of type B have more than half of the variance, return the largest of these: more
-    circles would not reduce them.
+    Where terms of type B (GUM 2.3.3) have more than half of the variance, return the largest of
+    these: more circles would not reduce them.
     """
     shares: dict[str, float] = {}
     for line in contributions:
@@ -285,7 +297,10 @@ def _heaviest_term(contributions: Sequence[Contribution]) -> str:
 def _uncertainty_if_known(
     variance: _PosteriorVariance, i: int, term: str, u: float
 ) -> float | None:
-    """Return the standard uncertainty if a term were known exactly; None if it cannot be known."""
+    """Return the uncertainty of parameter i if a term were known; None if it cannot be known.
+
+    ``u`` is the present standard uncertainty of the parameter.
+    """
     if term not in variance.variance_if_known:
         return None
     row = variance.information.interest[i]

@@ -30,9 +30,9 @@ from ldbb_bayes.results import Array, Numbers, Result, readable
 
 __all__ = ["LOG_LIKELIHOOD", "Validation", "calibrate"]
 
-# Name of the log likelihood among the ranked quantities.
+# Name of the log likelihood among the quantities that calibration ranks.
 LOG_LIKELIHOOD = "log_likelihood"
-# Probabilities of the intervals whose coverage is reported.
+# Probabilities of the credible intervals whose coverage is reported.
 _INTERVALS = (0.5, 0.8, 0.95)
 _MIN_REPLICATES = 10
 _MIN_DRAWS = 9
@@ -52,29 +52,32 @@ class Validation(Result):
     ['50', 'u50', '80', 'u80', '95', 'u95']
     """
 
-    names: tuple[str, ...]  #: parameters, hyper-parameters, and ``log_likelihood``
-    #: ranks of the true values, 0 … ``draws``, shape (replicates, quantities); uniformly
-    #: distributed if the posterior is calibrated
+    names: tuple[str, ...]  #: names of parameters and hyper-parameters, and ``log_likelihood``
+    #: number of posterior draws below each true value, 0 … ``draws``, shape (replicates,
+    #: quantities); uniformly distributed if the posterior is calibrated
     ranks: Numbers
-    draws: int  #: number of posterior draws of each replicate
-    sampler: str  #: method of drawing from the posterior: joint or independent
-    prob: float  #: probability that all ranks of all quantities lie inside their bands
-    #: error messages of replicates that gave no draws; these replicates have no ranks
+    draws: int  #: number of posterior draws in each replicate
+    sampler: str  #: method of drawing from the posterior: ``joint`` or ``independent``
+    #: probability, if calibrated, that the ranks of all quantities stay inside their bands
+    prob: float
+    #: error messages of replicates whose posterior could not be sampled; these replicates have no
+    #: ranks
     failures: tuple[str, ...]
     #: indices of the rows of ``ranks`` whose draws come from the sampler emcee, because the weights
-    #: of independent draws could not be trusted
+    #: of independent draws could not be trusted there
     by_emcee: tuple[int, ...] = ()
 
     @property
     def replicates(self) -> int:
-        """Number of replicates with ranks."""
+        """Number of simulated replicates that have ranks."""
         return len(self.ranks)
 
     @cached_property
     def band(self) -> tuple[Array, Array]:
-        """Lower and upper limit of `ecdf` for one quantity, shape (draws,) each.
+        """Lower and upper limit of the distribution `ecdf` of one quantity, shape (draws,) each.
 
-        If calibrated, all quantities stay inside their bands together with probability ``prob``.
+        If the posterior is calibrated, all quantities stay inside this band together with
+        probability ``prob``.
         """
         prob_of_one = self.prob ** (1.0 / len(self.names))
         return simultaneous_band(self.replicates, self.draws, prob_of_one)
@@ -83,8 +86,8 @@ class Validation(Result):
     def pit(self) -> xr.DataTree:
         """The ranks scaled to 0 … 1 in ArviZ's group ``prior_sbc``, for ``plot_ecdf_pit``.
 
-        A scaled rank is (rank + ½) / (draws + 1). Each replicate takes the place of a draw in
-        ArviZ's layout.
+        A scaled rank is (rank + ½) / (draws + 1). Each replicate stands where ArviZ's layout has a
+        random draw.
         """
         shares = (self.ranks + 0.5) / (self.draws + 1.0)
         data = {
@@ -111,7 +114,7 @@ class Validation(Result):
 
     @cached_property
     def outside(self) -> tuple[str, ...]:
-        """Names of the quantities whose ranks leave the band."""
+        """Names of the quantities whose distribution of ranks leaves the band."""
         lower, upper = self.band
         outside = []
         for name in self.names:
@@ -122,24 +125,24 @@ class Validation(Result):
 
     @property
     def calibrated(self) -> bool:
-        """Whether all ranks stay inside the band and no replicate failed."""
+        """Whether the ranks of all quantities stay inside the band and no replicate failed."""
         return not self.outside and not self.failures
 
     def coverage(self) -> pd.DataFrame:
-        """Return the share of true values inside their equal-tailed intervals.
+        """Return the share of true values that lie inside their equal-tailed intervals.
 
         Returns
         -------
         pandas.DataFrame
-            One row per quantity. Columns 50, 80 and 95, named by the nominal probability of the
-            interval in per cent, have the shares; u50, u80 and u95 their binomial standard errors
-            if calibrated.
+            One row per quantity. Columns 50, 80 and 95 are named by the nominal probability of the
+            interval in per cent and hold the shares. Columns u50, u80 and u95 hold the binomial
+            standard errors of these shares for a calibrated posterior.
         """
         distance = np.abs(2 * self.ranks - self.draws)
         table = pd.DataFrame(index=list(self.names))
         for prob in _INTERVALS:
             limit = prob * (self.draws + 1)
-            # A rank at the very end of the interval counts half.
+            # A rank exactly at an end of the interval counts half.
             inside = 0.5 * (distance < limit - 1e-9) + 0.5 * (distance < limit + 1e-9)
             table[_percent(prob)] = inside.mean(axis=0)
             table[f"u{_percent(prob)}"] = np.sqrt(prob * (1.0 - prob) / self.replicates)
@@ -282,7 +285,7 @@ def calibrate(
 
 
 class _Study(NamedTuple):
-    """Settings that all replicates have in common."""
+    """Settings of a calibration that all replicates have in common."""
 
     model: HybridModel
     generator: HybridModel
@@ -292,10 +295,10 @@ class _Study(NamedTuple):
 
 
 class _Ranks(NamedTuple):
-    """Ranks in one replicate."""
+    """Ranks of the true values in one simulated replicate."""
 
-    ranks: Array  # ranks of the true values, shape (quantities,)
-    by_emcee: bool  # whether the sampler emcee replaced independent draws
+    ranks: Array  # numbers of draws below each true value, shape (quantities,)
+    by_emcee: bool  # whether the draws are emcee's, instead of independent
 
 
 def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> _Ranks | str:

@@ -1,4 +1,8 @@
-"""Columns of the design matrix for the circle of one test, at any force."""
+"""Columns of the design matrix for the circle of one test, at any force.
+
+A circle is described by 25 Fourier coefficients of its radial deviation. A column holds their
+changes per unit of one parameter.
+"""
 
 from __future__ import annotations
 
@@ -24,28 +28,28 @@ __all__ = [
     "squareness_name",
 ]
 
-# Angles at which paths are stated, 0°, 1° … 359°.
+# Angles at which tool paths are evaluated [rad]: 0°, 1° … 359°.
 ANGLE_RAD = np.arange(360) * (np.pi / 180.0)
-# Indices of cos 2θ and sin 2θ among the Fourier coefficients.
+# Indices of cos 2θ and sin 2θ among the 25 Fourier coefficients of a circle.
 COS2, SIN2 = harmonic_index(2)
 
 
 class MachineColumns(NamedTuple):
-    """Fourier coefficients of one circle per unit of each parameter."""
+    """Changes of the 25 Fourier coefficients of one circle per unit of each of p parameters."""
 
-    elastic: Array  #: columns of compliances and slopes, shape (25, p)
-    geometric: Array  #: columns of geometric errors, shape (25, p)
+    elastic: Array  #: zero but for compliances and slopes, shape (25, p)
+    geometric: Array  #: zero but for geometric errors, shape (25, p)
 
 
 class SecondOrderFactors(NamedTuple):
-    """Scale mismatch and squareness per second harmonic of a circle [µm/m per µm]."""
+    """Scale mismatch and squareness per amplitude of a circle's second harmonic [µm/m per µm]."""
 
     scale_mismatch: float  #: scale mismatch per amplitude of cos 2θ
     squareness: float  #: squareness per amplitude of sin 2θ
 
 
 def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns:
-    """Return the columns of the parameters on the circle of test r, at any force."""
+    """Return the effects of the parameters on the circle of test r, at any force."""
     geometric = np.array([parameter.group == "geometric" for parameter in bound.parameters])
     elastic = force_N * bound.setting.wrench[r] @ bound.compliance_at(force_N)
     return MachineColumns(elastic, np.where(geometric, bound.interest[r], 0.0))
@@ -59,7 +63,7 @@ def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:
 
 
 def _squareness_index(bound: BoundModel, r: int) -> int:
-    """Return which geometric error is the squareness of the plane of test r."""
+    """Return the index of the geometric error that is the squareness of the plane of test r."""
     sin2 = bound.setting.geometric[r][SIN2]
     for j, error in enumerate(geometric_errors_of(bound.campaign)):
         if error.kind == "squareness" and sin2[j] != 0.0:
@@ -68,7 +72,7 @@ def _squareness_index(bound: BoundModel, r: int) -> int:
 
 
 def squareness_name(bound: BoundModel, plane: str) -> str:
-    """Return the name of the squareness error of a plane, such as E_C0YX."""
+    """Return the name of the squareness error of a plane, such as ``E_C0YX``."""
     index = _squareness_index(bound, first_circle(bound, plane))
     return geometric_errors_of(bound.campaign)[index].label
 
@@ -79,5 +83,5 @@ def first_circle(bound: BoundModel, plane: str) -> int:
 
 
 def offsets(bound: BoundModel) -> Array:
-    """Return which parameters are offsets of the tool ball, shape (p,)."""
+    """Return whether each parameter is an offset of the tool ball, shape (p,)."""
     return np.array([name.startswith("E_") and name[3] == "t" for name in bound.names])

@@ -1,8 +1,8 @@
 """Circular-test quantities of ISO 230-4 for the machine's own tool path, without the instrument.
 
-Radial deviations are small compared with the radius R, so that a shift of the centre by (a, b)
-lowers them by a cos θ + b sin θ. The error of this approximation is e²/2R for an eccentricity e:
-0.01 µm for a circle that is 50 µm off centre.
+Radial deviations are small compared with the radius R. A shift of the circle's centre by (a, b)
+therefore lowers the deviation at angle θ by a cos θ + b sin θ. The error of this approximation is
+e²/2R for an eccentricity e: 0.01 µm for a circle that is 50 µm off centre.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ __all__ = [
     "summarise_draws",
 ]
 
-# Units of the quantities of every tool path, of planes run both ways, and of minimum zones.
+# Units of circular-test quantities by name: those of every tool path, those of planes run both
+# clockwise and counterclockwise, and those about the centre of the minimum zone.
 QUANTITIES = {
     "G": "µm",
     "F_max": "µm",
@@ -59,9 +60,10 @@ QUANTITIES = {
 }
 BIDIRECTIONAL = {"G_b": "µm", "D": "µm"}
 MINIMUM_ZONES = {"G_minimum_zone": "µm", "G_b_minimum_zone": "µm"}
-# Indices of the Fourier coefficients other than radius and centre.
+# Whether each of the 25 Fourier coefficients is kept when radius and centre are removed.
 _CENTRED = np.arange(SIZE) >= 3
-# Names of the coefficients of hysteresis: the constant part, and that proportional to force.
+# Patterns of the names of hysteresis coefficients: those of the part independent of force, and
+# those of the part proportional to force.
 _CONSTANT_HYSTERESIS = re.compile(r"hysteresis_(?!force)")
 _PROPORTIONAL_HYSTERESIS = re.compile("hysteresis_force")
 
@@ -128,10 +130,10 @@ def predict_circularity(
 class PathDraws(NamedTuple):
     """Posterior draws of the quantities of a tool path in one plane at one force."""
 
-    place: dict[str, Any]  #: plane, radius_mm and force_N
+    place: dict[str, Any]  #: plane, radius and force, under plane, radius_mm and force_N
     quantities: dict[
         str, Array
-    ]  #: draws by the names of `predict_circularity`, shape (draws,) each
+    ]  #: posterior draws of each quantity of `predict_circularity`, by name, shape (draws,)
 
 
 def path_draws(
@@ -163,7 +165,8 @@ def path_draws(
 def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Array]:
     """Return deviations, squareness and scale mismatch of a tool path, each of shape (draws,).
 
-    ``path_um``, shape (draws, 25), holds the Fourier coefficients of the path of test ``r``.
+    ``path_um``, shape (draws, 25), holds posterior draws of the Fourier coefficients of the radial
+    deviation on the circle of test ``r``.
     """
     factors = second_order_factors(bound, r)
     trace = np.where(_CENTRED, path_um, 0.0) @ basis(ANGLE_RAD).T
@@ -177,9 +180,11 @@ def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Arr
 
 
 def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict[str, Array]:
-    """Return the quantities of both directions, from their mean and half their difference.
+    """Return the quantities of both directions of travel, from their mean and half difference.
 
-    The least-squares centre common to both paths is that of their mean.
+    ``path_um`` is the mean of the two tool paths and ``half_difference_um`` half their difference,
+    as Fourier coefficients of shape (draws, 25). Both paths are taken about the least-squares
+    centre of their mean.
     """
     centred = np.where(_CENTRED, path_um, 0.0)
     clockwise = (centred + half_difference_um) @ basis(ANGLE_RAD).T
@@ -189,7 +194,7 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
 
 
 def summarise_draws(values: Array, prob: float) -> dict[str, float]:
-    """Return sd, median and the ends of the equal-tailed interval of draws, as columns."""
+    """Return sd, median and both ends of the equal-tailed interval of draws, by column name."""
     low, median, high = np.quantile(values, [0.5 - 0.5 * prob, 0.5, 0.5 + 0.5 * prob])
     return {
         "sd": float(values.std()),
@@ -212,7 +217,11 @@ class _Hysteresis(NamedTuple):
 def _draw_hysteresis(
     bound: BoundModel, draws_of_models: Sequence[ModelDraws]
 ) -> dict[str, _Hysteresis]:
-    """Return random draws of hysteresis for each plane run both ways, model after model."""
+    """Return random draws of hysteresis for each plane run in both directions.
+
+    Hysteresis is half the difference between the directions. The draws of the models of an average
+    follow one another.
+    """
     if not bound.setting.both_ways:
         return {}
     by_model = [_draw_hysteresis_of_model(model_draws) for model_draws in draws_of_models]

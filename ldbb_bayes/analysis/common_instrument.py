@@ -1,9 +1,10 @@
 """The difference of two campaigns that were run with the same instrument.
 
-Bar, balls, mount and force device are the same in both, so that their errors largely cancel in the
-difference. Their nuisance coefficients (effects that are modelled but not of interest) are common
-to both campaigns, and the prior of these coefficients counts only once. β are the parameters of
-interest; φ are the hyper-parameters (the scales of the noise and of other effects).
+Bar, balls, mount and force device are the same in both campaigns, so that their errors largely
+cancel in the difference. Their nuisance coefficients (effects that are modelled but not of
+interest) are common to both campaigns, and the prior of these coefficients counts only once. β are
+the p parameters of interest; φ are the h hyper-parameters (the scales of the noise and of other
+effects).
 """
 
 from __future__ import annotations
@@ -25,28 +26,31 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
-# The readings inform about a coefficient where they lower its variance by at least this share of
-# the variance that remains.
+# The readings count as informative about a coefficient where they lower its variance by at least
+# this share of the variance that remains.
 _LEAST_INFORMATION = 0.05
-# Hyper-parameters of the instrument: scale of the balls' form errors, and its decay with the
-# Fourier order.
+# Names of the hyper-parameters of the instrument: the scale of the balls' form errors, and the
+# decay of this scale with the number of waves per turn.
 _INSTRUMENT_HYPERS = ("tau", "decay")
 
 
 class Conflict(NamedTuple):
-    """The instrument's coefficient about which two campaigns disagree most."""
+    """The coefficient of a common instrument about which two campaigns disagree most."""
 
     coefficient: str
-    p_value: float  #: multiplied by the number of coefficients compared (Bonferroni)
+    #: probability of a larger disagreement by chance, times the number of coefficients compared
+    #: (Bonferroni)
+    p_value: float
 
 
 class JointDifference(NamedTuple):
     """Joint estimate of the compared parameters of both campaigns, and their difference."""
 
     means: Array  #: posterior means in both campaigns, shape (2, names)
-    difference: Array  #: mean of second minus first campaign, shape (names,)
+    difference: Array  #: posterior mean of second minus first campaign, shape (names,)
     sd: Array  #: standard uncertainty of the difference, shape (names,)
-    #: None where there is no coefficient that the readings of both campaigns inform about
+    #: common coefficient about which the campaigns disagree most; None where the readings of both
+    #: campaigns are informative about no common coefficient
     conflict: Conflict | None
 
 
@@ -54,14 +58,14 @@ class _Campaign(NamedTuple):
     """The coefficients of one campaign, given its hyper-parameters."""
 
     information: Information
-    names: list[str]  #: names of the coefficients
-    mean: Array  #: posterior means of the coefficients
+    names: list[str]  #: names of the parameters and shared nuisance coefficients
+    mean: Array  #: posterior means of the coefficients in ``names``
 
 
 def joint_difference(
     bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array]
 ) -> JointDifference:
-    """Return the difference of two campaigns run with one instrument.
+    """Return the difference of two campaigns run with the same instrument.
 
     Parameters
     ----------
@@ -70,8 +74,8 @@ def joint_difference(
     phi : sequence of ndarray
         Hyper-parameters of each campaign, shape (h,) [mm].
     rows : sequence of ndarray
-        Matrix of each campaign, shape (names, p), that maps β, shape (p,), to the compared
-        parameters.
+        Matrix of each campaign, shape (names, p), that maps its parameters β, shape (p,), to the
+        compared parameters, shape (names,).
     """
     if _several_clockings(bounds):
         bounds = [bound.with_two_balls() for bound in bounds]
@@ -126,7 +130,7 @@ def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
 
 
 def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Array]:
-    """Return both φ with those of the instrument replaced by the mean over the campaigns."""
+    """Return the hyper-parameters of both campaigns, with means for those of the instrument."""
     shared = [values.copy() for values in phi]
     for name in _INSTRUMENT_HYPERS:
         if any(name not in bound.hyper_prior.names for bound in bounds):
@@ -141,7 +145,7 @@ def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Ar
 def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     """Return the information about a campaign's coefficients, and their posterior means.
 
-    ``phi`` are the hyper-parameters, shape (h,) [mm].
+    ``phi`` are the hyper-parameters of the campaign, shape (h,) [mm].
     """
     information = information_of(bound, phi)
     # The bar length is common to both campaigns only if their radii are the same.
@@ -169,7 +173,8 @@ def _places(
 ) -> list[int]:
     """Return the indices of a campaign's coefficients in the joint list of both campaigns.
 
-    The coefficients of the first campaign come first; those that only the second has follow.
+    The coefficients of the first campaign come first in that list. Those that only the second
+    campaign has follow.
     """
     if is_first:
         return list(range(len(campaign.names)))
@@ -194,8 +199,8 @@ def worst_conflict(
     """Return the coefficient about which the readings of two campaigns disagree most.
 
     The readings y alone, without the prior, estimate a coefficient ν with the standard uncertainty
-    1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior variance. The estimates of both campaigns
-    must agree within their uncertainties.
+    1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior variance of ν. The estimates from the two
+    campaigns must agree within their uncertainties.
 
     Parameters
     ----------
@@ -204,14 +209,14 @@ def worst_conflict(
     names : sequence of sequence of str
         All coefficients of each campaign.
     information : sequence of Information
-        Information of each campaign.
+        Information about the coefficients of each campaign.
     means : sequence of ndarray
         Posterior means of the coefficients of each campaign.
 
     Returns
     -------
     Conflict or None
-        None where there is no coefficient that the readings of both campaigns inform about.
+        None where the readings of both campaigns are informative about no common coefficient.
     """
     scales = []
     variances = []
@@ -239,9 +244,10 @@ def worst_conflict(
 
 
 def _posterior_mean(bound: BoundModel, phi: Array) -> Array:
-    """Return the posterior mean of parameters and of nuisances that tests share, given φ.
+    """Return the posterior mean of parameters, and of nuisances that tests share, given φ.
 
-    The coefficients are in the order of `information_of`.
+    φ are the hyper-parameters, shape (h,) [mm]. The coefficients are in the order of
+    `information_of`.
     """
     beta = bound.given(phi[None])[1].mean[0]
     has_shared_nuisances = any(

@@ -4,13 +4,13 @@ The posterior probability of a model M given the readings y is p(M | y) ∝ p(y 
 evidence p(y | M) is the density of the readings under the model, averaged over the prior of its
 parameters; it is computed by quadrature. The ratio of two evidences is the Bayes factor B; ln B is
 stated in nats (1 nat is a factor e). The comparison is repeated under other assumptions, and every
-test is predicted from the other tests. All models see the same readings, and have the same priors
-for the parameters that they share.
+test is predicted from the other tests. All models are given the same readings, and have the same
+priors for the parameters that they share.
 
-The elpd (expected log predictive density) of a model says how well it predicts readings that it has
-not seen: here it is the sum over the tests r of ln p(y_r | y_−r), the log density of test r given
-all the other tests. β are the parameters (compliances, their slopes and geometric errors); φ are
-the hyper-parameters (the scales of the noise and of other effects).
+The elpd (expected log predictive density) of a model states how well it predicts readings that were
+left out. Here it is the sum over the tests r of ln p(y_r | y_−r): the log density of test r given
+all other tests. β are the parameters (compliances, their slopes and geometric errors); φ are the
+hyper-parameters (the scales of the noise and of other effects).
 """
 
 from __future__ import annotations
@@ -61,29 +61,29 @@ __all__ = [
     "read_comparison",
 ]
 
-# Scales of the prior of the slopes: over the range of force, the prior sd of the change of a
-# compliance C is this multiple of the prior sd of C. Each scale is tried in turn.
+# Scales of the prior of the slopes at which the Bayes factor is computed. Over the range of force,
+# the prior sd of the change of a compliance C is this multiple of the prior sd of C.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # The readings reject an assumption whose log evidence is lower than that of the models' own
 # assumption by this much [nat].
 _REJECTED = 5.0
-# A rough evidence is enough for an assumption whose log evidence is lower than the best by more
-# than this [nat].
+# The evidence is computed only roughly for an assumption whose log evidence is lower than that of
+# the better of the first two models by more than this [nat].
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which the prediction of each model is averaged.
 _QUALITY_DRAWS = 1000
-# Posterior mean and sd: share of the weight of the quadrature nodes that may be left out, and
-# number of points that account for the truncation (compliances must not be negative).
+# For the posterior mean and sd of parameters: share of the weight of the quadrature nodes that may
+# be left out, and number of points for the truncation (compliances must not be negative).
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
-# Smallest and largest tolerance of a log evidence that may be asked for [nat]. A comparison
+# Smallest and largest tolerance of a log evidence that a caller may ask for [nat]. A comparison
 # computes hundreds of evidences, so that a finer tolerance would take too long.
 _FINEST_TOLERANCE = 1e-4
 _COARSEST_TOLERANCE = 1.0
 
 
 class Sign(StrEnum):
-    """Robustness of the sign of the log Bayes factor against other assumptions."""
+    """Robustness of the sign of the log Bayes factor of two models against other assumptions."""
 
     OPEN = "depends on assumptions that the readings allow"
     HELD = "holds but for assumptions that the readings reject"
@@ -92,7 +92,7 @@ class Sign(StrEnum):
 
 @dataclass(frozen=True)
 class ComparedCampaign:
-    """The campaign that models were compared on."""
+    """Name and digest (SHA-256) of the campaign that models were compared on."""
 
     name: str
     sha256: str
@@ -100,7 +100,7 @@ class ComparedCampaign:
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """Posterior mean and sd of a parameter, in its internal unit (of mm, N, rad)."""
+    """Posterior mean and standard deviation of a parameter, in its internal unit (mm, N, rad)."""
 
     unit: str
     mean: float
@@ -114,15 +114,15 @@ class ComparedModel:
     log_evidence: float
     log_evidence_error: Finite
     posterior_probability: float
-    #: sum over the tests of the log density of each test given the others [nat]; not a number for
-    #: one test
+    #: expected log predictive density: sum over the tests of the log density of each test given the
+    #: other tests [nat]; not a number for a campaign of one test
     elpd_lofo: Number
-    elpd_lofo_se: Number  #: standard error of the sum, from the scatter over the tests
-    #: RMSE (Eq. 34 of the paper) of the posterior mean prediction, which consists of the machine's
-    #: effects and of the nuisance effects that all tests share
+    elpd_lofo_se: Number  #: standard error of ``elpd_lofo``, from the scatter over the tests [nat]
+    #: root-mean-square residual (Eq. 34 of the paper) of the posterior mean prediction [µm], which
+    #: has the machine's effects and the nuisance effects that all tests share
     rmse_um: float
-    #: RMSE (Eq. 34) of the paper's least-squares fit (Eq. 31); not a number where the tests have
-    #: too few forces for the fit
+    #: root-mean-square residual (Eq. 34 of the paper) of the paper's least-squares fit (Eq. 31)
+    #: [µm]; not a number where the tests have too few forces for the fit
     least_squares_rmse_um: Number
     degree: int
     parameters: dict[str, ParameterEstimate]
@@ -131,13 +131,14 @@ class ComparedModel:
 
 @dataclass(frozen=True, eq=False)
 class ComparedTest:
-    """One test predicted from the other tests.
+    """One test predicted from the other tests of its campaign (LOFO: leave one force out).
 
-    p-values, worst order and flag are those of `JudgedTest`.
+    The p-values, the worst Fourier order and the flag are those of `JudgedTest`.
     """
 
     force_N: float
-    lofo_log_density: dict[str, float]  #: ln p(y_r | y_−r) by model [nat]
+    #: log density of the test's readings given all other tests [nat], by model
+    lofo_log_density: dict[str, float]
     lofo_p_value: float
     lofo_family_wise_p_value: float
     lofo_worst_order: int
@@ -146,7 +147,7 @@ class ComparedTest:
 
     @property
     def stands_out(self) -> bool:
-        """Return whether the family-wise p-value is below 2 %, even where there is no flag."""
+        """Return whether the family-wise p-value is below 2 %, even if the test is not flagged."""
         return self.lofo_family_wise_p_value < FALSE_ALARMS
 
 
@@ -165,9 +166,9 @@ class ScaledSlopes:
 
 @dataclass(frozen=True)
 class Difference:
-    """A difference of expected log predictive density, or a sum of log densities [nat].
+    """A difference of expected log predictive densities, or a sum of log densities [nat].
 
-    ``se`` is the standard error, from the scatter over the tests.
+    ``se`` is the standard error of ``value``, from the scatter over the tests.
     """
 
     value: Number
@@ -192,36 +193,42 @@ class Comparison(Result):
 
     campaign: ComparedCampaign  #: name and digest of the campaign
     models: dict[str, ComparedModel]  #: models by the names that the caller gave
-    log_bayes_factor: dict[str, float]  #: ln B of a model over the first [nat], by "model/first"
-    log_bayes_factor_error: dict[str, Finite]  #: error of ln B [nat], by "model/first"
-    #: difference of leave-one-test-out elpd, a model minus the first, by "model/first"
+    #: log Bayes factor ln B of each later model over the first [nat], by "model/first"
+    log_bayes_factor: dict[str, float]
+    #: error of each log Bayes factor ln B [nat], by "model/first"
+    log_bayes_factor_error: dict[str, Finite]
+    #: expected log predictive density of tests left out: that of each later model minus that of the
+    #: first [nat], by "model/first"
     elpd_difference: dict[str, Difference]
-    #: "second model/first model": the ratio whose ln B both sensitivities state
+    #: names of the models whose log Bayes factor both sensitivities state, as "second/first"
     sensitivity_of: str
-    prior_sensitivity: tuple[ScaledSlopes, ...]  #: ln B by the scale of the slopes' prior
-    #: slope scales at which the log Bayes factor changes sign
+    prior_sensitivity: tuple[ScaledSlopes, ...]  #: log Bayes factor by scale of slopes' prior
+    #: scales of the slopes' prior at which the log Bayes factor changes sign
     prior_sensitivity_crossings: tuple[float, ...]
-    #: ln B under each assumption about how circles differ from one another: the models' own
-    #: assumption comes first, white noise alone last
+    #: log Bayes factor under each assumption about how circles differ from one another: the models'
+    #: own assumption comes first, white noise alone last
     discrepancy_sensitivity: tuple[Assumed, ...]
-    #: slope of each compliance; empty where no model has slopes, or evidence alone was asked for
+    #: slope (change with force) of each compliance; empty where no model has slopes, or only
+    #: evidences were computed
     slopes: dict[str, VaryingSlope]
-    #: subsets of the slopes, the most probable first; only some where there are too many
+    #: models with different subsets of the slopes, the most probable first; not all subsets if
+    #: there are too many
     slope_subsets: tuple[SlopeSubset, ...]
-    #: C(F) by compliance, averaged over the subsets of slopes
+    #: compliance C(F) against force F, by name, averaged over the models with subsets of slopes
     compliance_against_force: dict[str, Curve]
     tests: dict[str, ComparedTest]  #: tests by name; empty for a campaign of one test
     local_fits: Records  #: the table that `local_fits` returns
-    #: error asked of every log evidence [nat]; 0.1 nat is enough for assumptions that fall short of
-    #: the best by 10 nat
+    #: largest error allowed of every log evidence [nat]; 0.1 nat is enough for assumptions whose
+    #: log evidence is 10 nat lower than the best
     tolerance: float
-    #: largest error of any log evidence [nat], except of the assumptions that fall so far short
+    #: largest error of any log evidence [nat], except those of assumptions whose log evidence is 10
+    #: nat lower than the best
     largest_error: Finite
     #: number of evidences whose quadrature weights cannot be trusted, so that their errors are
-    #: infinite. The name is an older one, kept for readers of the JSON file
+    #: infinite; the older name is kept for readers of the JSON file
     by_emcee: int = 0
-    #: probabilities of the slopes and of what else explains a change with force; only where the
-    #: second model is the first with slopes added, and has such rival explanations
+    #: probabilities of slopes and of rival explanations of a change with force; None unless the
+    #: second model is the first with slopes added and has rival explanations
     explanations: Explanations | None = None
 
     @property
@@ -232,10 +239,10 @@ class Comparison(Result):
 
     @property
     def headline(self) -> tuple[float, float]:
-        """Return ln B of the second model over the first and its error [nat].
+        """Return the log Bayes factor of the second model over the first, and its error [nat].
 
-        Where something else may explain a change with force, both are averaged over these rival
-        explanations.
+        If rival explanations of a change with force were compared, the log Bayes factor is averaged
+        over them.
         """
         if self.explanations is None:
             return (
@@ -255,7 +262,7 @@ class Comparison(Result):
         return assumed.best - self.discrepancy_sensitivity[0].best
 
     def turning(self) -> list[Assumed]:
-        """Return assumptions that reverse the sign of `headline`, the best supported first.
+        """Return the assumptions that reverse the sign of `headline`, the best supported first.
 
         The assumption of white noise alone is left out.
         """
@@ -284,7 +291,7 @@ class Comparison(Result):
     def preferred_assumption(self) -> Assumed | None:
         """Return the assumption with the most evidence, or None.
 
-        It is None unless the models' own assumption would be rejected against it.
+        None is returned unless the readings reject the models' own assumption in its favour.
         """
         best = ranked(self.discrepancy_sensitivity, lambda assumed: assumed.best)[0]
         return best if self.gain(best) > _REJECTED else None
@@ -317,41 +324,41 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
 
 @dataclass(frozen=True)
 class _ComparisonPlan:
-    """The models whose evidences a comparison computes, and which further results it computes.
+    """The models whose evidences a comparison computes, and its choice of further results.
 
-    The three mappings of models to compare have the first two models, changed in the same manner.
+    Each mapping of models to compare holds the first two models, both changed in the same manner.
     """
 
-    #: the first two models, by the names that the caller gave
+    #: the first two models to compare, by the names that the caller gave
     pair: dict[str, HybridModel]
-    #: model with the most parameters, for local fits
+    #: model with the most parameters, for fits to the tests at neighbouring forces
     largest: HybridModel
-    #: the largest model with at most linear compliance, for subsets of slopes
+    #: the largest model, but with at most linear compliance, for subsets of slopes
     linear: HybridModel
-    #: the first two models by the scale of the slopes' prior, in the order of `SLOPE_SCALES`; empty
-    #: where neither has slopes
+    #: the first two models under each scale of the slopes' prior, in the order of `SLOPE_SCALES`;
+    #: empty where neither model has slopes
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
     #: the first two models under their own assumption about how circles differ from one another
     unchanged: dict[str, tuple[HybridModel, ...]]
-    #: the first two models by other assumptions about how circles differ from one another
+    #: the first two models under each other assumption about how circles differ from one another
     by_assumption: dict[str, tuple[HybridModel, ...]]
     #: whether every test is predicted from the other tests
     leaves_tests_out: bool
     #: whether models with every subset of the slopes are compared
     has_slope_subsets: bool
-    #: whether models are fitted to neighbouring forces
+    #: whether models are fitted to the tests at neighbouring forces
     has_local_fits: bool
     #: whether slopes are compared with rival explanations of a change with force
     has_rival_explanations: bool
 
     @property
     def slope_scales(self) -> tuple[float, ...]:
-        """Return the scales of the slopes' prior, none where neither model has slopes."""
+        """Return the scales of the slopes' prior; none where neither model has slopes."""
         return SLOPE_SCALES if self.by_slope_scale else ()
 
 
 class _StepCounter:
-    """Counter that reports the steps done, and the total, at every call."""
+    """Counter that reports the number of steps done, and their total, at every call."""
 
     def __init__(self, progress: Callable[[int, int], None], total: int) -> None:
         self.progress = progress
@@ -364,7 +371,7 @@ class _StepCounter:
 
 
 def _report_nothing() -> None:
-    """Report no progress."""
+    """Do nothing: stand-in for a function that reports progress."""
 
 
 @one_blas_thread
@@ -536,7 +543,7 @@ def _plan_comparison(
     by_assumption = sensitivity.changed(
         pair.values(), sensitivity.discrepancy_assumptions(pair.values())
     )
-    # The models' own assumption comes first.
+    # The first entry of by_assumption is the models' own assumption.
     unchanged_label = next(iter(by_assumption))
     unchanged = {unchanged_label: by_assumption.pop(unchanged_label)}
     constant = models[second].with_degree(0)
@@ -558,7 +565,7 @@ def _plan_comparison(
 def _models_by_slope_scale(
     pair: Mapping[str, HybridModel],
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return the two models under every scale of the slopes' prior; none without slopes."""
+    """Return the two models under every scale of the slopes' prior; none if neither has slopes."""
     changes: dict[str, sensitivity.Change] = {}
     if any(model.degree for model in pair.values()):
         for scale in SLOPE_SCALES:
@@ -567,7 +574,7 @@ def _models_by_slope_scale(
 
 
 def _change_of_slope_scale(scale: float) -> sensitivity.Change:
-    """Return the function that gives a model this scale of the slopes' prior."""
+    """Return a function that returns a model with this scale of the slopes' prior."""
 
     def change(model: HybridModel) -> HybridModel:
         return model.with_slope_scale(scale)
@@ -576,7 +583,10 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
 
 
 def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
-    """Return how many evidences this process computes, those of other assumptions not counted."""
+    """Return how many evidences this process computes.
+
+    ``models`` is the number of models. Evidences under other assumptions are not counted.
+    """
     steps = models
     if plan.leaves_tests_out:
         steps += models * len(campaign.tests)
@@ -592,7 +602,10 @@ def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
 def _begin_local_fits(
     plan: _ComparisonPlan, campaign: Campaign, prob: float, executor: Executor | None
 ) -> Callable[[], pd.DataFrame]:
-    """Begin local fits; return a function that returns their table, empty where not asked for."""
+    """Begin fits to neighbouring forces; return a function that waits and returns their table.
+
+    The table is empty if the plan has no such fits.
+    """
     if not plan.has_local_fits:
         return pd.DataFrame
     fit = partial(neighbouring_forces.local_fits, plan.largest, campaign, prob=prob)
@@ -607,7 +620,7 @@ def _begin_assumptions(
 ) -> Callable[[], tuple[tuple[Assumed, ...], list[Evidence]]]:
     """Begin to compute evidences of the first two models under other assumptions.
 
-    Return a function that waits for the result and returns it.
+    Return a function that waits for the log Bayes factors and evidences, and returns them.
     """
     best = max(nodes_by_model[name].evidence.log_value for name in plan.pair)
     separate = evidences.apart()
@@ -629,9 +642,9 @@ def _weigh_assumptions(
     evidences: Evidences,
     rejected_below: float,
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
-    """Return two models compared under each assumption, and the evidences that are exact.
+    """Return two models compared under each assumption, and all evidences that are precise.
 
-    Evidences are rough where the log evidences of both models lie below ``rejected_below``.
+    Where the log evidences of both models are below ``rejected_below``, rough evidences are used.
     """
     weigh = partial(evidences.unless_rejected, rejected_below)
     return sensitivity.under(names, assumptions, weigh), evidences.every
@@ -646,7 +659,7 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 
 
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
-    """Return ln B of every model over the first, and the error of ln B [nat], by "model/first"."""
+    """Return the log Bayes factor of each model over the first, with its error [nat]."""
     first, *other_names = nodes_by_model
     factors = {}
     for name in other_names:
@@ -657,7 +670,7 @@ def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[f
 
 
 def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[ScaledSlopes, ...]:
-    """Return the log Bayes factor under each prior of the slopes."""
+    """Return the log Bayes factor under each scale of the slopes' prior."""
     scaled = []
     for scale, result in zip(scales, assumed, strict=True):
         scaled.append(ScaledSlopes(scale, result.log_bayes_factor, result.log_bayes_factor_error))
@@ -671,7 +684,10 @@ def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[flo
 
 
 def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
-    """Return the scales at which the log Bayes factor changes sign, interpolated in ln(scale)."""
+    """Return the scales at which the log Bayes factor changes sign, interpolated in ln(scale).
+
+    ``scale`` and ``log_bayes_factor`` have the same shape (n,).
+    """
     x = np.log(scale)
     y = log_bayes_factor
     i = np.flatnonzero(np.sign(y[1:]) * np.sign(y[:-1]) < 0)
@@ -682,10 +698,10 @@ def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float,
 def _left_out_log_densities(
     nodes_by_model: Mapping[str, Nodes], left_out_nodes: Mapping[str, Mapping[str, Nodes]]
 ) -> dict[str, Array]:
-    """Return the log density of every test r given the others, shape (tests,), by model.
+    """Return the log density of every test r given the other tests, shape (tests,), by model.
 
-    ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence of all tests and Z(y_−r)
-    that of all tests but r. Arrays are empty where no test is left out.
+    ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence for the readings of all
+    tests and Z(y_−r) that for all tests but r. Arrays are empty where no test is left out.
     """
     log_densities = {}
     for name, nodes in nodes_by_model.items():
@@ -696,9 +712,9 @@ def _left_out_log_densities(
 
 
 def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Difference]:
-    """Return the elpd of every model minus that of the first, by "model/first".
+    """Return the expected log predictive density of every model minus that of the first model.
 
-    The dictionary is empty where no test is left out.
+    Keys are "model/first". The dictionary is empty where no test is left out.
     """
     first, *other_names = log_densities
     differences = {}
@@ -712,7 +728,7 @@ def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Differenc
 def _sum_over_tests(values: Array) -> Difference:
     """Return the sum of values over the tests, and its standard error from their scatter.
 
-    The sum is not a number without tests, the standard error with fewer than two.
+    The sum is not a number without tests; the standard error is not a number for fewer than two.
     """
     n = len(values)
     total = np.nan
@@ -755,7 +771,7 @@ def _compare_models(
 
 
 def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
-    """Return the RMSE of the paper's least-squares fit [µm], or NaN with too few forces."""
+    """Return the root-mean-square residual of the paper's fit [µm]; NaN with too few forces."""
     if campaign.force_levels < model.degree + 2:
         return np.nan
     fit = fit_least_squares(
@@ -765,7 +781,7 @@ def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
 
 
 def _parameter_estimates(nodes: Nodes) -> dict[str, ParameterEstimate]:
-    """Return the posterior mean and sd of every parameter, by name."""
+    """Return the posterior mean and standard deviation of every parameter, by name."""
     mean, sd = nodes.moments(spare=_NEGLIGIBLE_WEIGHT, points=_MOMENT_POINTS)
     estimates = {}
     for j, parameter in enumerate(nodes.bound.parameters):
@@ -780,7 +796,7 @@ def _compare_tests(
     seed: int,
     tolerance: float,
 ) -> dict[str, ComparedTest]:
-    """Return every test compared with the others, by name; empty where no test is left out."""
+    """Return the comparison of every test with the others, by name; empty if none is left out."""
     if not left_out_nodes:
         return {}
     judged_tests = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=tolerance)

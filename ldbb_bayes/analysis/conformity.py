@@ -1,10 +1,10 @@
 """Conformity with tolerances.
 
 The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106, for a quantity η with
-tolerance limits ``lower`` and ``upper``, given the readings y. The decision follows ISO 14253-1:
-the quantity conforms where p is at least the confidence asked for, does not conform where 1 − p is
-at least the confidence, and in between nothing is decided. For a normal posterior and one limit,
-conformance means that the estimate lies inside the limit by at least the guard band.
+tolerance limits ``lower`` and ``upper``, given the readings y. The decision follows ISO 14253-1.
+The quantity conforms where p is at least the confidence asked for. It does not conform where 1 − p
+is at least the confidence. In between nothing is decided. For a normal posterior and one limit, a
+quantity conforms if its estimate lies inside the limit by at least the guard band.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ from ldbb_bayes.units import is_direct
 
 __all__ = ["Conformity", "Decision", "assess_conformity", "draws_at", "normal_conformity"]
 
-# Where fewer posterior draws than this lie beyond a limit, or within it, the probability is that of
-# the tail of a normal distribution instead of a share of draws.
+# Where fewer posterior draws than this lie on either side of a limit, the probability beyond it is
+# that of the tail of a normal distribution instead of a share of draws.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
-# Lower bound of a standard deviation, to avoid a division by zero.
+# Least value of a posterior standard deviation in a divisor, to avoid a division by zero.
 _LEAST_SD = 1e-300
 
 
 class Decision(StrEnum):
-    """Decision on a tolerance at the confidence asked for."""
+    """Decision on a quantity with a tolerance, at the confidence asked for."""
 
     CONFORMS = "conforms"
     DOES_NOT_CONFORM = "does not conform"
@@ -67,7 +67,7 @@ class Conformity(Result):
     """
 
     unit: str  #: unit of the quantity, its limits, mean, sd and guard band
-    #: force at which the quantity is stated; None for geometric errors and slopes
+    #: force at which the quantity is stated [N]; None for geometric errors and slopes
     force_N: float | None
     lower: float | None  #: lower limit of the tolerance; None where there is none
     upper: float | None  #: upper limit of the tolerance; None where there is none
@@ -77,12 +77,12 @@ class Conformity(Result):
     #: distance by which a normally distributed estimate must lie inside a limit to conform, or
     #: outside it not to conform
     guard_band: float
-    confidence: float  #: probability that the decision asks for
-    decision: Decision  #: by ISO 14253-1
+    confidence: float  #: probability that a decision requires
+    decision: Decision  #: decision by ISO 14253-1
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit, infinite where there is none."""
+        """Lower and upper limit of the tolerance, infinite where there is none."""
         return Tolerance(self.lower, self.upper).ends
 
 
@@ -157,7 +157,10 @@ def assess_conformity(
 
 
 def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
-    """Return posterior draws of every parameter [mm, N, rad]; compliances are those at a force."""
+    """Return posterior draws of every parameter, by name, with compliances at a given force.
+
+    Units are mm, N and rad.
+    """
     bound = bound_of(posterior)
     draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
     if force_N == bound.setting.reference_force_N:
@@ -172,13 +175,13 @@ class _StatedDraws(NamedTuple):
     """Posterior draws of a quantity, and the force at which it is stated."""
 
     values: Array  #: posterior draws of the quantity, shape (draws,)
-    force_N: float | None  #: force; None for geometric errors and slopes
+    force_N: float | None  #: force of ``values`` [N]; None for geometric errors and slopes
 
 
 def _stated_draws(
     posterior: xr.DataTree, bound: BoundModel, names: Collection[str], force: float
 ) -> dict[str, _StatedDraws]:
-    """Return posterior draws of the named quantities, by name."""
+    """Return posterior draws of the named quantities at a force [N], by name."""
     parameters = dict(zip(bound.names, bound.parameters, strict=True))
     values = draws_at(posterior, force)
     compliances = {f"stiffness_{name[2]}": name for name in bound.names if is_direct(name)}
@@ -214,10 +217,10 @@ def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict
 def _decide_by_draws(
     unit: str, stated: _StatedDraws, tolerance: Tolerance, confidence: float
 ) -> Conformity:
-    """Decide on conformity by the share of a quantity's posterior draws between the limits.
+    """Return the decision on conformity from the share of posterior draws between the limits.
 
-    Where too few draws lie beyond a limit, or within it, the probability beyond it is that of a
-    normal distribution; see `_tail_probability`.
+    Where too few draws lie on one side of a limit, the probability beyond it is that of a normal
+    distribution; see `_tail_probability`.
     """
     draws = stated.values
     mean = float(draws.mean())
@@ -230,12 +233,12 @@ def _decide_by_draws(
 
 
 def _tail_probability(outside: Array, score: float) -> float:
-    """Return the probability beyond a limit.
+    """Return the probability that a quantity lies beyond a limit.
 
-    It is the share of draws outside. Where fewer than ``_FEWEST_DRAWS`` lie on one side of the
-    limit, it is the tail of a normal distribution, bounded by the share of so many draws.
-    ``score`` is the distance of mean and limit in standard deviations, negative where the mean lies
-    inside.
+    It is the share of posterior draws beyond the limit, which ``outside`` marks. Where fewer than
+    ``_FEWEST_DRAWS`` draws lie on one side of the limit, it is the tail of a normal distribution.
+    The tail then counts for at most ``_FEWEST_DRAWS`` draws on that side. ``score`` is the distance
+    from the limit to the mean in standard deviations, negative where the mean lies inside.
     """
     n = len(outside)
     count = int(outside.sum())
@@ -251,7 +254,7 @@ def _tail_probability(outside: Array, score: float) -> float:
 def normal_conformity(
     unit: str, mean: float, sd: float, tolerance: Tolerance, *, confidence: float = 0.95
 ) -> Conformity:
-    """Decide whether a quantity with a normal distribution conforms."""
+    """Return the decision on the conformity of a quantity with a normal distribution."""
     low, high = tolerance.ends
     probability = float(ndtr((high - mean) / sd) - ndtr((low - mean) / sd))
     return _decide(unit, mean, sd, tolerance, probability, confidence, None)
@@ -266,7 +269,11 @@ def _decide(
     confidence: float,
     force: float | None,
 ) -> Conformity:
-    """Return the decision that follows from the probability of conformance."""
+    """Return the decision that follows from the probability of conformance.
+
+    ``mean`` and ``sd`` are those of the posterior, ``force`` is the force at which the quantity is
+    stated [N].
+    """
     decision = Decision.NOT_DECIDED
     if probability <= 1.0 - confidence:
         decision = Decision.DOES_NOT_CONFORM

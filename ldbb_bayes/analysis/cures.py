@@ -1,6 +1,7 @@
 """Find further tests that would resolve the degeneracies of a campaign.
 
-A degeneracy is a combination of coefficients that no reading resolves.
+A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled but
+not of interest) that no reading resolves.
 """
 
 from __future__ import annotations
@@ -20,18 +21,20 @@ __all__ = ["Cure", "cures"]
 
 # A test whose arc is below this angle is not a full circle [°].
 _FULL_CIRCLE_DEG = 355.0
-# Fewer different angles than this do not resolve the Fourier orders of a circle.
+# A test with fewer different angles than this is not a full circle: its readings do not resolve all
+# Fourier orders.
 _FEWEST_ANGLES = 36
 # Angles of the full circles that are tried as further tests [°].
 _FULL_CIRCLE_ANGLES_DEG = np.arange(120) * 3.0
-# Angles [°] that agree to this number of decimals count as one.
+# Angles of readings [°] that agree to this number of decimals count as one angle.
 _ANGLE_DECIMALS = 6
-# Angles by which a ball is turned, to separate its form error from the machine [°].
+# Angles by which a ball is turned in further tests [°], to separate its form error from the
+# machine's errors.
 _CLOCKINGS_DEG = (45.0, 90.0)
-# Forces that are tried, as shares of the lowest and of the highest force.
+# Forces of further tests, as shares of the lowest and of the highest force of the plan.
 _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
-# The other direction of travel.
+# The opposite of each direction of travel.
 _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
 
 
@@ -51,8 +54,8 @@ class Cure(StrEnum):
 def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
     """Return the remedies that would resolve each degeneracy.
 
-    Further tests are tried by adding them to the plan and looking for the degeneracy again. A
-    degeneracy with a nuisance can always be resolved by a calibration.
+    To try further tests, they are added to the plan and its degeneracies are found again. A
+    degeneracy that involves a nuisance coefficient can always be resolved by a calibration.
 
     Parameters
     ----------
@@ -84,12 +87,16 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 
 
 def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
-    """Return whether a longer plan still has a degeneracy."""
+    """Return whether a degeneracy is among those that remain in a longer plan."""
     return any(_is_same(degeneracy, candidate) for candidate in remaining)
 
 
 def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
-    """Return whether two degeneracies have the same kind of nuisance, or share two parameters."""
+    """Return whether two degeneracies count as the same.
+
+    They must have the same kind of nuisance coefficient or, if they have no nuisance, two
+    parameters in common.
+    """
     if degeneracy.term != candidate.term:
         return False
     if degeneracy.term:
@@ -99,12 +106,12 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
 
 
 def _pattern(nuisance: str) -> str:
-    """Return a nuisance coefficient's name without ball, phase and radius."""
+    """Return the name of a nuisance coefficient without its ball, phase and radius."""
     return re.sub(r"^(work_|tool_)|_(cos|sin)|_[\d.]+$", "", nuisance)
 
 
 def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
-    """Return tests that can be added to a plan, by remedy."""
+    """Return tests that can be added to a plan, by the remedy that they are."""
     further = {
         Cure.FORCES: _at_other_forces(plan),
         Cure.WORK_BALL: _clocked(plan, work_ball=True),
@@ -124,7 +131,10 @@ def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
 
 
 def _at_other_forces(plan: Campaign) -> list[CircularTest]:
-    """Return the test of the lowest force, at a lower force and at one above the highest."""
+    """Return two copies of the test with the lowest force, at other forces.
+
+    One force is below the lowest of the plan, the other above the highest.
+    """
     forces = plan.forces_N
     first = plan.tests[int(forces.argmin())]
     lower = round(_LOWER_FORCE_SHARE * float(forces.min()), 3)
@@ -135,7 +145,7 @@ def _at_other_forces(plan: Campaign) -> list[CircularTest]:
 def _clocked(
     plan: Campaign, *, work_ball: bool = False, tool_ball: bool = False
 ) -> list[CircularTest]:
-    """Return copies of all tests with balls turned further."""
+    """Return copies of all tests of a plan with one ball or both balls turned further."""
     tests = []
     for test in plan.tests:
         for turn in _CLOCKINGS_DEG:
@@ -151,7 +161,7 @@ def _clocked(
 
 
 def _at_other_radius(plan: Campaign) -> list[CircularTest]:
-    """Return copies of all tests at two thirds of the radius."""
+    """Return copies of all tests of a plan at two thirds of the radius."""
     first = plan.tests[int(plan.forces_N.argmin())]
     radius = float(first.radius_mm or plan.radius_mm)
     other_radius = round(radius * 2.0 / 3.0, 1)
@@ -159,6 +169,6 @@ def _at_other_radius(plan: Campaign) -> list[CircularTest]:
 
 
 def _is_incomplete(test: CircularTest) -> bool:
-    """Return whether a test is an arc, or has too few different angles."""
+    """Return whether a test is an arc, or has too few different angles for a full circle."""
     angles = np.unique(np.round(test.angle_deg % 360.0, _ANGLE_DECIMALS))
     return test.arc_deg < _FULL_CIRCLE_DEG or len(angles) < _FEWEST_ANGLES

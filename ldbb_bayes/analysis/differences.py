@@ -1,8 +1,8 @@
 """Difference of every parameter between two campaigns on machines of the same kind.
 
 Examples are a machine before and after a repair, or machines A and B. With different instruments,
-the posteriors are independent. With the same bar, balls, mount and force device, the errors of the
-instrument largely cancel in the difference (`common_instrument`).
+the two posteriors are independent. With the same bar, balls, mount and force device, the errors of
+the instrument largely cancel in the difference (`common_instrument`).
 """
 
 from __future__ import annotations
@@ -28,18 +28,19 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["compare_posteriors"]
 
-# Number of pairs of posterior draws from which the interval of a difference is computed.
+# Number of pairs of posterior draws, one of each campaign, from which the interval of a difference
+# is computed.
 _DRAWS = 20_000
 
 
 class _Differences(NamedTuple):
-    """Comparison of the parameters of two campaigns."""
+    """Means, differences and their uncertainties for the parameters of two campaigns."""
 
     means: Array  #: posterior means in both campaigns, shape (2, names)
-    difference: Array  #: mean of second minus first campaign, shape (names,)
+    difference: Array  #: posterior mean of second minus first campaign, shape (names,)
     sd: Array  #: standard uncertainty of the difference, shape (names,)
     interval: Array  #: ends of the equal-tailed interval of the difference, shape (2, names)
-    increase: Array  #: probability that the second value is larger, shape (names,)
+    increase: Array  #: probability that the second campaign's value is larger, shape (names,)
     conflict: Conflict | None = None
 
 
@@ -134,7 +135,11 @@ def compare_posteriors(
 def _compare_one_instrument(
     bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array], levels: Array
 ) -> _Differences:
-    """Compare campaigns run with one instrument, by normal distributions at the mean φ."""
+    """Compare two campaigns run with one instrument, by normal distributions.
+
+    ``phi`` are the mean hyper-parameters of each campaign, ``rows`` the matrices that map its
+    parameters to those compared, ``levels`` the levels of the interval's ends.
+    """
     joint = joint_difference(bounds, phi, rows)
     return _Differences(
         means=joint.means,
@@ -147,7 +152,10 @@ def _compare_one_instrument(
 
 
 def _compare_independent(first: Array, second: Array, levels: Array) -> _Differences:
-    """Compare independent posteriors from draws, each of shape (draws, names)."""
+    """Compare two independent posteriors by their draws, each of shape (draws, names).
+
+    ``levels`` are the levels of the interval's ends.
+    """
     means = np.array([first.mean(axis=0), second.mean(axis=0)])
     rng = np.random.default_rng(0)
     second_draws = second[rng.integers(len(second), size=_DRAWS)]
@@ -191,9 +199,10 @@ def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str)
 
 
 def _rows_at_force(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:
-    """Return the matrix, shape (names, p), that maps β to parameters at a reference force.
+    """Return the matrix that maps a model's parameters to those at another reference force.
 
-    β are the p parameters at the model's own reference force.
+    The matrix has the shape (names, p). It maps the p parameters at the model's own reference force
+    to the named parameters at ``reference_force_N``.
     """
     rows = np.zeros((len(names), len(bound.names)))
     lever = reference_force_N - bound.setting.reference_force_N

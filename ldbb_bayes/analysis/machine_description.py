@@ -1,4 +1,8 @@
-"""Describe a machine as its circular tests see it: parameters, units and patterns."""
+"""Describe a machine by what its circular tests can show: parameters, units and patterns.
+
+The pattern of a parameter is the change of the readings per unit of the parameter, as a formula of
+angle θ and radius R.
+"""
 
 from __future__ import annotations
 
@@ -22,22 +26,23 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["DescribedMachine", "VisibleParameter", "describe_machine"]
 
-# Radii at which patterns are sampled [mm]. Four suffice, because a pattern is a polynomial in the
-# radius R of degree 3 at most.
+# Radii at which the parameters' effects on the readings are sampled [mm]. Four suffice, because an
+# effect is a polynomial in the radius of degree 3 at most.
 _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
-# Angles at which patterns are sampled [rad].
+# Angles at which the parameters' effects on the readings are sampled [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
-# Degree in (c, s) = (cos θ, sin θ) of the part of a compliance's pattern that does not depend on R.
-# It is 2 because the force acts along the bar, and the deflection is measured along the bar.
+# Degree in cos θ and sin θ of the part of a compliance's effect on the reading that does not depend
+# on the radius. It is 2 because both force and measured deflection are along the bar.
 _COMPLIANCE_DEGREE = 2
-# The same degree for geometric errors. It is 1 because they are measured along the bar, too, but
-# caused by no force.
+# Degree in cos θ and sin θ of the part of a geometric error's effect on the reading that does not
+# depend on the radius. It is 1 because the error is measured along the bar, and needs no force.
 _GEOMETRIC_DEGREE = 1
-# Superscripts of the powers 0 … 4 in a formula.
+# Superscripts of the powers 0 … 4 of a symbol in a formula; those of 0 and 1 are empty.
 _EXPONENTS = ("", "", "²", "³", "⁴")
-# Factors below this share of a pattern's largest value (at least 1) are rounding errors.
+# Factors in a formula are rounding errors where they are below this share of the pattern's largest
+# value, or below this number where that value is less than 1.
 _ROUNDING = 1e-9
-# Decimals to which a factor is rounded before it is printed.
+# Decimals to which a factor of a formula is rounded before it is printed.
 _FACTOR_DECIMALS = 9
 
 
@@ -51,30 +56,33 @@ class VisibleParameter:
     #: formula by plane: change of the reading [mm] per unit of the parameter, for a compliance also
     #: per N; c = cos θ, s = sin θ, R is the radius in mm
     pattern: Mapping[str, str]
-    #: whether it cannot be negative, whatever the joints are; the prior excludes negative values of
-    #: these parameters only
+    #: whether the parameter cannot be negative, whatever the compliances of the joints are; the
+    #: prior excludes negative values of such parameters only
     not_negative: bool
-    #: weights by name of the parameters that it is the weighted sum of; empty where it represents
-    #: itself only
+    #: the parameters of which this parameter represents the weighted sum: weights by name; empty
+    #: where it represents itself only
     members: Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class DescribedMachine(Result):
-    """A machine as its circular tests see it."""
+    """A machine described by what its circular tests can show."""
 
     topology: str
     planes: tuple[str, ...]
-    joints: tuple[str, ...]  #: each with its branch and frame, from the workpiece to the tool
+    #: joints in words, with branch and frame, from the workpiece to the tool
+    joints: tuple[str, ...]
     centres_mm: tuple[tuple[float, float, float], ...]
     compliances: tuple[VisibleParameter, ...]
     geometric_errors: tuple[VisibleParameter, ...]
-    null: tuple[str, ...]  #: compliances that change no reading
-    #: compliances left out because their pattern is a combination of several of ``compliances``
+    null: tuple[str, ...]  #: names of the compliances that change no reading
+    #: names of the compliances left out, because their effect on the readings is a combination of
+    #: the effects of several of ``compliances``
     dependent: tuple[str, ...]
-    rank: int  #: rank of the Jacobian of all compliances
-    #: condition number of the Jacobian of ``compliances``, unscaled (mm, N), for full circles with
-    #: evenly spaced angles
+    #: rank of the matrix of derivatives of the readings by all compliances
+    rank: int
+    #: condition number of the matrix of derivatives of the readings by ``compliances``, unscaled
+    #: (mm, N), for full circles with evenly spaced angles
     condition_number: float
 
 
@@ -143,7 +151,7 @@ def _check_circles(machine: Machine, circles: Sequence[Circle]) -> None:
 
 
 def _describe_joint(joint: Joint) -> str:
-    """Return a joint in words, with branch and frame."""
+    """Return a joint in words: its axis, branch and frame."""
     frame = ", ".join(f"{x:g}" for x in joint.frame_mm)
     return f"{joint.axis} in the {joint.branch} branch, frame at ({frame}) mm"
 
@@ -151,7 +159,7 @@ def _describe_joint(joint: Joint) -> str:
 def _describe_compliances(
     machine: Machine, circles: Sequence[Circle], visible: Kept
 ) -> tuple[VisibleParameter, ...]:
-    """Describe the compliances that circles can determine, and what each represents."""
+    """Return a description of the compliances that circular tests can determine."""
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
         columns = [
@@ -180,7 +188,7 @@ def _describe_compliances(
 def _describe_geometric_errors(
     machine: Machine, circles: Sequence[Circle]
 ) -> tuple[VisibleParameter, ...]:
-    """Describe the geometric errors."""
+    """Return a description of the geometric errors that circular tests can determine."""
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
         columns = [geometric_jacobian(machine, circle, _ANGLES_RAD) for circle in sampled]
@@ -200,7 +208,7 @@ def _describe_geometric_errors(
 
 
 def _sampled_circles(machine: Machine, circles: Sequence[Circle]) -> dict[str, list[Circle]]:
-    """Return the first circle of each plane at the radii at which patterns are sampled."""
+    """Return, by plane, copies of the plane's first circle at each radius of sampling."""
     first_circles = {circle.plane: circle for circle in reversed(circles)}
     sampled = {}
     for plane in machine.planes:
@@ -211,17 +219,18 @@ def _sampled_circles(machine: Machine, circles: Sequence[Circle]) -> dict[str, l
 
 
 class _Monomial(NamedTuple):
-    """One term of a formula: a factor, and a product of powers as text."""
+    """One term of a formula: a factor, and a product of powers as text, such as ``R c²``."""
 
     factor: float
     product: str
 
 
 def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[str, str]:
-    """Return the formula of one parameter by plane, without planes where it changes no reading.
+    """Return the formula of one parameter's effect on the readings, by plane.
 
-    ``jacobians`` have shape (radii, angles, parameters); ``column`` is the index of the parameter.
-    ``degree`` is the degree in (cos θ, sin θ) of the part that does not depend on the radius.
+    Planes in which the parameter changes no reading are left out. ``jacobians`` have the shape
+    (radii, angles, parameters); ``column`` is the index of the parameter. ``degree`` is the degree
+    in (cos θ, sin θ) of the part of the formula that does not depend on the radius.
     """
     formulas = {}
     for plane, jacobian in jacobians.items():
@@ -232,10 +241,10 @@ def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[
 
 
 def _monomials(values: Array, degree: int) -> list[_Monomial]:
-    """Return the monomials in R, c = cos θ and s = sin θ of a pattern.
+    """Return the terms of a formula in R, c = cos θ and s = sin θ that equals given values.
 
-    ``values`` are the pattern at the sampled radii and angles, shape (radii, angles). ``degree`` is
-    the degree in (c, s) of the part that does not depend on the radius R.
+    ``values`` are sampled at radii R and angles θ, shape (radii, angles). ``degree`` is the degree
+    in (c, s) of the part of the formula that does not depend on R.
     """
     by_radius_power = np.linalg.solve(np.vander(_RADII_MM, increasing=True), values)
     threshold = _ROUNDING * max(np.abs(values).max(), 1.0)
@@ -264,7 +273,7 @@ def _write_power(letter: str, power: int) -> str:
 
 
 def _write_sum(monomials: Sequence[_Monomial]) -> str:
-    """Return a sum of monomials as text, without factors of one."""
+    """Return a sum of monomials as text; factors of one are not written."""
     text = ""
     for monomial in monomials:
         is_negative = monomial.factor < 0

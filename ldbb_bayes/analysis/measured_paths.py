@@ -1,4 +1,4 @@
-"""Circularity of the readings as measured, with the errors of balls, bar and mount."""
+"""Circularity of the readings as measured, including the errors of balls, bar and mount."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["measure_circularity"]
 
-# From this arc on a circle counts as full, so that it shows squareness and scale mismatch.
+# A circle whose arc is at least this angle [°] counts as full, so that it shows squareness and
+# scale mismatch.
 _FULL_CIRCLE_DEG = 350.0
 
 
@@ -72,17 +73,18 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
 
 
 class _Pair(NamedTuple):
-    """Two tests of the same circle, force, set-up and clocking, run both ways."""
+    """Two tests of the same circle, force, set-up and clocking, run in opposite directions."""
 
     clockwise: CircularTest
     counterclockwise: CircularTest
 
 
 def _measure_pair(pair: _Pair) -> dict[str, Any]:
-    """Return the row of two tests run both ways: bidirectional deviation G_b, mean deviation D.
+    """Return the table row of two tests run in opposite directions.
 
-    G_b is the width of the zone that holds both traces, about the least-squares centre and as the
-    minimum zone; D is the mean radial deviation of both tests. All are in the unit of the readings.
+    The bidirectional deviation G_b is the width of the zone that holds the traces of the two tests:
+    about the least-squares centre, and as the minimum zone. The mean deviation D is the mean radial
+    deviation of the two tests. All are in the unit of the readings.
     """
     clockwise_angle, clockwise_reading = _trace(pair.clockwise)
     counter_angle, counter_reading = _trace(pair.counterclockwise)
@@ -102,7 +104,7 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
 
 
 def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
-    """Return the row of one test: deviations G, F_max and F_min, squareness, scale mismatch."""
+    """Return the table row of one test: G, F_max, F_min, squareness and scale mismatch."""
     angle, reading = _trace(test)
     zone = least_squares_zone(angle, reading)
     squareness = np.nan
@@ -128,12 +130,12 @@ def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
 
 
 def _trace(test: CircularTest) -> Array:
-    """Return angles and readings, shape (2, n)."""
+    """Return the angles [rad] and readings [µm] of a test, shape (2, n)."""
     return np.array([test.angles_rad(), test.reading_um], dtype=float)
 
 
 def _pairs(tests: Sequence[CircularTest]) -> list[_Pair]:
-    """Return clockwise and counterclockwise tests of the same place."""
+    """Return all pairs of a clockwise and a counterclockwise test that are otherwise the same."""
     pairs = []
     for clockwise in tests:
         if clockwise.direction != "CW":

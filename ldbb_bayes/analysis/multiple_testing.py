@@ -12,7 +12,8 @@ __all__ = ["holm"]
 def holm(p_value: Array) -> Array:
     """Return p-values adjusted by Holm's method (Scand. J. Statist. 6, 65-70, 1979), shape (n,).
 
-    They hold the family-wise error whatever the dependence of the tests.
+    If every adjusted p-value below α is called significant, the probability of any false alarm is
+    at most α, whatever the dependence of the tests.
 
     Parameters
     ----------

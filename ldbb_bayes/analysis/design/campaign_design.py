@@ -1,8 +1,9 @@
 """The design of the next campaign: its forces, its number of circles and its clockings.
 
 A clocking is the pair of angles by which the two balls are turned. A pilot is the campaign or plan
-that a design starts from. Shares are the fractions of the tests run at each candidate, whole
-numbers or not; the efficiency of a design compares it with the best shares.
+that a design starts from. Shares are the fractions of the number of tests that are run at each
+candidate; their multiples need not be whole numbers. The efficiency of a design compares it with
+the best shares.
 """
 
 from __future__ import annotations
@@ -39,15 +40,15 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# Largest relative amount by which the sensitivity may exceed the bound in a certificate that
-# holds.
+# A certificate of optimality holds if the largest sensitivity exceeds its bound by no more than
+# this relative amount.
 _CERTIFICATE_TOLERANCE = 1e-4
-# Shares of the tests below this are not listed.
+# Candidate tests whose share of the tests is below this are not listed.
 _LISTED_SHARE = 1e-4
-# More circles of the same kind hardly narrow a parameter where the sd that remains after very many
-# circles exceeds this share of its expected sd.
+# More circles of the same kind hardly reduce the uncertainty of a parameter if the sd that remains
+# after very many circles exceeds this share of its expected sd.
 _STUCK_SHARE = 0.8
-# Default step of the force levels to choose from [N].
+# Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
 _EQUAL_STEPS = "equal steps"
 _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
@@ -57,11 +58,12 @@ _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
 class Certificate(Result):
     """Proof that no other shares of the same number of tests are better.
 
-    By Kiefer and Wolfowitz (1960), the certificate holds if the largest sensitivity of all
-    candidates does not exceed the bound (for criterion D with flat priors the number of
-    parameters); 0.01 % more is tolerated. The sensitivity of a candidate is the rate at which the
-    criterion grows with its share. Where the criterion is not concave, the certificate is not
-    ``global``: it rules out only similar shares.
+    A share is the fraction of the tests that are run at one candidate. The sensitivity of a
+    candidate is the rate at which the criterion grows with its share. By Kiefer and Wolfowitz
+    (1960), the shares are optimal if the largest sensitivity of all candidates does not exceed the
+    bound; 0.01 % more is tolerated. For criterion D with flat priors the bound is the number of
+    parameters. Where the criterion is not concave, the certificate is not ``global``: it rules out
+    only similar shares.
     """
 
     max_sensitivity: float
@@ -72,34 +74,35 @@ class Certificate(Result):
 
 @dataclass(frozen=True, eq=False)
 class Judged(Forecast):
-    """Another design, compared with the recommended one, and its forecast."""
+    """Another design that is compared with the recommended one, and the forecast of it."""
 
     name: str
     tests: Records  #: one row per test, with columns force_N and `Design.columns`
-    efficiency: float  #: relative to the best shares of as many tests
+    efficiency: float  #: efficiency of these tests relative to the best shares of as many tests
 
 
 @dataclass(frozen=True)
 class Limits(Result):
     """Limits of what the tests of a design can show."""
 
-    #: number of different forces, if too few to show that the model's degree in force is wrong;
-    #: else None
+    #: number of different forces of the tests, if too few to show that the model's degree in force
+    #: is wrong; else None
     levels: int | None
-    #: direction of travel by plane, for planes in which hysteresis is modelled but all circles run
-    #: in one direction
+    #: the only direction of travel, by plane, of the planes in which hysteresis is modelled but all
+    #: circles run in one direction
     one_way: dict[str, str]
     #: whether the model has a drift, which is assumed to be independent of the tests' settings
     drift: bool
-    #: parameters whose sd more circles of this kind would lower by less than 20 %
+    #: parameters whose standard deviation more circles of this kind would lower by less than 20 %
     shared: tuple[str, ...]
     degeneracies: tuple[Degeneracy, ...]  #: degeneracies that involve parameters of ``shared``
-    cures: tuple[tuple[Cure, ...], ...]  #: tests that resolve each degeneracy
+    #: remedies, such as further tests, that resolve each item of ``degeneracies``
+    cures: tuple[tuple[Cure, ...], ...]
 
 
 @dataclass(frozen=True)
 class Pilot(Result):
-    """The campaign or plan that a design starts from."""
+    """Name and digest (SHA-256) of the campaign or plan that a design starts from."""
 
     name: str
     sha256: str
@@ -107,7 +110,10 @@ class Pilot(Result):
 
 @dataclass(frozen=True)
 class Planned:
-    """Tests that a design recommends, the pilot, and the model for the analysis of the tests."""
+    """Tests that a design recommends, the pilot, and the model for the analysis of the tests.
+
+    The pilot is the campaign or plan that the design starts from.
+    """
 
     tests: tuple[CircularTest, ...]
     pilot: Campaign
@@ -132,34 +138,36 @@ class Design(Forecast):
 
     criterion: str  #: criterion that the design optimizes
     parameters: tuple[str, ...]  #: parameters of interest; all others are nuisances
-    #: one row per different test, with columns force_N, `columns` and count
+    #: recommended tests, one row per different test: force_N, the columns `columns`, and count
     table: Annotated[Records, Field(alias="tests")]
-    augment: bool  #: whether the pilot's tests count as run
-    degree: int  #: degree of the model's compliances in force
+    augment: bool  #: whether the pilot's tests count as part of the campaign
+    degree: int  #: degree of the model's compliances as polynomials of force
     reference_force_N: float  #: reference force F0 of the pilot
     efficiency: float  #: efficiency relative to the best shares of the same number of tests
     certificate: Certificate  #: proof that no other shares are better than ``shares``
-    #: best shares: one row per test, with columns force_N, `columns` and share
+    #: best fractions of the number of tests, one row per candidate: force_N, the columns `columns`,
+    #: and share
     shares: Records
-    #: expected sds of a design in equal steps of force, at the first clocking and radius
+    #: expected standard deviations, by parameter, of a design in equal steps of force at the first
+    #: clocking and radius
     baseline: dict[str, Expected]
     compared: tuple[Judged, ...]  #: design in equal steps of force, and the designs given by name
     limits: Limits  #: limits of what the tests can show
-    #: hyper-parameters (scales of the noise and of other effects): root mean square of the values
-    #: that the forecast averages over [µm]
+    #: root mean square of the values of each hyper-parameter (scales of the noise and of other
+    #: effects) that the forecast averages over [µm]
     hyper_um: dict[str, float]
-    #: whether hyper-parameters come from the pilot's readings, not from their prior
+    #: whether the values of the hyper-parameters come from the pilot's readings, not their prior
     measured: bool
     pilot: Pilot  #: campaign or plan that the design starts from
-    #: sensitivity of every candidate for the best shares, with columns force_N, `columns` and
-    #: sensitivity
+    #: rate at which the criterion grows with the share of every candidate, at the best shares:
+    #: force_N, the columns `columns`, and sensitivity
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    #: the recommended tests; None where the design was read from a file
+    #: the recommended tests as a `Planned`; None where the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns of the table that describe a test, apart from its force.
+        """Names of the columns of a table of tests that describe a test, apart from its force.
 
         They are the clockings of the balls and the radius, and plane, direction and set-up where
         tests differ in them.
@@ -168,20 +176,23 @@ class Design(Forecast):
 
     @property
     def tests(self) -> tuple[CircularTest, ...]:
-        """The tests, sorted by clocking, radius and force, each as often as it is to be run."""
+        """The recommended tests, sorted by clocking, radius and force.
+
+        A test that is to be run several times is repeated.
+        """
         return self._require_planned().tests
 
     @property
     def model(self) -> HybridModel:
-        """The model for the analysis of the plan.
+        """The model for the analysis of the recommended tests.
 
-        Its reference force F0 and the prior sds of the slopes are those of the pilot, whatever the
-        forces of the plan.
+        Its reference force F0 and the prior standard deviations of the slopes are those of the
+        pilot, whatever the forces of the tests.
         """
         return self._require_planned().model
 
     def plan(self, *, seed: int = 1) -> Campaign:
-        """Return the tests as a plan, in the order in which to run them.
+        """Return the recommended tests as a plan, in the order in which to run them.
 
         The tests of one clocking form a block, within which forces are in random order. Where the
         model has a drift, the plan takes the time between tests, or the mean temperature, from the
@@ -217,12 +228,14 @@ class Design(Forecast):
         return self.planned
 
     def expected_table(self) -> pd.DataFrame:
-        """Return expected sd, its error, prior sd, floor and baseline of every parameter.
+        """Return a table of the standard deviations that the forecast expects.
 
         Returns
         -------
         pandas.DataFrame
-            One row per parameter, in internal units (mm, N, rad).
+            One row per parameter, in internal units (mm, N, rad). Columns: expected sd and its
+            error, prior sd, the sd that remains after very many circles (floor_sd), and the
+            expected sd of the design in equal steps of force (baseline_sd).
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
@@ -395,7 +408,7 @@ def design(
 
 
 def _levels_in_range(pilot: Campaign) -> list[float]:
-    """Return force levels over the pilot's range in steps of 1 N."""
+    """Return force levels [N] over the range of the pilot's forces, in steps of 1 N."""
     low = float(pilot.forces_N.min())
     high = float(pilot.forces_N.max())
     levels: list[float] = np.unique([*np.arange(low, high, _FORCE_STEP_N), high]).tolist()
@@ -423,7 +436,10 @@ def _describe_design(
     pilot: Pilot,
     compared: Mapping[str, tuple[CircularTest, ...]],
 ) -> Design:
-    """Return the design that the search found, with forecasts of it and of those compared."""
+    """Return the design that the search found, with its forecast.
+
+    ``compared`` are the tests of other designs by name; their forecasts are included.
+    """
     tests = space.tests_of(exact)
     optimum = exact.optimum
     judged = tuple(_judge_tests(space, name, planned) for name, planned in compared.items())
@@ -456,10 +472,10 @@ def _describe_design(
 
 
 def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Judged:
-    """Return the forecast and the efficiency of a design that is compared with the best.
+    """Return the forecast and the efficiency of a design that is compared with the best shares.
 
-    ``name`` is its name in the comparison. The efficiency of tests that leave a parameter
-    undetermined is zero.
+    ``name`` is the name of the design in the comparison. The efficiency of tests that leave a
+    parameter undetermined is zero.
     """
     forecast = space.forecast(tests)
     efficiency = space.efficiency(tests) if forecast.determined else 0.0
@@ -486,7 +502,7 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
 def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     """Return the model for an analysis of these tests alone.
 
-    Its reference force and the prior sds of the slopes are those of the pilot.
+    Its reference force and the prior standard deviations of the slopes are those of the pilot.
     """
     model = space.model
     setting = space.bound.setting
@@ -499,7 +515,8 @@ def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     forces = [float(test.force_N or 0.0) for test in tests]
     force_range_N = max(forces) - min(forces)
     if not (prior.flat or np.isclose(force_range_N, setting.force_range_N, rtol=1e-9)):
-        # The default prior sd of a slope depends on the force range.
+        # The default prior sd of a slope depends on the range of force of the tests, so that the
+        # pilot's must be stated.
         for parameter in space.bound.parameters:
             if parameter.group == "slope":
                 overrides[parameter.name] = parameter.prior_sd
@@ -514,7 +531,10 @@ def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
 
 
 def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
-    """Return the limits of what such tests can show, however many, and tests that would help."""
+    """Return the limits of what the tests of a design can show, and remedies.
+
+    They are limits that more tests of the same kind would not remove.
+    """
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     too_few_levels = levels <= space.model.degree + 2 and not space.augment
     bound = bind_tests(space.model, space.pilot, tests, keep=space.augment)
@@ -548,9 +568,9 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 
 
 def _planes_run_one_way(bound: BoundModel) -> dict[str, str]:
-    """Return the direction of travel, by plane, where all circles run in one direction.
+    """Return the direction of travel of each plane whose circles all run in one direction.
 
-    Only planes are considered in which both directions are modelled.
+    Only planes in which the model includes both directions are considered.
     """
     one_way = {}
     for plane in bound.setting.both_ways:

@@ -1,4 +1,8 @@
-"""Objective of the search for a design, computed from the model bound to the candidate tests."""
+"""Objective of the search for a design, computed from the model bound to the candidate tests.
+
+The pilot is the campaign or plan that a design starts from. φ are the hyper-parameters (the scales
+of the noise and of other effects).
+"""
 
 from __future__ import annotations
 
@@ -21,19 +25,19 @@ from ldbb_bayes.results import Array
 
 __all__ = ["objective_of", "prediction_weight"]
 
-# Elements below this share of the largest in their column are rounding errors.
+# Elements of the information below this share of the largest in their column are rounding errors.
 _ROUNDING_ERROR = 1e-12
-# Number of forces, over the range of the pilot (the campaign that a design starts from), at which
-# criterion I averages the variance of the prediction.
+# Number of forces over which criterion I averages the variance of predicted compliances. They span
+# the range of force of the pilot (the campaign that a design starts from).
 _PREDICTED_FORCES = 33
 
 
 def prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
-    """Return the weights W of criterion I, shape (s, s).
+    """Return the weights W, shape (s, s), of criterion I for s chosen parameters.
 
-    There are s chosen parameters, and S is their precision. tr(W S⁻¹) is the variance of C_j(F)
-    divided by the prior variance of C_j, averaged over the pilot's range of force F and over the
-    compliances j to which the chosen parameters belong.
+    Let S be the precision of the chosen parameters, and C_j(F) compliance j at the force F. tr(W
+    S⁻¹) is the variance of C_j(F) divided by the prior variance of C_j, averaged over the pilot's
+    range of force and over the compliances that the chosen parameters describe.
     """
     pilot_forces = (bound.pilot or bound.campaign).forces_N
     columns = [bound.names.index(name) for name in chosen]
@@ -54,9 +58,9 @@ def prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
 def objective_of(
     bound: BoundModel, run: int, phi: Array, chosen: Sequence[str], criterion: Criterion
 ) -> Objective:
-    """Return the objective of candidates for the chosen parameters.
+    """Return the objective of a search among candidate tests, for the chosen parameters.
 
-    Nuisances that share no readings with the chosen parameters are left out.
+    Nuisance coefficients that share no readings with the chosen parameters are left out.
 
     Parameters
     ----------
@@ -65,7 +69,7 @@ def objective_of(
     run
         Number of tests already run.
     phi
-        K values of the hyper-parameters of the pilot, shape (K, h) [mm].
+        K values of the pilot's hyper-parameters φ, shape (K, h) [mm].
     chosen
         Names of the parameters of interest.
     criterion
@@ -91,15 +95,19 @@ def objective_of(
 
 
 class _Layout(NamedTuple):
-    """Columns and rows of the information that an objective needs."""
+    """Columns and rows that an objective needs of the information of the tests."""
 
-    columns: NDArray[np.int_]  # indices of the columns, parameters of interest last
-    rows: NDArray[np.int_]  # indices of the rows of a block that are not zero everywhere
-    has_prior: NDArray[np.bool_]  # whether each column has a proper prior
+    columns: NDArray[np.int_]  # indices of coefficients, those of interest last
+    rows: NDArray[np.int_]  # indices of rows not zero in all tests
+    has_prior: NDArray[np.bool_]  # whether each coefficient has a proper prior
 
 
 def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -> _Layout:
-    """Return the layout from the information at one φ; it is the same for every φ."""
+    """Return the columns and rows that an objective needs, from the information at one φ.
+
+    ``blocks``, shape (tests, rows, m), is the information of each test about m coefficients. The
+    layout is the same for every value of the hyper-parameters φ.
+    """
     interest = [information.names.index(name) for name in chosen]
     columns = _connected_columns(blocks, interest)
     largest_by_row = np.abs(blocks[:, :, columns]).max(axis=(0, 2))
@@ -108,7 +116,10 @@ def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -
 
 
 def _stack_blocks(blocks: Sequence[Array]) -> Array:
-    """Return blocks of at most 25 rows as one array, with rounding errors set to zero."""
+    """Return the information of all tests as one array, with rounding errors set to zero.
+
+    ``blocks`` has one matrix per test, of at most 25 rows and a column per coefficient.
+    """
     rows = max(len(block) for block in blocks)
     stacked = np.zeros((len(blocks), rows, blocks[0].shape[1]))
     for k, block in enumerate(blocks):
@@ -118,9 +129,10 @@ def _stack_blocks(blocks: Sequence[Array]) -> Array:
 
 
 def _connected_columns(blocks: Array, interest: Sequence[int]) -> NDArray[np.int_]:
-    """Return indices of columns that act on the same readings as the parameters of interest.
+    """Return indices of coefficients that act on the same readings as those of interest.
 
-    Columns that do so only through other columns are included. Columns of interest come last.
+    Coefficients that do so only through other coefficients are included. ``interest`` are the
+    indices of the coefficients of interest, which come last in the result.
     """
     size = np.abs(blocks)
     shares_readings = np.einsum("rij,rik->jk", size, size) > 0.0

@@ -1,9 +1,9 @@
 """Candidates for a design: tests that could be run, the model bound to them, and their order.
 
 The pilot is the campaign or plan that a design starts from. The model keeps the pilot's reference
-force F0, force range, and estimate Ĉ of the compliances about which it is linearised. A clocking is
-the pair of angles by which the two balls are turned. The form errors of the two balls are separate
-terms of the model where any clockings differ; where none differ, one common term is the same model.
+force F0, range of force, and estimate Ĉ of the compliances about which it is linearised. A clocking
+is the pair of angles by which the two balls are turned. If any clockings differ, the model has
+separate terms for the form errors of the two balls. If none differ, one common term is equivalent.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ __all__ = [
     "templates",
 ]
 
-# Angles by which the work ball and the tool ball are turned [deg].
+# Pair of angles by which the work ball and the tool ball are turned [°].
 Clocking = tuple[float, float]
 
 
 def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[CircularTest, ...]:
     """Return a test without readings for every plane of the pilot and every direction.
 
-    By default, the directions of travel are those of the pilot in that plane. In all other respects
-    the test is like the pilot's test in that plane that has the median number of readings, with
-    angles in equal steps.
+    By default, the directions of travel in a plane are those of the pilot. In all other respects
+    the template is like a test of the pilot: the one in that plane with the median number of
+    readings. Its angles are in equal steps.
     """
     tests: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.tests):
@@ -59,7 +59,7 @@ def _number_of_angles(test: CircularTest) -> int:
 
 
 class _TestKind(NamedTuple):
-    """Properties of a test on which it depends which parameters the model has."""
+    """Properties of a test that decide which parameters the model has."""
 
     plane: str | None
     setup: int | None
@@ -73,30 +73,31 @@ def add_foreseen_tests(
     candidates: Sequence[CircularTest],
     compared_tests: Sequence[CircularTest] = (),
 ) -> Campaign:
-    """Return the pilot with all kinds of tests that a design may contain among those foreseen.
+    """Return the pilot, with all kinds of tests that a design may contain as foreseen tests.
 
-    A campaign's model has the parameters that its tests, run or foreseen, can show. With one test
-    of every new kind (of plane, set-up, centre, radius, direction) added to ``pilot.foreseen``, the
-    same model therefore applies to every design.
+    The model of a campaign has the parameters that its tests, run or foreseen, can show. One test
+    of every new kind (of plane, set-up, centre, radius, direction) is added to ``pilot.foreseen``.
+    The same model therefore applies to every design.
 
     Parameters
     ----------
     pilot
         The campaign or plan that the design starts from.
     candidates
-        Tests that a design chooses among. Where those in a plane run in both directions, so do the
-        tests added, so that the model includes hysteresis.
+        Tests that the design chooses among. If those in a plane run in both directions, tests in
+        both directions are added, so that the model includes hysteresis.
     compared_tests
-        Tests of designs that are only compared with it. They are added without their direction.
+        Tests of designs that are only compared with this design. They are added without their
+        direction.
 
     Returns
     -------
     Campaign
-        The pilot itself if it has run or foreseen all kinds already.
+        The pilot itself if its tests, run or foreseen, have all kinds already.
     """
     both_ways = _planes_run_both_ways(candidates)
-    # The radius matters for the parameters only where a frame or a centre lies off the machine's
-    # origin.
+    # The radius decides which parameters the model has only where a frame or the centre of a circle
+    # lies off the machine's origin.
     has_offset = any(any(frame) for frame in pilot.frames_mm.values()) or any(
         any(test.circle.centre_mm) for test in (*pilot.scope, *candidates, *compared_tests)
     )
@@ -105,8 +106,8 @@ def add_foreseen_tests(
         radius_mm = test.radius_mm if has_offset else None
         return _TestKind(test.plane, test.setup, test.circle.centre_mm, radius_mm, direction)
 
-    # The directions of the pilot's own tests do not count, because these tests need not be part of
-    # the analysis.
+    # The directions of tests that the pilot has run do not count, because the analysis of a design
+    # need not include these tests.
     known_kinds = {kind(test) for test in pilot.scope}
     known_kinds |= {kind(test, test.direction) for test in pilot.foreseen}
     possible = []
@@ -114,8 +115,7 @@ def add_foreseen_tests(
         direction = test.direction if str(test.plane) in both_ways else None
         possible.append((kind(test, direction), test))
     possible += [(kind(test), test) for test in compared_tests]
-    # Keep the first test of every kind. Reversing makes later entries overwrite earlier ones, and
-    # sorts the kinds by their last tests, from the end.
+    # Keep the first test of every kind: in the reversed list, earlier tests overwrite later ones.
     test_by_kind = dict(reversed(possible))
     new_tests = []
     for test_kind, test in test_by_kind.items():
@@ -166,7 +166,7 @@ def bind_tests(
 ) -> BoundModel:
     """Return the model bound to a plan of these tests.
 
-    Reference force, force range and the estimate Ĉ of the compliances are those of the pilot.
+    The reference force, range of force and estimate Ĉ of the compliances are those of the pilot.
 
     Parameters
     ----------
@@ -195,12 +195,12 @@ def bind_tests(
 def running_order(
     tests: Sequence[CircularTest], rng: np.random.Generator
 ) -> tuple[CircularTest, ...]:
-    """Return tests in an order to run them in which a drift does not look like an effect of force.
+    """Return tests in an order in which a drift does not look like an effect of force.
 
-    Tests of one set-up form a block. Within it, tests of one plane and radius form a block, then
-    those of one clocking of the work ball, in random order. Clockings of the tool ball follow in
-    ascending and descending order alternately. Within them, forces and directions of travel are in
-    random order.
+    Tests of one set-up form a block. Within it, tests of one plane and radius form a block, and
+    within this, tests of one clocking of the work ball. All these blocks are in random order. In
+    each, the clockings of the tool ball ascend or descend by turns. Tests of the same clockings are
+    in random order.
     """
     ordered: list[CircularTest] = []
     for setup_block in _random_blocks(tests, _setup, rng):
@@ -218,7 +218,10 @@ def running_order(
 def _random_blocks(
     tests: Sequence[CircularTest], key: Callable[[CircularTest], Any], rng: np.random.Generator
 ) -> list[list[CircularTest]]:
-    """Return the tests in blocks with the same key, the blocks in random order."""
+    """Return the tests in blocks of equal key, with the blocks in random order.
+
+    ``key`` is a function that returns the key of a test.
+    """
     blocks: dict[Any, list[CircularTest]] = {}
     for test in tests:
         blocks.setdefault(key(test), []).append(test)

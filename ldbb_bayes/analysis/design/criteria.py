@@ -1,9 +1,9 @@
 """Criteria of optimum design: figures of merit that a good set of tests makes large.
 
-Let S, shape (..., s, s), be the precision (inverse covariance) of the s parameters of interest, in
-units in which they are comparable, where all other parameters are unknown (the Schur complement).
-Leading dimensions (...) are for several designs or hyper-parameters at once. Every criterion takes
-the Cholesky factor L, with S = L Lᵀ, and has
+Let S, shape (..., s, s), be the precision (inverse covariance) of the s parameters of interest when
+all other parameters are unknown (the Schur complement). The parameters are in units in which they
+are comparable. The leading dimensions (...) are those of several designs or several values of the
+hyper-parameters, treated at once. Every criterion takes the Cholesky factor L of S = L Lᵀ, and has
 
 - `value`: the figure of merit Φ(S), shape (...), which never falls when information is added;
 - `directions`: Q, shape (..., s, q), with the derivative ∂Φ/∂S = Q Qᵀ, which the search uses;
@@ -22,7 +22,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Criterion", "Determinant", "LogBayesFactor", "Variance"]
 
-# Eigenvalues of W below this share of the largest are rounding errors.
+# Eigenvalues of the weights W of a criterion below this share of the largest are rounding errors.
 _NEGLIGIBLE_EIGENVALUE = 1e-14
 
 
@@ -30,23 +30,29 @@ _NEGLIGIBLE_EIGENVALUE = 1e-14
 class Determinant:
     """Criteria D and D_s: Φ = ln det S, where S is the precision of the parameters of interest.
 
-    With proper priors Φ/2 is the expected information gain [nat] up to a constant.
+    With proper priors, Φ/2 is the expected information gain [nat] up to a constant.
     """
 
     concave: ClassVar[bool] = True
-    size: int  #: number of parameters of interest, s
+    size: int  #: number s of parameters of interest
 
     def value(self, root: Array) -> Array:
-        """Return Φ, shape (...), from the Cholesky factor L of S, shape (..., s, s)."""
+        """Return Φ = ln det S, shape (...), from the Cholesky factor L of S, shape (..., s, s)."""
         diagonal = np.diagonal(root, axis1=-2, axis2=-1)
         return np.asarray(2.0 * np.log(diagonal).sum(axis=-1))
 
     def directions(self, root: Array) -> Array:
-        """Return Q = L⁻ᵀ, shape (..., s, s), from L; the derivative of Φ is Q Qᵀ."""
+        """Return Q = L⁻ᵀ, shape (..., s, s), where Q Qᵀ is the derivative of ln det S.
+
+        L, here ``root``, is the Cholesky factor of the precision S.
+        """
         return _inverse_transposed(root)
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return (det S / det S*)^(1/s), where S* is the precision in the best design."""
+        """Return (det S / det S*)^(1/s), where S* is the precision in the best design.
+
+        ``value`` and ``best`` are ln det S and ln det S*; s is the number of parameters.
+        """
         return float(np.exp((value - best) / self.size))
 
 
@@ -60,15 +66,18 @@ class Variance:
     """
 
     concave: ClassVar[bool] = True
-    weight: Array  #: W, shape (s, s)
+    weight: Array  #: weights W of the covariances of the parameters, shape (s, s)
 
     def value(self, root: Array) -> Array:
-        """Return Φ, shape (...), from the Cholesky factor L of S, shape (..., s, s)."""
+        """Return Φ = −tr(W S⁻¹), shape (...), from S's Cholesky factor L, shape (..., s, s)."""
         inverse = _inverse_transposed(root)
         return np.asarray(-np.einsum("ij,...jk,...ik->...", self.weight, inverse, inverse))
 
     def directions(self, root: Array) -> Array:
-        """Return Q = S⁻¹ W^½, shape (..., s, rank of W), from L; the derivative of Φ is Q Qᵀ."""
+        """Return Q = S⁻¹ W^½, shape (..., s, rank of W), where Q Qᵀ is the derivative of Φ.
+
+        ``root`` is the Cholesky factor of the precision S.
+        """
         inverse = _inverse_transposed(root)
         eigenvalues, vectors = np.linalg.eigh(self.weight)
         positive = eigenvalues > _NEGLIGIBLE_EIGENVALUE * eigenvalues.max()
@@ -84,32 +93,37 @@ class Variance:
 class LogBayesFactor:
     """Expected ln B in favour of the truth: Φ = ¼ size² Σ λ²/(1 + λ).
 
-    B is the Bayes factor of the model with the parameters of interest over the model without; both
-    are equally probable beforehand. S is their precision in units of the prior precision, so that
-    ``rows`` and ``prior`` of the objective must be scaled to make the prior alone the identity; the
-    eigenvalues of S are 1 + λ. If the parameters exist, with a root mean square of ``size`` prior
-    sds, E[ln B] is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)]. If they are zero, it is
-    ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Φ is half the difference, which never falls when information is
-    added. For one parameter it leads to the T-optimum design. Φ is not concave, so that an optimum
-    found may be a local one.
+    B is the Bayes factor of the model with the parameters of interest over the model without them;
+    both models are equally probable beforehand. S is the precision of the parameters in units of
+    the prior precision, and its eigenvalues are 1 + λ. ``rows`` and ``prior`` of the objective must
+    therefore be scaled so that S of the prior alone is the identity.
+
+    If the parameters exist, with a root mean square of ``size`` prior standard deviations, E[ln B]
+    is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)]. If they are zero, E[ln B] is ½ Σ [λ/(1 + λ) − ln(1
+    + λ)]. Φ is half the difference, which never falls when information is added. For one parameter
+    it leads to the T-optimum design. Φ is not concave, so that an optimum found may be a local one.
     """
 
     concave: ClassVar[bool] = False
-    size: float = 1.0  #: root mean square of the parameters, in prior sds
+    size: float = 1.0  #: root mean square of the parameters, in prior standard deviations
 
     def value(self, root: Array) -> Array:
-        """Return Φ, shape (...), from the Cholesky factor L of S, shape (..., s, s)."""
+        """Return the expected ln B, shape (...), from S's Cholesky factor L, shape (..., s, s)."""
         gain = np.maximum(np.linalg.eigvalsh(_square(root)) - 1.0, 0.0)
         return np.asarray(0.25 * self.size**2 * (gain**2 / (1.0 + gain)).sum(axis=-1))
 
     def directions(self, root: Array) -> Array:
-        """Return Q, the eigenvectors of S times √(dΦ/d(1 + λ)), shape (..., s, s)."""
+        """Return Q, shape (..., s, s), where Q Qᵀ is the derivative of the expected ln B.
+
+        Q holds the eigenvectors of the precision S times √(dΦ/d(1 + λ)), where 1 + λ are its
+        eigenvalues and Φ is the expected ln B. ``root`` is the Cholesky factor of S.
+        """
         eigenvalues, vectors = np.linalg.eigh(_square(root))
         rate = 0.25 * self.size**2 * (1.0 - 1.0 / np.maximum(eigenvalues, 1.0) ** 2)
         return np.asarray(vectors * np.sqrt(rate)[..., None, :])
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the expected ln B, divided by that of the best design."""
+        """Return the expected log Bayes factor divided by that of the best design."""
         return float(value / best)
 
 
@@ -117,11 +131,11 @@ Criterion: TypeAlias = Determinant | Variance | LogBayesFactor
 
 
 def _square(root: Array) -> Array:
-    """Return S = L Lᵀ from its Cholesky factor L."""
+    """Return the matrix S = L Lᵀ from its Cholesky factor L, here ``root``."""
     return np.asarray(root @ np.swapaxes(root, -1, -2))
 
 
 def _inverse_transposed(root: Array) -> Array:
-    """Return L⁻ᵀ from L; with S = L Lᵀ, the product L⁻ᵀ L⁻¹ is S⁻¹."""
+    """Return L⁻ᵀ from the Cholesky factor L of S = L Lᵀ, so that L⁻ᵀ L⁻¹ is S⁻¹."""
     identity = np.broadcast_to(np.eye(root.shape[-1]), root.shape)
     return np.linalg.solve(np.swapaxes(root, -1, -2), identity)

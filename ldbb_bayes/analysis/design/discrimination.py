@@ -1,8 +1,8 @@
 """Evidence that planned tests will give for or against slopes of the compliances with force.
 
-B is the Bayes factor of the model with the slopes over the model without. ln B is computed for the
-linear Gaussian model without truncation (the condition that compliances must not be negative), and
-averaged over the hyper-parameters φ (the scales of the noise and of other effects).
+B is the Bayes factor of the model with the slopes over the model without slopes. ln B is computed
+for the linear Gaussian model without truncation (the condition that compliances must not be
+negative), and averaged over the hyper-parameters φ (the scales of the noise and of other effects).
 """
 
 from __future__ import annotations
@@ -18,34 +18,36 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["DECISIVE", "Discrimination", "discrimination_of"]
 
-# Evidence is called decisive from this |ln B| on [nat] (Kass and Raftery 1995: "very strong").
+# Evidence is called decisive if the absolute value of the log Bayes factor is at least this [nat]
+# (Kass and Raftery 1995: "very strong").
 DECISIVE = 5.0
-# Number of quasi-random points for each value of the hyper-parameters.
+# Number of quasi-random points for each value of the hyper-parameters, over which probabilities of
+# the log Bayes factor are averaged.
 _POINTS = 256
-# Lower bound of the variance of a component, to avoid a division by zero.
+# Least variance of a component of the slopes' posterior mean, to avoid a division by zero.
 _LEAST_VARIANCE = 1e-12
 
 
 @dataclass(frozen=True)
 class Discrimination(Result):
-    """Expected ln B of slopes over no slopes, and probabilities of decisive evidence.
+    """Expected log Bayes factor ln B of slopes over no slopes, and probabilities of evidence.
 
     Fields that end in ``_with`` hold if there are slopes, those in ``_without`` if there are none.
     """
 
-    size: float  #: size of the slopes, in prior sds
-    #: whether tests already run are included; slopes then follow the posterior given these tests,
-    #: otherwise their prior times ``size``
+    size: float  #: size of the slopes, in prior standard deviations
+    #: whether tests already run are included; the assumed slopes then follow the posterior given
+    #: these tests, otherwise their prior times ``size``
     augmented: bool
-    threshold: float  #: |ln B| from which evidence is called decisive [nat]
-    expected_with: float  #: mean of ln B if there are slopes [nat]
-    expected_without: float  #: mean of ln B if there are no slopes [nat]
+    threshold: float  #: least absolute value of ln B of decisive evidence [nat]
+    expected_with: float  #: mean log Bayes factor if there are slopes [nat]
+    expected_without: float  #: mean log Bayes factor if there are no slopes [nat]
     decisive_with: float  #: probability of decisive evidence for slopes if there are slopes
     decisive_without: float  #: probability of decisive evidence against slopes if there are none
     misleading_with: float  #: probability of decisive evidence against slopes if there are slopes
     misleading_without: float  #: probability of decisive evidence for slopes if there are none
-    #: probability of decisive evidence for slopes if only the named slope exists, with plus or
-    #: minus ``size`` prior sds
+    #: probability of decisive evidence for slopes if only one slope, named by the key, exists; its
+    #: value is plus or minus ``size`` prior standard deviations
     power: dict[str, float]
 
 
@@ -58,27 +60,28 @@ def discrimination_of(
     threshold: float = DECISIVE,
     seed: int = 1,
 ) -> Discrimination:
-    """Return what to expect of ln B, from the posterior covariances of the slopes.
+    """Return the expected log Bayes factor of slopes and the probabilities of decisive evidence.
 
-    With the posterior mean m of the slopes that the analysis will find, shape (s,), and their
-    covariance C, shape (s, s), ln B = ½ (ln det C + mᵀ C⁻¹ m). Let m₁ be the mean and P₁ the
-    precision of the slopes before the tests, C = L Lᵀ (Cholesky) and Lᵀ P₁ L = U e Uᵀ
-    (eigenvalues e). The components of z = Uᵀ L⁻¹ m are then independent; given slopes β, their
-    means are e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and their variances 1 − e.
+    Let m, shape (s,), be the posterior mean of the s slopes that the analysis will find, and C,
+    shape (s, s), their covariance. The log Bayes factor is ln B = ½ (ln det C + mᵀ C⁻¹ m). Let m₁
+    be the mean and P₁ the precision of the slopes before the tests, C = L Lᵀ (Cholesky), and Lᵀ P₁
+    L = U e Uᵀ (eigenvalues e). The components of z = Uᵀ L⁻¹ m are then independent. Given slopes β,
+    their means are e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and their variances 1 − e.
 
     Parameters
     ----------
     covariance
-        C for each of K values of φ, shape (K, s, s), in units of the slopes' prior sds.
+        C for each of K values of the hyper-parameters, shape (K, s, s), in units of the slopes'
+        prior standard deviations.
     names
         Names of the s slopes.
     size
-        Size of the slopes, in prior sds.
+        Size of the slopes, in prior standard deviations.
     before
         Posterior of the slopes given tests already run, in the same units; default: no tests were
         run.
     threshold
-        |ln B| of decisive evidence [nat].
+        Least absolute value of ln B of decisive evidence [nat].
     seed
         Seed of the quasi-random points.
 
@@ -95,7 +98,7 @@ def discrimination_of(
         slope_variance = size**2
     root = np.linalg.cholesky(covariance)
     remaining, axes = np.linalg.eigh(np.swapaxes(root, 1, 2) @ start.precision @ root)
-    remaining = np.clip(remaining, _LEAST_VARIANCE, 1.0)  # e: share of the variance that remains
+    remaining = np.clip(remaining, _LEAST_VARIANCE, 1.0)  # e: remaining share of the variance
     learnt = 1.0 - remaining
     to_components = np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))
     mean = np.einsum("kij,kj->ki", to_components, start.mean)
@@ -129,24 +132,28 @@ def discrimination_of(
 
 @dataclass(frozen=True, eq=False)
 class _LogBayesFactorDistribution:
-    """Distribution of ln B = ½ (ln det C + Σ z²), with s normal, independent components z.
+    """Distribution of ln B = ½ (ln det C + Σ z²), with s independent normal components z.
 
-    C is the posterior covariance of s slopes, for each of K values of the hyper-parameters.
+    B is the Bayes factor of slopes over no slopes, and C the posterior covariance of the s slopes,
+    for each of K values of the hyper-parameters.
     """
 
-    log_volume: Array  # ln det C, shape (K,)
-    points: Array  # standard normal points, shape (K, points, s − 1)
+    log_volume: Array  # ln det C of the slopes' posterior covariance C, shape (K,)
+    points: Array  # standard normal points for all components but one, shape (K, points, s − 1)
 
     def expected(self, mean: Array, variance: Array) -> float:
-        """Return E[ln B] for z with means, shape (K, 1, s), and variances, shape (K, s)."""
+        """Return the mean log Bayes factor, given means and variances of the s components z.
+
+        ``mean`` has the shape (K, 1, s), ``variance`` the shape (K, s).
+        """
         squares = (mean[:, 0] ** 2 + variance).sum(axis=1)
         return float(0.5 * (self.log_volume + squares).mean())
 
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
-        """Return P(ln B > level) for z with given means and variances.
+        """Return P(ln B > level), given means and variances of the s components z.
 
-        Means have shape (K, 1 or 2, s), variances shape (K, s). Where there are two means, the
-        points take them in turn.
+        ``mean`` has the shape (K, 1 or 2, s), ``variance`` the shape (K, s). Where there are two
+        means, half of the points take the first and half the second.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)
@@ -154,7 +161,8 @@ class _LogBayesFactorDistribution:
         mean_of_point = np.arange(self.points.shape[1]) % mean.shape[1]
         centre = np.take_along_axis(mean, order, axis=2)[:, mean_of_point]
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
-        # The component with the largest variance is integrated analytically.
+        # The component with the largest variance, the first after sorting, is integrated
+        # analytically.
         needed_square = 2.0 * level - self.log_volume[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]
@@ -165,7 +173,8 @@ class _LogBayesFactorDistribution:
 def _normal_points(nodes: int, dimensions: int, seed: int) -> Array:
     """Return standard normal points, shape (nodes, points, dimensions).
 
-    They are quasi-random, with a different random shift for each node.
+    They are quasi-random, with a different random shift for each node (value of the
+    hyper-parameters).
     """
     rng = np.random.default_rng(seed)
     points = np.zeros((_POINTS, 0))

@@ -1,10 +1,10 @@
-"""Forecast of tests before they are run: expected sd of each parameter, and information gain.
+"""Forecast of tests before they are run: expected uncertainties, and information gain.
 
 The forecast is computed for the linear Gaussian model, given the hyper-parameters φ (the scales of
-the noise and of other effects), and averaged over φ. The sds account for the truncation
-(compliances must not be negative). β are the parameters (compliances, their slopes and geometric
-errors). A state is one possible machine: values of φ and β. The computation uses
-`ldbb_bayes.model.information.Information`, independently of the search for designs.
+the noise and of other effects), and averaged over φ. The expected standard deviations (sds) account
+for the truncation (compliances must not be negative). β are the parameters (compliances, their
+slopes and geometric errors). A state is one possible machine: values of φ and β. The computation
+uses `ldbb_bayes.model.information.Information`, independently of the search for designs.
 """
 
 from __future__ import annotations
@@ -30,26 +30,28 @@ __all__ = [
     "undetermined_forecast",
 ]
 
-# Number of posterior means, as an analysis may find them, drawn at random for each state.
+# Number of posterior means, as an analysis of the new tests may find them, that are drawn at random
+# for each possible state of the machine.
 _MEANS_PER_STATE = 4
-# Number of times that every test is run for the floor of a parameter's sd, which is the sd that
-# many tests leave.
+# Number of times that every test counts when the floor of a parameter's uncertainty is computed:
+# the standard deviation that remains after very many tests.
 _REPETITIONS_OF_FLOOR = 1e6
-# Singular values of the readings' information below this count as zero.
+# Singular values of the information of the readings below this count as zero.
 _RANK_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class Expected(Result):
-    """Prior sd and expected posterior sd of one parameter, in internal units (mm, N, rad).
+    """Prior and expected posterior standard deviation of one parameter, in mm, N and rad.
 
-    ``prior_sd`` is infinite for a flat prior. ``sd`` accounts for the truncation,
-    ``untruncated_sd`` does not. Their squares are averages over the hyper-parameters; they are
-    infinite where, with flat priors, the tests leave a parameter undetermined. ``sd_error`` is the
-    standard error of ``sd`` from the scatter over the states of the machine, as if these were
-    independent; it is somewhat too large, because states are spread more evenly. ``floor_sd`` is
-    the sd if every test were run a million times. It is due to nuisances that all tests share, and
-    is reduced for the truncation in the same ratio as ``sd``.
+    ``prior_sd`` is infinite for a flat prior. ``sd`` accounts for the truncation (compliances must
+    not be negative), ``untruncated_sd`` does not. Their squares are averages over the
+    hyper-parameters. They are infinite where, with flat priors, the tests leave a parameter
+    undetermined. ``sd_error`` is the standard error of ``sd`` from the scatter over possible states
+    of the machine. It is somewhat too large, because states are spread more evenly than independent
+    ones. ``floor_sd`` is the standard deviation if every test were run a million times. It is due
+    to nuisance effects that all tests share, and is reduced for the truncation in the same ratio as
+    ``sd``.
     """
 
     unit: str
@@ -64,11 +66,12 @@ class Expected(Result):
 class Forecast(Result):
     """Expected uncertainties, information gain, and evidence for or against slopes."""
 
-    expected: dict[str, Expected]  #: expected uncertainties by parameter
+    expected: dict[str, Expected]  #: expected uncertainty of each parameter, by name
     #: expected Kullback-Leibler divergence of the posterior from the prior [nat]; infinite for a
     #: flat prior
     information_gain: Finite
-    discrimination: Discrimination | None  #: None for degree 0 or flat priors
+    #: expected evidence for or against slopes; None for a model without slopes or with flat priors
+    discrimination: Discrimination | None
 
     @property
     def determined(self) -> bool:
@@ -77,7 +80,7 @@ class Forecast(Result):
 
 
 def undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return a forecast with infinite sds, for tests that leave parameters undetermined."""
+    """Return a forecast with infinite uncertainties: the tests leave parameters undetermined."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(
@@ -98,17 +101,18 @@ def expected_uncertainties(
     states
         K states of the machine before the tests.
     covariance
-        Posterior covariances of the p parameters in each state, without truncation, shape
-        (K, p, p), in units of the prior sds.
+        Posterior covariances of the p parameters in each state, without truncation, shape (K, p,
+        p), in units of the prior standard deviations.
     floor
-        Floor of the sds, shape (p,), in units of the prior sds.
+        Standard deviations that remain after very many tests, shape (p,), in units of the prior
+        standard deviations.
     seed
         Seed of the posterior means that an analysis may find.
 
     Returns
     -------
     dict of str to Expected
-        By parameter.
+        Expected uncertainty by parameter.
     """
     scale = bound.scale
     untruncated_sd = scale * np.sqrt(np.einsum("kii->ki", covariance).mean(axis=0))
@@ -136,9 +140,10 @@ def truncated_variances(
 ) -> tuple[Array, Array]:
     """Return expected posterior variances with truncation, and their standard errors.
 
-    States in which a compliance would be negative at a force of the new tests are left out. For
-    every other state, posterior means as the analysis may find them are drawn at random, and the
-    variance of the truncated Gaussian about each is computed.
+    With truncation, compliances must not be negative. States in which a compliance would be
+    negative at a force of the new tests are left out. For every other state, posterior means as the
+    analysis may find them are drawn at random, and the variance of the truncated Gaussian about
+    each is computed.
 
     Parameters
     ----------
@@ -147,17 +152,17 @@ def truncated_variances(
     states
         K states of the machine before the tests.
     covariance
-        Posterior covariances of the p parameters in each state, without truncation, shape
-        (K, p, p), in internal units.
+        Posterior covariances of the p parameters in each state, without truncation, shape (K, p,
+        p), in internal units (mm, N, rad).
     seed
         Seed of the posterior means that an analysis may find.
 
     Returns
     -------
     variance : Array
-        Mean over the states, shape (p,), in internal units.
+        Mean variance over the states, shape (p,), in internal units.
     error : Array
-        Standard error of the mean, shape (p,).
+        Standard error of the mean variance, shape (p,).
     """
     variance_by_state = np.einsum("kii->ki", covariance)
     untruncated = variance_by_state.mean(axis=0)
@@ -177,9 +182,9 @@ def _variance_change_by_truncation(
 ) -> Array:
     """Return how much the truncation changes the posterior variances, in every possible state.
 
-    For each state, posterior means are drawn as the analysis may find them, and the variances of
-    the truncated Gaussian about each mean are averaged. The change is negative where the truncation
-    narrows the posterior.
+    With truncation, compliances must not be negative. For each state, posterior means are drawn as
+    the analysis may find them, and the variances of the truncated Gaussian about each mean are
+    averaged. The change is negative where the truncation narrows the posterior.
 
     Parameters
     ----------
@@ -190,7 +195,8 @@ def _variance_change_by_truncation(
     possible
         Whether no compliance is negative in each state, shape (K,).
     covariance
-        Posterior covariances without truncation, shape (K, p, p), in internal units.
+        Posterior covariances of the p parameters without truncation, shape (K, p, p), in internal
+        units (mm, N, rad).
     seed
         Seed of the posterior means.
 
@@ -207,7 +213,8 @@ def _variance_change_by_truncation(
     means = scale * relative_means.reshape(-1, p)
     spread = np.tile(singular_root(relative_covariance) * scale[:, None], (_MEANS_PER_STATE, 1, 1))
     shift, covariance_inside, axes = bound.truncation.orthants(means, spread).moments()
-    # The truncation changes the unit covariance along the axes to ``covariance_inside``.
+    # Along the directions that truncation restricts, it changes the unit covariance to
+    # ``covariance_inside``.
     along_axes = spread @ np.swapaxes(axes, 1, 2)
     change_along_axes = along_axes @ (covariance_inside - np.eye(shift.shape[1]))
     change = np.einsum("kpd,kpd->kp", change_along_axes, along_axes)
@@ -219,10 +226,10 @@ def _draw_posterior_means(
 ) -> Array:
     """Draw posterior means that an analysis of the new tests may find, in every possible state.
 
-    Given the parameters β of a state, the posterior mean is normally distributed with the mean
-    m₁ + W (β − m₁) and the covariance W C, where W = 1 − C P₁. m₁ is the mean and P₁ the precision
-    of β before the tests, and C the covariance after them. Covariances and the result, shape
-    (draws, states, p), are in units of ``scale``.
+    Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
+    covariance after the tests, and W = 1 − C P₁. Given β of a state, the posterior mean is normally
+    distributed with the mean m₁ + W (β − m₁) and the covariance W C. Covariances and the result,
+    shape (draws, states, p), are in units of ``scale``.
     """
     prior_mean = states.before.mean[possible]
     prior_precision = states.before.precision[possible] * np.outer(scale, scale)
@@ -235,9 +242,10 @@ def _draw_posterior_means(
 
 
 def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:
-    """Return p(β | y, φ) and the floor of the sds, in units of the prior sds.
+    """Return the posterior p(β | y, φ), and the standard deviations that very many tests leave.
 
-    The readings y are not known yet: the mean is set to zero, and only the covariance counts.
+    β are the parameters and φ the hyper-parameters. Units are the prior standard deviations. The
+    readings y are not known yet: the mean is set to zero, and only the covariance counts.
 
     Parameters
     ----------
@@ -253,13 +261,13 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     posterior : Gaussian or None
         Posterior without truncation; None where, with flat priors, a parameter is undetermined.
     floor : Array
-        Sds of the p parameters if every test were run a million times, shape (p,).
+        Standard deviations of the p parameters if every test were run a million times, shape (p,).
     """
     phi = extend_hyper_parameters(bound, phi, run)
     first = information_of(bound, phi[0])
     interest = first.interest
     size = len(first.names)
-    # The information of the readings, compressed to as many rows as there are coefficients.
+    # QR factors compress the information of the readings to as many rows as there are coefficients.
     row_list = []
     for information in informations_of(bound, phi):
         row_list.append(np.linalg.qr(information.rows(), mode="r"))

@@ -1,9 +1,10 @@
 """Objective of the search for a design: a criterion averaged over the hyper-parameters.
 
-A design consists of n_i tests of each candidate i. Each test adds its information G_iᵀG_i, where
-G_i are the derivatives of its readings with respect to the parameters, in sds of the noise. The
-precision (inverse covariance) of all parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision
-before these tests. The criterion Φ is the figure of merit to be made large.
+Hyper-parameters are the scales of the noise and of other effects. A design consists of n_i tests of
+each candidate i. Each test adds its information G_iᵀG_i, where G_i are the derivatives of its
+readings with respect to the parameters, in standard deviations of the noise. The precision (inverse
+covariance) of all parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision before these tests.
+The criterion Φ is the figure of merit to be made large.
 """
 
 from __future__ import annotations
@@ -18,53 +19,59 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Objective"]
 
-# A parameter is undetermined where less than this share of its column of the Cholesky factor is
-# independent of the columns before it.
+# A parameter counts as undetermined if less than this share of its column of the precision matrix's
+# factor is independent of the columns before it.
 _SINGULAR_SHARE = 1e-6
-# Largest number of matrix elements that `Objective.after_adding` holds in memory at a time.
+# Largest number of elements of the precision matrices that `Objective.after_adding` computes at a
+# time, to limit memory.
 _CHUNK_SIZE = 1 << 22
 
 
 @dataclass(frozen=True, eq=False)
 class Objective(Shown):
-    """Φ of designs, averaged over K values of the hyper-parameters.
+    """Criterion Φ as a function of a design, averaged over K values of the hyper-parameters.
 
-    Designs are given by the counts of tests of each candidate, shape (candidates,).
+    A design is given by the counts of tests of each candidate, shape (candidates,).
     """
 
-    #: G, shape (K, candidates, m, p): derivatives of m reduced readings with respect to p
-    #: parameters, in sds of the noise; one test of a candidate adds GᵀG to the precision
+    #: derivatives G of m reduced readings with respect to p parameters, shape (K, candidates, m,
+    #: p), in standard deviations of the noise; one test of a candidate adds GᵀG to the precision
     rows: Array
-    #: P, shape (K, p, p): precision before these tests, from prior and tests already run; zeros
-    #: where the prior is flat
+    #: precision of the p parameters before these tests, shape (K, p, p), from the prior and tests
+    #: already run; zeros where the prior is flat
     prior: Array
-    #: number s of parameters of interest: the last s of the p parameters; the others are nuisances
+    #: number s of parameters of interest, which are the last s of the p parameters; the others are
+    #: nuisances
     interest: int
-    criterion: Criterion  #: `Determinant`, `Variance` or `LogBayesFactor`
+    criterion: Criterion  #: figure of merit: a `Determinant`, `Variance` or `LogBayesFactor`
 
     @property
     def candidates(self) -> int:
-        """Number of candidates."""
+        """Number of candidate tests."""
         return int(self.rows.shape[1])
 
     def among(self, candidates: Array) -> Objective:
-        """Return the same objective with only the candidates of these indices."""
+        """Return the same objective for the candidates with these indices only."""
         return replace(self, rows=self.rows[:, candidates])
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the efficiency, 0 … 1, of a design with value Φ relative to the best value."""
+        """Return the efficiency, 0 … 1, of a design whose criterion has the given value.
+
+        ``best`` is the value of the best design.
+        """
         if not np.isfinite(value):
             return 0.0
         return self.criterion.efficiency(value, best)
 
     def value(self, counts: Array) -> float:
-        """Return Φ of a design, −inf where it leaves a parameter undetermined."""
+        """Return the criterion Φ of a design, −inf where a parameter is left undetermined."""
         return float(self._values(self._precision(counts)).mean())
 
     def after_adding(self, counts: Array, chosen: Array) -> Array:
-        """Return Φ of the design with one more test of a candidate, for each chosen candidate.
+        """Return the criterion Φ of a design with one more test, for each chosen candidate.
 
-        The shape is (chosen,).
+        ``counts`` are the tests of the design by candidate, ``chosen`` the indices of the
+        candidates to add. The result has the shape (chosen,).
         """
         total = np.zeros(len(chosen))
         base = self._precision(counts)
@@ -77,11 +84,12 @@ class Objective(Shown):
         return total
 
     def sensitivity(self, counts: Array) -> tuple[float, Array]:
-        """Return Φ of a design and its derivatives ∂Φ/∂n_i by the counts n_i of the candidates.
+        """Return the criterion Φ of a design, and its derivatives by the counts n_i of tests.
 
-        ``counts`` and the derivatives have the shape (candidates,). With the derivative
-        ∂Φ/∂M = D_k D_kᵀ by the precision M at the k-th value of the hyper-parameters, ∂Φ/∂n_i is
-        the mean of ‖G_ki D_k‖² over k.
+        ``counts`` and the derivatives ∂Φ/∂n_i have the shape (candidates,). Let ∂Φ/∂M = D_k D_kᵀ be
+        the derivative by the precision M at the k-th value of the hyper-parameters, and G_ki the
+        derivatives of candidate i's readings by the parameters. Then ∂Φ/∂n_i is the mean of ‖G_ki
+        D_k‖² over k.
         """
         s = self.interest
         precision = self._precision(counts)
@@ -101,14 +109,14 @@ class Objective(Shown):
         return float(self.criterion.value(root).mean()), slope / len(root)
 
     def _precision(self, counts: Array) -> Array:
-        """Return the precision M of all parameters, shape (K, p, p)."""
+        """Return the precision matrices of all p parameters in a design, shape (K, p, p)."""
         support = np.flatnonzero(counts)
         scaled = self.rows[:, support] * np.sqrt(counts[support])[:, None, None]
         stacked = scaled.reshape(len(scaled), -1, scaled.shape[-1])
         return np.asarray(self.prior + np.swapaxes(stacked, -1, -2) @ stacked)
 
     def _values(self, precision: Array) -> Array:
-        """Return Φ for every precision matrix M, −inf where M is singular."""
+        """Return the criterion Φ for every precision matrix, −inf where it is singular."""
         try:
             root = np.linalg.cholesky(precision)
         except np.linalg.LinAlgError:
@@ -125,5 +133,5 @@ class Objective(Shown):
 
     @cached_property
     def _has_undetermined_prior(self) -> bool:
-        """Whether a parameter is undetermined before the tests."""
+        """Whether a parameter is undetermined before the tests, as with flat priors."""
         return bool(np.linalg.matrix_rank(self.prior).min() < self.prior.shape[-1])

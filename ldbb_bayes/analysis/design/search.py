@@ -1,9 +1,9 @@
-"""Search for the best whole numbers of tests (an exact design).
+"""Search for the design with the best whole numbers of tests (an exact design).
 
 A candidate is a test that could be run; a design has a count of tests for each candidate. The
-criterion Φ is the figure of merit to be made large. The search starts from the best shares
-(fractions of the tests), rounded, and from random designs. It replaces one test at a time by a
-better candidate until no replacement improves the design (coordinate exchange).
+criterion Φ is the figure of merit to be made large. The search starts from the rounded best shares
+(fractions of the tests), and from random designs. It replaces one test at a time by a better
+candidate until no replacement improves the design (coordinate exchange).
 """
 
 from __future__ import annotations
@@ -30,37 +30,40 @@ __all__ = ["MAX_TESTS", "ExactDesign", "Search", "efficient_rounding", "exchange
 
 # Largest number of tests in a design.
 MAX_TESTS = 300
-# Largest number of sweeps of an exchange over all tests of a design.
+# Largest number of times that an exchange goes through all tests of a design.
 _MAX_SWEEPS = 50
-# Up to this number of candidates, all are tried as a replacement of each test.
+# If there are at most this many candidates, all are tried as a replacement of each test.
 _FEW_CANDIDATES = 64
-# Where there are more candidates, this many with the largest sensitivity and this many random ones
-# are tried.
+# If there are more candidates than `_FEW_CANDIDATES`, this many with the largest sensitivity and
+# this many random ones are tried as a replacement of each test.
 _TRIED_CANDIDATES = 12
-# The same number at the end of a thorough exchange.
+# Number of candidates of each kind, most sensitive and random, that are tried as a replacement of
+# each test at the end of a thorough exchange.
 _TRIED_AT_THE_END = 128
-# Sensitivities that select candidates are averaged over every fourth value of the
-# hyper-parameters.
+# Sensitivities by which candidates are selected are averaged over every n-th value of the
+# hyper-parameters, with n this number, to save time.
 _HYPER_STEP = 4
-# Number of designs to start from: the rounded shares, and random designs. In every third, tests are
-# drawn from all candidates with equal probability, in the others with the shares as probabilities.
+# Number of designs that the search starts from: the rounded shares, and random designs. In every
+# third, tests are drawn from all candidates with equal probability. In the others, the shares are
+# the probabilities.
 _STARTS = 6
-# Relative tolerance of the bound on the sensitivity at which shares count as the best.
+# Shares count as the best where the largest sensitivity exceeds its bound by at most this, relative
+# to the bound.
 _SHARES_TOLERANCE = 1e-5
-# Largest number of restarts from perturbed designs, and largest product of matrix elements, tests,
-# candidates tried and restarts.
+# Largest number of restarts of the search from perturbed designs, and largest cost of all restarts:
+# the product of matrix elements, tests, candidates tried and restarts.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
-# Where there are at most this many possible designs, there are no restarts from perturbed ones.
+# If there are at most this many possible designs, the search does not restart from perturbed ones.
 _FEW_DESIGNS = 1000
-# Two forces whose distance is at most this share of the force range are merged into one, if the
-# relative loss of efficiency is at most ``_MERGING_LOSS``.
+# Two forces of a design whose distance is at most ``_CLOSE_FORCES`` times the range of force are
+# merged into one, if the relative loss of efficiency is at most ``_MERGING_LOSS``.
 _CLOSE_FORCES = 0.05
 _MERGING_LOSS = 1e-4
 
 
 def efficient_rounding(share: Array, tests: int) -> Array:
-    """Return the whole numbers of tests nearest to shares (Pukelsheim and Rieder 1992).
+    """Return the whole numbers of tests nearest to given shares (Pukelsheim and Rieder 1992).
 
     Parameters
     ----------
@@ -101,7 +104,7 @@ def exchange(
     feasible: Callable[[Array], bool] = _always_feasible,
     thorough: bool = True,
 ) -> tuple[Array, float]:
-    """Return counts and value of a design that no exchange of one test improves.
+    """Return a design that no exchange of one test for another improves, and its value.
 
     Parameters
     ----------
@@ -119,7 +122,7 @@ def exchange(
     Returns
     -------
     counts : Array
-        The design, shape (candidates,).
+        Number of tests by candidate in the design, shape (candidates,).
     value : float
         Value Φ of the criterion for the design.
     """
@@ -149,7 +152,7 @@ def exchange(
 
 
 def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
-    """Return the counts with ``number`` more tests of one candidate."""
+    """Return the counts of a design with ``number`` more tests of one candidate."""
     changed = counts.copy()
     changed[candidate] += number
     return changed
@@ -158,7 +161,11 @@ def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
 def _likely_candidates(
     objective: Objective, base: Array, size: int, rng: np.random.Generator
 ) -> Array:
-    """Return candidates with the largest sensitivity, and random ones; all if there are few."""
+    """Return candidates that are likely to improve a design, as indices.
+
+    They are ``size`` candidates with the largest sensitivity and ``size`` random ones, or all if
+    there are not more. ``base`` are the counts of tests in the design.
+    """
     n = objective.candidates
     if size >= n:
         return np.arange(n)
@@ -177,24 +184,24 @@ def _likely_candidates(
 class ExactDesign:
     """A design in whole numbers of tests, and the best shares of the same number of tests."""
 
-    counts: Array  #: number of tests by candidate, shape (candidates,)
-    value: float  #: value Φ of the criterion
-    optimum: Optimum  #: best shares, which need not be whole numbers of tests
-    efficiency: float  #: efficiency relative to the best shares
+    counts: Array  #: whole number of tests of each candidate, shape (candidates,)
+    value: float  #: value Φ of the criterion for the design
+    optimum: Optimum  #: best shares of as many tests, which need not be whole numbers of tests
+    efficiency: float  #: efficiency of the design relative to the best shares
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Search for the best design among candidates."""
+    """Search for the best design among candidate tests."""
 
     objective: Objective
-    forces_N: Array  #: force of each candidate, shape (candidates,)
+    forces_N: Array  #: force of each candidate [N], shape (candidates,)
     levels: int  #: least number of different forces in a design
     seed: int
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
     def shares(self, tests: float) -> Optimum:
-        """Return the best shares of this number of tests; each is computed once."""
+        """Return the best shares of this number of tests, computed once for each number."""
         if tests not in self._shares:
             self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)
         return self._shares[tests]
@@ -234,7 +241,10 @@ class Search:
         return ExactDesign(best, value, optimum, efficiency)
 
     def _starting_designs(self, share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
-        """Return the rounded shares, and random designs."""
+        """Return the designs that the search starts from: the rounded shares, and random designs.
+
+        ``share`` are the best shares of the tests, shape (candidates,).
+        """
         n = self.objective.candidates
         starts = [efficient_rounding(share, tests)]
         for k in range(1, _STARTS):
@@ -247,10 +257,10 @@ class Search:
         return len(distinct_forces(self.forces_N[counts > 0])) >= self.levels
 
     def _merge_close_forces(self, counts: Array, value: float) -> tuple[Array, float]:
-        """Return the design with close forces merged, and its value.
+        """Return the design with close forces merged, and the value of its criterion.
 
-        All tests at one of two close forces move to the other, if that costs at most 0.01 % of the
-        efficiency.
+        All tests at one of two close forces move to the other force, if that costs at most 0.01 %
+        of the efficiency.
         """
         unmerged_value = value
         close_N = _CLOSE_FORCES * np.ptp(self.forces_N)
@@ -270,7 +280,7 @@ class Search:
     def _at_enough_forces(self, counts: Array, rng: np.random.Generator) -> Array:
         """Return a design with at least as many different forces as slopes need.
 
-        ``counts`` is the number of tests of every candidate. If all of them are at one force where
+        ``counts`` is the number of tests of every candidate. If all tests are at one force where
         two are needed, ``counts`` is changed: one test moves to a random candidate at another
         force.
         """
@@ -282,9 +292,10 @@ class Search:
         return counts
 
     def _number_of_restarts(self, tests: int) -> int:
-        """Return the number of restarts from perturbed designs.
+        """Return how often the search restarts from perturbed designs.
 
-        It is limited by the computing effort, and zero where there are few possible designs.
+        The number is limited by the computing effort, and zero where there are few possible
+        designs.
         """
         n = self.objective.candidates
         possible_designs = comb(n + tests - 1, tests)
@@ -298,13 +309,13 @@ class Search:
 
 
 def _merge_tests(counts: Array, source: int, target: int) -> Array:
-    """Return the counts with all tests of candidate ``source`` moved to ``target``."""
+    """Return the counts of a design with all tests of candidate ``source`` moved to ``target``."""
     number = int(counts[source])
     return _with_tests(_with_tests(counts, source, -number), target, number)
 
 
 def _perturbed(counts: Array, rng: np.random.Generator) -> Array:
-    """Return the design with a third of its tests replaced by random candidates."""
+    """Return the counts of a design with a third of its tests replaced by random candidates."""
     n = len(counts)
     number = max(1, int(counts.sum()) // 3)
     removed = rng.choice(np.repeat(np.arange(n), counts), number, replace=False)

@@ -1,8 +1,9 @@
 """Best shares of tests (an approximate design), with a certificate that they are the best.
 
-Shares are the fractions of N tests run at each candidate; n_i, the share times N, need not be a
-whole number. The criterion Φ is the figure of merit to be made large. The sensitivity of candidate
-i is N ∂Φ/∂n_i.
+Shares are the fractions of N tests that are run at each candidate. The number n_i of tests, the
+share of candidate i times N, need not be a whole number. The criterion Φ is the figure of merit to
+be made large. The sensitivity of candidate i is N ∂Φ/∂n_i. The bound is the mean of the
+sensitivities, weighted by the shares; for the best shares no sensitivity exceeds it.
 """
 
 from __future__ import annotations
@@ -20,29 +21,31 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_shares"]
 
-# Values whose difference, relative to the largest, is below this count as equal. Among equal
-# candidates the first is taken.
+# Values of the criterion or the sensitivity count as equal if their difference, relative to the
+# largest value, is below this. Among equal candidates the first is taken.
 _EQUALITY_TOLERANCE = 1e-9
-# Largest number of rounds; in each, candidates join the active ones, and shares are optimized.
+# Largest number of rounds of the optimization. In each round, candidates join the active ones, and
+# the shares of the active candidates are optimized.
 _MAX_ROUNDS = 400
 # Largest number of iterations of the solver SLSQP in each round.
 _SOLVER_ITERATIONS = 40
 # Largest number of candidates that may join the active ones in a round.
 _JOINING_CANDIDATES = 3
-# Number of evenly spread candidates that are active in the first round.
+# Number of evenly spread candidates whose shares are optimized in the first round.
 _FIRST_CANDIDATES = 32
-# A share below this counts as zero.
+# A candidate's share of the tests below this counts as zero.
 _ZERO_SHARE = 1e-10
-# Lower bound of each share at the start of the solver, times the number of active candidates.
+# Least share of each candidate at the start of the solver, times the number of active candidates.
 _STARTING_SHARE = 0.02
-# Value of the loss function where the shares leave a parameter undetermined.
+# Value of the solver's loss function where the shares leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
-# Tolerance of SLSQP: in the first round, the smallest ever used, and its ratio to the excess of the
-# sensitivity over the bound that remains.
+# Tolerance of the solver SLSQP: in the first round, the smallest ever used, and its ratio to the
+# relative excess of the largest sensitivity over the bound after the previous round.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
-# The search ends where a round raises Φ by less than this, relative to the bound.
+# The optimization of shares ends after a round that raises the criterion by less than this,
+# relative to the bound.
 _NO_GAIN = 1e-13
 
 
@@ -63,27 +66,30 @@ def is_better(value: float, reference: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Optimum(Shown):
-    """Shares of N tests, their Φ, and the sensitivities N ∂Φ/∂n_i.
+    """Shares of N tests among candidates, their criterion Φ, and the sensitivities N ∂Φ/∂n_i.
 
-    If the shares are the best, no sensitivity exceeds their mean over the shares.
+    n_i is the number of tests of candidate i. If the shares are the best, no sensitivity exceeds
+    the mean of the sensitivities weighted by the shares.
     """
 
     share: Array  #: share of the tests by candidate, shape (candidates,); their sum is 1
-    value: float  #: value Φ of the criterion
-    sensitivity: Array  #: sensitivities N ∂Φ/∂n_i, shape (candidates,)
-    bound: float  #: mean of the sensitivities over the shares
+    value: float  #: value Φ of the criterion for these shares
+    #: derivative of the criterion by the number of tests of each candidate, times the number of all
+    #: tests, shape (candidates,)
+    sensitivity: Array
+    bound: float  #: mean of ``sensitivity``, weighted by the shares
 
     @property
     def excess(self) -> float:
-        """Largest sensitivity divided by the bound that it has at the optimum, minus one.
+        """Largest sensitivity divided by the bound, minus one; zero for the best shares.
 
-        If the criterion is concave, no design exceeds this one by more than bound · excess.
+        If the criterion is concave, no design exceeds these shares by more than bound · excess.
         """
         return float(self.sensitivity.max() / self.bound - 1.0)
 
 
 def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
-    """Return value, sensitivities and bound of shares of N tests.
+    """Return criterion, sensitivities and bound of given shares of N tests.
 
     Parameters
     ----------
@@ -92,22 +98,23 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
     share
         Shares of the tests, shape (candidates,); their sum is 1.
     tests
-        Number of tests, N.
+        Number N of tests.
 
     Returns
     -------
     Optimum
-        The shares with Φ, N ∂Φ/∂n_i and the bound of Kiefer and Wolfowitz (1960).
+        The shares with the criterion Φ, the sensitivities N ∂Φ/∂n_i by the numbers n_i of tests,
+        and the bound of Kiefer and Wolfowitz (1960).
     """
     value, slope = objective.sensitivity(tests * share)
     return Optimum(share, value, tests * slope, float(tests * slope @ share))
 
 
 def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
-    """Return the shares of N tests that make Φ largest.
+    """Return the shares of N tests that make the criterion largest.
 
     The algorithm is fully corrective: it optimizes the shares of a few active candidates, then adds
-    candidates whose sensitivity exceeds the bound, and repeats this until the relative excess over
+    candidates whose sensitivity exceeds the bound. It repeats this until the relative excess over
     the bound is within the tolerance.
 
     Parameters
@@ -115,7 +122,7 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     objective
         Criterion as a function of the counts of the candidates.
     tests
-        Number of tests, N. The result does not depend on it if the prior is flat.
+        Number N of tests. The result does not depend on it if the prior is flat.
     tolerance
         Tolerance of the relative excess; `Optimum.excess` is the value reached.
 
@@ -165,7 +172,10 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
 
 
 def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
-    """Return candidates with the largest sensitivities above the bound, at least one candidate."""
+    """Return the indices of candidates with the largest sensitivities above the bound.
+
+    At least the candidate with the largest sensitivity is returned.
+    """
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
     above = highest[optimum.sensitivity[highest] > optimum.bound]
     if len(above):
@@ -176,9 +186,9 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
 def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
     """Return the shares of a few candidates that maximise the objective, computed with SLSQP.
 
-    Shares are not negative and sum to one. ``tests`` is the number of tests to be divided among the
-    candidates, ``start`` the shares to start from, shape (candidates,), and ``tolerance`` that of
-    the objective relative to the sum of its sensitivities.
+    Shares are not negative and sum to one. ``tests`` is the number of tests that the candidates
+    share. ``start`` are the shares to start from, shape (candidates,). ``tolerance`` is that of the
+    objective, relative to the mean of the sensitivities weighted by the shares.
     """
     n = objective.candidates
     if n == 1:

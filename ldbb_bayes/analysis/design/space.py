@@ -1,7 +1,7 @@
 """Space of designs: candidate tests, criterion and parameters of interest.
 
 The pilot is the campaign or plan that a design starts from. Shares are the fractions of the tests
-run at each candidate.
+that are run at each candidate.
 """
 
 from __future__ import annotations
@@ -44,17 +44,18 @@ from ldbb_bayes.units import inside_name
 __all__ = ["CriterionName", "Space"]
 
 CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
-# Columns of a table of tests beside the force: those that it always has, and those that it has
-# where the tests differ in them.
+# Columns of a table of tests beside the force: those that the table always has, and those that it
+# has only where the tests differ in them.
 _FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
-# Number of values of the hyper-parameters that the search averages over; more do not change the
-# design.
+# Number of values of the hyper-parameters (scales of the noise and of other effects) that the
+# search averages over; more values do not change the design.
 _SEARCH_NODES = 12
 # Number of states of the machine that a forecast averages over.
 _FORECAST_STATES = 128
 _MAX_CANDIDATES = 5000
-# Groups of parameters: all of them, and those of the criteria that are not about all.
+# Groups of parameters: all groups, and those that a criterion is about, for criteria that are not
+# about all groups.
 _ALL_GROUPS = {"compliance", "slope", "geometric"}
 _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 
@@ -64,7 +65,7 @@ class Space:
     """Candidates, criterion and parameters of interest of a design.
 
     The fields are the arguments of `ldbb_bayes.design` without the number of tests. Repeated values
-    are dropped. Kinds of tests that the pilot has not run are added to the tests foreseen in it.
+    are dropped. Kinds of tests that the pilot has not run are added to the pilot's foreseen tests.
     """
 
     model: HybridModel
@@ -77,15 +78,16 @@ class Space:
     parameters: Sequence[str] = ()
     augment: bool = False
     slope_size: float = 1.0
-    #: tests of designs that are only compared with this one; the model has their parameters too
+    #: tests of designs that are only compared with this one; the model includes the parameters that
+    #: they can show
     compared_tests: tuple[CircularTest, ...] = ()
     seed: int = 1
 
     def __post_init__(self) -> None:
         """Store the fields without repeated values, and the pilot with all tests foreseen.
 
-        Radii default to those of the pilot's tests. Raise an `InputError` if the candidates, the
-        criterion or the parameters of interest are not valid.
+        Radii default to those of the pilot's tests. An `InputError` is raised if the candidates,
+        the criterion or the parameters of interest are not valid.
         """
         radii_mm = self.radii_mm or _radii_of(self.pilot)
         self._store("forces_N", tuple(dict.fromkeys(self.forces_N)))
@@ -93,10 +95,11 @@ class Space:
         self._store("directions", tuple(dict.fromkeys(self.directions)))
         self._store("clockings_deg", _distinct_clockings(self.clockings_deg))
         self._check_candidates()
-        # The candidates are made from the pilot as the caller gave it.
+        # Make the candidates before the pilot is replaced: they depend on the pilot as the caller
+        # gave it.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
-        # The model is bound to the pilot stored above.
+        # Check last, because this binds the model to the pilot stored above.
         self._check_interest()
 
     def _store(self, name: str, value: object) -> None:
@@ -121,7 +124,7 @@ class Space:
         )
 
     def _check_interest(self) -> None:
-        """Check that criterion, parameters of interest and prior fit each other."""
+        """Refuse a criterion that does not suit the parameters of interest or the prior."""
         groups = {p.group for p in self.bound.parameters if p.name in self.chosen}
         number = len(self.chosen)
         if self.criterion == "c":
@@ -151,7 +154,7 @@ class Space:
 
     @cached_property
     def chosen(self) -> tuple[str, ...]:
-        """The parameters of interest: those named, or else all that the criterion is about."""
+        """Names of the parameters of interest: those named, or all that the criterion is about."""
         check_known("criterion", [self.criterion], get_args(CriterionName))
         named = [inside_name(name) for name in self.parameters]
         check_known("parameter", named, self.bound.names)
@@ -162,18 +165,19 @@ class Space:
 
     @cached_property
     def templates(self) -> tuple[CircularTest, ...]:
-        """One test without readings for every plane and direction of travel."""
+        """One test without readings for every plane and direction of travel of a design."""
         return templates(self.pilot, self.directions)
 
     @cached_property
     def tests(self) -> tuple[CircularTest, ...]:
-        """The candidate tests."""
+        """The candidate tests: every combination of template, force, clockings and radius."""
         return grid_of_tests(self.templates, self.forces_N, self.clockings_deg, self.radii_mm)
 
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
         """Return a table of tests with force, clockings and radius, one row per test.
 
-        It has plane, direction and set-up where they differ among candidates and compared tests.
+        The table also has those of plane, direction and set-up in which candidates and compared
+        tests differ.
         """
         all_tests = (*self.tests, *self.compared_tests)
         columns = ["force_N", *_FIXED_COLUMNS]
@@ -187,14 +191,15 @@ class Space:
         return pd.DataFrame(rows, columns=columns)
 
     def tests_of(self, design: ExactDesign) -> tuple[CircularTest, ...]:
-        """Return the tests of a design, each as often as it is to be run."""
+        """Return the tests of a design, each repeated as often as it is to be run."""
         positions = np.repeat(np.arange(len(self.tests)), design.counts)
         return tuple(self.tests[i] for i in positions)
 
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
         """Return tests in equal steps of force, each moved to the nearest force level.
 
-        They have the first clocking and radius. Planes and directions alternate from test to test.
+        The tests have the first clocking and radius. Planes and directions alternate from test to
+        test.
         """
         levels = np.array(sorted(self.forces_N))
         nearest_levels = []
@@ -213,7 +218,7 @@ class Space:
         return len(self.pilot.tests) if self.augment else 0
 
     def objective(self, tests: Sequence[CircularTest]) -> Objective:
-        """Return the objective for tests, which need not be candidates."""
+        """Return the objective of a search among these tests, which need not be candidates."""
         bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
         phi = hyper_nodes(self.model, self.pilot, _SEARCH_NODES, self.seed)
         criterion = self._criterion(bound)
@@ -246,13 +251,13 @@ class Space:
 
     @cached_property
     def states(self) -> States:
-        """States of the machine before these tests."""
+        """States of the machine before the tests of a design, over which a forecast averages."""
         return states_before(
             self.model, self.pilot, _FORECAST_STATES, self.seed, augment=self.augment
         )
 
     def forecast(self, tests: Sequence[CircularTest], *, states: States | None = None) -> Forecast:
-        """Return the forecast of tests, added to the pilot's tests if ``augment``.
+        """Return the forecast of tests, which are added to the pilot's tests if ``augment``.
 
         Parameters
         ----------
@@ -284,7 +289,10 @@ class Space:
     def _discrimination(
         self, bound: BoundModel, states: States, covariance: Array
     ) -> Discrimination | None:
-        """Return the expected evidence for or against slopes; None if the model has no slopes."""
+        """Return the expected evidence for or against slopes; None if the model has no slopes.
+
+        ``covariance`` are the posterior covariances of the parameters in each state.
+        """
         slopes = self.chosen
         if self.criterion != "discriminate":
             slopes = tuple(p.name for p in bound.parameters if p.group == "slope")
@@ -311,7 +319,7 @@ def _radii_of(pilot: Campaign) -> list[float]:
 
 
 def _distinct_clockings(clockings_deg: Sequence[Clocking]) -> tuple[Clocking, ...]:
-    """Return the first of all clockings that are equal but for whole turns."""
+    """Return the clockings without those that equal an earlier one but for whole turns."""
     first_by_angles: dict[Clocking, Clocking] = {}
     for work_deg, tool_deg in reversed(clockings_deg):
         first_by_angles[work_deg % 360.0, tool_deg % 360.0] = (work_deg, tool_deg)

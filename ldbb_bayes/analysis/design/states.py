@@ -1,9 +1,9 @@
 """States of the machine before the tests of a design.
 
 A state is a value of the hyper-parameters φ (the scales of the noise and of other effects) and of
-the parameters β (compliances, their slopes and geometric errors). States are drawn at random from
-the posterior given the pilot, the campaign that a design starts from, or from the prior where the
-pilot is a plan.
+the parameters β (compliances, their slopes and geometric errors). The pilot is the campaign or plan
+that a design starts from. States are drawn at random from the posterior given the pilot, or from
+the prior where the pilot is a plan.
 """
 
 from __future__ import annotations
@@ -23,29 +23,31 @@ from ldbb_bayes.results import Array
 
 __all__ = ["States", "extend_hyper_parameters", "hyper_nodes", "states_before"]
 
-# Posteriors of the hyper-parameters by pilot, one for each model. They are kept because their
-# computation takes long.
+# Posteriors of the hyper-parameters by pilot (the campaign that a design starts from), one for each
+# model. They are kept because their computation takes long.
 _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """K equally likely states of the machine."""
+    """K equally likely states of the machine: values of hyper-parameters and parameters."""
 
     phi: Array  #: hyper-parameters φ, shape (K, h) [mm]
-    #: parameters β without negative compliances, shape (K, p); p = 0 where their prior is flat
+    #: parameters β, whose compliances are not negative, shape (K, p); p = 0 where their prior is
+    #: flat
     beta: Array
-    #: p(β | φ) before the new tests, in which compliances may be negative: the prior, or the
-    #: posterior given tests that count as run
+    #: Gaussian density of the parameters β given the hyper-parameters, before the new tests, in
+    #: which compliances may be negative: the prior, or the posterior given tests that count as run
     before: Gaussian
 
 
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
-    """Return equally likely values of the h hyper-parameters φ, shape (size, h) [mm].
+    """Return equally likely values of the h hyper-parameters, shape (size, h) [mm].
 
-    They represent the posterior given the pilot, or the prior where the pilot is a plan; then
-    ``size`` is rounded up to a power of two. With flat priors of the parameters one value is
-    enough, the root mean square, because all variances are proportional to σ².
+    They represent the posterior given the pilot, or the prior where the pilot is a plan. In the
+    second case ``size`` is rounded up to a power of two. With flat priors of the parameters one
+    value is enough, the root mean square, because all variances are proportional to that of the
+    noise.
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
@@ -62,7 +64,7 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
 
 
 def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
-    """Return φ for a model bound to ``run`` circles of the pilot, then to new circles.
+    """Return hyper-parameters φ for ``run`` circles of the pilot and the new circles after them.
 
     The relative scale λ of the scatter of a single circle is set to 1 for new circles, as 1/λ² is
     one on average. Other hyper-parameters that do not act on the pilot are spread over their prior.
@@ -72,7 +74,7 @@ def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
     bound
         Model bound to the circles run, followed by the new ones.
     phi
-        K values of φ of the pilot, shape (K, h) [mm].
+        K values of the pilot's φ, shape (K, h) [mm].
     run
         Number of the pilot's circles that ``bound`` includes.
 
@@ -107,7 +109,7 @@ def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
 def states_before(
     model: HybridModel, pilot: Campaign, size: int, seed: int, *, augment: bool
 ) -> States:
-    """Return states of the machine drawn from the pilot's posterior, or from the prior for a plan.
+    """Return states of the machine drawn from the pilot's posterior, or the prior for a plan.
 
     Parameters
     ----------
@@ -125,7 +127,7 @@ def states_before(
     Returns
     -------
     States
-        φ, β, and p(β | φ) before the new tests.
+        Hyper-parameters φ, parameters β, and the density p(β | φ) before the new tests.
     """
     bound = model.bind(pilot)
     rng = np.random.default_rng(seed)
@@ -150,7 +152,10 @@ def states_before(
 
 
 def _hyper_posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
-    """Return the posterior of φ given the pilot; it is computed once and kept with the pilot."""
+    """Return the posterior of the hyper-parameters given the pilot.
+
+    It is computed once and kept with the pilot.
+    """
     posteriors = _POSTERIORS.setdefault(pilot, [])
     for posterior in posteriors:
         if posterior.bound.model == model:
