@@ -22,7 +22,15 @@ from ldbb_bayes.campaign.circular_test import (
     TestFields,
     distinct_forces,
 )
-from ldbb_bayes.campaign.field_types import Coordinate, Date, Label, Length, Number, Positive
+from ldbb_bayes.campaign.field_types import (
+    STRICT,
+    Coordinate,
+    Date,
+    Label,
+    Length,
+    Number,
+    Positive,
+)
 from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.files import raises_input_error
@@ -132,7 +140,7 @@ class CampaignFields(Shown):
 
 
 @raises_input_error("campaign")
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, config=STRICT)
 class Campaign(CampaignFields):
     """Circular tests of one machine, with readings or, as a plan, without.
 
@@ -305,9 +313,9 @@ Plan = Campaign
 
 
 def require_campaign(campaign: object) -> None:
-    """Raise an `InputError` unless the argument is a `Campaign` or None."""
+    """Raise an `InputError` unless the argument is a `Campaign`."""
     require(
-        campaign is None or isinstance(campaign, Campaign),
+        isinstance(campaign, Campaign),
         f"campaign must be a Campaign, got {type(campaign).__name__}. Read one with"
         " lb.read_campaign(path), or make it from arrays.",
     )

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic.dataclasses import dataclass
 
 from ldbb_bayes.campaign.field_types import (
+    STRICT,
     Coordinate,
     FileName,
     Force,
@@ -76,7 +77,7 @@ PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in
 
 
 @raises_input_error("test")
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, config=STRICT)
 class CircularTest(TestFields):
     """One circle at one force, with readings or, if it is planned, without.
 

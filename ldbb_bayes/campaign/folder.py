@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.campaign.campaign_toml import LARGEST_PLAN, read_campaign_toml
 from ldbb_bayes.campaign.campaign_writer import TOML_NAME, write_campaign_into
 from ldbb_bayes.campaign.certified_instrument import Instrument
@@ -154,6 +154,7 @@ def write_campaign(
     >>> lb.read_campaign(folder).sha256 == campaign.sha256
     True
     """
+    require_campaign(campaign)
     folder = Path(folder)
     with staged_folder(folder, force=force, ours=files_of(folder)) as staging:
         write_campaign_into(campaign, staging)
@@ -227,6 +228,6 @@ def embedded_campaign(name: str = "recovered_experiment") -> Path:
         if (folder / TOML_NAME).is_file():
             return folder
     raise InputError(
-        f"embedded campaign must be one of those installed, got {name!r}, which is missing. Install"
-        " the package again."
+        f"embedded campaign must be one that is installed, got {name!r}. Leave the name out for"
+        " recovered_experiment; if that is missing too, install the package again."
     )

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, require_campaign
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
@@ -180,6 +180,7 @@ def check_campaign(campaign: Campaign) -> CampaignPreview:
     >>> test.name, test.travel, round(test.noise_um, 2), test.spikes
     ('f036', 'CW', 0.12, 0)
     """
+    require_campaign(campaign)
     return CampaignPreview(
         name=campaign.name,
         sha256=campaign.sha256,

@@ -154,8 +154,14 @@ def _input_error(
     if kwargs.get("name"):
         place = f"{subject} {kwargs['name']!r}"
     key = first["loc"][0]
+    dataclass_fields = vars(cls)["__dataclass_fields__"]
+    if first["type"] in _UNKNOWN_KEY:
+        known = [name for name, field in dataclass_fields.items() if field.init]
+        return InputError(
+            f"{place}: arguments must be among {', '.join(known)}, got {key!r}. Did you mean"
+            f" {nearest(str(key), known)!r}?"
+        )
     if isinstance(key, int):
-        dataclass_fields = vars(cls)["__dataclass_fields__"]
         positional = [
             name for name, field in dataclass_fields.items() if field.init and not field.kw_only
         ]

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.mcmc import WeightedPoints
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -66,6 +66,7 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
     >>> sampler.get_chain().shape
     (5, 40, 17)
     """
+    require_campaign(campaign)
     require(
         not campaign.is_plan,
         "campaign must have readings to have a posterior, got a plan. Run the tests, or"

@@ -11,7 +11,7 @@ import warnings
 
 import numpy as np
 
-from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.integrals import LARGEST_PARETO_K
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
@@ -112,6 +112,7 @@ def check_comparable(model: HybridModel, campaign: Campaign) -> None:
         "a model must have a proper prior to have an evidence, got a flat one. Use the default"
         " preset.",
     )
+    require_campaign(campaign)
     require(
         not campaign.is_plan,
         "a campaign must have readings to give an evidence, got a plan. Run the tests, or"

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import check_known, renamed, require
 from ldbb_bayes.inference.coefficients import ModelDraws, pool_draws
 from ldbb_bayes.inference.density import JointDensity, LinearRedraw, starting_points
@@ -138,6 +138,7 @@ def sample(
     43
     """
     sampler = sampler_named(sampler)
+    require_campaign(campaign)
     require(
         not campaign.is_plan,
         "campaign must have readings to be sampled, got a plan. Run the tests, or simulate the"

@@ -424,7 +424,8 @@ def hybrid_jacobian(
     """
     require(
         degree in (0, 1, 2),
-        f"degree must be 0, 1 or 2, got {degree}. Choose constant, linear or quadratic compliance.",
+        f"degree must be 0, 1 or 2, got {degree!r}."
+        " Choose constant, linear or quadratic compliance.",
     )
     angle = np.asarray(angle_rad, dtype=float)
     compliances = kept_compliances(machine, circle).names

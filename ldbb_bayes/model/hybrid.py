@@ -20,7 +20,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
+from ldbb_bayes.campaign.campaign import (
+    Campaign,
+    CircularTest,
+    distinct_forces,
+    require_campaign,
+)
 from ldbb_bayes.errors import check_known, renamed, require
 from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
@@ -113,7 +118,7 @@ class HybridModel(Result):
         object.__setattr__(self, "fixed", tuple(sorted(fixed)))
         require(
             self.degree in (0, 1, 2),
-            f"degree must be 0, 1 or 2, got {self.degree}."
+            f"degree must be 0, 1 or 2, got {self.degree!r}."
             " Choose constant, linear or quadratic compliance.",
         )
         force = self.reference_force_N
@@ -380,6 +385,7 @@ class HybridModel(Result):
         Raise an `InputError` if the campaign has too few levels of force for the model's degree or
         for flat priors.
         """
+        require_campaign(campaign)
         return BoundModel(self, campaign)
 
     def simulate(

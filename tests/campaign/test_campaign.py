@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -52,6 +53,26 @@ def test_units_at_the_edge() -> None:
 )
 def test_refused(changes: dict[str, object], message: str) -> None:
     refuses(message, make, **changes)
+
+
+def test_an_unknown_argument_is_answered_with_the_nearest_name() -> None:
+    refuses("got 'direktion'. Did you mean 'direction'", make, direktion="CW")
+    refuses("got 'nmae'. Did you mean 'name'", lb.Campaign, [make()], nmae="six circles")
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lb.check_campaign,
+        lb.HybridModel.default(0).bind,
+        lambda campaign: lb.sample(lb.HybridModel.default(0), campaign),
+        lambda campaign: lb.log_evidence(lb.HybridModel.default(0), campaign),
+        lambda campaign: lb.log_density(lb.HybridModel.default(0), campaign),
+        lambda campaign: lb.write_campaign(campaign, "folder"),
+    ],
+)
+def test_what_is_no_campaign_is_refused(function: Callable[[Any], Any]) -> None:
+    refuses("campaign must be a Campaign, got str. Read one with", function, "recovered_experiment")
 
 
 def test_what_tests_leave_open_comes_from_the_campaign() -> None:
