@@ -72,7 +72,7 @@ class DescribedMachine(Result):
     planes: tuple[str, ...]
     #: joints in words, with branch and frame, from the workpiece to the tool
     joints: tuple[str, ...]
-    centres_mm: tuple[tuple[float, float, float], ...]
+    centres_mm: tuple[tuple[float, ...], ...]
     compliances: tuple[VisibleParameter, ...]
     geometric_errors: tuple[VisibleParameter, ...]
     null: tuple[str, ...]  #: names of the compliances that change no reading
@@ -126,7 +126,7 @@ def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> Descri
         topology=machine.topology,
         planes=tuple(machine.planes),
         joints=tuple(_describe_joint(joint) for joint in machine.joints),
-        centres_mm=tuple(dict.fromkeys(circle.centre_mm for circle in circles)),
+        centres_mm=tuple(dict.fromkeys(tuple(circle.centre_mm) for circle in circles)),
         compliances=_describe_compliances(machine, circles, visible),
         geometric_errors=_describe_geometric_errors(machine, circles),
         null=visible.null,

@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, SkipValidation
+from pydantic import AfterValidator, BeforeValidator, SkipValidation
 from pydantic.dataclasses import dataclass
 
 from ldbb_bayes.campaign.certified_instrument import Ball, Instrument
@@ -134,9 +134,7 @@ class CampaignFields(Shown):
     #: relation of force and pressure, used where a test states only one of them
     force_law: ForceLaw = field(default_factory=ForceLaw)
     #: positions of the joints' frames, by axis letter; see `Machine`
-    frames_mm: SkipValidation[Mapping[str, tuple[float, float, float]]] = field(
-        default_factory=dict
-    )
+    frames_mm: SkipValidation[Mapping[str, Sequence[float]]] = field(default_factory=dict)
 
 
 @raises_input_error("campaign")
@@ -169,7 +167,9 @@ class Campaign(CampaignFields):
     tests: Tests  #: tests, either all with readings or all without
     name: Label = field(default="campaign", kw_only=True)  #: name of the campaign
     #: centre of the circle in tests that state none
-    centre_mm: tuple[Coordinate, ...] = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    centre_mm: Annotated[Sequence[Coordinate], AfterValidator(tuple)] = field(
+        default=(0.0, 0.0, 0.0), kw_only=True
+    )
     #: certified properties of the instrument
     instrument: Instrument = field(default_factory=Instrument, kw_only=True)
     #: tests that may be run later. The model already has the effects that only they can show;

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import field
+from typing import Annotated
 
+from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass
 
 from ldbb_bayes.campaign.field_types import (
@@ -58,7 +61,8 @@ class Ball(Shown):
 
     sphericity_um: Certified | None = None  #: deviation from sphericity, peak to valley
     grade: str | None = None  #: grade of ISO 3290, G3 to G200, instead of ``sphericity_um``
-    harmonics_um: tuple[Harmonic, ...] = ()  #: (order, amplitude [µm], phase [deg])
+    #: (order, amplitude [µm], phase [deg])
+    harmonics_um: Annotated[Sequence[Harmonic], AfterValidator(tuple)] = ()
     U_um: Certified | None = None  #: expanded uncertainty (k = 2) of the harmonics' coefficients
     certificate: Label | None = None  #: name of the certificate; no number depends on it
 

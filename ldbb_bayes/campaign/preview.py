@@ -124,7 +124,7 @@ class TestPreview:
     plane: str
     setup: int
     radius_mm: float
-    centre_mm: tuple[float, float, float]
+    centre_mm: tuple[float, ...]
     work_ball_deg: float
     tool_ball_deg: float
     #: step of which all differences of readings are multiples; see `resolution_of`
@@ -247,7 +247,7 @@ def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
         plane=test.circle.plane,
         setup=test.setup or 1,
         radius_mm=test.circle.radius_mm,
-        centre_mm=test.circle.centre_mm,
+        centre_mm=tuple(test.circle.centre_mm),
         work_ball_deg=test.work_ball_deg,
         tool_ball_deg=test.tool_ball_deg,
         resolution_um=readings.resolution_um,

@@ -18,6 +18,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import require
@@ -134,15 +135,15 @@ class LogDensity(Shown):
         scales = len(self.bound.hyper_prior.names)
         return f"LogDensity of {campaign!r}: {parameters} parameters, {scales} scales"
 
-    def log_prob(self, x: Array) -> Any:
+    def log_prob(self, x: Array) -> float | NDArray[np.float64]:
         """Return ln p(y | x) + ln p(x); −inf where the prior density is zero, never NaN."""
         return self._evaluate(x, self._log_joint)
 
-    def log_prior(self, x: Array) -> Any:
+    def log_prior(self, x: Array) -> float | NDArray[np.float64]:
         """Return ln p(x), truncation included; if β has a flat prior, only that of φ."""
         return self._evaluate(x, self._log_prior)
 
-    def log_likelihood(self, x: Array) -> Any:
+    def log_likelihood(self, x: Array) -> float | NDArray[np.float64]:
         """Return ln p(y | x) of readings in mm; −inf if a hyper-parameter is out of bounds."""
         return self._evaluate(x, self._log_likelihood)
 
@@ -225,7 +226,9 @@ class LogDensity(Shown):
         )
         return points
 
-    def _evaluate(self, x: Array, density: Callable[[Array, Array], Array]) -> Any:
+    def _evaluate(
+        self, x: Array, density: Callable[[Array, Array], Array]
+    ) -> float | NDArray[np.float64]:
         """Return a log density of β and φ at x; −inf if an element of φ is out of its bounds."""
         values = self._check_points(x)
         points = values.reshape(-1, len(self.names))

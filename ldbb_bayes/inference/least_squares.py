@@ -5,6 +5,7 @@ The uncertainty of this estimate accounts for white noise alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,7 +62,7 @@ def fit_least_squares(
     degree: int = 0,
     *,
     reference_force_N: float | None = None,
-    fixed: tuple[str, ...] = (),
+    fixed: Sequence[str] = (),
 ) -> LeastSquares:
     """Return compliances, slopes and geometric errors estimated by least squares (Eq. 31).
 

@@ -8,7 +8,7 @@ Vectors have the components X, Y and Z of the machine coordinate system.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -72,8 +72,11 @@ class Circle(Shown):
 
     radius_mm: float = 150.0  #: nominal distance between the balls
     #: position of the work ball; its component normal to the plane affects lever arms only
-    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    centre_mm: Sequence[float] = (0.0, 0.0, 0.0)
     plane: str = "XY"  #: angles are measured from the first axis of the plane
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre_mm", tuple(self.centre_mm))
 
     def direction(self, angle_rad: Array) -> Array:
         """Return the sensitive direction B̂ of the bar, shape (n, 3) [1]."""
@@ -93,7 +96,7 @@ class Joint:
 
     axis: str
     branch: Branch
-    frame_mm: tuple[float, float, float]
+    frame_mm: Sequence[float]
 
     @property
     def index(self) -> int:
@@ -134,10 +137,10 @@ class Machine(Shown):
     """
 
     topology: str = "wCAFYXZSt"  #: joints in order from workpiece to tool
-    planes: str | tuple[str, ...] = ("XY",)  #: planes of the circular tests, of XY, YZ and ZX
+    planes: str | Sequence[str] = ("XY",)  #: planes of the circular tests, of XY, YZ and ZX
     #: Position of each joint's frame with all axes at zero, relative to the point where the balls
     #: coincide; by default zero, as in the paper.
-    frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict, hash=False)
+    frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         planes = (self.planes,) if isinstance(self.planes, str) else tuple(self.planes)
@@ -149,7 +152,7 @@ class Machine(Shown):
         frames = {axis: tuple(frame) for axis, frame in self.frames_mm.items()}
         object.__setattr__(self, "frames_mm", frames)
 
-    def _check_frame(self, axis: str, frame: tuple[float, float, float]) -> None:
+    def _check_frame(self, axis: str, frame: Sequence[float]) -> None:
         require(
             axis in LINEAR and axis in self.topology,
             f"frames_mm must name linear axes of {self.topology!r}, got {axis!r}."

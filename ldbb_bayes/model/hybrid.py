@@ -104,18 +104,19 @@ class HybridModel(Result):
     #: degree of the compliance as a polynomial in force: 0 constant, 1 linear, 2 quadratic
     degree: int = 1
     #: effects modelled but not of interest
-    nuisances: tuple[Term, ...] = field(default_factory=_default_terms)
+    nuisances: Sequence[Term] = field(default_factory=_default_terms)
     prior: Prior = field(default_factory=Prior.default)  #: prior of parameters and hyper-parameters
     #: Reference force F0 [N]. Default: the middle of the campaign's forces. F0 = 0 gives Eq. 33.
     reference_force_N: float | None = None
     preset: Preset = "default"  #: name of the preset that the model was derived from
     #: parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a
     #: campaign
-    fixed: tuple[str, ...] = ()
+    fixed: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         fixed = {inside_name(name) for name in self.fixed}
         object.__setattr__(self, "fixed", tuple(sorted(fixed)))
+        object.__setattr__(self, "nuisances", tuple(self.nuisances))
         require(
             self.degree in (0, 1, 2),
             f"degree must be 0, 1 or 2, got {self.degree!r}."

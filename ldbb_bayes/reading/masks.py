@@ -15,7 +15,7 @@ __all__ = ["mask_angles", "mask_reversals"]
 _REVERSALS_DEG = (0.0, 90.0, 180.0, 270.0)
 
 
-def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> CircularTest:
+def mask_angles(test: CircularTest, arcs_deg: Sequence[Sequence[float]]) -> CircularTest:
     """Return a test without the readings inside given arcs.
 
     Parameters

@@ -104,7 +104,7 @@ def add_foreseen_tests(
 
     def kind(test: CircularTest, direction: Direction | None = None) -> _TestKind:
         radius_mm = test.radius_mm if has_offset else None
-        return _TestKind(test.plane, test.setup, test.circle.centre_mm, radius_mm, direction)
+        return _TestKind(test.plane, test.setup, tuple(test.circle.centre_mm), radius_mm, direction)
 
     # The directions of tests that the pilot has run do not count, because the analysis of a design
     # need not include these tests.

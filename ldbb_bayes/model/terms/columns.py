@@ -100,7 +100,7 @@ class Columns(Shown):
     ((6, 25, 2), array([0.002, 0.002]))
     """
 
-    names: tuple[str, ...]  #: they begin with the term's ``stem``
+    names: Sequence[str]  #: they begin with the term's ``stem``
     values: Array  #: reading per unit coefficient, in the Fourier basis, shape (tests, 25, p)
     #: Prior sd (p,), or one number for all: in units of ``hyper`` where one is named, else in mm;
     #: infinite for a flat prior.
@@ -115,6 +115,7 @@ class Columns(Shown):
     circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
         p = len(self.names)
         for name in ("sd", "mean"):
             value = getattr(self, name)

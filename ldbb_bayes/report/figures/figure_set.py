@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -40,7 +40,7 @@ def save_figures(
     posterior: xr.DataTree,
     folder: str | os.PathLike[str],
     *,
-    formats: tuple[str, ...] = ("png", "svg"),
+    formats: Sequence[str] = ("png", "svg"),
 ) -> list[Path]:
     """Draw every figure of a posterior into a folder.
 

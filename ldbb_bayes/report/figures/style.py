@@ -182,7 +182,7 @@ def save_figure(
     folder: str | os.PathLike[str],
     name: str,
     *,
-    formats: tuple[str, ...] = ("png", "svg"),
+    formats: Sequence[str] = ("png", "svg"),
 ) -> list[Path]:
     """Write one figure into a folder, the same bytes for the same figure.
 
