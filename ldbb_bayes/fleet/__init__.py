@@ -1,4 +1,4 @@
-"""Analysis of many campaigns: of a shop floor, one machine over time, or a series of machines."""
+"""Analysis of many campaigns: of all machines, one machine over time, or machines of one kind."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Fits of many campaigns, each by itself, as the rows of one table."""
+"""Batches: many campaigns, each fitted separately, as the rows of one table."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Batch", "run_batch"]
 
-# Largest number of campaigns that the result of a batch lists by name, separately for those that
-# failed and for those in doubt.
+# Largest number of campaigns that the result of a batch lists as failed, and as doubtful. Further
+# campaigns are only counted.
 _LONGEST_NAMED = 10_000
 
 
@@ -46,23 +46,24 @@ class Batch(Result):
     """Result of a finished batch: where its table is, and how many campaigns were fitted."""
 
     out: Path  #: folder of the batch
-    dataset: Path  #: Parquet table in that folder
-    campaigns: int  #: number of all campaigns
+    dataset: Path  #: Parquet file with the batch's table, in the folder of the batch
+    campaigns: int  #: number of all campaigns of the batch
     done: int  #: number of campaigns fitted, in this run or an earlier one
     failures: int  #: number of campaigns that could not be fitted
     not_converged: int  #: number of fitted campaigns that missed the sampling target
-    #: number of fitted campaigns whose readings the model does not expect or that contradict it
+    #: number of fitted campaigns whose readings are unexpected under the model, or contradict it
     doubtful: int
-    #: campaign and reason of those that could not be fitted (the first 10 000)
+    #: file path of each campaign that could not be fitted, and why; 10 000 campaigns at most
     failed: tuple[dict[str, str], ...]
-    #: campaign and verdict of those that did not converge or are doubtful (the first 10 000)
+    #: file path and verdict of each campaign whose fit is doubtful or missed its sampling target;
+    #: 10 000 campaigns at most
     doubts: tuple[dict[str, str], ...]
-    fitted: int  #: number of campaigns tried in this run; earlier runs had tried the others
-    seconds: float  #: time that this run took [s]
-    resumed: bool  #: whether this run continued an earlier one
+    fitted: int  #: number of campaigns that this run tried to fit; earlier runs tried the others
+    seconds: float  #: duration of this run of the batch [s]
+    resumed: bool  #: whether this run continued an earlier run of the same batch
 
     def rows(self) -> pd.DataFrame:
-        """Return the row of every campaign, as `read_batch` does."""
+        """Return the table of the batch, with one row per campaign, as `read_batch` does."""
         return read_batch(self.out)
 
 
@@ -199,7 +200,10 @@ def _number(paths: Iterable[str]) -> list[Job]:
 
 
 def _canonical_toml(model: HybridModel) -> str:
-    """Return the TOML text of a model; the order in which its terms were given does not matter."""
+    """Return the TOML text of a model with its terms in a fixed order.
+
+    Models with the same terms give the same text, in whatever order the terms were given.
+    """
     return model_to_toml(model_from_toml(model_to_toml(model)))
 
 
@@ -207,7 +211,7 @@ def _canonical_toml(model: HybridModel) -> str:
 def _started(
     executor: Executor | Callable[[], AbstractContextManager[Executor | None]] | None,
 ) -> Iterator[Executor | None]:
-    """Yield the executor given; where a function that starts one is given, start it."""
+    """Yield the given executor, which runs the fits; if a function is given, it starts one."""
     if callable(executor):
         with executor() as started:
             yield started
@@ -222,9 +226,9 @@ def _fit_campaigns(
     retry: bool,
     progress: Callable[[int, int, int], None] | None,
 ) -> int:
-    """Fit the campaigns that have no row yet and return their number.
+    """Fit the campaigns that have no row in the journal yet, and return how many these are.
 
-    With ``retry``, campaigns that failed are fitted again.
+    With ``retry``, campaigns that failed in an earlier run are fitted again.
     """
     jobs = _pending_jobs(journal, retry)
     (campaigns,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()
@@ -268,7 +272,10 @@ def _saved_rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
 
 
 def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
-    """Return the number of campaigns by state; those without a state are counted by status."""
+    """Return the number of campaigns by state, such as usable or doubtful.
+
+    Campaigns without a state are counted by their status, such as failed.
+    """
     query = "SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1"
     return dict(journal.execute(query).fetchall())
 
@@ -276,7 +283,10 @@ def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
 def _named_campaigns(
     journal: sqlite3.Connection, column: str, states: tuple[str, ...]
 ) -> tuple[dict[str, str], ...]:
-    """Return the path and one more column of the first 10 000 campaigns in the given states."""
+    """Return the file path and one more column of each campaign in the given states.
+
+    At most 10 000 campaigns are returned.
+    """
     query = (
         "SELECT row FROM campaigns WHERE coalesce(state, status) IN (?, ?) ORDER BY number LIMIT ?"
     )

@@ -34,17 +34,17 @@ from ldbb_bayes.report.fit_tables import describe_fit
 
 __all__ = ["Job", "Settings", "failed_row", "fit_row"]
 
-# Numerical error allowed in a log evidence from which a Bayes factor of a row is formed [nat].
+# Largest numerical error of a log evidence from which a campaign's Bayes factor is computed [nat].
 _EVIDENCE_TOLERANCE = 1e-2
-# Longest reason of a failure that a row holds [characters].
+# Longest text that a campaign's row holds on why the campaign could not be fitted [characters].
 _LONGEST_REASON = 1200
-# Attributes of `Campaign` that are copied into columns of the same name.
+# Attributes of `Campaign` that are copied into columns of a batch's table with the same names.
 _CAMPAIGN_COLUMNS = ("name", "sha256", "machine_id", "date", "topology", "readings")
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How every campaign of a batch is fitted."""
+    """Settings with which every campaign of a batch is fitted."""
 
     model_toml: str
     sampler: str = "independent"
@@ -52,11 +52,11 @@ class Settings:
     ess: float = 1000.0
     prob: float = 0.95
     compare: bool = True
-    #: fields of `Campaign` that tidy CSVs do not state
+    #: fields of `Campaign` for campaigns that are read from tidy CSVs, which cannot state them
     table: Mapping[str, Any] = field(default_factory=dict)
-    #: fields of `Instrument` that replace what campaigns state
+    #: fields of `Instrument`; they replace what the campaigns themselves state
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    #: tolerances by quantity; they replace what campaigns state
+    #: tolerances by quantity; they replace the tolerances that the campaigns themselves state
     tolerances: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -69,7 +69,10 @@ _cached_model = lru_cache(maxsize=4)(model_from_toml)
 
 
 class Job(NamedTuple):
-    """One campaign to be fitted: its number in the batch, its file path as given, and absolute."""
+    """One campaign to be fitted: its number in the batch, and its file path.
+
+    ``path`` is the file path as the user gave it.
+    """
 
     number: int
     path: str
@@ -127,7 +130,10 @@ def _read(settings: Settings, path: str) -> Campaign:
 
 
 def _reason(error: Exception, job: Job) -> str:
-    """Return in one line why a campaign could not be fitted, naming its file path as given."""
+    """Return one line of text on why a campaign could not be fitted.
+
+    File paths in the text are written as the user gave them.
+    """
     reason = plain_reason(error)
     if reason is None:
         last_call = traceback.extract_tb(error.__traceback__)[-1]
@@ -152,7 +158,7 @@ def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
 
 
 def _origin_columns(campaign: Campaign) -> dict[str, Any]:
-    """Return the columns that describe the campaign: machine, date, tests, forces and limits."""
+    """Return the columns that describe a campaign: machine, date, tests, forces, tolerances."""
     columns: dict[str, Any] = {name: getattr(campaign, name) for name in _CAMPAIGN_COLUMNS}
     return columns | {
         "planes": ",".join(campaign.machine().planes),
@@ -165,9 +171,9 @@ def _origin_columns(campaign: Campaign) -> dict[str, Any]:
 
 
 def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
-    """Return the columns of the fit and of the quantities computed in addition to it.
+    """Fit a campaign, and return the columns of the fit and of additional quantities.
 
-    Where an additional quantity cannot be computed, the row has a warning that names it.
+    If an additional quantity cannot be computed, a warning in the row names the quantity.
     """
     density = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
     rule = StoppingRule(ess=settings.ess)
@@ -198,7 +204,10 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
 def _beside_the_fit(
     settings: Settings, campaign: Campaign, density: HyperPosterior, posterior: xr.DataTree
 ) -> dict[str, Callable[[], dict[str, Any]]]:
-    """Return the functions that compute additional columns, by the name that a warning uses."""
+    """Return functions that compute additional columns of a campaign's row.
+
+    Each key is the name of the quantity in a warning if the computation fails.
+    """
     model = settings.model
     steps: dict[str, Callable[[], dict[str, Any]]] = {}
     if not model.prior.flat:
@@ -236,7 +245,10 @@ def _conformity_columns(posterior: xr.DataTree) -> dict[str, Any]:
 
 
 def _parameter_numbers(posterior: xr.DataTree, prob: float) -> dict[str, dict[str, Any]]:
-    """Return the unit, moments and interval of every parameter and hyper-parameter."""
+    """Return unit, mean, sd and interval of every parameter and hyper-parameter of a fit.
+
+    Hyper-parameters are the scales of the noise and of other effects.
+    """
     numbers: dict[str, dict[str, Any]] = {}
     for name, draws in posterior["posterior"].data_vars.items():
         unit = draws.attrs.get("unit", "")

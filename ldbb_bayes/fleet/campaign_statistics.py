@@ -1,6 +1,6 @@
 """Sufficient statistics of one campaign: moments of its parameters and of instrument errors.
 
-They are all that later analyses of many campaigns need of a campaign. Parameters are compliances,
+Analyses of many campaigns need no other numbers of a campaign. Parameters are compliances,
 their slopes and geometric errors; instrument errors (of the mount, the force gain) are nuisance
 coefficients, that is, effects that are modelled but not of interest.
 """
@@ -23,7 +23,8 @@ __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"
 # Number of nodes (values of the hyper-parameters φ, the scales of the noise and of other effects)
 # whose conditional Gaussians are computed in one block.
 _NODES_AT_ONCE = 256
-# Total weight of the nodes of lowest weight that are left out of the moments.
+# Nodes (values of the hyper-parameters) of lowest weight are left out of the moments; this is the
+# largest sum of their weights.
 _NEGLECTED_WEIGHT = 1e-4
 
 
@@ -38,15 +39,15 @@ class SufficientStatistics:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    mean: Array  #: shape (q,)
-    covariance: Array  #: shape (q, q)
-    prior_mean: Array  #: shape (q,)
-    prior_sd: Array  #: shape (q,)
+    mean: Array  #: posterior means of the q quantities, shape (q,)
+    covariance: Array  #: posterior covariance matrix of the q quantities, shape (q, q)
+    prior_mean: Array  #: prior means of the q quantities, shape (q,)
+    prior_sd: Array  #: prior standard deviations of the q quantities, shape (q,)
 
     def columns(self) -> dict[str, list[Any]]:
-        """Return the statistics as columns of a batch's table, each a list.
+        """Return the statistics as lists, by the name of their column in a batch's table.
 
-        The covariance is given by its lower triangle, row by row.
+        Of the covariance matrix, only the lower triangle is listed, row by row.
         """
         lists: dict[str, list[Any]] = {}
         for name, value in vars(self).items():
@@ -58,7 +59,7 @@ class SufficientStatistics:
 
 @one_blas_thread
 def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
-    """Return the posterior moments of parameters and instrument errors.
+    """Return the posterior moments of a campaign's parameters and instrument errors.
 
     Parameters
     ----------
@@ -93,17 +94,19 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
 class _ChosenCoefficients(NamedTuple):
     """The q coefficients of a model whose moments are kept: parameters, then instrument errors."""
 
-    places: list[int]  #: indices among the coefficients that all tests share
+    places: list[int]  #: indices of the q coefficients among those that all tests share
     names: tuple[str, ...]
     units: tuple[str, ...]
-    prior_mean: Array  #: shape (q,)
-    prior_sd: Array  #: shape (q,)
+    prior_mean: Array  #: prior means of the q coefficients, shape (q,)
+    prior_sd: Array  #: prior standard deviations of the q coefficients, shape (q,)
 
 
 def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
     """Return the coefficients that campaigns may share: parameters, then instrument errors.
 
-    In the bound model the nuisance coefficients come before the parameters.
+    Instrument errors are nuisance coefficients, that is, effects that are modelled but not of
+    interest. In the bound model (a model applied to one campaign) all nuisance coefficients come
+    before the parameters.
     """
     nuisance_sds: list[tuple[str, float]] = []
     for term in bound.nuisance_columns:
@@ -133,13 +136,13 @@ def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
 def mixture_covariance(
     weight: Array, mean: Array, covariance: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the mean (q,) and the covariance (q, q) of a mixture of k distributions.
+    """Return the mean (q,) and covariance (q, q) of a weighted mixture of k distributions.
 
     Parameters
     ----------
     weight : weights of the components, shape (k,).
     mean : means of the components, shape (k, q).
-    covariance : covariances of the components, shape (k, q, q); None: zero.
+    covariance : covariances of the components, shape (k, q, q); None if all of them are zero.
     """
     centre = weight @ mean
     deviation = mean - centre

@@ -2,18 +2,18 @@
 
 c_t = c + Δ e_j 1[t ≥ k] + w_t, t = 1..n
 
-c_t are the machine's p parameters in campaign t, c their level before any change. From campaign k
-on, parameter j differs by the step Δ (e_j is the unit vector of that parameter). w_t is the
-machine's own scatter from campaign to campaign, r its standard deviation. b are the s errors of the
-instrument, the same in all campaigns. In units of the prior's sd:
+c_t are the machine's p parameters in campaign t of n; c is their level before any change. From
+campaign k on, parameter j differs by the step Δ (e_j is the unit vector of that parameter). w_t is
+the machine's scatter from campaign to campaign, with the standard deviation r. b are the s errors
+of the instrument, the same in all campaigns. In units of the prior's sd:
 
 c ~ N(0, I), b ~ N(0, I), w_t ~ N(0, r² I), r ~ HalfNormal(repeatability), Δ ~ N(0, change_scale²)
 
 The prior probability of a change is that of exactly one step; each parameter j and each campaign k
 from 2 to n is then equally probable. A hypothesis is one choice of r, k and j, or of no step. Under
-each hypothesis everything is Gaussian: w_t is integrated out in each campaign, and the result
-follows from sums over t ≥ k and one small linear system. The precision matrix Λ that a campaign
-states for (c, b) may be singular.
+each hypothesis all distributions are Gaussian: w_t is integrated out in each campaign, and the
+result follows from sums over t ≥ k and one small linear system. The likelihood of a campaign has a
+precision matrix (inverse covariance) Λ of (c, b), which may be singular.
 
 In the shapes of arrays, r is the number of nodes (values) of the scatter, n that of campaigns, p
 that of parameters, s that of instrument errors, and q = p + s.
@@ -40,20 +40,23 @@ __all__ = [
     "scatter_rule",
 ]
 
-# Lowest and highest node of the scatter r, in units of the repeatability, and the step of ln r
-# between nodes. Beyond the highest node the half-normal density is negligible.
+# Lowest and highest node (value used for numerical integration) of the scatter r, in units of the
+# repeatability, and the step of ln r between nodes. r is the standard deviation of a machine's
+# parameters from campaign to campaign. Its density beyond the highest node is negligible.
 _LOWEST_RATIO = 0.03
 _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12
-# Hypotheses whose probability is below this share of the largest one are left out of quantiles.
+# Hypotheses of a change are left out of quantiles if their probability, relative to that of the
+# most probable hypothesis, is smaller.
 _NEGLIGIBLE_WEIGHT = 1e-7
 
 
 def scatter_rule(repeatability: float) -> tuple[Array, Array]:
-    """Return nodes of the scatter r and their prior weights, each of shape (r,).
+    """Return nodes of the scatter r and their prior weights, each of shape (number of nodes,).
 
-    The weights are those of the trapezoidal rule in ln r; the lowest node also has the probability
-    of all smaller r.
+    The scatter r is the standard deviation of a machine's parameters from campaign to campaign;
+    nodes are the values used for integration over r. The weights are those of the trapezoidal rule
+    in ln r. The lowest node also has the probability of all smaller values.
 
     Parameters
     ----------
@@ -73,9 +76,11 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
 def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gaussian:
     """Return the Gaussian of level, instrument errors and step (c, b, Δ) under every hypothesis.
 
-    The shape is (r, n, p, q + 1). Index k of the second axis, counted from 0, means a step just
-    before campaign k + 2; the last index means no step, whatever the parameter. ``log_integral`` is
-    the log evidence up to a constant that all hypotheses share.
+    c are the p parameters' levels before the step Δ, b the instrument's errors; q counts c and b.
+    The Gaussians have the shape (r, n, p, q + 1) for r values of the scatter and n campaigns. Index
+    k of the second array axis, from 0, means a step just before campaign k + 2, counted from 1; the
+    last index means no step. ``log_integral`` is the log evidence up to a constant that all
+    hypotheses share.
 
     Parameters
     ----------
@@ -103,14 +108,16 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
 
 def _sum_from_here_on(series: Array) -> Array:
-    """Return, for each campaign (second axis), the sum over it and all later campaigns."""
+    """Return sums over campaigns (second array axis): for each, from this campaign to the last."""
     return np.asarray(np.cumsum(series[:, ::-1], axis=1)[:, ::-1])
 
 
 def hypothesis_probabilities(
     log_evidence: Array, scatter_weight: Array, change_probability: float
 ) -> Array:
-    """Return the posterior probability of every hypothesis, shape (r, n, p).
+    """Return the posterior probability of every hypothesis of a step, shape (r, n, p).
+
+    r is the number of values of the scatter, n that of times of the step, p that of parameters.
 
     Parameters
     ----------
@@ -127,7 +134,7 @@ def hypothesis_probabilities(
 
 
 def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Array, Array]:
-    """Return the posterior mean (s,) and covariance (s, s) of the instrument's errors.
+    """Return the posterior mean (s,) and covariance (s, s) of the instrument's s errors.
 
     Parameters
     ----------
@@ -145,15 +152,15 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 
 
 class Levels(NamedTuple):
-    """Values of the parameters at the last campaign, averaged over all hypotheses."""
+    """Values of p parameters at the last campaign, averaged over all hypotheses of a change."""
 
-    mean: Array  #: shape (p,)
-    sd: Array  #: shape (p,)
-    interval: Array  #: lower and upper ends of the credible intervals, shape (2, p)
+    mean: Array  #: posterior means of the p parameters, shape (p,)
+    sd: Array  #: posterior standard deviations of the p parameters, shape (p,)
+    interval: Array  #: lower and upper ends of the p credible intervals, shape (2, p)
 
 
 def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 0.95) -> Levels:
-    """Return every parameter at the last campaign: its level plus the step, if there was one.
+    """Return every parameter's value at the last campaign: its first level plus any step.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Meaning of a fitted compliance: the weighted sum of joint compliances that it stands for.
 
-Readings cannot resolve the compliance of every joint; a model keeps one compliance for each sum
-that they can resolve.
+Readings cannot resolve the compliance of every joint, only some weighted sums of compliances. A
+model keeps one compliance for each of these sums.
 """
 
 from __future__ import annotations
@@ -17,17 +17,18 @@ from ldbb_bayes.model.prior import Prior
 
 __all__ = ["Meaning", "same_meaning", "stands_for"]
 
-# Meaning of one kept compliance: the weights of the joints' compliances, by their labels.
+# Meaning of one fitted compliance, which is a weighted sum: the weights of the joints' compliances,
+# by label.
 Meaning = Mapping[str, float]
-# Significant digits to which a weight is rounded.
+# Number of significant digits to which the weights in a sum of compliances are rounded.
 _DIGITS = 7
-# Largest difference at which two meanings count as the same, in units of the default prior sd. It
-# is a quarter of the default standard deviation of a change in a trend.
+# Largest difference of two sums of compliances that count as the same, in units of the default
+# prior sd. It is a quarter of the default standard deviation of a change in a trend.
 _NEGLIGIBLE = 0.05
 
 
 def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
-    """Return the sum of joint compliances that every kept compliance stands for.
+    """Return the weighted sum of joint compliances that every fitted compliance stands for.
 
     Parameters
     ----------
@@ -35,8 +36,8 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
 
     Returns
     -------
-    Mapping from the label of each kept compliance to the weights of the joints' compliances, which
-    are again by label.
+    Mapping from the label of each fitted compliance to the weights in its sum. The weights are a
+    mapping from the labels of the joints' compliances.
     """
     circles = dict.fromkeys(test.circle for test in campaign.scope)
     compliances = kept_compliances(campaign.machine(), *circles)
@@ -59,13 +60,13 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
 def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
     """Return whether two sums of compliances differ by less than 5 % of the default prior sd.
 
-    The joints' compliances are taken to be as large as their prior sd. A work ball mounted a
-    millimetre higher, for example, does not change the meaning.
+    For this comparison, each joint's compliance is as large as its prior sd. A work ball mounted a
+    millimetre higher, for example, changes a sum by less.
 
     Parameters
     ----------
-    name : label of the kept compliance, whose default prior sd the difference is compared with.
-    one, other : meanings of that compliance in two campaigns.
+    name : label of the fitted compliance that both sums belong to; its default prior sd is used.
+    one, other : sums that the compliance stands for in two campaigns.
     """
     labels = sorted(set(one) | set(other))
     names = [ComplianceName(*label[2:]) for label in (name, *labels)]

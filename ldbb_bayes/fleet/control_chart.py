@@ -1,4 +1,4 @@
-"""Control chart of the trend of one machine: a panel per parameter, campaigns in order of time."""
+"""Control chart of one machine over time: a panel per parameter, campaigns in order of time."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["draw_control_chart"]
 
-# Probability of a change above which the chart marks it by a line.
+# Smallest probability of a change that a control chart marks by a vertical line.
 _VISIBLE_PROBABILITY = 0.05
-# Largest number of campaigns whose dates label the horizontal axis.
+# Largest number of campaigns whose dates label the horizontal axis of a control chart.
 _LABELLED_CAMPAIGNS = 6
-# Largest number of columns of panels; then the height of a panel and the figure's margin [inch].
+# Layout of a control chart: largest number of panels beside one another, height of a panel [inch],
+# and further height of the figure [inch].
 _COLUMNS = 2
 _PANEL_HEIGHT = 2.0
 _MARGIN = 0.9
@@ -68,11 +69,11 @@ def draw_control_chart(trend: Trend) -> Figure:
 class _PanelData(NamedTuple):
     """Values that the panel of one parameter shows for n campaigns, in the unit of its axis."""
 
-    place: Array  #: positions on the horizontal axis, 1..n
-    estimate: Array  #: estimate from each campaign alone, shape (n,)
-    interval: Array  #: lower and upper ends of the credible intervals, shape (2, n)
+    place: Array  #: positions of the n campaigns on the horizontal axis, 1 to n
+    estimate: Array  #: estimate of the parameter from each campaign alone, shape (n,)
+    interval: Array  #: lower and upper ends of the estimates' credible intervals, shape (2, n)
     limits: Array  #: lower and upper control limits, shape (2, n), NaN at the first campaign
-    is_outside: Array  #: whether the estimate is outside its limits, shape (n,)
+    is_outside: Array  #: whether each estimate is outside its control limits, shape (n,)
     change_probability: Array  #: probability of a change just before each campaign, shape (n,)
 
     @property
@@ -82,9 +83,9 @@ class _PanelData(NamedTuple):
 
 
 def _panel_data(rows: pd.DataFrame, factor: float) -> _PanelData:
-    """Return what a panel shows, from the rows of one parameter in `Trend.estimates`.
+    """Return the values that one panel shows, from one parameter's rows in `Trend.estimates`.
 
-    ``factor`` converts the internal unit to that of the axis.
+    ``factor`` converts values from the internal unit (mm, N, rad) to the unit of the panel's axis.
     """
     return _PanelData(
         place=np.arange(1.0, len(rows) + 1.0),
@@ -119,7 +120,7 @@ def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
 
 
 def _draw_limits(axes: Axes, data: _PanelData) -> None:
-    """Shade the range between the control limits of each campaign; the first has no limits."""
+    """Shade the range between the control limits of each campaign but the first."""
     steps = [np.append(limit, limit[-1]) for limit in data.limits]
     label = f"limits from those before, {100 * LIMITS:g} %"
     band(axes, data.edges, steps, LIGHT, 0.6, step="post", label=label)
@@ -142,10 +143,10 @@ def _draw_points(
 
 
 def _vertical_range(data: _PanelData) -> tuple[float, float]:
-    """Return the range of the vertical axis.
+    """Return the lower and upper end of a panel's vertical axis.
 
-    It holds all intervals, and the limits as far as these exceed the intervals' range by no more
-    than half of it on each side.
+    All intervals are within these ends. Control limits beyond the intervals may widen the range by
+    up to half of the intervals' range on each side.
     """
     low = float(data.interval[0].min())
     high = float(data.interval[1].max())

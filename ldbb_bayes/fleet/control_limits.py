@@ -1,9 +1,9 @@
 """Points and limits of a control chart.
 
-A point is the estimate from one campaign alone; its limits are what the campaigns before it predict
-for it. In the shapes of arrays, n is the number of campaigns, p that of parameters, s that of
-instrument errors, q = p + s, and r the number of nodes (values) of the machine's scatter from
-campaign to campaign.
+A point is the estimate of a parameter from one campaign alone. Its limits are those of the interval
+that the earlier campaigns predict for this estimate. In the shapes of arrays, n is the number of
+campaigns, p that of parameters, s that of instrument errors, and q = p + s. r is the number of
+nodes (values) of the machine's scatter from campaign to campaign.
 """
 
 from __future__ import annotations
@@ -20,23 +20,24 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LIMITS", "ChartPoints", "chart_points"]
 
-# Probability of the control limits: that within three standard deviations of a normal distribution.
+# Probability of the control limits. A normal distribution has it within three standard deviations.
 LIMITS = 0.997
-# Smallest standard deviation of a prediction, so that none is zero.
+# Smallest standard deviation of a predicted estimate; it prevents divisions by zero.
 _SMALLEST_SD = 1e-300
 
 
 class ChartPoints(NamedTuple):
-    """Points and limits of a control chart, campaigns in order of time.
+    """Points and limits of a control chart for n campaigns in order of time and p parameters.
 
     The instrument's errors are fixed at their posterior mean. All values are in units of the
     parameters' prior sd.
     """
 
-    estimate: Array  #: estimate from each campaign alone, shape (n, p)
+    estimate: Array  #: estimate of each parameter from each campaign alone, shape (n, p)
     sd: Array  #: standard deviations of the estimates, shape (n, p)
-    limits: Array  #: lower and upper limits, shape (2, n, p), NaN at the first campaign
-    #: uncertainty (sd) that the instrument's errors add to all campaigns alike, shape (p,)
+    limits: Array  #: lower and upper control limits, shape (2, n, p); NaN at the first campaign
+    #: standard uncertainty due to the instrument's errors, which shift the estimates from all
+    #: campaigns together, shape (p,)
     common_sd: Array
 
 
@@ -57,7 +58,7 @@ def chart_points(
     carried : the same likelihoods with the machine's scatter integrated out, shape (r, n, q).
     scatter, scatter_weight : nodes of the scatter and their prior weights, each of shape (r,).
     instrument : posterior mean (s,) and covariance (s, s) of the instrument's errors.
-    limits : probability of the limits.
+    limits : probability that an estimate lies within its limits if the machine does not change.
     """
     instrument_mean, instrument_covariance = instrument
     q = series.shift.shape[-1]
@@ -95,9 +96,10 @@ def chart_points(
 
 
 def _history(carried: Gaussian) -> Gaussian:
-    """Return what the earlier campaigns state of level and instrument errors (c, b).
+    """Return the distribution of level c and instrument errors b given the earlier campaigns.
 
-    The shape is (r, n − 1, q): one Gaussian for each campaign but the first.
+    ``carried`` holds the likelihoods of n campaigns for each of r values of the scatter. The result
+    has the shape (r, n − 1, q), one Gaussian of the q quantities for each campaign but the first.
     """
     precision = np.cumsum(carried.precision[:, :-1], axis=1)
     shift = np.cumsum(carried.shift[:, :-1], axis=1)

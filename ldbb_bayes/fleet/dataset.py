@@ -29,38 +29,40 @@ __all__ = [
     "write_dataset",
 ]
 
-# Names of files in the folder of a batch: the journal (the database of rows already computed), the
+# Names of files in the folder of a batch: the journal (a database of the rows computed so far), the
 # finished table, and the table while it is being written.
 JOURNAL = "batch.sqlite"
 DATASET = "campaigns.parquet"
 PART = f".{DATASET}.part"
-# Version of the table's schema, and the key under which the Parquet metadata hold it.
+# Version of the schema of a batch's table, and the key of this version in the file's metadata.
 _SCHEMA = 4
 _METADATA_KEY = b"ldbb_bayes"
-# Values of every parameter that the table holds, each in a column of its own.
+# Values of every parameter in a batch's table. Each value has a column of its own.
 _PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
-# Columns of every quantity with a tolerance, and their types in Arrow.
+# Columns for every quantity with a tolerance in a batch's table, and their Arrow types.
 _CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
 # Number of rows in one row group of the Parquet file; each group is written at once.
 _ROWS_PER_GROUP = 1024
-# Longest quotation, in a message, of the reason why a file cannot be read [characters].
+# Longest part of a library's error text that a message on an unreadable file quotes [characters].
 _LONGEST_REASON = 120
-# Contents of columns.toml: the names of the table's columns and their Arrow types.
+# Contents of columns.toml: the names of the columns of a batch's table, and their Arrow types.
 _TABLE: Mapping[str, Any] = tomllib.loads(
     Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
 )
-# Arrow types of the columns of a campaign and its fit, which come first in the table, by name.
+# Arrow types, by name, of the columns on a campaign and its fit; they are the first columns of a
+# batch's table.
 COLUMN_TYPES: Mapping[str, str] = _TABLE["columns"]
-# Arrow types of the columns of a campaign's sufficient statistics, which come last, by name.
+# Arrow types, by name, of the columns on a campaign's sufficient statistics (means, covariance);
+# they are the last columns of a batch's table.
 STATISTICS_TYPES: Mapping[str, str] = _TABLE["gaussian"]
-# Names of the columns that a trend or a population needs.
+# Names of the columns of a batch's table that a trend or a population needs.
 FLEET_COLUMNS: tuple[str, ...] = tuple(_TABLE["fleet"])
 
 
 def check_pyarrow() -> None:
     """Raise an error, before any work is done, if pyarrow is not installed."""
     try:
-        import pyarrow.parquet  # noqa: F401 - an optional dependency: is it there?
+        import pyarrow.parquet  # noqa: F401 - import it to see if it is installed
     except ImportError:
         raise InputError(
             "pyarrow must be installed for batches, got none. Run pip install 'ldbb-bayes[fleet]'."
@@ -108,7 +110,7 @@ def write_dataset(
 
 
 def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.Schema:
-    """Return the Arrow schema of a table of these rows: its columns, their types and units."""
+    """Return the Arrow schema of a table with these rows: columns, types, units and metadata."""
     import pyarrow as pa  # an optional dependency
 
     unit_by_parameter: dict[str, str] = {}
@@ -140,13 +142,16 @@ def _field(name: str, kind: str, unit: str = "") -> pa.Field:
 
 
 def _unit_in(column: str) -> str:
-    """Return the unit in which a column's name ends (N or um); else an empty string."""
+    """Return the unit at the end of a column's name, N or um; empty if there is no such unit."""
     unit = column.rpartition("_")[2]
     return unit if column.endswith(("_N", "_um")) else ""
 
 
 def _flatten(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row with a column for each value of each parameter and quantity with a tolerance."""
+    """Return a row without nested values: each value of each parameter gets its own column.
+
+    The same holds for quantities with a tolerance.
+    """
     flat = dict(row)
     for name, numbers in row.get("parameters", {}).items():
         for column in _PARAMETER_COLUMNS:
@@ -225,7 +230,7 @@ def _parameter_units(schema: pa.Schema) -> dict[str, str]:
 
 
 def _dataset_of(path: Path) -> Path:
-    """Return the path of the table: in the folder of a batch, or the file given itself."""
+    """Return the file path of a batch's table, given the batch's folder or the table itself."""
     if (path / DATASET).is_file():
         return path / DATASET
     if (path / JOURNAL).is_file():
@@ -250,7 +255,7 @@ class _Dataset(NamedTuple):
 
 
 def _read_table(path: Path, columns: Sequence[str] | None) -> _Dataset:
-    """Read the requested columns as far as the table has them; refuse any other file."""
+    """Return the requested columns that a batch's table has; refuse a file of another kind."""
     import pyarrow as pa  # an optional dependency
     import pyarrow.parquet as pq
 

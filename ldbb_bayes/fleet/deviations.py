@@ -1,13 +1,14 @@
 """Gaussian likelihoods of campaigns or machines that deviate from their common level.
 
-Each campaign or machine has a likelihood g(c + w, b), w ~ N(0, diag s²). Here c are the parameters
-that all have in common, b the errors of the instrument, w the deviation of this campaign or machine
-and s the standard deviations of w. Everything is in units of the prior sd.
+Each campaign or machine has a likelihood g(c + w, b), w ~ N(0, diag s²). Here c is the common level
+of the parameters, b are the errors of the instrument, w is the deviation of this campaign or
+machine, and s are the standard deviations of w. All values are in units of the prior sd.
 
-As a function of x = (c + w, b), ln g = −½ xᵀ Λ x + ηᵀ x + const, with the precision matrix Λ and
-the shift η. Λ_cc is the part of Λ for the parameters alone, Λ_c its rows of the parameters; Λ may
-be singular. In the shapes of arrays, k is the number of values of s, n that of campaigns or
-machines, c that of parameters, and q that of parameters and instrument errors.
+As a function of x = (c + w, b), ln g = −½ xᵀ Λ x + ηᵀ x + const. Λ is the precision matrix (inverse
+covariance matrix) and may be singular; η, the shift, is Λ times the estimate. Λ_c are the rows of Λ
+for the parameters, Λ_cc is its block for the parameters alone. In the shapes of arrays, k is the
+number of values of s, n that of campaigns or machines, c that of parameters, and q that of
+parameters and instrument errors.
 """
 
 from __future__ import annotations
@@ -24,9 +25,12 @@ __all__ = ["Estimates", "deviating", "estimate_separately", "whitened"]
 
 
 def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
-    """Return (Lᵀ | L⁻¹ s (Λ_c, η_c)) with L Lᵀ = K = I + s Λ_cc s, the precision of w / s.
+    """Return the matrix (Lᵀ | L⁻¹ s (Λ_c, η_c)), from which deviations w are integrated out.
 
-    Here s stands for diag s, and the vertical bar for matrices side by side.
+    L is the Cholesky factor of I + s Λ_cc s = L Lᵀ, the precision matrix of w / s. Here s stands
+    for diag s, with the standard deviations s of w; the vertical bar puts matrices side by side.
+    Λ_c, Λ_cc and η_c are the parts of a likelihood's precision matrix Λ and shift η for the c
+    parameters.
 
     Parameters
     ----------
@@ -57,12 +61,14 @@ def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> A
 
 
 def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
-    """Return ∫ g(c + w, b) N(w; 0, diag s²) dw, shape (k, n, q).
+    """Return likelihoods with the deviations integrated out: ∫ g(c + w, b) N(w; 0, diag s²) dw.
+
+    The result has the shape (k, n, q): n campaigns or machines, each for k values of s.
 
     Parameters
     ----------
-    likelihood : likelihoods g, shape (n, q).
-    spread : standard deviations s of the deviations w, shape (k, c).
+    likelihood : likelihoods g of parameters c and instrument errors b, shape (n, q).
+    spread : standard deviations s of the parameters' deviations w, shape (k, c).
     """
     c = spread.shape[1]
     q = likelihood.shift.shape[-1]
@@ -77,11 +83,15 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 class Estimates(NamedTuple):
-    """Estimates from each campaign or machine alone: t ~ N(H (c, b), S Λ_cc S)."""
+    """Estimates t of the parameters c from each campaign or machine alone.
 
-    covariance: Array  #: S = (I + Λ_cc)⁻¹, shape (n, c, c)
-    response: Array  #: H = S Λ_c, shape (n, c, q)
-    value: Array  #: t = S η_c, shape (n, c); given b the estimate of c is t − H_b b
+    Given c and the errors b of the instrument, t ~ N(H (c, b), S Λ_cc S). Λ_c, Λ_cc and η_c are the
+    parts for the parameters of the likelihood's precision matrix Λ and shift η.
+    """
+
+    covariance: Array  #: posterior covariance S = (I + Λ_cc)⁻¹ of c given b, shape (n, c, c)
+    response: Array  #: sensitivity H = S Λ_c of the estimates to (c, b), shape (n, c, q)
+    value: Array  #: estimates t = S η_c for b = 0, shape (n, c); for other b subtract H_b b
 
 
 def estimate_separately(likelihood: Gaussian, parameters: int) -> Estimates:

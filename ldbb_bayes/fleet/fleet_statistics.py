@@ -7,11 +7,12 @@ reference force for all campaigns. b are the errors of the instrument (mount, fo
 campaigns share. Λ_i is a precision matrix (inverse of a covariance matrix), η_i the shift, that is,
 Λ_i times the estimate.
 
-Everything else (slopes, geometric errors not chosen, ball form, bar length, and hyper-parameters,
-the scales of the noise and of other effects) is integrated out in each campaign separately, as if
-it were independent of the other campaigns. For campaigns of one machine or with one bar this
-overstates the uncertainty of changes and differences. It understates that of levels and of a
-population's mean: ball form and bar length are the same in all campaigns and do not average out.
+All other unknowns are integrated out in each campaign separately, as if they were independent of
+the other campaigns. They are slopes, geometric errors not chosen, ball form, bar length, and the
+hyper-parameters (scales of the noise and of other effects). For campaigns of one machine or with
+one bar this overstates the uncertainty of changes and differences. It understates that of levels
+and of a population's mean: ball form and bar length are the same in all campaigns and do not
+average out.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from ldbb_bayes.units import inside_name
 
 __all__ = ["FleetStatistics", "fleet_statistics", "reference_sd"]
 
-# Pattern of the names of slopes (…_1) and curvatures (…_2) of a compliance with force.
+# Pattern of the names of a compliance's slope (C_…_1) and curvature (C_…_2) with force.
 _SLOPE = re.compile(r"(C_.+)_([12])")
 
 
@@ -46,27 +47,29 @@ _SLOPE = re.compile(r"(C_.+)_([12])")
 class FleetStatistics:
     """Gaussian likelihoods of n campaigns, free of the priors used in their fits.
 
-    In the shapes of arrays, c is the number of parameters and s that of instrument errors. Λ is the
-    precision matrix and η the shift of a likelihood, see the module. A campaign whose model lacks
-    an instrument error took this error as zero: its Λ and η have zeros for that error.
+    In the shapes of arrays, c is the number of parameters and s that of instrument errors. A
+    likelihood has a precision matrix Λ (inverse covariance) and a shift η (Λ times the estimate).
+    If the model of a campaign lacks an instrument error, its Λ and η have zeros for that error.
     """
 
     campaigns: tuple[str, ...]
     machines: tuple[str, ...]
     dates: tuple[datetime | None, ...]
-    parameters: tuple[str, ...]  #: names of the c parameters
+    parameters: tuple[str, ...]  #: names of the c parameters to analyse
     units: tuple[str, ...]  #: internal unit (mm, N, rad) of each parameter
-    #: names of the s instrument errors that all campaigns share; empty if each campaign has an
-    #: instrument of its own
+    #: names of the s instrument errors that all campaigns share; empty if the campaigns used
+    #: different instruments
     instrument: tuple[str, ...]
-    #: prior sd of the parameters of one machine, about zero (see `reference_sd`), then prior sd of
-    #: the instrument errors, shape (c + s,)
+    #: prior sds of the c parameters of a machine about zero (see `reference_sd`), then of the s
+    #: instrument errors, shape (c + s,)
     prior_sd: Array
-    likelihood: Gaussian  #: Λ and η of (c, b) in units of prior_sd, shape (n, c + s)
+    #: likelihoods of the n campaigns for parameters and instrument errors, in units of
+    #: ``prior_sd``, shape (n, c + s)
+    likelihood: Gaussian
     reference_force_N: float  #: force at which the compliances are stated
     forces_N: tuple[float, float]  #: lowest and highest force of the range tested in all campaigns
     topology: str
-    #: sum of joint compliances that each chosen compliance stands for, where the rows state it
+    #: weighted sum of joint compliances that each compliance stands for, if the batch states it
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -74,7 +77,7 @@ class FleetStatistics:
 
     @property
     def caveats(self) -> list[Caveat]:
-        """Return a caveat if some campaign was not tested about the reference force, else none."""
+        """Return a caveat if the reference force is outside the tested range of some campaign."""
         lowest, highest = self.forces_N
         if lowest <= self.reference_force_N <= highest:
             return []
@@ -141,7 +144,7 @@ def fleet_statistics(
 
 
 def _common_topology(rows: pd.DataFrame) -> str:
-    """Return the topology of all campaigns; raise an `InputError` if they have several."""
+    """Return the topology (chain of joints) of all campaigns; refuse different topologies."""
     topology, *others = sorted(set(rows["topology"]))
     if others:
         raise InputError(
@@ -152,7 +155,7 @@ def _common_topology(rows: pd.DataFrame) -> str:
 
 
 def _choose_parameters(rows: pd.DataFrame, parameters: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the parameters to analyse; all campaigns must have them."""
+    """Return the names of the parameters to analyse; every campaign must have all of them."""
     common_names = _common_parameters(rows)
     if parameters is None:
         chosen = [name for name in common_names if name.startswith("C_")]
@@ -170,7 +173,7 @@ def _choose_parameters(rows: pd.DataFrame, parameters: Sequence[str] | None) -> 
 
 
 def _common_parameters(rows: pd.DataFrame) -> list[str]:
-    """Return the parameters that all campaigns have, without slopes and curvatures."""
+    """Return the names of parameters that all campaigns have, except slopes and curvatures."""
     names_by_campaign = [list(names) for names in rows["gaussian_names"]]
     common_names = []
     for name in names_by_campaign[0]:
@@ -181,7 +184,10 @@ def _common_parameters(rows: pd.DataFrame) -> list[str]:
 
 
 def _instrument_errors(rows: pd.DataFrame) -> tuple[str, ...]:
-    """Return the instrument errors that the model of at least one campaign has, in term order."""
+    """Return the names of the instrument errors in the model of at least one campaign.
+
+    They are in the order of the model's terms.
+    """
     names = set[str]().union(*rows["gaussian_names"])
     errors = [name for name in sorted(names) if Term.owner(name) is not Term]
     terms = list(Term.kinds.values())
@@ -201,7 +207,7 @@ def _reference_force(rows: pd.DataFrame, reference_force_N: float | None) -> flo
 
 
 def _machine_names(rows: pd.DataFrame) -> tuple[str, ...]:
-    """Return the machine of every campaign; without machine_id, the campaign's path names it."""
+    """Return the name of each campaign's machine: its machine_id, or else the campaign's path."""
     names = []
     for machine_id, campaign in zip(rows["machine_id"], rows["campaign"], strict=True):
         names.append(machine_id if isinstance(machine_id, str) else str(campaign))
@@ -241,10 +247,10 @@ def reference_sd(
 class _Likelihood(NamedTuple):
     """Likelihood of one campaign for q quantities, and the prior that was divided out of it."""
 
-    precision: Array  #: precision matrix Λ, shape (q, q)
-    shift: Array  #: shift η, shape (q,)
-    prior_mean: Array  #: shape (q,)
-    prior_sd: Array  #: shape (q,)
+    precision: Array  #: precision matrix Λ (inverse covariance) of the likelihood, shape (q, q)
+    shift: Array  #: shift η of the likelihood, Λ times the estimate, shape (q,)
+    prior_mean: Array  #: prior means of the q quantities in the fit, shape (q,)
+    prior_sd: Array  #: prior standard deviations of the q quantities in the fit, shape (q,)
 
 
 def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> _Likelihood:
@@ -290,11 +296,11 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
 def _divide_out_prior(
     *, mean: Array, covariance: Array, prior_mean: Array, prior_covariance: Array
 ) -> tuple[Array, Array]:
-    """Divide a Gaussian posterior by its prior, and return the precision and shift of the result.
+    """Return the precision and shift of a Gaussian posterior divided by its prior.
 
-    The precision is the posterior precision minus the prior precision; its eigenvectors with
-    eigenvalues below zero, about which the readings state no more than the prior, get zeros.
-    Computations are in units of the prior sds.
+    The precision (inverse covariance) is that of the posterior minus that of the prior. Negative
+    eigenvalues are set to zero: in these directions the readings add nothing to the prior. The
+    shift is the precision times the estimate.
     """
     scale = np.sqrt(np.diag(prior_covariance))
     squared_scale = scale[:, None] * scale
@@ -311,7 +317,7 @@ def _divide_out_prior(
 
 
 def _full_covariance(lower_triangle: Sequence[float], q: int) -> Array:
-    """Return the symmetric matrix (q, q) with this lower triangle, which is listed row by row."""
+    """Return the covariance matrix (q, q) whose lower triangle is listed row by row."""
     covariance = np.zeros((q, q))
     covariance[np.tril_indices(q)] = lower_triangle
     covariance += np.tril(covariance, -1).T
@@ -319,9 +325,11 @@ def _full_covariance(lower_triangle: Sequence[float], q: int) -> Array:
 
 
 def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: float) -> Array:
-    """Return the matrix that takes a campaign's quantities to another reference force.
+    """Return the matrix that converts a campaign's quantities to another reference force.
 
-    A compliance there is its value plus slope times force change, plus curvature times its square.
+    The rows are the quantities ``wanted``, the columns the campaign's quantities ``names``. A
+    compliance changes by its slope times the change of force, plus its curvature times the square
+    of this change.
     """
     matrix = np.zeros((len(wanted), len(names)))
     for i, name in enumerate(wanted):
@@ -332,9 +340,10 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
 
 
 def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
-    """Return the sum of joint compliances that every chosen compliance stands for.
+    """Return the weighted sum of joint compliances that every chosen compliance stands for.
 
-    The sum must be the same in all campaigns. Rows that do not state it are taken to agree.
+    The sums must be the same in all campaigns. A campaign that does not state a sum is assumed to
+    agree with the others.
     """
     meanings: dict[str, Meaning] = {}
     first_campaigns: dict[str, str] = {}

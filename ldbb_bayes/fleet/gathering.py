@@ -1,4 +1,4 @@
-"""Finding the campaigns of a batch from the folders, files and lists that the user gives."""
+"""Search for the campaigns of a batch in the folders, files and lists that the user gives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ldbb_bayes.files import bytes_of
 
 __all__ = ["gather"]
 
-# Largest size of a file that lists campaigns [bytes].
+# Largest permitted size of a text file that lists campaigns [bytes].
 _LARGEST_LIST = 2**30
 
 
@@ -55,7 +55,7 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
 
 
 def _expand_all(entries: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
-    """Yield the file path of every campaign: read lists, and look into folders of campaigns."""
+    """Yield the file path of every campaign that the entries, lists or folders stand for."""
     for entry in entries:
         path = os.fspath(entry)
         if _is_list(path):
@@ -70,7 +70,7 @@ def _is_list(path: str) -> bool:
 
 
 def _read_list(file: Path) -> list[str]:
-    """Return the lines of a list of campaigns that are neither empty nor comments."""
+    """Return the lines of a text file that lists campaigns, without empty lines and comments."""
     content = bytes_of(file, _LARGEST_LIST, what="a list of campaigns, one path a line")
     try:
         text = content.decode("utf-8-sig")
@@ -83,7 +83,10 @@ def _read_list(file: Path) -> list[str]:
 
 
 def _expand_folder(path: str) -> list[str]:
-    """Return the campaigns directly in a folder of campaigns; for any other path, the path."""
+    """Return the file paths of the campaigns directly in a folder of campaigns.
+
+    Any other path is returned unchanged.
+    """
     if not os.path.isdir(path) or _has_toml(path):
         return [path]
     try:
@@ -107,7 +110,7 @@ def _may_be_campaign(path: str) -> bool:
 
 
 def _check_fits_a_line(path: str) -> None:
-    """Refuse a file path that a list with one path per line could not hold."""
+    """Refuse a file path that could not be written on one line of a list of campaigns."""
     fits = path.isprintable() and path == path.strip() and path and path[0] != "#"
     if not fits:
         raise InputError(

@@ -20,7 +20,7 @@ class Summary(Result):
 
 
 def name_intervals(record: Any, prob: float) -> Any:
-    """Return a record with the word ``interval`` in keys replaced by the probability, as in ci95.
+    """Return a record in which every key ``interval`` is renamed to state its probability: ci95.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """The journal of a batch: an SQLite database in which every row is saved as soon as it is computed.
 
-Thanks to the journal, a batch that was stopped can continue with the remaining campaigns, and two
-runs cannot write into the same folder.
+With the journal, a batch that was stopped can continue with the remaining campaigns. The journal
+also prevents two runs from writing into the same folder.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from ldbb_bayes.parallel import versions
 
 __all__ = ["batch_identity", "begin_batch", "open_journal", "save_row"]
 
-# Name of the file, in the folder of a batch, that lists the campaigns.
+# Name of the text file, in the folder of a batch, that lists all campaigns of the batch.
 _LIST = "campaigns.txt"
-# Names of all files that the folder of a batch may hold: the journal, the files that SQLite puts
-# beside it, the list of campaigns, and the table, finished or not.
+# Names of all files that the folder of a batch may hold: the journal, SQLite's temporary files for
+# the journal, the list of campaigns, and the table, finished or not.
 _BATCH_FILES = (
     JOURNAL,
     f"{JOURNAL}-wal",
@@ -244,7 +244,7 @@ def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -
 
 
 def _plain(value: Any) -> Any:
-    """Return a value in a form that JSON and Parquet can hold.
+    """Return a value, which may be nested, in a form that JSON and Parquet can hold.
 
     Numbers that are not finite become null. Characters that UTF-8 cannot encode, which file names
     may contain, become question marks.

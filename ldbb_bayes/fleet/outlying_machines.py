@@ -2,13 +2,13 @@
 
 Every machine is left out in turn and compared with what the other machines predict for it. The
 prediction is averaged over random draws of the spreads s (standard deviations of the machines about
-the population's mean); everything else is integrated out exactly. Outlying tests within one
+the population's mean); all other unknowns are integrated out exactly. Outlying tests within one
 campaign are found in another way, see `outlying_tests`.
 
 In the shapes of arrays, n is the number of machines, c that of parameters, q that of parameters and
-instrument errors, and k that of draws of s. μ is the mean of the population, b are the errors of
-the instrument. Precision and shift of a Gaussian are its inverse covariance and that times its
-mean. z is a difference divided by its standard deviation.
+instrument errors, and k that of random draws of s. μ is the mean of the population, b are the
+errors of the instrument. The precision of a Gaussian is its inverse covariance; its shift is the
+precision times the mean. z is a difference divided by its standard deviation.
 """
 
 from __future__ import annotations
@@ -36,24 +36,26 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Number of new random draws of the spreads for a machine whose weights cannot be trusted.
+# Number of new random draws of the spreads for a machine for which the weights of the first draws
+# cannot be trusted. Spreads are standard deviations of machines about the population's mean.
 _DRAWS_WITHOUT = 512
-# Largest number of machines for which spreads are drawn anew; those that stand out most come first.
+# Largest number of machines for which spreads are drawn anew, the most outlying machines first.
 _MOST_REDRAWN = 200
-# Smallest p-value, so that the corresponding normal deviate is finite.
+# Smallest p-value of a machine's parameter. For a smaller one, the corresponding quantile of the
+# normal distribution would not be finite.
 _SMALLEST_P = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
 class JudgedMachines:
-    """Comparison of each of n machines with the others."""
+    """Comparison of each of n machines with the other machines, for c parameters."""
 
     #: p-value of each machine, corrected for the numbers of parameters (Bonferroni) and of machines
-    #: (Holm), shape (n,): upper bound on the probability that, if all belong to one population, any
-    #: machine stands out this much
+    #: (Holm), shape (n,). If all machines belong to one population, the probability that any of
+    #: them stands out this much is at most this p-value.
     p_value: Array
     parameter_p_value: Array  #: two-sided p-value of each parameter, uncorrected, shape (n, c)
-    z: Array  #: normal deviate, with sign, of parameter_p_value, shape (n, c)
+    z: Array  #: signed quantile of the normal distribution for parameter_p_value, shape (n, c)
     doubtful: Array  #: whether a p-value cannot be trusted (Pareto's k̂ is too high), shape (n,)
 
 
@@ -65,16 +67,19 @@ def judge_machines(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> JudgedMachines:
-    """Compare every machine with what the others predict for it.
+    """Return a comparison of every machine with what the other machines predict for it.
 
-    The random draws of the spreads, made with all machines, are given weights as if made without
-    the machine. Where these weights cannot be trusted, spreads are drawn anew without the machine.
+    The spreads s are the standard deviations of the machines about their mean μ. Random draws of s
+    are made from the posterior with all machines. For each machine, weights convert them to draws
+    without this machine. Where these weights cannot be trusted, spreads are drawn anew without the
+    machine.
 
     Parameters
     ----------
-    density : density of ln s with all machines.
+    density : posterior density of ln s with all machines.
     spreads : random draws of s from this density.
-    shared : Gaussian of (μ, b) given each draw, see `shared_quantities`.
+    shared : Gaussian of the mean μ and instrument errors b given each draw, see
+        `shared_quantities`.
     seed : seed of new draws.
     progress : function called with the number of machines already drawn anew and the number of
         machines to be drawn anew.
@@ -107,10 +112,10 @@ def judge_machines(
 
 
 class _LeftOut(NamedTuple):
-    """Comparison of every machine with the others, given each of k spreads s."""
+    """Comparison of each of n machines with the other machines, given each of k random draws."""
 
-    #: ln p(y_m | y_−m, s), the log density of the readings of machine m given those of all others,
-    #: up to a constant, shape (k, n)
+    #: ln p(y_m | y_−m, s), the log density of the readings of machine m given those of all other
+    #: machines and the spreads s, up to a constant, shape (k, n)
     log_density: Array
     z: Array  #: standardised difference of the machine from the prediction, shape (c, k, n)
 
@@ -142,7 +147,11 @@ def _leave_out_each(
 def _draw_without(
     density: SpreadDensity, separate: Estimates, mode: Array, m: int, seed: int
 ) -> tuple[Spreads, Array]:
-    """Return spreads drawn without machine m, and z of machine m given each, shape (c, k, 1)."""
+    """Return spreads drawn without machine m, and z of machine m for each draw, shape (c, k, 1).
+
+    The c values of z are the differences of machine m's parameters from the prediction of the other
+    machines, in units of their standard deviation.
+    """
     likelihood = density.likelihood
     stays = np.arange(len(likelihood.shift)) != m
     other_machines = Gaussian(likelihood.precision[stays], likelihood.shift[stays])
@@ -162,11 +171,12 @@ def _draw_without(
 def _compare(
     separate: Estimates, precision: Array, shift: Array, spread: Array
 ) -> tuple[Array, Array]:
-    """Return a log integral for the other machines, and z of the machines left out.
+    """Return a log integral for the other machines, and z of each machine left out.
 
-    The first result, of shape (k, n), is the logarithm of the integral, over μ and b, of the
-    Gaussian that the other machines give for (μ, b), up to a constant. Its precision (q, q, k, n)
-    and shift (q, k, n) are given. z has shape (c, k, n).
+    Given are the precision (q, q, k, n) and shift (q, k, n) of the Gaussian that the other machines
+    give for the mean μ and the instrument errors b. The first result, shape (k, n), is the log
+    integral of this Gaussian over μ and b, up to a constant. The second, shape (c, k, n), is z, the
+    difference of each parameter from its prediction in units of the standard deviation.
     """
     q = len(shift)
     c = spread.shape[1]
@@ -188,10 +198,11 @@ def _compare(
 
 
 def _two_sided_p_value(weights: Array, z: Array) -> tuple[Array, Array]:
-    """Return two-sided p-values, and on which side (±1) the machine lies, each of shape (n, c).
+    """Return two-sided p-values of n machines and c parameters, and the sides of the deviations.
 
-    A p-value is twice the smaller tail probability, averaged over the draws of s. Weights of the
-    draws have shape (n, k), z has shape (c, k, n).
+    A p-value is twice the smaller tail probability, averaged over the k random draws of the
+    spreads. The side is 1 above and −1 below the prediction. ``weights`` of the draws have the
+    shape (n, k), the standardised deviations ``z`` the shape (c, k, n), the results (n, c).
     """
     above = np.einsum("mk,jkm->mj", weights, ndtr(-z))
     below = np.einsum("mk,jkm->mj", weights, ndtr(z))

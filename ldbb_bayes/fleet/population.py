@@ -2,14 +2,15 @@
 
 c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(spread_scale)
 
-Everything is in units of the parameters' prior sd. c_m are the parameters of machine m, the same in
-all its campaigns. μ is the mean of the population, s its spread, that is, the standard deviation of
-the machines about μ; j counts parameters. b are the errors of the one instrument.
+All values are in units of the parameters' prior sd. c_m are the parameters of machine m, the same
+in all its campaigns. μ is the mean of the population, s its spread, that is, the standard deviation
+of the machines about μ; j is the index of a parameter. b are the errors of the instrument, which is
+the same in all campaigns.
 
-Each machine's estimate draws on all machines as far as the spread allows (partial pooling). The
-likelihoods of the campaigns are Gaussian in c_m and b (`FleetStatistics`), so that everything but s
-is integrated out exactly (`spread_density`). Each machine is compared with what the others predict
-for it (`outlying_machines`).
+Each machine's estimate also uses the readings of the other machines, the more the smaller the
+spread is (partial pooling). The likelihoods of the campaigns are Gaussian in c_m and b
+(`FleetStatistics`), so that all unknowns but s are integrated out exactly (`spread_density`). Each
+machine is compared with what the other machines predict for it (`outlying_machines`).
 """
 
 from __future__ import annotations
@@ -69,32 +70,34 @@ from ldbb_bayes.units import (
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "fit_population", "pool"]
 
-# Smallest number of machines for which each machine is compared with the others.
+# Smallest number of machines in a population for which each machine is compared with the others.
 _FEWEST_MACHINES = 6
-# p-value below which a machine is flagged; also the probability that any is flagged wrongly.
+# p-value below which a machine is flagged as not belonging to the population. If all machines
+# belong to it, the probability that any of them is flagged is at most this value.
 _FALSE_ALARMS = 0.05
-# Pattern of the names of constant compliances (those at the reference force).
+# Pattern of the names of compliances at the reference force, without their slopes.
 _CONSTANT_COMPLIANCE = re.compile(r"C_...")
-# Text of a table's cell that has nothing to state.
+# Text of empty cells in the table of a population's parameters.
 _NOTHING = "–"
 
 
 class _DrawLimits(NamedTuple):
-    """Limits from which the number of random draws of the spreads s follows."""
+    """Limits from which the number of random draws of the machines' spreads follows."""
 
     pairs: int  #: largest product of the number of draws and the number of machines
     lowest: int  #: smallest number of draws, whatever the product
     highest: int  #: largest number of draws
 
     def size(self, machines: int) -> int:
-        """Return the number of draws, a power of two, for a number of machines."""
+        """Return the number of random draws, a power of two, for a number of machines."""
         count = min(max(self.pairs / machines, self.lowest), self.highest)
         return int(2 ** int(np.log2(count)))
 
 
-# Number of random draws from which the spreads themselves are summarised.
+# Limits of the number of random draws from which the population's spreads are summarised.
 _SPREAD_DRAWS = _DrawLimits(pairs=4_000_000, lowest=2048, highest=8192)
-# Number of random draws used for every machine: the first ones of those for the spreads.
+# Limits of the number of random draws from which every machine's numbers are computed. These are
+# the first of the draws from which the spreads are summarised.
 _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 
@@ -103,12 +106,12 @@ class PooledParameter(Result):
     """Distribution of one parameter over the machines of a population."""
 
     unit: str
-    prior_sd: float  #: prior sd of the population's mean, about zero
-    mean: Summary  #: mean of the population
+    prior_sd: float  #: prior sd of the parameter's mean over the population; the prior mean is zero
+    mean: Summary  #: mean of the parameter over the machines of the population
     spread: Summary  #: standard deviation of the machines about the population's mean
     next: Summary  #: prediction for a machine of the population that was not measured
-    #: part of the mean's sd that is due to the errors of the one instrument; more machines do not
-    #: reduce it
+    #: part of the mean's sd due to errors of the instrument that all campaigns used; measuring more
+    #: machines does not reduce it
     instrument_sd: float
 
 
@@ -118,16 +121,18 @@ class PooledMachine(Result):
 
     name: Annotated[str, Field(exclude=True)]
     campaigns: int  #: number of campaigns of this machine
-    estimate: dict[str, Summary]  #: estimates from its campaigns and the population, by parameter
-    #: estimates from its own campaigns with the reference prior, without the population, by
-    #: parameter; the instrument's errors are those that all campaigns together give
+    #: estimates from the machine's campaigns and from the population, by parameter
+    estimate: dict[str, Summary]
+    #: estimates from the machine's own campaigns and the reference prior, without the population,
+    #: by parameter; only the instrument's errors are estimated from all campaigns
     alone: dict[str, Summary]
-    #: p-value corrected for the numbers of parameters (Bonferroni) and of machines (Holm): upper
-    #: bound on the probability that, if all belong to one population, any machine stands out this
-    #: much; None if there are too few machines
+    #: p-value corrected for the numbers of parameters (Bonferroni) and of machines (Holm). If all
+    #: machines belong to one population, the probability that any of them stands out this much is
+    #: at most this p-value. None if there are too few machines.
     p_value: float | None = None
-    flag: bool = False  #: whether the p-value is below 5 %
-    #: normal deviate of each parameter from what the other machines predict, by parameter
+    flag: bool = False  #: whether the machine's p-value is below 5 %
+    #: deviation of each parameter from what the other machines predict, as a quantile of the normal
+    #: distribution, by parameter
     z: dict[str, float] = field(default_factory=dict)
 
 
@@ -138,28 +143,31 @@ class Population(Result):
     That no machine stands out is a finding only if ``judged`` is true.
     """
 
-    parameters: dict[str, PooledParameter]  #: mean, spread and next machine, by parameter
+    #: mean, spread and prediction for the next machine, by parameter
+    parameters: dict[str, PooledParameter]
     machine: dict[str, PooledMachine]  #: estimates for each machine, by machine_id
-    campaigns: int  #: number of campaigns
+    campaigns: int  #: number of campaigns of all machines in the population
     reference_force_N: float  #: force at which the compliances are stated
     forces_N: tuple[float, float]  #: lowest and highest force of the range tested in all campaigns
-    topology: str  #: topology of the machines
-    compliances: Mapping[str, Meaning]  #: meaning of each compliance, where the batch states it
-    instrument: tuple[str, ...]  #: instrument errors taken as common to all campaigns
+    topology: str  #: topology of the machines: the chain of joints from workpiece to tool
+    #: weighted sum of joint compliances that each compliance stands for, if the batch states it
+    compliances: Mapping[str, Meaning]
+    instrument: tuple[str, ...]  #: names of the instrument errors common to all campaigns
     spread_scale: float  #: scale of a spread's prior, HalfNormal(spread_scale · prior_sd)
     seed: int  #: seed of the random draws
-    pareto_k: float  #: Pareto's k̂ of the weights of the spreads' draws: the lower the better
-    trusted: bool  #: whether Pareto's k̂ is low enough
-    caveats: tuple[Caveat, ...]  #: limitations of the result
+    #: Pareto's k̂ of the weights of the random draws of the spreads; the lower, the more reliable
+    pareto_k: float
+    trusted: bool  #: whether Pareto's k̂ is low enough for the random draws to be trusted
+    caveats: tuple[Caveat, ...]  #: limitations of the population and of its campaigns
     prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
     #: whether every machine could be compared with the others
     judged: Annotated[bool, Field(exclude=True)]
-    #: SHA-256 of the campaigns, so that no campaign can take a prior made from its own readings
+    #: SHA-256 of each campaign; by it, a prior made from a campaign's own readings is refused
     readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
-        """Return the machines that stand out from the others, the worst first."""
+        """Return the machines that stand out from the others, the most deviating machine first."""
         flagged = sorted(machine.name for machine in self.machine.values() if machine.flag)
         return tuple(ranked(flagged, self._largest_z))
 
@@ -220,7 +228,7 @@ def _population_record(result: Population) -> dict[str, Any]:
 
 @parts_of.register
 def _population_parts(result: Population) -> tuple[Table | str, ...]:
-    """Return a table with a row per parameter, the findings and their limitations."""
+    """Return a table with a row per parameter, then sentences on the findings and limitations."""
     heads = (
         "parameter",
         "unit",
@@ -387,13 +395,17 @@ def pool(
 class _Moments(NamedTuple):
     """Means, sds and credible intervals of several quantities, in units of the prior sd."""
 
-    mean: Array  #: shape (...)
-    sd: Array  #: shape (...)
-    interval: Array  #: lower and upper ends, shape (2, ...)
+    mean: Array  #: mean of each quantity, shape (…)
+    sd: Array  #: standard deviation of each quantity, the shape of ``mean``
+    interval: Array  #: lower and upper ends of the credible intervals, shape (2, …)
 
 
 def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _Moments:
-    """Return moments and intervals of Gaussians averaged over the weighted draws of s."""
+    """Return moments and intervals of Gaussians averaged over weighted draws of the spreads.
+
+    The draws are the first array axis of ``mean`` and ``sd``; the spreads are the standard
+    deviations of the machines. ``tails`` are the probabilities of the ends of the intervals.
+    """
     mixture_mean, mixture_sd = mixture_moments(weight, mean, sd)
     return _Moments(mixture_mean, mixture_sd, mixture_quantiles(weight, mean, sd, tails))
 
@@ -401,7 +413,7 @@ def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _
 def _summarize(scale: Array, moments: _Moments) -> list[Summary]:
     """Return the summary of each of the c parameters, in internal units (mm, N, rad).
 
-    ``scale`` and the moments have shape (c,).
+    The moments, shape (c,), are in units of ``scale``, the prior sds of the parameters.
     """
     mean = (scale * moments.mean).tolist()
     sd = (scale * moments.sd).tolist()
@@ -417,11 +429,12 @@ def _pool_parameters(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> dict[str, PooledParameter]:
-    """Return mean, spread and next machine of every parameter.
+    """Return mean, spread and prediction for the next machine of every parameter.
 
-    The distributions of the mean μ and of the next machine are averages of Gaussians over the first
-    random draws of the spreads s, for which ``shared`` holds the Gaussians of μ and the
-    instrument's errors. The spreads are summarised from all draws.
+    The spreads are the standard deviations of the machines about their mean; they are summarised
+    from all random draws. The distributions of the mean and of the next machine are averages of
+    Gaussians over the first draws, for which ``shared`` holds the Gaussians of the mean and the
+    instrument's errors.
     """
     c = len(statistics.parameters)
     scale = statistics.prior_sd[:c]
@@ -454,7 +467,7 @@ def _pool_parameters(
 def _instrument_sd(
     statistics: FleetStatistics, weight: Array, shared: Gaussian, sd: Array
 ) -> Array:
-    """Return the part of the sd of the mean μ that is due to instrument errors, shape (c,)."""
+    """Return, for each of c parameters, the part of the mean's sd due to instrument errors."""
     c = len(statistics.parameters)
     if not statistics.instrument:
         return np.zeros(c)
@@ -472,9 +485,9 @@ def _pool_machines(
     judged: JudgedMachines | None,
     tails: tuple[float, float],
 ) -> dict[str, PooledMachine]:
-    """Return the estimates for every machine and its comparison with the others.
+    """Return the estimates for every machine, and the machine's comparison with the others.
 
-    The estimates are given both with the population and from the machine's own campaigns alone.
+    One set of estimates uses the population, another only the machine's own campaigns.
     """
     names = statistics.parameters
     scale = statistics.prior_sd[: len(names)]
@@ -555,7 +568,7 @@ def _instrument_caveat(
 ) -> Caveat:
     """Return a caveat that names the parameter most affected by the instrument's errors.
 
-    This is the parameter whose mean owes the largest share of its variance to these errors.
+    The variance of this parameter's mean has the largest share due to these errors.
     """
     shares = {}
     for name, parameter in parameters.items():

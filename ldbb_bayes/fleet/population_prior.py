@@ -21,7 +21,7 @@ from ldbb_bayes.results import Shown, read_result
 
 __all__ = ["PopulationPrior", "digest_of", "read_population_prior"]
 
-# Largest relative difference of two reference forces that count as the same.
+# Largest relative difference of two reference forces that count as equal (rounding errors only).
 _SAME_FORCE = 1e-9
 
 
@@ -33,22 +33,24 @@ class PopulationPrior(Shown):
     rad). The slopes of compliances and the geometric errors keep the priors of the model.
     """
 
-    reference_force_N: float  #: force F0 at which the compliances are stated
+    reference_force_N: float  #: force at which the compliances are stated [N]
     machines: int  #: number of machines in the population
     campaigns: int  #: number of campaigns in the population
-    means: Mapping[str, float]  #: prior means, by compliance
-    sds: Mapping[str, float]  #: prior standard deviations, by compliance
-    sha256: str  #: SHA-256 of the population's result
-    topology: str  #: topology of the machines
-    #: meaning (sum of joint compliances) of each compliance; for one that is missing, the meaning
-    #: in the campaign is taken
+    means: Mapping[str, float]  #: prior mean of each compliance, by name [mm/N, rad/N, …]
+    sds: Mapping[str, float]  #: prior standard deviation of each compliance, by name
+    sha256: str  #: SHA-256 of the population's contents, see `digest_of`
+    topology: str  #: topology of the machines: the chain of joints from workpiece to tool
+    #: weighted sum of joint compliances that each compliance stands for, by name; a compliance
+    #: without entry is taken to have the same sum as in the campaign to be fitted
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
     machine_ids: frozenset[str] = frozenset()  #: machine_id of each machine in the population
     readings: frozenset[str] = frozenset()  #: SHA-256 of each campaign in the population
     population_doubts: tuple[str, ...] = ()  #: sentences on the limitations of the population
 
     def model(self, model: HybridModel) -> HybridModel:
-        """Return the model with these priors for its compliances; slopes keep their prior sd.
+        """Return a model with the population's priors for its compliances.
+
+        Slopes keep the prior standard deviations of the given model.
 
         The compliances of the returned model are stated at the population's reference force.
 
@@ -82,7 +84,7 @@ class PopulationPrior(Shown):
         return replace(model, reference_force_N=self.reference_force_N, prior=prior)
 
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
-        """Return sentences that state the doubts about using the prior for a campaign.
+        """Return sentences on reasons to doubt the population's prior for a given campaign.
 
         Parameters
         ----------
@@ -138,7 +140,7 @@ class PopulationPrior(Shown):
 
 
 def _check_takes_prior(model: HybridModel, name: str) -> None:
-    """Refuse a compliance that the model fixes or gives a prior of its own."""
+    """Refuse a model that fixes the named compliance, or that states another prior for it."""
     if name in model.fixed:
         raise InputError(
             f"{name} must be free to have the population's prior, got one fixed at zero. Free it."

@@ -20,14 +20,14 @@ from ldbb_bayes.results import Result
 
 __all__ = ["Caveat", "CaveatKind", "check_rows", "choose", "labels", "moment"]
 
-# Kinds of findings which mean that the model does not expect the readings of a campaign.
+# Kinds of a fit's findings which mean that the readings of the campaign do not fit the model.
 _MISFIT_KINDS: frozenset[str] = frozenset({CheckKind.ORDER, ConcernKind.TRUNCATION})
-# Kinds of findings which mean that the noise of a campaign is not white.
+# Kinds of a fit's findings which mean that the noise of the campaign's readings is not white.
 _NOISE_KINDS: frozenset[str] = frozenset({CheckKind.NOISE, CheckKind.AUTOCORRELATION})
 
 
 class CaveatKind(StrEnum):
-    """Kinds of limitations: of the campaigns that a result uses, or of the result itself."""
+    """Kinds of limitations of a trend or a population, or of the campaigns that it uses."""
 
     EXCLUDED = "excluded"
     BEFORE = "before"
@@ -51,7 +51,7 @@ class CaveatKind(StrEnum):
 
 @dataclass(frozen=True)
 class Caveat(Result):
-    """One limitation of a result."""
+    """One limitation of a trend or a population."""
 
     kind: CaveatKind
     names: tuple[str, ...] = ()  #: names of the campaigns, machines or parameters concerned
@@ -89,10 +89,10 @@ def choose(
 ) -> tuple[pd.DataFrame, list[Caveat]]:
     """Return the rows of a batch that an analysis shall use, and caveats on the choice.
 
-    Campaigns whose readings the model does not expect are left out: an order of a circle (Fourier
-    component of the readings) fails its check, or the readings contradict non-negative compliance.
-    Readings a thousand times too large, for example, would move the mean of a population, widen its
-    spread, and hide a change of their machine.
+    Campaigns whose readings do not fit the model are left out: an order (Fourier component) of a
+    circle's readings fails its check, or the readings contradict non-negative compliance. Readings
+    a thousand times too large, for example, would move the mean of a population and widen its
+    spread. They would also hide a change of their machine.
 
     Parameters
     ----------
@@ -147,19 +147,19 @@ def _leave_out(
     caveats: list[Caveat],
     text: str = "",
 ) -> pd.DataFrame:
-    """Return the rows that are not left out, and add a caveat that names the others."""
+    """Return the rows that are kept, and add a caveat that names the campaigns left out."""
     _note(kind, rows[is_left_out], caveats, text)
     return rows[~is_left_out]
 
 
 def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = "") -> None:
-    """Add a caveat that names the campaigns in the rows, unless there are no rows."""
+    """Add a caveat of a given kind that names the campaigns in the rows, if there are any."""
     if not rows.empty:
         caveats.append(Caveat(kind, tuple(labels(rows)), text=text))
 
 
 def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
-    """Return, for each campaign, whether its fit reports a finding of one of the kinds."""
+    """Return, for each campaign, whether its fit reported a finding of one of these kinds."""
     matches = [
         reported is not None and not kinds.isdisjoint(reported) for reported in rows["kinds"]
     ]
@@ -184,7 +184,7 @@ def _is_text(value: Any) -> bool:
 
 
 def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -> pd.Series[bool]:
-    """Return, for each campaign, whether it or its machine is to be excluded."""
+    """Return, for each campaign, whether the user excluded it or its machine by name."""
     excluded = [exclude] if isinstance(exclude, str) else list(exclude)
     known_names = _names(batch)
     for name in excluded:
@@ -199,7 +199,7 @@ def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -
 
 
 def _names(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of all names by which a campaign or its machine can be excluded."""
+    """Return a table of the names by which a user can exclude each campaign or its machine."""
     paths = rows["campaign"].astype(str)
     last_parts = paths.map(_last_part)
     return rows[["name", "machine_id"]].assign(path=paths, last=last_parts)
@@ -210,7 +210,7 @@ def _last_part(path: str) -> str:
 
 
 def _is_before(rows: pd.DataFrame, since: str | None) -> pd.Series[bool]:
-    """Return, for each campaign, whether it has no date or one before ``since``."""
+    """Return, for each campaign, whether its date is missing or before ``since``."""
     if since is None:
         return pd.Series(False, index=rows.index, dtype=bool)
     try:
@@ -233,7 +233,7 @@ def _is_earlier(date: Any, first: datetime) -> bool:
 
 
 def moment(date: str) -> datetime:
-    """Return a date or time in UTC; without a time zone it counts as UTC.
+    """Return the date or time that a text states, in UTC; without a time zone it is taken as UTC.
 
     Parameters
     ----------

@@ -1,12 +1,13 @@
-"""Posterior density of the spreads of machines, and random draws from it.
+"""Posterior density of the spreads of machines, and random draws from this density.
 
 c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(τ)
 
-Everything is in units of the parameters' prior sd. c_m are the parameters of machine m, μ the mean
-of the population, s the spreads, that is, the standard deviations of the machines about μ; b are
-the instrument's errors. Given s, everything is Gaussian, so that c_m, μ and b are integrated out
-exactly. ln s is drawn from a Student t distribution about its mode, and the draws are weighted
-(importance sampling).
+All values are in units of the parameters' prior sd. c_m are the parameters of machine m, μ is the
+mean of the population. s are the spreads, that is, the standard deviations of the machines about μ;
+their prior has the scale τ. b are the instrument's errors; j is the index of a parameter. Given s,
+all distributions are Gaussian, so that c_m, μ and b are integrated out exactly. Values of ln s are
+drawn from a Student t distribution about the mode of its density, and weighted (importance
+sampling).
 
 In the shapes of arrays, k is the number of values of s, n that of machines, c that of parameters,
 and q that of parameters and instrument errors.
@@ -41,31 +42,36 @@ __all__ = [
     "spread_slices",
 ]
 
-# Number of pairs of a spread and a machine in one block of a computation, so that the block fits
-# into the processor's cache.
+# Number of combinations of a random draw and a machine that are computed in one block, so that the
+# block fits into the processor's cache.
 _PAIRS_AT_ONCE = 4096
-# Degrees of freedom of the Student t from which ln s is drawn.
+# Degrees of freedom of the Student t distribution from which ln s is drawn; s are the spreads.
 _DEGREES_OF_FREEDOM = 5.0
-# Step in ln s of the central differences that give the Hessian.
+# Step in ln s (s: spreads) of the central differences that give the Hessian of the log density.
 _DIFFERENCE_STEP = 1e-4
-# Increase of the log density in one step below which the search for the mode ends [nat].
+# The search for the mode of the density of ln s (s: spreads) ends if a step increases the log
+# density by less than this [nat].
 _MODE_GAIN = 1e-10
-# How far ln s may lie below ln τ, and above the larger of ln τ and the mode.
+# Range of random draws of ln s (s: spreads). A draw may lie this far below ln τ, with the scale τ
+# of the prior of s, and this far above the larger of ln τ and the mode.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# Ratio of the effective to the actual number of draws above which no second set is drawn.
+# If the effective number of random draws, divided by the actual number, is above this, no second
+# set of draws is made.
 _EFFECTIVE_SHARE = 0.2
-# Share of the covariance at the mode that is added to the covariance of the first set of draws, for
-# drawing the second set.
+# Part of the covariance at the mode of the density. It is added to the covariance of the first set
+# of random draws to get the covariance from which the second set is drawn.
 _ADDED_VARIANCE = 0.05
-# Smallest curvature of the log density at the mode; smaller eigenvalues are replaced by it.
+# Smallest eigenvalue of the curvature matrix at the mode of the density of ln s (s: spreads);
+# smaller ones are replaced by it.
 _SMALLEST_CURVATURE = 1e-3
-# Smallest distance of the coordinates of quasi-random points from 0 and 1.
+# Smallest distance of the coordinates of quasi-random points from 0 and from 1, where the normal
+# quantile would be infinite.
 _POINT_MARGIN = 1e-12
 
 
 def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
-    """Return the names of the machines and the likelihood of each, shape (n, q).
+    """Return the names of n machines, and the likelihood of each for q quantities, shape (n, q).
 
     The machines are in the order of their first campaigns. A machine's likelihood is the product of
     the likelihoods of its campaigns.
@@ -85,14 +91,14 @@ def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], G
 
 
 def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
-    """Yield slices that divide the spreads into blocks for the processor's cache.
+    """Yield slices that divide the k values of the spreads into blocks.
 
-    A block is so small that computing it for all machines fits into the cache.
+    A block is so small that its numbers for all machines fit into the processor's cache.
 
     Parameters
     ----------
-    spread : spreads s, shape (k, c).
-    likelihood : likelihoods of the machines, shape (n, q).
+    spread : k values of the spreads of c parameters, shape (k, c).
+    likelihood : likelihoods of n machines, shape (n, q).
     """
     size = max(1, _PAIRS_AT_ONCE // len(likelihood.shift))
     for start in range(0, len(spread), size):
@@ -100,10 +106,10 @@ def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
 
 
 def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
-    """Return the Gaussian of mean and instrument errors (μ, b) given the spreads, shape (k, q).
+    """Return the distribution of mean μ and instrument errors b given the spreads s, shape (k, q).
 
-    The attribute ``log_integral`` is ln p(y | s), the log density of all readings y given the
-    spreads, up to a constant.
+    The Gaussian's attribute ``log_integral`` is ln p(y | s), the log density of all readings y
+    given the spreads, up to a constant.
 
     Parameters
     ----------
@@ -127,15 +133,16 @@ def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 class MachineEstimates(NamedTuple):
-    """Moments of machines' parameters c_m and of z_m = (c_m − μ) / s, given the spreads s.
+    """Moments of the parameters of n machines, for each of k values of the spreads s.
 
-    Each array has shape (k, n, c).
+    c_m are the c parameters of machine m. z_m = (c_m − μ) / s is their standardised difference from
+    the population's mean μ.
     """
 
-    mean: Array  #: mean of c_m
-    sd: Array  #: standard deviation of c_m
-    z_mean: Array  #: mean of z_m
-    z_variance: Array  #: variance of z_m
+    mean: Array  #: mean of the machines' parameters c_m, shape (k, n, c)
+    sd: Array  #: standard deviation of the machines' parameters c_m, shape (k, n, c)
+    z_mean: Array  #: mean of z_m = (c_m − μ) / s, shape (k, n, c)
+    z_variance: Array  #: variance of z_m = (c_m − μ) / s, shape (k, n, c)
 
 
 def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> MachineEstimates:
@@ -145,7 +152,7 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
     ----------
     likelihood : likelihoods of the machines, shape (n, q).
     spread : spreads s, shape (k, c).
-    shared : Gaussian of (μ, b) given the spreads, see `shared_quantities`.
+    shared : Gaussian of mean μ and instrument errors b given the spreads, see `shared_quantities`.
     """
     c = spread.shape[1]
     q = likelihood.shift.shape[1]
@@ -172,31 +179,36 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
 
 
 def _explained_variance(root: Array, response: Array) -> Array:
-    """Return the variance due to the uncertainty of (μ, b), shape (c, k, n).
+    """Return the variance of machines' parameters due to uncertain μ and b, shape (c, k, n).
 
-    ``root`` is a square root of the covariance of (μ, b); ``response`` the sensitivity to (μ, b).
+    μ is the population's mean, b are the instrument's errors. ``root`` is a matrix square root of
+    their covariance; ``response`` are the sensitivities of the parameters to them.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 
 
 @dataclass(frozen=True, eq=False)
 class SpreadDensity:
-    """Log posterior density ln p(t | y) of t = ln s given the readings y, up to a constant."""
+    """Posterior density of t = ln s given the readings y, with the spreads s of machines."""
 
     likelihood: Gaussian  #: likelihoods of the machines, shape (n, q)
     scale: float  #: scale τ of the spreads' prior, in units of the parameters' prior sd
 
     def log(self, t: Array) -> Array:
-        """Return ln p(t | y), shape (k,), of t of shape (k, c)."""
+        """Return ln p(t | y) up to a constant, shape (k,), for k values of t = ln s, shape (k, c).
+
+        s are the spreads of the c parameters, y the readings.
+        """
         prior = (t - 0.5 * np.exp(2.0 * (t - np.log(self.scale)))).sum(axis=-1)
         shared = shared_quantities(self.likelihood, np.exp(t))
         return np.asarray(shared.log_integral + prior)
 
     def gradient(self, t: Array) -> Array:
-        """Return ∂ ln p(t | y) / ∂ t, shape (k, c).
+        """Return the gradient ∂ ln p(t | y) / ∂ t for k values of t = ln s, shape (k, c).
 
-        The gradient is Σ_m (E[z_m² | y, s] − 1) with z_m = (c_m − μ) / s (Fisher's identity), plus
-        the gradient of the log prior.
+        s are the spreads of machines. By Fisher's identity the gradient is Σ_m (E[z_m² | y, s] − 1)
+        plus the gradient of the log prior. z_m = (c_m − μ) / s is the standardised difference of
+        machine m's parameters c_m from the population's mean μ; y are the readings.
         """
         s = np.exp(t)
         shared = shared_quantities(self.likelihood, s)
@@ -205,7 +217,10 @@ class SpreadDensity:
         return np.asarray(of_machines + 1.0 - (s / self.scale) ** 2)
 
     def derivatives(self, t: Array) -> tuple[Array, Array]:
-        """Return the gradient (c,) and the Hessian (c, c) of the log density at one t."""
+        """Return the gradient (c,) and Hessian (c, c) of the log density at one t = ln s.
+
+        s are the spreads of the c parameters.
+        """
         c = len(t)
         step = _DIFFERENCE_STEP * np.eye(c)
         gradient = self.gradient(np.concatenate([t[None], t + step, t - step]))
@@ -213,10 +228,10 @@ class SpreadDensity:
         return gradient[0], 0.5 * (hessian + hessian.T)
 
     def mode(self, start: Array) -> tuple[Array, Array]:
-        """Return the mode of the density (c,) and the curvature matrix there (c, c).
+        """Return the mode of the density of ln s, shape (c,), and the curvature there, (c, c).
 
-        The curvature is the negative Hessian, changed if need be so that no eigenvalue is negative
-        or near zero.
+        The curvature is the negative Hessian of the log density. Negative eigenvalues change their
+        sign, and eigenvalues near zero are increased.
         """
         t = newton(self.log, self.derivatives, start, gain=_MODE_GAIN)
         _, hessian = self.derivatives(t)
@@ -227,12 +242,14 @@ class SpreadDensity:
 
 @dataclass(frozen=True, eq=False)
 class Spreads:
-    """Weighted random draws of the spreads s, in units of the parameters' prior sd."""
+    """Weighted random draws of the machines' spreads s, in units of the parameters' prior sd."""
 
-    spread: Array  #: draws of s, shape (k, c)
-    log_weight: Array  #: ln (posterior density / density drawn from), not smoothed, shape (k,)
-    weight: Array  #: weights, Pareto-smoothed and of sum one, shape (k,)
-    pareto_k: float  #: Pareto's k̂, which is the larger the less the weights can be trusted
+    spread: Array  #: k random draws of the spreads of c parameters, shape (k, c)
+    #: logarithm of the posterior density divided by the density drawn from, shape (k,)
+    log_weight: Array
+    weight: Array  #: weights of the draws, Pareto-smoothed, with a sum of one, shape (k,)
+    #: Pareto's k̂ of the weights; the larger it is, the less the weights can be trusted
+    pareto_k: float
     good_k: float  #: value of Pareto's k̂ above which the draws cannot be trusted
     mode: Array  #: mode of the posterior density of ln s, shape (c,)
 
@@ -243,11 +260,15 @@ class Spreads:
 
     @property
     def effective(self) -> float:
-        """Return the effective number of draws, 1 / Σ w², with the weights w."""
+        """Return the effective number of random draws, 1 / Σ w², with their weights w."""
         return 1.0 / float(np.sum(self.weight**2))
 
     def first(self, size: int) -> Spreads:
-        """Return the first draws; as quasi-random points they too cover the range evenly."""
+        """Return the first ``size`` draws with new weights.
+
+        The draws are made from quasi-random points, so that the first of them also cover the range
+        evenly.
+        """
         log_weight = self.log_weight[:size]
         return _weight_draws(self.spread[:size], log_weight, self.mode)
 
@@ -260,10 +281,11 @@ def draw_spreads(
     size: int = 2048,
     start: Array | None = None,
 ) -> Spreads:
-    """Draw spreads from a Student t distribution about the mode of ln s, and weight them.
+    """Return weighted random draws of the spreads s from their posterior density.
 
-    If the weights of these draws are poor, a second set is drawn with the mean and covariance of
-    the first set. The better set is returned.
+    ln s is drawn from a Student t distribution about the mode of the density. If the weights of
+    these draws are poor, a second set is drawn with the mean and covariance of the first set. The
+    better set is returned.
 
     Parameters
     ----------
@@ -287,10 +309,11 @@ def draw_spreads(
 
 
 def _better(first: Spreads, second: Spreads) -> Spreads:
-    """Return the better of two sets of draws.
+    """Return the better of two sets of random draws.
 
-    A set that can be trusted is better than one that cannot. Of two trusted sets, the better has
-    the larger effective number of draws; of two others, the smaller Pareto's k̂.
+    A set whose weights can be trusted is better than one whose weights cannot. Of two trusted sets,
+    the better has the larger effective number of draws. Of two sets that cannot be trusted, the
+    better has the smaller Pareto's k̂.
     """
     if first.trusted != second.trusted:
         second_is_better = second.trusted

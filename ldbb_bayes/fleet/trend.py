@@ -1,11 +1,11 @@
 """Trend of one machine: whether a parameter has changed, which, when and by how much.
 
 The model of a change is stated in `change_point`. A change is reported if its posterior probability
-exceeds a threshold p*. Without a change, the Bayes factor B of a change has expectation 1, so that
-B > x has a probability of at most 1 / x (Markov's inequality). Hence a false alarm has a
-probability of at most (1 − p*) / p* · p / (1 − p), with p the prior probability of a change.
+exceeds a threshold p*. If there is no change, the Bayes factor B of a change has the expectation 1,
+so that B > x has a probability of at most 1 / x (Markov's inequality). Hence a false alarm has a
+probability of at most (1 − p*) / p* · p / (1 − p), with the prior probability p of a change.
 
-That compliances must not be negative (truncation) is not modelled here. Parameters not chosen, ball
+A trend does not use that compliances cannot be negative (truncation). Parameters not chosen, ball
 form and bar length are integrated out in each campaign separately, as if they were independent of
 the other campaigns, although they are the same for one machine and one bar. This overstates the
 uncertainty of changes, above all of geometric errors, but understates that of levels.
@@ -61,15 +61,15 @@ from ldbb_bayes.units import (
 
 __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 
-# Probability of a change below which the table does not state its size. The table shows
-# probabilities to three decimals, so that smaller ones appear as zero.
+# Smallest probability of a change for which the table of a trend states the size of the change. The
+# table shows probabilities with three decimals; smaller ones would appear as zero.
 _UNLIKELY = 5e-4
-# Ratio of a level to its standard uncertainty above which a change is stated in per cent of the
-# level. The level's own uncertainty, which that percentage neglects, is then at most a fifth.
+# Ratio of a parameter's level to its standard uncertainty, above which a change is also stated in
+# per cent of the level. The percentage neglects the level's uncertainty, which is then below 20 %.
 _KNOWN_LEVEL = 5.0
 # Columns of `Trend.estimates` whose values have the unit of the parameter.
 _SIZED_COLUMNS = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
-# Text of a table's cell that has nothing to state.
+# Text of empty cells in the table of a trend's parameters.
 _NOTHING = "–"
 
 
@@ -79,16 +79,19 @@ class ParameterChange(Result):
 
     unit: str
     probability: float  #: probability that this parameter is the one that changed
-    place: int  #: campaign (from 0) just before which the parameter most probably changed, if ever
-    change: Summary  #: size of the step, given that this parameter changed, at whatever time
-    #: step in per cent of the level before it; None if that level is uncertain by more than a fifth
+    #: index (from 0) of the campaign just before which the parameter most probably changed, if it
+    #: changed
+    place: int
+    #: size of the step if this parameter changed, averaged over the possible times of the change
+    change: Summary
+    #: step in per cent of the level before it; None if that level is uncertain by more than 20 %
     percent: float | None
-    level_before: float  #: mean level before the step, given that this parameter changed
+    level_before: float  #: mean level of the parameter before the step, if this parameter changed
     #: level at the last campaign, averaged over all hypotheses of a change; its uncertainty
     #: includes the errors of the instrument
     level_now: Summary
-    #: uncertainty (sd) that the instrument's errors add to all campaigns alike; neither the points
-    #: nor the limits of the control chart include it
+    #: standard uncertainty due to the instrument's errors, which shift the estimates from all
+    #: campaigns together; the points and limits of the control chart do not include it
     common_sd: float
 
 
@@ -120,20 +123,20 @@ class Trend(Result):
 
     machine: str | None  #: machine_id of the machine, if the campaigns state one
     reference_force_N: float  #: force at which the compliances are stated
-    #: assumptions by name: change_scale and repeatability (in units of the prior's sd),
-    #: probability, threshold, ci, one_instrument
+    #: options of the analysis by name: change_scale and repeatability (in units of the prior's sd),
+    #: probability (of a change before the readings), threshold, ci, one_instrument
     assumptions: Mapping[str, Any]
     #: posterior probability that one parameter has changed once
     probability: Annotated[float, Field(alias="probability_of_change")]
-    changed: bool  #: whether the probability of a change is above the threshold
+    changed: bool  #: whether a change is reported: its probability is above the threshold
     false_alarm: float  #: upper bound on the probability of reporting a change where there is none
-    campaigns: tuple[Visit, ...]  #: campaigns in order of time
-    parameters: Mapping[str, ParameterChange]  #: step of each parameter, by name
+    campaigns: tuple[Visit, ...]  #: campaigns of the machine in order of time
+    parameters: Mapping[str, ParameterChange]  #: possible step of each parameter, by name
     most_probable: str  #: name of the parameter that most probably changed
-    caveats: tuple[Caveat, ...]  #: limitations of the result
+    caveats: tuple[Caveat, ...]  #: limitations of the trend and of its campaigns
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
-    #: conformity by quantity with a tolerance, then by campaign; from each campaign alone, with a
-    #: normal distribution of the estimate
+    #: decisions on conformity by quantity with a tolerance, then by campaign; each is from one
+    #: campaign alone, with a normal distribution of the estimate
     conformity: Mapping[str, Mapping[str, Conformity]]
     limits_probability: float = LIMITS  #: probability of the control limits
 
@@ -148,7 +151,7 @@ class Trend(Result):
 
 @parts_of.register
 def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
-    """Return a table with a row per parameter, conformity, the findings and their limitations."""
+    """Return a trend as tables of parameters and of conformity, and sentences on the findings."""
     heads = ("parameter", "level now", "U, common", "P(changed)", "change, if it did", "of level")
     rows = [_table_row(name, change) for name, change in trend.parameters.items()]
     machine = f"{trend.machine}, " if trend.machine else ""
@@ -344,7 +347,7 @@ def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _Machi
 
 
 def _order_in_time(statistics: FleetStatistics) -> list[int]:
-    """Return the indices of campaigns in order of date, or as given if none has a date."""
+    """Return the indices of campaigns in order of date; in the given order if none has a date."""
     dates = zip(statistics.campaigns, statistics.dates, strict=True)
     undated = [name for name, date in dates if date is None]
     if undated and len(undated) < len(statistics):
@@ -368,7 +371,10 @@ def _caveats_of_series(statistics: FleetStatistics) -> list[Caveat]:
 def _visits(
     names: Sequence[str], dates: Sequence[datetime | None], step_probabilities: Array
 ) -> tuple[Visit, ...]:
-    """Return the campaigns with the probability of a change just before each; 0 for the first."""
+    """Return the campaigns, each with the probability that a parameter changed just before it.
+
+    The probability is zero for the first campaign.
+    """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
 
@@ -398,10 +404,10 @@ def _parameter_change(
     chart: ChartPoints,
     prob: float,
 ) -> ParameterChange:
-    """Return the step of parameter j.
+    """Return the possible step of the parameter with index j.
 
-    ``step_probabilities``, of shape (r, n − 1), holds the probability of a step of this parameter
-    for each node of the scatter r and just before each of the n campaigns but the first.
+    ``step_probabilities``, shape (r, n − 1), are the probabilities of a step of this parameter just
+    before each of the n campaigns but the first, for each of r values of the machine's scatter.
     """
     scale = float(statistics.prior_sd[j])
     total = float(step_probabilities.sum())
@@ -432,7 +438,11 @@ def _parameter_change(
 
 
 def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
-    """Return the size of a change averaged over hypotheses, in units of the prior's sd."""
+    """Return the size of a parameter's step, averaged over hypotheses with weights.
+
+    A hypothesis is a time of the step and a value of the machine's scatter. Sizes are in units of
+    the prior's sd.
+    """
     mean = mean.ravel()
     sd = sd.ravel()
     counts = weight > 0.0
@@ -443,7 +453,7 @@ def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
 
 
 def _level_now(levels: Levels, j: int) -> Summary:
-    """Return the summary of the present level of parameter j."""
+    """Return the summary of the level at the last campaign of the parameter with index j."""
     low, high = levels.interval[:, j]
     return Summary(float(levels.mean[j]), float(levels.sd[j]), (float(low), float(high)))
 
@@ -472,8 +482,8 @@ def _estimates(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        Posterior probabilities of the steps: summed over the first axis, those of a step of each
-        parameter at every campaign but the first, shape (n − 1, p).
+        Posterior probability of a step of each parameter just before every campaign but the first,
+        for each of r values of the machine's scatter, shape (r, n − 1, p).
     prob
         Probability of the intervals.
     """
@@ -507,11 +517,11 @@ def _conformities(
     tolerances: Mapping[str, str | Tolerance] | None,
     newest_tolerances: Any,
 ) -> dict[str, dict[str, Conformity]]:
-    """Return the conformity from every campaign alone, by quantity, then by campaign.
+    """Return decisions on conformity by quantity, then by campaign, each from one campaign alone.
 
-    The uncertainty includes the part that the instrument's errors add to all campaigns alike. If
-    ``tolerances`` is empty, those that the newest campaign states (as JSON) for quantities of the
-    trend are used.
+    The uncertainties include that due to the instrument's errors, which all campaigns share. If
+    ``tolerances`` is empty, the tolerances that the newest campaign states (as JSON) are used, as
+    far as they are for quantities of the trend.
     """
     followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
     wanted: Mapping[str, str | Tolerance] = tolerances or {}
@@ -537,7 +547,7 @@ def _conformities(
 
 
 def _parameter_of(quantity: str, parameters: Sequence[str]) -> int:
-    """Return the index of the parameter that a quantity equals, or whose inverse it is."""
+    """Return the index of the parameter that a quantity is, or whose inverse it is (stiffness)."""
     for j, name in enumerate(parameters):
         if quantity == name or (is_direct(name) and quantity == f"stiffness_{name[2]}"):
             return j
