@@ -100,7 +100,7 @@ def test_arguments_and_fields_are_documented(name: str) -> None:
             for kind in what.__mro__
             if kind.__module__.startswith("ldbb_bayes")
         ]
-        text += " ".join(
+        text += " " + " ".join(
             "".join(found)
             for found in re.findall(
                 r"^    (\w+): .*#: |#: .*\n    (\w+): ", "\n".join(sources), re.M

@@ -27,7 +27,7 @@ from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference import evidence
 from ldbb_bayes.inference.coefficients import ModelDraws
-from ldbb_bayes.inference.evidence import probabilities
+from ldbb_bayes.inference.evidence import probabilities, require_models
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.fit import Concern, ConcernKind, assess_fit
 from ldbb_bayes.inference.mcmc import StoppingRule, assess
@@ -205,18 +205,7 @@ def average(
 
 
 def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
-    are_models = isinstance(models, Mapping) and all(
-        isinstance(model, HybridModel) for model in models.values()
-    )
-    require(
-        are_models,
-        f"models must be HybridModels by name, not yet fitted, got {type(models).__name__}. Call"
-        ' lb.average({"constant": model.with_degree(0), "linear": model}, campaign).',
-    )
-    require(
-        len(models) > 0,
-        "models must be given, got none. Average for example constant and linear compliance.",
-    )
+    require_models(models)
     require(
         draws >= _FEWEST_DRAWS,
         f"draws must be at least {_FEWEST_DRAWS}, got {draws}. The default is 4000.",

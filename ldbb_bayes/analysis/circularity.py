@@ -26,6 +26,7 @@ from ldbb_bayes.analysis.circle_columns import (
 )
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.deprecation import renamed_keyword
+from ldbb_bayes.errors import require
 from ldbb_bayes.inference.coefficients import (
     ModelDraws,
     draw_shared,
@@ -148,6 +149,10 @@ def path_draws(
     forces = [float(force) for force in forces_N]
     if not forces:
         forces = [0.0, *distinct_forces(bound.setting.force_N).tolist()]
+    require(
+        min(forces) >= 0.0,
+        f"forces_N must not be negative, got {min(forces):g}. The bar pulls tool and table apart.",
+    )
     for plane in bound.setting.planes:
         r = first_circle(bound, plane)
         radius_mm = float(bound.setting.radius_mm[r])

@@ -39,7 +39,12 @@ from ldbb_bayes.analysis.varying_slopes import Curve, SlopeSubset, VaryingSlope
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference.evidence import check_comparable, log_bayes_factor, probabilities
+from ldbb_bayes.inference.evidence import (
+    check_comparable,
+    log_bayes_factor,
+    probabilities,
+    require_models,
+)
 from ldbb_bayes.inference.evidences import Evidences, leave_one_out
 from ldbb_bayes.inference.least_squares import fit_least_squares
 from ldbb_bayes.inference.nodes import Evidence, Nodes
@@ -506,6 +511,7 @@ def compare(
 def _check_models(
     models: Mapping[str, HybridModel], campaign: Campaign, evidences: Evidences
 ) -> None:
+    require_models(models)
     require_campaign(campaign)
     require(
         len(models) > 1,

@@ -13,6 +13,7 @@ from ldbb_bayes.analysis.circle_columns import COS2, SIN2, second_order_factors
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, MINIMUM_ZONES, QUANTITIES
 from ldbb_bayes.analysis.radial_zones import least_squares_zone, minimum_zone_width
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.model.fourier import SIZE, basis
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -54,6 +55,11 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
     0
     """
     if isinstance(posterior, Campaign):
+        require(
+            not posterior.is_plan,
+            "a campaign must have readings to be measured, got a plan. Run the tests, or simulate"
+            " it.",
+        )
         bound = HybridModel.first(0).bind(posterior)
     else:
         bound = bound_of(posterior)

@@ -24,7 +24,7 @@ from scipy import special
 from ldbb_bayes.analysis.multiple_testing import holm
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference.evidence import probabilities
+from ldbb_bayes.inference.evidence import probabilities, require_models
 from ldbb_bayes.inference.evidences import Evidences, leave_one_out
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.prediction import replicate_left_out
@@ -122,6 +122,7 @@ def find_outlying_tests(
     >>> bool(table["flag"].any())
     False
     """
+    require_models(models)
     require_campaign(campaign)
     tests = len(campaign.tests)
     require(
@@ -130,8 +131,8 @@ def find_outlying_tests(
     fewest = int(tests / (_MORE_REPLICATES * FALSE_ALARMS)) + 1
     require(
         replicates is None or replicates >= fewest,
-        f"replicates must be at least {fewest} to judge {tests} tests, got {replicates}. Leave them"
-        " out.",
+        f"replicates must be at least {fewest} to judge {tests} tests, got {replicates}. Leave the"
+        " argument replicates out.",
     )
     evidences = Evidences(campaign, tolerance=tolerance)
     nodes_by_model = dict(zip(models, evidences.of(*models.values()), strict=True))

@@ -17,6 +17,7 @@ from ldbb_bayes.analysis.circle_columns import (
 )
 from ldbb_bayes.analysis.circularity import summarise_draws
 from ldbb_bayes.deprecation import renamed_keyword
+from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.fourier import basis
@@ -91,6 +92,10 @@ def decompose_deviation(
     force = float(bound.setting.force_N.max())
     if force_N is not None:
         force = float(force_N)
+    require(
+        force >= 0.0,
+        f"force_N must not be negative, got {force:g}. The bar pulls tool and table apart.",
+    )
     rows = []
     for plane in bound.setting.planes:
         r = first_circle(bound, plane)

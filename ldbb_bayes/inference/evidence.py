@@ -8,6 +8,7 @@ out exactly. Truncation T restricts compliances to values that are not negative.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -25,6 +26,7 @@ __all__ = [
     "log_evidence",
     "log_prob_truncation",
     "probabilities",
+    "require_models",
     "warn_of_untrusted_weights",
 ]
 
@@ -103,6 +105,22 @@ def warn_of_untrusted_weights(nodes: Nodes) -> None:
             RuntimeWarning,
             stacklevel=3,
         )
+
+
+def require_models(models: Mapping[str, HybridModel]) -> None:
+    """Raise an `InputError` unless the argument is a mapping of names to at least one model."""
+    are_models = isinstance(models, Mapping) and all(
+        isinstance(model, HybridModel) for model in models.values()
+    )
+    require(
+        are_models,
+        f"models must be HybridModels by name, not yet fitted, got {type(models).__name__}. Give"
+        ' for example {"constant": model.with_degree(0), "linear": model}.',
+    )
+    require(
+        len(models) > 0,
+        "models must be given, got none. Give for example constant and linear compliance.",
+    )
 
 
 def check_comparable(model: HybridModel, campaign: Campaign) -> None:

@@ -19,7 +19,7 @@ import xarray as xr
 from pydantic import ValidationError
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.coefficients import ModelDraws, compliance_curves, evenly_spaced
 from ldbb_bayes.inference.fit import Fit
@@ -104,12 +104,12 @@ def build_tree(
     return tree
 
 
-def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
+def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     """Write a posterior to one netCDF file (h5netcdf), whole or not at all.
 
     Parameters
     ----------
-    tree : DataTree
+    posterior : DataTree
         Posterior from `sample`, `load` or `average`.
     path : str or os.PathLike
         Name of the file to write; a file of this name is replaced.
@@ -133,7 +133,8 @@ def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     True
     """
     target = Path(path)
-    tree = tree.copy()
+    _require_tree(posterior)
+    tree = posterior.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
     with _no_lock_of_dask():
         # In memory first: HDF5 does not survive a full disk.
@@ -285,11 +286,20 @@ def _fields(source: Campaign | CircularTest, *excluded: str) -> dict[str, Any]:
     return {name: getattr(source, name) for name in names}
 
 
+def _require_tree(posterior: object) -> None:
+    require(
+        isinstance(posterior, xr.DataTree),
+        f"the posterior must be a DataTree, got {type(posterior).__name__}. Pass what lb.sample or"
+        " lb.load returned.",
+    )
+
+
 def record_of(posterior: xr.DataTree) -> dict[str, Any]:
     """Return the record of a posterior: what was fitted, how, and how well.
 
     The record is kept as JSON in the group ``provenance``.
     """
+    _require_tree(posterior)
     if "provenance" not in posterior.children:
         raise InputError(
             "the posterior must be one of sample or load, got one in units for reading (to_units)."
@@ -430,6 +440,7 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
     >>> round(float(compliance.mean()))
     39
     """
+    _require_tree(posterior)
     converted = {}
     for path, node in posterior.children.items():
         if path == "provenance":

@@ -186,7 +186,7 @@ def test_too_few_draws_are_refused() -> None:
 
 def test_a_posterior_is_refused() -> None:
     refuses(
-        r"models must be HybridModels by name, .*got DataTree\. Call lb\.average\({",
+        r"models must be HybridModels by name, .*got DataTree\. Give for example \{",
         lb.average,
         lb.sample(LINEAR, CAMPAIGN, sampler="independent"),
         CAMPAIGN,
