@@ -1,1 +1,1 @@
-"""The page in the browser: a server, and the worker that computes for it."""
+"""The browser page of ``ldbb-bayes app``: a server, and processes that compute its answers."""

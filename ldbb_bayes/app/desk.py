@@ -1,4 +1,4 @@
-"""Process that computes answers to the short requests of all pages, one at a time."""
+"""A process that computes answers to the short requests of all browser pages, one at a time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Desk"]
 
 MOST_WAITING = 100
 ANSWER_S = 120.0
-_ATTEMPTS = 2  # the first, and one more after a process that died was replaced
+_ATTEMPTS = 2  # largest number of attempts to answer a request; the second is in a new process
 _LONGEST_MESSAGE = 300
 
 
@@ -61,7 +61,7 @@ class Desk:
         try:
             async with self._turn:
                 return await self._answer(call, session)
-        except Exception as error:  # noqa: BLE001, whatever it is, the page says so and goes on
+        except Exception as error:  # noqa: BLE001, the page shows any error
             message = f"{type(error).__name__}: {error}"
             return {"refused": session.word("unexpected", error=message[:_LONGEST_MESSAGE])}
         finally:
@@ -83,6 +83,6 @@ class Desk:
         return {"refused": session.word("died")}
 
     def stop(self) -> None:
-        """End the process, even while it computes."""
+        """End the process that answers requests, even while it computes."""
         interruption = KeyboardInterrupt()
         self._stack.__exit__(type(interruption), interruption, None)

@@ -1,4 +1,4 @@
-"""Entry fields of the page, which are options of ``ldbb-bayes report``, and their conversion."""
+"""Entry fields of the browser page: options of ``ldbb-bayes report``, and their conversion."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ __all__ = [
     "source_from",
 ]
 
-FILES = "campaign"  # subfolder of a session for the files that were added
-RESULT = "result"  # subfolder of a session for the report
+FILES = "campaign"  # subfolder of a session (one browser tab) for the files that the user added
+RESULT = "result"  # subfolder of a session (one browser tab) for the finished report
 TOML = "campaign.toml"
 _DCC_SUFFIX = ".xml"
 
 
 class Field(NamedTuple):
-    """One entry field of the page: an option of ``ldbb-bayes report``."""
+    """One entry field of the browser page: an option of ``ldbb-bayes report``."""
 
     name: str
     group: str
-    #: The option as typed at a terminal, such as ``--radius-mm``.
+    #: Flag of the option at a terminal, such as ``--radius-mm``.
     flag: str
     help: str
-    #: Kind of entry: text, number, lines, choice, or file (name of a file that was added).
+    #: Kind of the entry field: text, number, lines, choice, or file (name of an added file).
     kind: str
-    #: Pairs of a value to choose and its description; empty if there is no choice.
+    #: Values that the user can choose, each with its description; empty for free text.
     choices: tuple[tuple[str, str], ...] = ()
 
 
@@ -68,7 +68,7 @@ _GROUPS: Mapping[str, Mapping[str, Option]] = {
     },
     "report": REPORT_OPTIONS.options,
 }
-# Options of a report that are entries of the page; the page sets the others itself.
+# Options of a report that have entry fields on the browser page. The page sets the other options.
 _REPORT_FIELDS = ("force_N", "tolerance", "language")
 _CHOICES: Mapping[str, tuple[str, ...]] = {
     "plane": ("XY", "YZ", "ZX"),
@@ -89,7 +89,7 @@ _KINDS_OF_ENTRY: Mapping[Any, str] = {
 
 
 def _type_read(field_option: Option) -> Any:
-    """Return the type of the value that a user types for an option."""
+    """Return the Python type in which the command line reads an option's typed value."""
     kind = field_option.kind
     return kind.typed if isinstance(kind, Kind) else kind
 
@@ -120,11 +120,14 @@ def _all_fields() -> dict[str, Field]:
 FIELDS: Mapping[str, Field] = _all_fields()
 
 
-# ---- conversion of typed texts
+# ---- conversion of texts typed on the browser page
 
 
 def _value(field_option: Option, name: str, text: str, folder: Path) -> Any:
-    """Return a typed text as the value that Typer would pass on for this option."""
+    """Return the value of an option from the text typed on the page.
+
+    It is the value that Typer, the library that reads the command line, would return.
+    """
     typed = _type_read(field_option)
     flag = field_option.flag(name)
     if typed is bool:
@@ -189,7 +192,7 @@ def _number(field_option: Option, flag: str, text: str) -> float:
 def _argument(
     group_name: str, make: Callable[..., Any], choices: Mapping[str, str], folder: Path
 ) -> Any:
-    """Return the argument that a command would make from a group of options."""
+    """Return the argument that ``ldbb-bayes report`` would make from a group of options."""
     options = _GROUPS[group_name]
     typed = {}
     for name, field_option in options.items():
@@ -201,7 +204,7 @@ def _argument(
 
 
 def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return the options of the report, as the command ``ldbb-bayes report`` would have them.
+    """Return the options of a session's report, as ``ldbb-bayes report`` would have them.
 
     Parameters
     ----------
@@ -224,7 +227,7 @@ def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 
 def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
-    """Return the files of a session and the options that describe them, as the command would.
+    """Return the files of a session, and the options that describe their content.
 
     Parameters
     ----------
@@ -253,7 +256,7 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     if any(path.name == TOML for path in paths):
         files = [folder / FILES]
     elif len(paths) > 1:
-        # Use wildcards: then some of several files may contain no readings.
+        # Name the files by wildcards: files without readings are then skipped, not refused.
         suffixes = sorted({path.suffix for path in paths} - {""})
         files = [folder / FILES / f"*{suffix}" for suffix in suffixes]
         files += [path for path in paths if not path.suffix]
@@ -271,7 +274,7 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
 
 
 def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
-    """Read the files of a session, in the same way as the report does.
+    """Return the campaign in the files of a session, read in the same way as for the report.
 
     Parameters
     ----------
@@ -298,5 +301,5 @@ def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
 
 
 def linear_model() -> lb.HybridModel:
-    """Return the model that the page fits: compliance linear in force."""
+    """Return the model that the browser page fits: compliance linear in force."""
     return model_from()

@@ -1,4 +1,4 @@
-"""Access control: only requests of the server's own page, with its secret token, are answered."""
+"""Access control: only requests from the server's own page with the secret token are answered."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Guard:
         self._hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request, or refuse it."""
+        """Answer an HTTP request, or refuse a request that did not come from the server's page."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -77,7 +77,7 @@ class Guard:
         await response(scope, receive, send_with_headers)
 
     def _refusal(self, request: Request) -> _Refusal | None:
-        """Return why a request is refused; None if it is accepted."""
+        """Return the reason why a request is refused; None if the request is accepted."""
         if request.headers.get("host", "") not in self._hosts:
             return _Refusal(
                 421,
@@ -100,7 +100,8 @@ class Guard:
     def _is_from_page(self, request: Request) -> bool:
         """Return whether a request may come from the server's own page.
 
-        Requests without the header Origin are accepted only if they change nothing (GET and HEAD).
+        A request without the HTTP header Origin is accepted only if its method changes nothing (GET
+        or HEAD).
         """
         if request.headers.get("sec-fetch-site") in ("cross-site", "same-site"):
             return False

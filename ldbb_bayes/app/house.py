@@ -1,4 +1,4 @@
-"""All sessions of the page: their start, their end, and the order of their fits."""
+"""All sessions (browser tabs) of the server: their start, their end, the order of their fits."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from ldbb_bayes.parallel import ONE_THREAD
 __all__ = ["House"]
 
 MOST_SESSIONS = 32
-LOOK_S = 1.0  # seconds between checks whether sessions are over
-# Seconds without a request from its page after which a fit is stopped if another one waits.
+LOOK_S = 1.0  # time between checks whether sessions (browser tabs) have ended [s]
+# Time without a request from the browser page after which a fit is stopped if another waits [s].
 ABANDONED_S = 150.0
 _FIT = "from ldbb_bayes.app.worker import main; main()"
 
 
 @dataclass(eq=False)
 class House:
-    """All sessions, the ``Desk`` that answers their requests, and the folder of all their files."""
+    """All sessions (browser tabs), the ``Desk`` that answers their requests, and their folder."""
 
     folder: Path
     desk: Desk
     templates: Templates = field(default_factory=Templates)
     sessions: dict[str, Session] = field(default_factory=dict)
-    #: Lets one fit run at a time, on all cores.
+    #: Lock that lets only one fit run at a time; the fit uses all cores.
     turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
 
     def begin(self, language: str) -> Session | None:
-        """Return a new session; None if there are too many."""
+        """Return a new session for a browser tab; None if there are too many sessions."""
         if len(self.sessions) >= MOST_SESSIONS:
             return None
         key = secrets.token_urlsafe(12)
@@ -51,13 +51,13 @@ class House:
         return session
 
     def end(self, session: Session) -> None:
-        """Stop the work of a session and delete its files."""
+        """Stop the computations of a session and delete the files of the session."""
         self.sessions.pop(session.key, None)
         session.stop()
         shutil.rmtree(session.folder, ignore_errors=True)
 
     async def look_after(self) -> None:
-        """Repeatedly end sessions that are over, and delete their files."""
+        """End sessions whose browser tabs are closed, and delete their files, until cancelled."""
         while True:
             await asyncio.sleep(LOOK_S)
             for session in list(self.sessions.values()):
@@ -65,12 +65,12 @@ class House:
                     self.end(session)
             self._stop_abandoned_fits()
             for folder in self.folder.iterdir():
-                # Computations may have written files after the end of their session.
+                # A computation may have written files after the end of its session: delete them.
                 if folder.name not in self.sessions:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def _stop_abandoned_fits(self) -> None:
-        """Stop fits whose page no longer sends requests, if another fit waits."""
+        """Stop fits whose browser page no longer sends requests, if another fit waits."""
         sessions = self.sessions.values()
         if not any(session.running and session.process is None for session in sessions):
             return
@@ -81,7 +81,7 @@ class House:
                 session.outcome = {"refused": session.word("gave_way")}
 
     async def fit(self, session: Session) -> None:
-        """Write the report of a session, in a process of its own, on a copy of its files."""
+        """Write the report of a session in a separate process, from a copy of the files."""
         job = session.folder / JOB
         try:
             async with self.turn:
@@ -96,7 +96,7 @@ class House:
             with suppress(OSError, ValueError):
                 session.outcome = json.loads((job / OUTCOME_NAME).read_text(encoding="utf-8"))
             if "refused" not in session.outcome:
-                # Only a complete report takes the place of the one before.
+                # Replace the session's earlier report only when the new report is complete.
                 shutil.rmtree(session.folder / RESULT, ignore_errors=True)
                 (job / RESULT).rename(session.folder / RESULT)
                 session.fitted = edition

@@ -1,4 +1,4 @@
-"""Plan of the next circular tests, as sliders of the page describe it, and its expected results."""
+"""Plan of the next circular tests from sliders of the browser page, and its expected results."""
 
 from __future__ import annotations
 
@@ -25,19 +25,23 @@ from ldbb_bayes.errors import require
 
 __all__ = ["PLAN", "forecast", "plan"]
 
-PLAN = "plan"  # subfolder of a session for the plan
+PLAN = "plan"  # subfolder of a session (one browser tab) for the plan of the next tests
 _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
     "both": ("CW", "CCW"),
     "CW": ("CW",),
     "CCW": ("CCW",),
 }
 _MOST_CIRCLES = 60
-_MOST_CANDIDATES = 720  # maximum number of candidates to choose the best tests from
-_MOST_EXCHANGED_CIRCLES = (
-    12  # up to so many circles are searched directly; for more, shares are rounded
-)
-_MOST_EXCHANGED_KINDS = 4  # same limit for combinations of clocking, radius and direction
-_QUICK_STATES = 32  # hyper-parameter values to average over while a slider moves
+_MOST_CANDIDATES = 720  # largest number of candidate tests from which the best tests are chosen
+# Largest number of circles for which the best tests are searched by exchanging single tests. For
+# more circles, the best share of each candidate test is rounded to a number of circles.
+_MOST_EXCHANGED_CIRCLES = 12
+# Largest number of combinations of ball angles, radius and direction for which the best tests are
+# searched by exchanging single tests.
+_MOST_EXCHANGED_KINDS = 4
+# Number of possible states of the machine and noise that a forecast averages over while a slider
+# moves; fewer states than for the final forecast, so that it is fast.
+_QUICK_STATES = 32
 
 
 class _Slider(NamedTuple):
@@ -94,20 +98,20 @@ def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, 
     return values
 
 
-# ---- the fit that the plan follows
+# ---- the fit on which the plan is based
 
 
 class _Report(NamedTuple):
-    """Identity of a report of a session: the key of the cached computations."""
+    """Identity of a session's report, used as the key of cached computations."""
 
     folder: Path
-    #: When the report was written [ns].
+    #: Time at which the report was written [ns].
     time_ns: int
 
 
 class _Pilot(NamedTuple):
     campaign: lb.Campaign
-    #: Standard uncertainty of every parameter, from the fit of linear compliance.
+    #: Standard uncertainty of every parameter from the fit with compliance linear in force.
     sd: Mapping[str, float]
 
 
@@ -126,7 +130,7 @@ def _report_of(folder: Path) -> _Report:
 
 
 def _test_settings(settings: Mapping[str, Any]) -> str:
-    """Return the settings of the sliders that describe the tests, as a JSON key of caches."""
+    """Return the values of the sliders that describe the tests as JSON, the key of a cache."""
     not_of_tests = ("fine", *_COSTS)
     stated = {name: value for name, value in sorted(settings.items()) if name not in not_of_tests}
     return json.dumps(stated)
@@ -140,7 +144,10 @@ def _space_of(
     directions: tuple[Direction, ...],
     augment: bool,
 ) -> Space:
-    """Return the design space of given clockings, radii and directions of travel."""
+    """Return the space of possible tests with given ball angles, radii and directions of travel.
+
+    ``clockings_deg`` are angles of the work ball and the tool ball about their stems [deg].
+    """
     pilot = _pilot_of(report).campaign
     forces_N = sorted({float(force) for force in pilot.forces_N})
     return Space(
@@ -148,12 +155,12 @@ def _space_of(
     )
 
 
-# ---- the tests that the sliders describe
+# ---- the tests that the sliders of the page describe
 
 
 class _PlannedTests(NamedTuple):
     space: Space
-    #: The tests in the order in which to run them.
+    #: Planned tests in the order in which to run them.
     tests: tuple[lb.CircularTest, ...]
     sliders: Mapping[str, float]
 
@@ -162,15 +169,15 @@ class _PlannedTests(NamedTuple):
 def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
     """Return the tests that the sliders of the page describe, in the order in which to run them.
 
-    If the user asks for the best tests, these are the ones with the most expected information.
-    Otherwise equally spaced forces are combined with clockings, radii and directions in turn.
+    If the user asks for the best tests, these are the tests with the most expected information.
+    Otherwise equally spaced forces are combined with the ball angles, radii and directions in turn.
 
     Parameters
     ----------
     report
-        The report of the fit that the tests follow.
+        Report of the fit on which the plan is based.
     settings_json
-        Values of the sliders by name, as JSON, which can be the key of a cache.
+        Values of the sliders by name, as JSON, so that they can be the key of a cache.
     """
     settings = json.loads(settings_json)
     sliders = _test_sliders(settings, _pilot_of(report).campaign)
@@ -186,7 +193,7 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
 def _equally_spaced_tests(
     space: Space, sliders: Mapping[str, float]
 ) -> tuple[lb.CircularTest, ...]:
-    """Return tests at equally spaced forces, each with the next clocking, radius and direction."""
+    """Return tests at equally spaced forces, with ball angles, radii and directions in turn."""
     number = int(sliders["circles"])
     kinds = _kinds_of_test(space, sliders["low"])
     forces_N = _force_levels(sliders["low"], sliders["high"], int(min(sliders["levels"], number)))
@@ -216,7 +223,7 @@ def _space_from(
 
 
 def _kinds_of_test(space: Space, force_N: float) -> list[lb.CircularTest]:
-    """Return one test for every combination of clocking, radius and direction of travel."""
+    """Return one test for every combination of ball angles, radius and direction of travel."""
     settings = grid_of_tests(space.templates, [force_N], [(0.0, 0.0)], space.radii_mm)
     number = len(settings) * len(space.clockings_deg)
     kinds = []
@@ -228,10 +235,11 @@ def _kinds_of_test(space: Space, force_N: float) -> list[lb.CircularTest]:
 def _best_tests(
     space: Space, kinds: Sequence[lb.CircularTest], sliders: Mapping[str, float]
 ) -> tuple[lb.CircularTest, ...]:
-    """Return the tests with the most expected information, at equally spaced forces."""
+    """Return the tests with the most expected information among those at equally spaced forces."""
     low = sliders["low"]
     high = sliders["high"]
-    # For one kind of test, use whole newtons, as in a report.
+    # If ball angles, radius and direction are fixed, try forces in steps of about 1 N, as a report
+    # does.
     most_levels = _MOST_CANDIDATES
     if len(kinds) > 1:
         most_levels = _MOST_CANDIDATES // 3 // len(kinds)
@@ -257,8 +265,8 @@ def _best_tests(
 def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> list[Any]:
     """Return ``number`` pairs of elements of two sequences, in the order of a Latin square.
 
-    Elements of the first sequence follow in turn. In every round, each is paired with the next
-    element of the second sequence.
+    The elements of the first sequence are taken in turn, round after round. From round to round,
+    each of them is paired with the next element of the second sequence.
     """
     pairs = []
     for k in range(number):
@@ -268,9 +276,9 @@ def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> 
 
 
 def _force_levels(low: float, high: float, number: int) -> list[float]:
-    """Return equally spaced forces [N], rounded to whole newtons if these differ.
+    """Return equally spaced forces [N], in whole newtons if the rounded forces differ.
 
-    A single level is the highest force, which is the most informative.
+    If only one force is wanted, it is the highest force, which gives the most information.
     """
     if number == 1:
         levels = [high]
@@ -282,11 +290,11 @@ def _force_levels(low: float, high: float, number: int) -> list[float]:
     return sorted({round(level, 1) for level in levels})
 
 
-# ---- expected results
+# ---- expected results of the planned tests
 
 
 def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the expected results of the tests that the sliders describe.
+    """Return the expected results of the tests that the sliders of the page describe.
 
     Parameters
     ----------
@@ -344,12 +352,12 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 @lru_cache(maxsize=128)
 def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) -> dict[str, Any]:
-    """Return what the planned tests are expected to show.
+    """Return the uncertainties and decisions that the planned tests are expected to give.
 
-    ``rows`` has U of every parameter but slopes, today and expected; ``settle`` has the
-    probabilities that the evidence will decide for linear or constant compliance, or is None
-    without slopes. Without ``fine``, fewer states of the machine are averaged over, which is
-    faster.
+    Entry ``rows`` has U (k = 2) of every parameter except slopes, today and expected. Entry
+    ``settle`` has the probabilities that the evidence will decide for linear or for constant
+    compliance; it is None if the model has no slopes. Without ``fine``, the results are averages
+    over fewer possible states of the machine, which is faster.
     """
     space, tests, _ = _planned_tests(report, settings_json)
     sd_today = _pilot_of(report).sd
@@ -411,12 +419,12 @@ def _pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
 
 
 def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Write the tests as a plan, a campaign folder without readings.
+    """Write the tests that the sliders describe as a plan, a campaign folder without readings.
 
     Parameters
     ----------
     folder
-        Of the session; the plan goes into its folder ``plan``.
+        Folder of the session; the plan is written into its subfolder ``plan``.
     settings
         Values of the sliders, by name.
 

@@ -1,4 +1,4 @@
-"""Answers to the requests of a page that has a session."""
+"""Answers to the HTTP requests of a browser page that has a session."""
 
 from __future__ import annotations
 
@@ -27,24 +27,25 @@ from ldbb_bayes.app.worth import worth
 
 __all__ = ["ROUTES", "Answer", "file_name", "refused"]
 
-LARGEST_SESSION = 4 * 2**26  # maximum size of all files of a session [bytes]
-LARGEST_FORM = 2**17  # maximum size of submitted entries [bytes]
-_LONGEST_ENTRY = 20_000  # maximum length of one entry [characters]
-_LONGEST_NAME = 120  # maximum length of the name of a stored file [bytes]
-# Content security policy of the report: it contains its own style and no script.
+LARGEST_SESSION = 4 * 2**26  # largest total size of the files of a session [bytes]
+LARGEST_FORM = 2**17  # largest total size of the entries of a form on the page [bytes]
+_LONGEST_ENTRY = 20_000  # largest length of one entry that a user types on the page [characters]
+_LONGEST_NAME = 120  # largest length of the name of a stored file [bytes]
+# Content security policy of the report's page: only its own style is permitted, and no script.
 _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action"
     " 'none'; frame-ancestors 'self'"
 )
 _SHOWN_FILES = {"report.html": "text/html", "report.pdf": "application/pdf"}
-# Names of files to download, with their relative paths in the folder of the report.
+# Files that the user can download: their names, and their relative file paths in the report folder.
 _SAVED_FILES = {
     "report.json": "report.json",
     "dcc.xml": "dcc.xml",
     "posterior.nc": "posterior.nc",
     "parameters.csv": "tables/averaged.csv",
 }
-# Table for parameters.csv if models could not be averaged: the sheets then state the fit itself.
+# Table that is downloaded as parameters.csv if models could not be averaged. The certificate's
+# sheets then state the results of the fit itself.
 _FIT_TABLE = "tables/results.csv"
 _ZIPPED_FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
 
@@ -52,7 +53,7 @@ Answer = Callable[[House, Session, Request], Awaitable[Response]]
 
 
 def refused(message: str, status: int) -> Response:
-    """Return a refusal that the page shows.
+    """Return an HTTP response with a refusal, which the page shows to the user.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ async def _leave(house: House, session: Session, request: Request) -> Response:
     return Response(status_code=204)
 
 
-# ---- files
+# ---- files that the user adds
 
 
 async def _read_json(request: Request) -> dict[str, Any] | None:
@@ -127,7 +128,7 @@ async def _read_json(request: Request) -> dict[str, Any] | None:
 
 
 def file_name(sent: str) -> str:
-    """Return the name by which a file is stored.
+    """Return the name under which a file from the browser is stored.
 
     Parameters
     ----------
@@ -142,7 +143,7 @@ def file_name(sent: str) -> str:
     name = PureWindowsPath(PurePosixPath(sent).name).name
     name = re.sub(r"[^\w+\-.,()\[\] ]", "_", name).strip(" .")
     name = name.encode()[-_LONGEST_NAME:].decode(errors="ignore").lstrip(" .")
-    # Names of devices on Windows.
+    # On Windows these names mean devices: put an underscore before them.
     return re.sub(r"(?i)^(?=(con|prn|aux|nul|com\d|lpt\d)(\.|$))", "_", name)
 
 
@@ -171,7 +172,7 @@ async def _add_file(house: House, session: Session, request: Request) -> Respons
             path.replace(session.folder / FILES / name)
             session.names[name] = sent_name
             session.update_after_file_change()
-        except (ClientDisconnect, OSError):  # or its session has ended
+        except (ClientDisconnect, OSError):  # OSError: the session has ended
             return refused(session.word("broken_off", name=name), 400)
         finally:
             path.unlink(missing_ok=True)
@@ -207,7 +208,7 @@ async def _take_example(house: House, session: Session, request: Request) -> Res
     return JSONResponse({})
 
 
-# ---- typed entries, and the fit
+# ---- entries that the user types, and the fit
 
 
 async def _take_choices(house: House, session: Session, request: Request) -> Response:
@@ -218,7 +219,7 @@ async def _take_choices(house: House, session: Session, request: Request) -> Res
     if "language" in sent:
         if sent["language"] in LANGUAGES and sent["language"] != session.language:
             session.language = sent["language"]
-            session.edition += 1  # the sheets are in the other language
+            session.edition += 1  # the sheets must be written in the new language
         return JSONResponse({})
     choices = {}
     for name, text in sent.items():
@@ -261,7 +262,7 @@ async def _show_forecast(house: House, session: Session, request: Request) -> Re
     return HTMLResponse(section)
 
 
-# ---- results
+# ---- results of a fit
 
 
 async def _send_result(house: House, session: Session, request: Request) -> Response:
@@ -314,7 +315,7 @@ def _zip_folder(folder: Path) -> bytes:
     return buffer.getvalue()
 
 
-#: Method and path of every request that a session answers.
+#: HTTP method, URL path and answering function of every request to a session.
 ROUTES: tuple[tuple[str, str, Answer], ...] = (
     ("GET", "/", _show_page),
     ("GET", "/part/{name}", _show_section),

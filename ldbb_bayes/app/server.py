@@ -38,17 +38,17 @@ from ldbb_bayes.errors import InputError
 
 __all__ = ["application", "listening", "serve"]
 
-_BACKLOG = 512  # maximum number of waiting connections
-_GRACE_S = 2  # seconds to finish answers when the server ends
+_BACKLOG = 512  # largest number of connections that wait for the server
+_GRACE_S = 2  # time in which the server may finish its answers before it ends [s]
 _FOLDER_PREFIX = "ldbb-bayes-"
 _STATIC_FILES = {"app.js": "text/javascript", "app.css": "text/css"}
 
 
-# ---- answers without a session
+# ---- answers to requests outside a session
 
 
 async def _begin_session(request: Request) -> Response:
-    if request.method == "HEAD":  # browsers send it to look ahead; it begins no session
+    if request.method == "HEAD":  # a browser's advance check needs no session
         return Response()
     language = _language_of(request)
     session = request.app.state.house.begin(language)
@@ -78,7 +78,7 @@ async def _say_unexpected(request: Request, error: Exception) -> Response:
     return refused(message.format(error=type(error).__name__), 500)
 
 
-# ---- the application
+# ---- the ASGI application
 
 
 def application(token: str, port: int) -> ASGIApp:
@@ -159,7 +159,7 @@ def _is_running(process: int) -> bool:
     return True
 
 
-# ---- serving
+# ---- listening and serving
 
 
 @contextmanager
@@ -231,7 +231,7 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
         def end(signal_number: int, frame: FrameType | None) -> None:
             server.should_exit = True
 
-        if hasattr(signal, "SIGHUP"):  # the terminal was closed
+        if hasattr(signal, "SIGHUP"):  # SIGHUP: the terminal was closed
             signal.signal(signal.SIGHUP, end)
         say(address)
         with suppress(KeyboardInterrupt):
@@ -241,7 +241,7 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
 async def _serve_and_show(
     server: uvicorn.Server, listener: socket.socket, address: str | None
 ) -> None:
-    """Serve, and open an address in a browser once the server answers."""
+    """Run the server, and open its address in a browser once the server answers."""
     serving = asyncio.create_task(server.serve(sockets=[listener]))
     if address is not None:
         while not (server.started or serving.done()):

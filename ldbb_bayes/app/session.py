@@ -19,10 +19,10 @@ from ldbb_bayes.app.worker import PROGRESS_NAME
 
 __all__ = ["JOB", "Session", "kill_process"]
 
-JOB = "job"  # subfolder of a session in which its report is written
-# Seconds without a request after which a session ends: if its tabs were closed (a page that is
-# reloaded closes only for a moment), if no tab was ever opened, and if a tab is open but silent
-# (tabs in the background send no requests).
+JOB = "job"  # subfolder of a session in which its report is written before it is complete
+# Times without a request after which a session ends [s]. The first is for closed browser tabs (a
+# page that is reloaded closes only for a moment), the second for tabs that were never opened. The
+# third is for open tabs, since tabs in the background may send no requests.
 CLOSED_S = 8.0
 UNOPENED_S = 60.0
 SILENT_S = 3600.0
@@ -30,39 +30,43 @@ SILENT_S = 3600.0
 
 @dataclass(eq=False)
 class Session:
-    """One browser tab: its folder, the entries of its page, and its fit."""
+    """One session: a browser tab with its folder of files, its typed entries and its fit."""
 
     key: str
     folder: Path
     language: str
-    #: Texts typed on the page, by the name of the entry.
+    #: Texts that the user typed on the page, by the name of the entry field.
     choices: dict[str, str] = field(default_factory=dict)
-    #: Names of the entries that were refused.
+    #: Names of the entry fields whose texts were refused.
     wrong: list[str] = field(default_factory=list)
-    #: Number of changes of files and entries so far.
+    #: Number of changes that the user made to files and entries so far.
     edition: int = 0
-    #: Value of ``edition`` for which the report was made; -1 without a report.
+    #: Value of ``edition`` when the session's report was made; -1 if there is no report.
     fitted: int = -1
-    #: Values of the sliders that describe the plan.
+    #: Values of the page's sliders, which describe the plan of the next tests.
     asked: dict[str, Any] = field(default_factory=dict)
-    #: Outcome of the last fit.
+    #: Outcome of the session's last fit: state and alerts of the report, or a refusal.
     outcome: dict[str, Any] = field(default_factory=dict)
     task: asyncio.Task[None] | None = None
     process: asyncio.subprocess.Process | None = None
-    #: Time of the last request of its page, on the monotonic clock [s].
+    #: Time of the last request from the session's page, on the monotonic clock [s].
     last_request_s: float = field(default_factory=time.monotonic)
     #: Browser tabs that show the session; None before the first request.
     tabs: set[str] | None = None
-    #: Closed browser tabs; their last requests may arrive late.
+    #: Browser tabs that were closed; a late request from such a tab does not open it again.
     closed: set[str] = field(default_factory=set)
-    #: Original names of the files, by the names under which they are stored.
+    #: Original names of the added files, by the names under which the files are stored.
     names: dict[str, str] = field(default_factory=dict)
-    #: Lets one file be added at a time, so that the limit on their total size holds.
+    #: Lock that lets only one file be added at a time, so that the limit on the total size holds.
     adding: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     @property
     def is_over(self) -> bool:
-        """Whether the session's tabs were closed, are silent for too long, or were never opened."""
+        """Whether the session has ended.
+
+        A session ends if its browser tabs were closed, have sent no request for too long, or were
+        never opened.
+        """
         limit_s = CLOSED_S
         if self.tabs is None:
             limit_s = UNOPENED_S
@@ -72,13 +76,13 @@ class Session:
 
     @property
     def held(self) -> dict[str, int]:
-        """Sizes of the session's files [bytes] by name, in the order of their import."""
+        """Sizes of the session's files [bytes] by name, in the order in which they are read."""
         paths = sorted((self.folder / FILES).iterdir(), key=_import_order)
         return {path.name: path.stat().st_size for path in paths}
 
     @property
     def certificates(self) -> list[str]:
-        """Names of the files that may be certificates."""
+        """Names of the session's files that may be calibration certificates (suffix .xml)."""
         return [name for name in self.held if name.lower().endswith(".xml")]
 
     @property
@@ -87,17 +91,17 @@ class Session:
         return self.task is not None and not self.task.done()
 
     def drop(self, name: str = "*") -> None:
-        """Delete one file, or all (``*``)."""
+        """Delete one file of the session, or all files if the name is ``*``."""
         for stored_name in self.held:
             if name in (stored_name, "*"):
                 (self.folder / FILES / stored_name).unlink(missing_ok=True)
         self.update_after_file_change()
 
     def update_after_file_change(self) -> None:
-        """Drop the typed entries that no longer apply, and count the change of the files.
+        """Remove typed entries that no longer apply, and count one more change of the files.
 
-        Entries that no longer apply are names of certificates that were deleted and, where there is
-        a campaign.toml, all that it states itself.
+        Entries that no longer apply are names of deleted certificates. If the files include a
+        campaign.toml, entries that this file states itself no longer apply either.
         """
         file_sizes = self.held
         has_campaign_file = TOML in file_sizes
@@ -112,7 +116,7 @@ class Session:
         self.edition += 1
 
     def state(self) -> dict[str, Any]:
-        """Return the state of the session, which its page requests repeatedly."""
+        """Return the state of the session as a record, which the page requests repeatedly."""
         return {
             "files": len(self.held),
             "edition": self.edition,
@@ -133,22 +137,25 @@ class Session:
         return {"share": 0.0, "step": "start", "of": 0}
 
     def word(self, key: str, **values: object) -> str:
-        """Return the text of a refusal in the language of the session."""
+        """Return the text of a refusal, in the language of the session, with values filled in."""
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def said(self) -> dict[str, str]:
-        """Return the typed texts by entry, with the language of the report."""
+        """Return the typed texts by the name of the entry field, and the report's language."""
         return {**self.choices, "language": self.language}
 
     def stop(self) -> None:
-        """Stop the fit of the session at once, with its processes."""
+        """Stop the fit of the session at once, and end all processes of the fit."""
         if self.task is not None:
             self.task.cancel()
         kill_process(self.process)
 
 
 class _ImportOrder(NamedTuple):
-    """Sort key of files: those without a suffix last, then by suffix, then "2 N" before "10 N"."""
+    """Sort key of files: by suffix, then by name, with numbers in names in numerical order.
+
+    "2 N" comes before "10 N". Files without a suffix come last.
+    """
 
     has_no_suffix: bool
     suffix: str

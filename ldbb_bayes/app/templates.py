@@ -1,4 +1,4 @@
-"""HTML of the page: templates that are filled in the language of a session."""
+"""Templates for the HTML of the browser page, filled with texts in the language of a session."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from ldbb_bayes.files import LARGEST_TABLE_BYTES
 __all__ = ["LANGUAGES", "LARGEST_FILE", "MOST_FILES", "PAGES", "Templates", "words_of_page"]
 
 LANGUAGES = ("en", "de")
-MOST_FILES = 400  # maximum number of files of a session
+MOST_FILES = 400  # largest number of files that a session (one browser tab) may have
 LARGEST_FILE = LARGEST_TABLE_BYTES
 PAGES = files("ldbb_bayes.app") / "pages"
 
 
 @cache
 def words_of_page(language: str) -> Mapping[str, Any]:
-    """Return the words of the page in a language.
+    """Return the texts of the browser page in a language.
 
     Parameters
     ----------
@@ -47,14 +47,14 @@ def _with_decimal_mark(context: jinja2.runtime.Context, value: object) -> str:
 
 @jinja2.pass_context
 def _translate_phrases(context: jinja2.runtime.Context, text: str) -> str:
-    """Return a message of an import with its known phrases in the page's language."""
+    """Return a message on imported files, with its known phrases in the page's language."""
     for pattern, translation in context["w"]["phrases"].items():
         text = re.sub(pattern, translation, text)
     return text
 
 
 class Templates:
-    """Templates of the page and of its sections; all inserted text is escaped for HTML."""
+    """Templates of the browser page and of its sections; all inserted text is escaped."""
 
     def __init__(self) -> None:
         self._environment = jinja2.Environment(

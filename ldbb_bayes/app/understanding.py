@@ -1,4 +1,4 @@
-"""Description of files for the page before the fit: tests, traces, assumptions, instrument."""
+"""Description of a session's files before the fit: tests, traces, assumptions, instrument."""
 
 from __future__ import annotations
 
@@ -19,15 +19,17 @@ from ldbb_bayes.units import two_digits
 
 __all__ = ["refusal", "understand"]
 
-_MOST_POINTS = 360  # maximum number of points of a trace; more cannot be seen
-_INNER_RADIUS = 22.0  # radius of the lowest reading, in units of the SVG drawing
-_WIDTH = 78.0  # radius of the highest reading (100) less that of the lowest
-_RINGS = 4  # approximate number of rings between the lowest and the highest reading
+_MOST_POINTS = 360  # approximate largest number of points of a drawn trace; more cannot be seen
+_INNER_RADIUS = 22.0  # radius at which the lowest reading is drawn, in units of the SVG drawing
+# Radius at which the highest reading is drawn, which is 100, minus that of the lowest reading, in
+# units of the SVG drawing.
+_WIDTH = 78.0
+_RINGS = 4  # approximate number of rings with labels between the lowest and the highest reading
 _SMALLEST_RANGE_UM = 1e-3
 
 
 def refusal(error: Exception, folder: Path) -> str:
-    """Return the message for the user if a session's request cannot be answered.
+    """Return the message that tells the user why a request could not be answered.
 
     Parameters
     ----------
@@ -101,10 +103,10 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) -> list[str]:
-    """Return the names of the entries that cause a refusal.
+    """Return the names of the typed entries that cause a refusal.
 
-    These are the entries without which the files can be read. If there is none, they are the
-    entries without which the message is another.
+    These are the entries without which the files could be read. If there are no such entries, they
+    are those without which the error message would be different.
     """
     to_blame = []
     involved = []
@@ -163,9 +165,9 @@ def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
 
 
 def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
-    """Return the assumed uncertainties of each piece of the instrument.
+    """Return the assumed uncertainties of each part of the instrument, such as bar or balls.
 
-    An entry is marked as stated if a certificate states it.
+    An uncertainty is marked as stated if a certificate states it.
     """
     entries_by_piece: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
@@ -183,7 +185,8 @@ def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
 
 def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str, Any]:
     ball: lb.Ball = getattr(campaign.instrument, ball_name)
-    # The variance of each order is S² / 24, where S is the deviation from sphericity.
+    # Convert the sd of one Fourier order of the ball's form to its deviation from sphericity S: the
+    # variance of each order is S² / 24.
     sphericity_um = math.sqrt(24.0) * assumed.sd * 1e3
     return {
         "words": ball_name,
@@ -214,13 +217,13 @@ def _instrument_entry(campaign: lb.Campaign, assumed: Any, piece: str) -> dict[s
     }
 
 
-# ---- traces
+# ---- traces of the tests
 
 
 def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
     """Return the polar traces of a plane as paths of an SVG drawing, with rings in µm.
 
-    The highest reading is drawn at a radius of 100.
+    The highest reading is drawn at a radius of 100 units of the drawing.
     """
     forces = campaign.forces_N
     force_shares = (forces - forces.min()) / max(float(np.ptp(forces)), 1e-9)
@@ -243,7 +246,7 @@ def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
         x = radius * np.cos(angle)
         y = -radius * np.sin(angle)
         points = [f"{x[n]:.1f},{y[n]:.1f}" for n in range(len(x))]
-        # The hue goes from blue at the lowest force to red at the highest.
+        # The colour of a trace goes from blue at the lowest force to red at the highest force.
         hue = round(215 - 205 * float(force_shares[k]))
         paths.append({"points": " ".join(points), "hue": hue, "name": test.name})
 

@@ -1,4 +1,4 @@
-"""Functions that the page's processes run: answer a request, or write a session's report."""
+"""Functions that the server's processes run: answer a request, or write a session's report."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ldbb_bayes.files import write_whole
 
 __all__ = ["CHOICES_NAME", "OUTCOME_NAME", "PROGRESS_NAME", "answer", "main", "warm"]
 
-CHOICES_NAME = "said.json"  # texts typed on the page
+CHOICES_NAME = "said.json"  # name of the file with the texts that the user typed on the page
 PROGRESS_NAME = "progress.json"
 OUTCOME_NAME = "outcome.json"
 _LONGEST_MESSAGE = 300
@@ -30,11 +30,11 @@ _LOOK_AT_PARENT_S = 1.0
 
 
 def warm() -> None:
-    """Do nothing: calling it in a new process imports this module before the first request."""
+    """Do nothing; a call in a new process imports this module before the first request."""
 
 
 def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) -> dict[str, Any]:
-    """Return the result of a function for a session's folder, or the reason of a refusal.
+    """Return the result of a function of a session's folder, or the reason of a refusal.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def main() -> None:
     choices = json.loads((job / CHOICES_NAME).read_text(encoding="utf-8"))
     try:
         outcome = answer(_report, str(job), choices)
-    except Exception as error:  # noqa: BLE001, whatever it is, the page says so
+    except Exception as error:  # noqa: BLE001, the page shows any error
         message = f"unexpected {type(error).__name__}: {error}"
         outcome = {"refused": message[:_LONGEST_MESSAGE]}
     write_whole(job / OUTCOME_NAME, json.dumps(outcome).encode())
@@ -98,7 +98,7 @@ def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 @contextmanager
 def _steps_in_file(folder: Path) -> Iterator[Begin]:
-    """Write the progress of a report's steps to progress.json while the report is made."""
+    """Yield a function that begins a step of a report and writes its progress to progress.json."""
 
     def update(share: float, step: str, done: int, total: int) -> None:
         progress = {"share": share, "step": step, "done": done, "of": total}

@@ -1,6 +1,6 @@
-"""Value of each certificate of the instrument before the fit: U of every parameter with it.
+"""Effect of each possible calibration certificate of the instrument on the uncertainties U.
 
-U is the expanded uncertainty (k = 2).
+U is the expanded uncertainty (k = 2) of a parameter. It is forecast before the fit.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from ldbb_bayes.units import display_name, display_unit, two_digits
 
 __all__ = ["uncertainty_change", "worth"]
 
-_MOST_EFFECTS = 4  # number of the largest reductions of U that are shown for a certificate
-_SMALLEST_EFFECT = 0.05  # smallest relative reduction of U that is shown
+_MOST_EFFECTS = 4  # largest number of reduced uncertainties U that are shown for a certificate
+_SMALLEST_EFFECT = 0.05  # smallest relative reduction of an uncertainty U that is shown
 _PIECES = {
     "work": "balls",
     "bar_U_um": "bar",
@@ -29,7 +29,9 @@ _PIECES = {
 
 
 def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return U (k = 2) of every parameter, with today's statements and with each certificate.
+    """Return the uncertainty U of every parameter, as stated now and with each new certificate.
+
+    U is the expanded uncertainty (k = 2).
 
     Parameters
     ----------
@@ -41,8 +43,8 @@ def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``today``: expected U of the linear model with what is stated now; ``effects``: the largest
-        reductions of U, by the piece of the instrument that a certificate would describe.
+        ``today``: expected U of the linear model with the certificates stated now; ``effects``: the
+        largest reductions of U, by the part of the instrument that a new certificate would cover.
 
     Raises
     ------
