@@ -124,7 +124,7 @@ class Front(NamedTuple):
 
         Returns
         -------
-        Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group to ln p(z | φ), shape (groups, w).
+        Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group to ln p(r | φ), shape (groups, w).
 
         Raises
         ------

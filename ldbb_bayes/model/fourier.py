@@ -13,19 +13,19 @@ from ldbb_bayes.results import Array
 
 __all__ = ["MAX_ORDER", "ORDERS", "SIZE", "basis", "coefficients", "derivative", "harmonic_index"]
 
-# Highest order of the basis.
+# Highest order n of the Fourier basis functions cos nθ and sin nθ.
 MAX_ORDER = 12
-# Number of basis functions.
+# Number of Fourier basis functions 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
 SIZE = 2 * MAX_ORDER + 1
-# Order of every basis function: 0, 1, 1, 2, 2, …, 12, 12.
+# Order of every Fourier basis function: 0, 1, 1, 2, 2, …, 12, 12.
 ORDERS = np.repeat(np.arange(MAX_ORDER + 1), 2)[1:]
 ORDERS.setflags(write=False)
-# Coefficients smaller than this share of the largest are rounding errors and count as zero.
+# Fourier coefficients below this share of the largest are rounding errors and count as zero.
 _ROUNDING = 1e-13
 
 
 def basis(angle_rad: Array) -> Array:
-    """Return the basis functions at angles (n,) [rad], shape (n, 25)."""
+    """Return 1, cos θ, sin θ, …, cos 12θ, sin 12θ at n angles θ [rad], shape (n, 25)."""
     rotation = np.exp(1j * np.asarray(angle_rad, dtype=float))
     columns = np.empty((len(rotation), SIZE))
     columns[:, 0] = 1.0
@@ -39,12 +39,12 @@ def basis(angle_rad: Array) -> Array:
 
 
 def harmonic_index(order: int) -> tuple[int, int]:
-    """Return the indices of cos nθ and sin nθ in the basis, for an order n ≥ 1."""
+    """Return the indices of cos nθ and sin nθ among the 25 basis functions, for an order n ≥ 1."""
     return 2 * order - 1, 2 * order
 
 
 def coefficients(columns: Callable[[Array], Array]) -> Array:
-    """Return basis coefficients of p trigonometric polynomials of order ≤ 12, shape (25, p).
+    """Return Fourier coefficients of p trigonometric polynomials of order ≤ 12, shape (25, p).
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ def coefficients(columns: Callable[[Array], Array]) -> Array:
 
 
 def derivative(values: Array) -> Array:
-    """Return coefficients of the derivative with respect to the angle, shape (..., 25).
+    """Return Fourier coefficients of derivatives with respect to the angle, shape (..., 25).
 
-    The argument holds the coefficients of the functions, shape (..., 25).
+    ``values`` are the coefficients of the functions to differentiate, shape (..., 25).
     """
     slopes = np.zeros_like(values)
     orders = np.arange(1, MAX_ORDER + 1)

@@ -34,13 +34,17 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["Gaussian"]
 
 _LOG_2PI = float(np.log(2 * np.pi))
-# Columns count as dependent when a diagonal entry of their R factor is smaller than this share of
-# the largest one: it then has at most three correct digits.
+# Columns count as linearly dependent if a diagonal entry of the R factor of their QR decomposition
+# is below this share of the largest entry. It then has at most three correct digits.
 _DEPENDENT = 1e-13
 
 
 class _Factors(NamedTuple):
-    """Mean (..., q), L (..., q, q) and diagonal of S (..., q) of P = S⁻¹ L Lᵀ S⁻¹."""
+    """Mean and factors of the precision matrix P = S⁻¹ L Lᵀ S⁻¹ of q coefficients.
+
+    ``mean`` has shape (..., q). ``root`` is the lower triangular L, shape (..., q, q). ``scale`` is
+    the diagonal of S, shape (..., q).
+    """
 
     mean: Array
     root: Array
@@ -48,18 +52,19 @@ class _Factors(NamedTuple):
 
 
 class Gaussian(Shown):
-    """Gaussian functions g(x) = exp(constant + ηᵀ x − ½ xᵀ P x), one for each leading index.
+    """Gaussian functions g(x) = exp(constant + ηᵀ x − ½ xᵀ P x), which need not be normalised.
 
-    They need not be normalised. The vector x holds q coefficients.
+    The vector x holds q coefficients. Leading array dimensions "..." hold many functions.
 
     Parameters
     ----------
     precision
-        P, shape (..., q, q), symmetric; where it is singular, there are no moments.
+        Precision matrix P, shape (..., q, q), symmetric; where it is singular, there are no
+        moments.
     shift
-        η = P · mean, shape (..., q).
+        Vector η = P · mean, shape (..., q).
     log_constant
-        ln g(0), shape (...).
+        Logarithm of g at x = 0, shape (...).
     """
 
     shown = ("precision", "shift")
@@ -70,7 +75,8 @@ class Gaussian(Shown):
         shift: Array,
         log_constant: Array | float = 0.0,
     ) -> None:
-        # These three are cached properties: once assigned, they are not computed.
+        # precision, shift and log_constant are cached properties. Assigned here, they are not
+        # computed later.
         self.precision = precision
         self.shift = shift
         self.log_constant = np.asarray(log_constant, dtype=float)
@@ -83,18 +89,18 @@ class Gaussian(Shown):
         scale: Array,
         log_integral: Array | float = 0.0,
     ) -> Self:
-        """Return the Gaussian whose precision matrix is P = S⁻¹ L Lᵀ S⁻¹.
+        """Return the Gaussian of q coefficients whose precision matrix is P = S⁻¹ L Lᵀ S⁻¹.
 
         Parameters
         ----------
         mean
             Mean, shape (..., q).
         root
-            L, lower triangular, shape (..., q, q).
+            Lower triangular matrix L, shape (..., q, q).
         scale
-            Diagonal of S, shape (..., q).
+            Diagonal of the scaling matrix S, shape (..., q).
         log_integral
-            ln ∫ g, shape (...); 0 when normalised.
+            Logarithm of the integral of the Gaussian, shape (...); 0 if it is normalised.
         """
         gaussian = cls.__new__(cls)
         gaussian._factors = _Factors(mean, root, scale)
@@ -141,10 +147,10 @@ class Gaussian(Shown):
 
     @classmethod
     def from_rows(cls, rows: Array, values: Array) -> Gaussian:
-        """Return the likelihood Π N(values; rows · x, 1) as a function of x.
+        """Return the likelihood Π N(values; rows · x, 1) as a function of the coefficients x.
 
-        Its mean is the least-squares estimate of x. Its ``log_integral`` contains −½ times the
-        residual sum of squares.
+        The mean of the result is the least-squares estimate of x. Its ``log_integral`` contains −½
+        times the residual sum of squares.
 
         Parameters
         ----------
@@ -175,9 +181,10 @@ class Gaussian(Shown):
         return cls._from_triangle(triangle, np.zeros(q), scale, log_norm)
 
     def observe(self, rows: Array, values: Array) -> Gaussian:
-        """Return the posterior: this prior times the likelihood Π N(values; rows · x, 1).
+        """Return the posterior of the coefficients x: this prior times a Gaussian likelihood.
 
-        Its ``log_integral`` is that of the prior plus the log evidence, ln p(values).
+        The likelihood is Π N(values; rows · x, 1). The ``log_integral`` of the posterior is that of
+        the prior plus the log evidence, ln p(values).
 
         Parameters
         ----------
@@ -209,10 +216,12 @@ class Gaussian(Shown):
         *,
         has_prior: bool = False,
     ) -> Gaussian:
-        """Return the Gaussian that belongs to the R factor of [rows · S, values − rows · origin].
+        """Return the Gaussian of coefficients from the R factor of a QR decomposition.
 
-        S is the diagonal matrix of ``scale``. With a prior, the factorised matrix has also the rows
-        [Lᵀ, 0] of the prior's root L, and ``constant`` includes the prior's log determinant.
+        The decomposed matrix is [rows · S, values − rows · origin], with S the diagonal matrix of
+        ``scale``; rows and values are in units of the noise. With a prior, the matrix has also the
+        rows [Lᵀ, 0], where S⁻¹ L Lᵀ S⁻¹ is the precision of the prior, and ``constant`` includes
+        the prior's log determinant.
         """
         q = scale.shape[-1]
         upper = triangle[..., :q, :q]
@@ -236,24 +245,24 @@ class Gaussian(Shown):
 
     @cached_property
     def precision(self) -> Array:
-        """P, shape (..., q, q)."""
+        """Precision matrix (inverse covariance) of the q coefficients, shape (..., q, q)."""
         _, root, scale = self._factors
         return (root @ np.swapaxes(root, -1, -2)) / (scale[..., :, None] * scale[..., None, :])
 
     @cached_property
     def shift(self) -> Array:
-        """η = P · mean, shape (..., q)."""
+        """Precision matrix times mean, shape (..., q)."""
         return np.einsum("...ij,...j->...i", self.precision, self.mean)
 
     @cached_property
     def log_constant(self) -> Array:
-        """Logarithm of g at x = 0, shape (...)."""
+        """Logarithm of the Gaussian function where all coefficients are zero, shape (...)."""
         origin = np.zeros(self.mean.shape[-1])
         return np.asarray(self.log_integral + self.log_density(origin))
 
     @cached_property
     def log_integral(self) -> Array:
-        """Logarithm of ∫ g, shape (...).
+        """Logarithm of the integral of the Gaussian function, shape (...).
 
         For the product of a normalised prior and a likelihood it is the log evidence.
         """
@@ -265,27 +274,27 @@ class Gaussian(Shown):
 
     @property
     def mean(self) -> Array:
-        """Mean, shape (..., q)."""
+        """Mean of the q coefficients, shape (..., q)."""
         return self._factors.mean
 
     @property
     def root(self) -> Array:
-        """Lower triangular L of the precision matrix P = S⁻¹ L Lᵀ S⁻¹, shape (..., q, q)."""
+        """Lower triangular factor L of the precision matrix S⁻¹ L Lᵀ S⁻¹, shape (..., q, q)."""
         return self._factors.root
 
     @property
     def scale(self) -> Array:
-        """Diagonal of the scales S of the precision matrix P = S⁻¹ L Lᵀ S⁻¹, shape (..., q)."""
+        """Diagonal of the scaling matrix S in the precision S⁻¹ L Lᵀ S⁻¹, shape (..., q)."""
         return self._factors.scale
 
     def spread(self, combinations: Array | None = None) -> Array:
-        """Return a square root X of the covariance, X Xᵀ = covariance.
+        """Return a square root X of the covariance, with X Xᵀ = covariance.
 
         Parameters
         ----------
         combinations
-            Linear combinations of the coefficients x, one a row, shape (m, q), whose covariance is
-            meant; by default x itself.
+            Matrix whose rows are linear combinations of the q coefficients, shape (m, q). The
+            covariance is then that of the m combinations.
 
         Returns
         -------
@@ -298,13 +307,13 @@ class Gaussian(Shown):
 
     @property
     def covariance(self) -> Array:
-        """Covariance, shape (..., q, q)."""
+        """Covariance matrix of the q coefficients, shape (..., q, q)."""
         spread = self.spread()
         return spread @ np.swapaxes(spread, -1, -2)
 
     @property
     def sd(self) -> Array:
-        """Marginal standard deviations, shape (..., q)."""
+        """Standard deviation of each of the q coefficients, shape (..., q)."""
         return np.sqrt((self.spread() ** 2).sum(axis=-1))
 
     def __add__(self, other: Gaussian) -> Gaussian:
@@ -315,9 +324,9 @@ class Gaussian(Shown):
         )
 
     def marginal(self, keep: Sequence[int]) -> Gaussian:
-        """Return the integral of g over all coefficients except those of the indices ``keep``.
+        """Return the marginal Gaussian of the coefficients with the indices ``keep``.
 
-        The remaining coefficients are in the order of ``keep``.
+        All other coefficients are integrated out, and the result has the order of ``keep``.
         """
         mean, root, scale = self._factors
         q = mean.shape[-1]
@@ -331,15 +340,21 @@ class Gaussian(Shown):
         )
 
     def from_standard(self, z: Array) -> Array:
-        """Return x = mean + S L⁻ᵀ z, shape (..., q), from standard normal z (..., q)."""
+        """Return coefficients mean + S L⁻ᵀ z, shape (..., q), from standard normal z (..., q).
+
+        The precision matrix of the coefficients is S⁻¹ L Lᵀ S⁻¹.
+        """
         return self.mean + solve_upper(self.root, z) * self.scale
 
     def standardize(self, x: Array) -> Array:
-        """Return z = Lᵀ S⁻¹ (x − mean), shape (..., q): standard normal coordinates of x."""
+        """Return standard normal coordinates Lᵀ S⁻¹ (x − mean) of coefficients x, (..., q).
+
+        The precision matrix of the coefficients is S⁻¹ L Lᵀ S⁻¹.
+        """
         return np.einsum("...ij,...i->...j", self.root, (x - self.mean) / self.scale)
 
     def log_density(self, x: Array) -> Array:
-        """Return the log density ln N(x; mean, covariance), normalised, shape (...)."""
+        """Return the normalised log density of coefficients x (..., q), shape (...)."""
         z = self.standardize(x)
         log_root = log_diagonal(self.root) - np.log(self.scale).sum(axis=-1)
         return np.asarray(log_root - 0.5 * ((z**2).sum(axis=-1) + z.shape[-1] * _LOG_2PI))
@@ -349,12 +364,15 @@ class Gaussian(Shown):
         rng: np.random.Generator,
         size: tuple[int, ...] = (),
     ) -> Array:
-        """Return independent random draws of x, shape ``(*size, ..., q)``."""
+        """Return independent random draws of the q coefficients, shape ``(*size, ..., q)``."""
         return self.from_standard(rng.standard_normal((*size, *self.mean.shape)))
 
 
 def _lower_with_positive_diagonal(upper: Array) -> Array:
-    """Return the transpose of an R factor, with signs changed so that its diagonal is positive."""
+    """Return the transpose of upper triangular matrices, with a positive diagonal.
+
+    Rows of the triangular matrices are multiplied by −1 where their diagonal entry is negative.
+    """
     sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
     return np.swapaxes(upper * sign[..., :, None], -1, -2)
 

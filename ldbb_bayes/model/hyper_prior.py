@@ -18,53 +18,62 @@ from ldbb_bayes.results import Array
 __all__ = ["HyperPrior"]
 
 
-# Bounds of the decay, the power by which the amplitude of form falls with its order: the form of a
-# ball is neither flatter nor steeper.
+# Lower bound of the decay, the power by which the amplitude of form error falls with its order.
 _LEAST_DECAY = 0.5
 
 
+# Upper bound of the decay, the power by which the amplitude of form error falls with its order.
 _MOST_DECAY = 3.5
 
 
-# Shape a and rate b of the prior of a circle's factor λ: λ² ~ InvGamma(a, b).
+# Shape a of the prior InvGamma(a, b) of λ², where λ is the factor on the noise of one circle.
 _SHAPE = 1.5
 
 
+# Rate b of the prior InvGamma(a, b) of λ², where λ is the factor on the noise of one circle.
 _RATE = 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class HyperPrior:
-    """Independent prior densities of the hyper-parameters φ, each with one of three laws.
+    """Independent prior densities of the h hyper-parameters, each with one of three laws.
 
-    A length [mm] is half-normal with ``scale``, restricted to φ ≥ ``lower``. A decay is
-    Normal(``scale``, ``decay_sd``), restricted to [0.5, 3.5]. A circle's factor λ has
-    λ² ~ InvGamma(3/2, 3/2). Decay and λ have no unit.
+    A length [mm] is half-normal with ``scale`` and not less than ``lower``. A decay, the power by
+    which the amplitude of form falls with its order, is Normal(``scale``, ``decay_sd``) restricted
+    to [0.5, 3.5]. The noise factor λ of a circle has λ² ~ InvGamma(3/2, 3/2). Decay and λ have no
+    unit.
     """
 
     names: tuple[Hyper, ...]
-    scale: Array  #: shape (h,) [mm]; the mean of a decay
-    lower: Array  #: shape (h,) [mm]
+    #: scale of each half-normal prior [mm], or prior mean of a decay, shape (h,)
+    scale: Array
+    lower: Array  #: lower bound of each of the h hyper-parameters [mm], shape (h,)
     laws: tuple[Law, ...]
     decay_sd: float
 
     @cached_property
     def in_mm(self) -> NDArray[np.bool_]:
-        """Which hyper-parameters are lengths, shape (h,)."""
+        """Whether each of the h hyper-parameters is a length, shape (h,)."""
         return np.array([law == "half-normal" for law in self.laws])
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Unit of each hyper-parameter: mm, or empty if it has none."""
+        """Unit of each hyper-parameter: mm, or empty text for a number without unit."""
         return tuple("mm" if length else "" for length in self.in_mm)
 
     @property
     def shown(self) -> Array:
-        """Factors from φ to displayed values (lengths in µm), shape (h,)."""
+        """Factors from internal to displayed values of the h hyper-parameters, shape (h,).
+
+        Lengths are displayed in µm instead of mm.
+        """
         return np.where(self.in_mm, 1e3, 1.0)
 
     def named(self, phi: Array) -> dict[str, float]:
-        """Return one φ (h,) by name, lengths in µm."""
+        """Return the values of the h hyper-parameters by name, with lengths in µm.
+
+        ``phi`` (h,) holds them in internal units, with lengths in mm.
+        """
         return dict(zip(self.names, (phi * self.shown).tolist(), strict=True))
 
     @cached_property
@@ -83,7 +92,10 @@ class HyperPrior:
         return np.stack([low, high], axis=1)
 
     def log_density(self, phi: Array) -> Array:
-        """Return ln p(φ) for φ of shape (..., h), shape (...); −inf outside the bounds."""
+        """Return the log prior density of hyper-parameters φ (..., h), shape (...).
+
+        It is −inf where one of them is outside its bounds.
+        """
         total = self._log_density_of_lengths(phi[..., self.in_mm])
         if self._decay.any():
             total = total + self._log_density_of_decay(phi[..., self._decay])
@@ -117,10 +129,10 @@ class HyperPrior:
         return total
 
     def free(self, phi: Array) -> Array:
-        """Return unbounded coordinates of φ, shape (..., h).
+        """Return unbounded coordinates of hyper-parameters φ, shape (..., h).
 
-        They are ln(φ − lower), or for a decay its logit between its bounds. The lower bound of σ,
-        set by the resolution, is then at −∞.
+        The coordinate is ln(φ − lower), where ``lower`` is the lower bound. For a decay (a power
+        within bounds) it is the logit of its position between the bounds.
         """
         with np.errstate(divide="ignore"):
             free = np.log(phi - self.lower)
@@ -129,7 +141,7 @@ class HyperPrior:
         return free
 
     def phi(self, free: Array) -> Array:
-        """Return φ for unbounded coordinates (see `free`), shape (..., h)."""
+        """Return the hyper-parameters for unbounded coordinates (see `free`), shape (..., h)."""
         with np.errstate(over="ignore"):
             phi = self.lower + np.exp(free)
         share = expit(free[..., self._decay])
@@ -137,9 +149,10 @@ class HyperPrior:
         return phi
 
     def log_density_of_free(self, free: Array) -> Array:
-        """Return the log density with respect to the unbounded coordinates, shape (...).
+        """Return the log prior density with respect to unbounded coordinates, shape (...).
 
-        It includes the Jacobian; the coordinates (see `free`) have shape (..., h).
+        The coordinates (see `free`) have shape (..., h). The density includes the Jacobian of the
+        transformation from the hyper-parameters.
         """
         jacobian = free[..., ~self._decay].sum(axis=-1)
         logit = free[..., self._decay]
@@ -150,17 +163,20 @@ class HyperPrior:
 
     @cached_property
     def _mass(self) -> Array:
-        """Probability that a half-normal hyper-parameter exceeds its lower bound."""
+        """Probability that each half-normal hyper-parameter, if unrestricted, exceeds its bound."""
         return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
 
     @cached_property
     def _decay_levels(self) -> Array:
-        """Probabilities of the unrestricted normal below both bounds of the decay, (2, 1)."""
+        """Probabilities of the decay's unrestricted normal prior below each of its two bounds.
+
+        The decay is the power by which the amplitude of form falls with its order. Shape (2, 1).
+        """
         limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
         return np.asarray(ndtr((limits - self.scale[self._decay]) / self.decay_sd))
 
     def draw(self, size: int, rng: np.random.Generator) -> Array:
-        """Return random draws of φ from the prior, shape (size, h)."""
+        """Return random draws of the h hyper-parameters from the prior, shape (size, h)."""
         return self.quantile(rng.random((size, len(self.names))))
 
     def quantile(self, level: Array) -> Array:
@@ -169,7 +185,7 @@ class HyperPrior:
         Parameters
         ----------
         level
-            Probabilities in [0, 1], shape (..., h), or (..., 1) for the same of all.
+            Probabilities in [0, 1], shape (..., h), or (..., 1) to use one for all.
         """
         level = np.broadcast_to(level, (*level.shape[:-1], len(self.names)))
         phi = np.empty(level.shape)
@@ -197,9 +213,10 @@ class HyperPrior:
         return np.where(self._circle, circle_sd, spread * np.sqrt(variance))
 
     def starts(self, level: Array) -> Array:
-        """Return starting points for the search of modes, for levels in [0, 1].
+        """Return starting points for the search of the posterior's maximum, shape (..., h).
 
-        They are given in unbounded coordinates (see `free`), shape (..., h).
+        They are in unbounded coordinates (see `free`). ``level`` in [0, 1] chooses a point: for
+        lengths, 0 gives large values and 1 small ones.
         """
         reach = np.where(self.lower > 0.0, 12.0, 6.0)
         inside = self.free(self.quantile(0.1 + 0.8 * level))

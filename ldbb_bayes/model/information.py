@@ -24,25 +24,27 @@ __all__ = ["Information"]
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Linear model z = A c + e at given hyper-parameters φ.
+    """Linear model z = A c + e of the readings, at given scales of the noise and of other effects.
 
-    z are reduced readings, c (m,) the coefficients in units of their prior sd, A their columns, and
+    z are reduced readings, c (m,) all coefficients in units of their prior sd, A their columns, and
     e is white noise of unit variance. The posterior covariance of c is (1 + AᵀA)⁻¹. Methods can fix
-    terms and coefficients, that is take them as known: they are then omitted from c or from e.
+    terms and coefficients, that is take them as known; these then have no part in c or e.
     """
 
     #: Names of the m coefficients.
     names: tuple[str, ...]
-    #: Term of each coefficient, or `OWN` for a parameter of interest.
+    #: Name of the nuisance term to which each coefficient belongs, or `OWN` for a parameter of
+    #: interest.
     owners: tuple[str, ...]
-    #: Prior sd, or a typical size where the parameters have flat priors, shape (m,).
+    #: Prior sd of each of the m coefficients, or a typical size if its prior is flat, shape (m,).
     scale: Array
-    #: Whether the parameters have flat priors.
+    #: Whether the parameters of interest have flat priors.
     flat: bool
-    #: Columns of the m coefficients for each block of k readings, shape (k, m), per unit of each
-    #: coefficient.
+    #: Effect of one unit of each of the m coefficients on the k reduced readings of each test,
+    #: shape (k, m).
     design: tuple[Array, ...]
-    #: Covariance of every independent source of noise, shape (k, k), for each block of k readings.
+    #: Covariance of every independent source of noise, by name, for the k reduced readings of each
+    #: test, shape (k, k).
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
@@ -59,7 +61,11 @@ class Information:
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Names of the nuisance terms, those that act as noise last, without reading noise."""
+        """Names of all nuisance terms; terms that act as noise of single tests are last.
+
+        Nuisances are effects modelled but not of interest. The white noise of the readings is left
+        out.
+        """
         names = list(self.owners)
         for sources in self.noise:
             names += sources
@@ -67,22 +73,22 @@ class Information:
 
     @property
     def shared_terms(self) -> tuple[str, ...]:
-        """The nuisance terms with coefficients of their own."""
+        """Names of the nuisance terms whose coefficients are common to all tests."""
         return tuple(dict.fromkeys(owner for owner in self.owners if owner != OWN))
 
     def rows(self, fixed: Collection[str] = ()) -> Array:
-        """Return the columns of the coefficients in units of the noise that is not fixed.
+        """Return the columns of all m coefficients in units of the noise, shape (k, m).
 
-        They have shape (k, m) for k reduced readings and m coefficients, which are in units of
-        their prior sd.
+        There are k reduced readings; coefficients are in units of their prior sd. Noise of the
+        terms in ``fixed`` is left out, as if it were known.
         """
         return np.concatenate(self.blocks(fixed))
 
     def blocks(self, fixed: Collection[str] = ()) -> list[Array]:
-        """Return the columns of the coefficients in units of the noise, by block of readings.
+        """Return the columns of all coefficients in units of the noise, test by test.
 
-        Each block is multiplied from the left by the inverse Cholesky factor of its noise
-        covariance.
+        The columns of a test are multiplied from the left by the inverse Cholesky factor of its
+        noise covariance.
 
         Parameters
         ----------
@@ -92,19 +98,19 @@ class Information:
         Returns
         -------
         list of array
-            For every block, shape (rows, m) for m coefficients in units of their prior sd.
+            For every test, shape (rows, m) for m coefficients in units of their prior sd.
 
         Raises
         ------
         InputError
-            Where all noise of a block is fixed.
+            If all noise of a test is fixed.
         """
         for sources in self.noise:
             if all(name in fixed for name in sources):
                 raise InputError(
                     "reading noise must be left: readings without any would make everything known."
                 )
-        # Blocks that share their noise are whitened together.
+        # Tests that have the same noise covariance are divided by it together.
         blocks_by_noise: dict[int, list[int]] = {}
         for k, sources in enumerate(self.noise):
             blocks_by_noise.setdefault(id(sources), []).append(k)
@@ -124,19 +130,20 @@ class Information:
     def root(
         self, fixed: Collection[str] = (), *, times: float = 1.0
     ) -> tuple[Array, NDArray[np.intp]]:
-        """Return a square root of the posterior precision, and the indices of its coefficients.
+        """Return a square root of the posterior precision matrix, and which coefficients it has.
 
         Parameters
         ----------
         fixed
-            Terms (noise too) or single coefficients that are taken as known.
+            Names of terms or single coefficients that are taken as known.
         times
-            How often all readings are taken, each time with noise of its own.
+            Number of repetitions of all readings, each with independent noise.
 
         Returns
         -------
         root
-            Upper triangular R, RᵀR = precision of the prior + precision of the readings.
+            Upper triangular matrix R, with RᵀR = precision of the prior + precision of the
+            readings.
         free
             Indices of the coefficients that are not fixed.
         """
@@ -159,9 +166,9 @@ class Information:
         *,
         times: float = 1.0,
     ) -> Array:
-        """Return the posterior covariance in units of the prior sd, shape (m, m).
+        """Return the posterior covariance of all m coefficients, shape (m, m).
 
-        It is zero for fixed coefficients.
+        It is in units of the prior sds, and zero for fixed coefficients.
 
         Parameters
         ----------
@@ -180,9 +187,9 @@ class Information:
         *,
         times: float = 1.0,
     ) -> Array:
-        """Return the posterior variances of the parameters of interest, shape (p,).
+        """Return the posterior variances of the p parameters of interest, shape (p,).
 
-        They are in units of the prior variance.
+        They are in units of the prior variances.
 
         Parameters
         ----------
@@ -195,13 +202,13 @@ class Information:
         self,
         covariance: Array | None = None,
     ) -> dict[tuple[str, str], Array]:
-        """Return the share of every independent source in the variance of the p parameters.
+        """Return the share of every independent source of uncertainty in the parameters' variances.
 
-        Sources are the priors of the parameters, nuisance coefficients and sources of noise. The
-        estimate is a linear function of them, so that each source s alone contributes an error of
-        covariance Cov_s, shape (p, p), and the errors have the total covariance C = Σ Cov_s. The
-        share of s in the variance of parameter i is [Γ_s V]_ii / V_ii with Γ_s = Cov_s C⁻¹; the
-        shares of all sources sum to one.
+        Sources are the priors of the p parameters, the nuisance coefficients and the noise. The
+        estimate is a linear function of all sources. Each source s alone therefore contributes an
+        error of covariance Cov_s, shape (p, p), and the errors have the total covariance
+        C = Σ Cov_s. The share of s in the variance of parameter i is [Γ_s V]_ii / V_ii with
+        Γ_s = Cov_s C⁻¹; the shares of all sources sum to one.
 
         Parameters
         ----------
@@ -210,7 +217,8 @@ class Information:
 
         Returns
         -------
-        Shares (p,) by (coefficient or noise, term).
+        Shares (p,) of every source; its key is (name of the coefficient or noise, name of its
+        term).
         """
         joint = self.covariance()
         interest = self.interest
@@ -239,10 +247,10 @@ class Information:
         return {key: np.einsum("ij,ji->i", cov, weight) for key, cov in covariances.items()}
 
     def contributions(self) -> dict[str, Array]:
-        """Return `shares` by term, each of shape (p,).
+        """Return the share of every term in the variances of the p parameters, each of shape (p,).
 
-        The share of a source is also the derivative d ln sd(β) / d ln (scale of the source), with
-        the other scales constant.
+        A share is also the derivative d ln u / d ln s, where u is the parameter's standard
+        uncertainty and s the scale of the term, with all other scales constant.
         """
         by_term: dict[str, Array] = {}
         for (_, term), share in self.shares().items():

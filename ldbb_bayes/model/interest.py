@@ -22,30 +22,31 @@ from ldbb_bayes.results import Array
 __all__ = ["Group", "Parameter", "ParametersOfInterest", "compliance_rows", "physical_rows"]
 
 Group = Literal["compliance", "slope", "geometric"]
-# The prior sd of a slope is proportional to the size of its compliance. Where the size is the
-# estimate, it counts as at least the prior sd of the compliance divided by this number.
+# The prior sd of a slope is proportional to the estimate of its compliance. The estimate counts as
+# at least the prior sd of the compliance divided by this number.
 _SD_PER_LEAST_SIZE = 20.0
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of interest."""
+    """Parameter of interest: a compliance, its slope with force, or a geometric error."""
 
     name: str
     unit: str
     prior_sd: float  #: infinite when the prior is flat
     group: Group
-    degree: int = 0  #: power of F − F0 that a slope is multiplied by; 0 if no slope
+    #: power of F − F0 (force less reference force) that multiplies a slope; 0 for other parameters
+    degree: int = 0
     prior_mean: float = 0.0  #: zero when the prior is flat
 
     @property
     def compliance(self) -> str:
-        """Name of the compliance that a slope belongs to: C_XXX for C_XXX_1."""
+        """Name of the compliance to which a slope belongs: C_XXX for C_XXX_1."""
         return self.name.removesuffix(f"_{self.degree}") if self.degree else self.name
 
 
 class _Row(NamedTuple):
-    """A parameter of interest whose prior is not yet known."""
+    """Parameter of interest whose prior is not yet known."""
 
     name: str
     unit: str
@@ -66,11 +67,14 @@ class ParametersOfInterest:
 
     @property
     def compliances(self) -> tuple[ComplianceName, ...]:
-        """The compliances at degree 0."""
+        """Names of the compliances that the circles can separate, without slopes."""
         return self.visible.names
 
     def with_prior(self, prior: Prior, setting: Setting) -> tuple[Parameter, ...]:
-        """Return all parameters with their prior; InputError if the prior names an unknown one."""
+        """Return all parameters with their prior means and sds.
+
+        Raise an `InputError` if the prior names a parameter that the campaign does not have.
+        """
         rows = self._rows()
         names = [row.name for row in rows]
         check_known("prior override", prior.overrides, names)
@@ -97,8 +101,8 @@ class ParametersOfInterest:
     def prior_sd(self, prior: Prior, setting: Setting) -> Array:
         """Return the prior sd of all parameters, shape (parameters,).
 
-        The prior sd of a slope is proportional to the setting's least-squares estimate Ĉ of its
-        compliance, or to the prior sd of its compliance (model of the first edition).
+        The prior sd of a slope is proportional to the least-squares estimate of its compliance. In
+        the model of the first edition, it is proportional to the prior sd of its compliance.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:
@@ -111,16 +115,20 @@ class ParametersOfInterest:
     def compliance_sd(self, prior: Prior) -> Array:
         """Return the prior sd of every compliance, shape (compliances,).
 
-        The circles cannot separate some other compliances (dropped sets) from these. Unless the
-        user overrides the prior sd, it includes the contribution of those that a compliance
-        represents.
+        The circles cannot separate some further compliances from these. The prior sd of a
+        compliance includes the contribution of those that it represents, unless the user gave the
+        sd.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
         return np.where(overridden, prior.compliance_sd(self.compliances), with_dropped_sets)
 
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
-        """Return sizes of the compliances; those of represented dropped sets add in quadrature."""
+        """Return the size of every compliance, shape (compliances,), from a function of names.
+
+        A compliance may represent others that the circles cannot separate from it. Their sizes are
+        added in quadrature.
+        """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):
             heads = [name for name in absorbed if name.label in self.visible.dependent]
@@ -134,6 +142,8 @@ def compliance_rows(
     compliances: Sequence[ComplianceName], parameters: Sequence[Parameter], lever_N: float
 ) -> Array:
     """Return the matrix A with C(F) = A β at one force F, shape (compliances, p).
+
+    C(F) are the compliances at this force, and β the p parameters of interest.
 
     Parameters
     ----------
@@ -159,11 +169,11 @@ def physical_rows(
     levers_N: Sequence[float],
     reference_force_N: float,
 ) -> Array:
-    """Return the matrix A of the physical region A β ≥ 0, shape (rows, p).
+    """Return the matrix A of the region A β ≥ 0 of physical parameters β, shape (rows, p).
 
-    C(F) ≥ 0 must hold for compliances that are a deflection in the direction of the load itself.
-    InputError for a compliance that is fixed at zero while its free slope would make it negative
-    on one side of F0.
+    The compliance C(F) at force F must not be negative if it is a deflection in the direction of
+    the load itself. Raise an `InputError` for a compliance that is fixed at zero while its free
+    slope would make it negative on one side of the reference force F0.
 
     Parameters
     ----------
@@ -192,7 +202,11 @@ def physical_rows(
 def _check_slope_has_compliance(
     label: str, parameters: Sequence[Parameter], rows: Sequence[Array], reference_force_N: float
 ) -> None:
-    """Refuse a free linear slope of a fixed compliance if forces lie on both sides of F0."""
+    """Raise an `InputError` if a compliance is fixed at zero but changes sign with force.
+
+    It changes sign if its linear slope is free and tested forces lie on both sides of the reference
+    force.
+    """
     belongs = [p.group != "geometric" and p.compliance == label for p in parameters]
     degrees = [p.degree for p, belonging in zip(parameters, belongs, strict=True) if belonging]
     if degrees != [1]:

@@ -16,7 +16,7 @@ the coefficients and D is diagonal. Then
     P = Aᵀ D⁻¹ A = L Lᵀ,   r = z − H β,
     ln p(z | β, φ) = −½ Σ ln D − ½ rᵀ D⁻¹ r + ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj + constant.
 
-Only D depends on φ. The last axis of arrays, of length w, runs over the values of φ and is
+Only D depends on φ. The last dimension of arrays, of length w, runs over the values of φ and is
 contiguous.
 """
 
@@ -41,54 +41,62 @@ from ldbb_bayes.results import Array
 
 __all__ = ["StructuredGaussian"]
 
-# Size of the array that is freed once so that GNU's malloc afterwards keeps freed memory of up to
-# this size for reuse.
+# Size of an array that is allocated and freed once at the start. GNU's malloc afterwards keeps
+# freed memory of up to this size for reuse, which is faster.
 _MALLOC_BYTES = 31 << 20
-# Variance [mm²] used for a hyper-parameter of zero; its coefficients are then numerically zero.
+# Variance [mm²] used in place of zero. Coefficients with this prior variance are numerically zero.
 _LEAST_VARIANCE = 1e-60
 
 
 class _Batch(NamedTuple):
-    """Values of φ processed together; the last is repeated up to a multiple of eight."""
+    """Values of the hyper-parameters that are processed together.
 
-    #: Indices of the values of φ, shape (w,).
+    The last value is repeated so that their number w is a multiple of eight, which BLAS rounds
+    identically.
+    """
+
+    #: Indices of the values of the hyper-parameters, shape (w,).
     phi_index: NDArray[np.intp]
-    #: 1/D of every kind of row, shape (kinds, w).
+    #: Reciprocal noise variance of every kind of row, shape (kinds, w).
     weight: Array
-    #: Part of Aᵀ D⁻¹ r from the rows that depend on β, shape (columns, w); None without β.
+    #: Part of Aᵀ D⁻¹ r from rows that depend on the parameters β, shape (columns, w). A is the
+    #: design matrix, D the noise covariance, r the readings less their part from β. None without β.
     shift: Array | None
-    #: −½ Σ ln D − ½ rᵀ D⁻¹ r and the constant of ln p(z | β, φ), shape (w,).
+    #: Part −½ Σ ln D − ½ rᵀ D⁻¹ r of the log density, with its constant, shape (w,). D is the
+    #: diagonal noise covariance and r the readings less their part from the parameters.
     log_density: Array
 
     @property
     def numbers(self) -> slice:
-        """Indices of the values of φ, without repetition."""
+        """Indices of the values of the hyper-parameters, without repeated ones."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property
     def size(self) -> int:
-        """Number of values of φ, without repetition."""
+        """Number of values of the hyper-parameters, without repeated ones."""
         return int(self.phi_index[-1] + 1 - self.phi_index[0])
 
 
 class StructuredGaussian:
-    """Density p(z | β, φ) with all nuisance coefficients integrated out.
+    """Density p(z | β, φ) of readings z, with all nuisance coefficients integrated out.
 
-    Coefficients are shared by tests or private, that is used by a single test.
+    Nuisances are effects modelled but not of interest. Their coefficients are shared by all tests
+    or private, that is used by a single test. β are the parameters, and φ the hyper-parameters
+    (scales of the noise and of nuisances).
 
     Parameters
     ----------
     reduced
         Readings of the tests, projected on the Fourier basis.
     columns
-        Columns of the nuisance terms; `conditional` keeps the order of shared coefficients.
+        Columns of the nuisance terms. `conditional` returns shared coefficients in this order.
     offset
         Known part of the readings in the basis, shape (tests, 25) [mm]; it is subtracted.
     hypers
-        Names of the hyper-parameters, in the order of φ.
+        Names of the hyper-parameters φ, in their order.
     interest
-        H, shape (tests, 25, p): columns of the parameters β that are given in every call. By
-        default there are none.
+        Columns of the p parameters β whose values are given in every call, shape (tests, 25, p).
+        By default there are none.
     """
 
     def __init__(
@@ -119,7 +127,8 @@ class StructuredGaussian:
         )
         self._kinds = kinds.ravel()
         self._kind_variance = rows.variance[first]
-        # Rows that depend on β are evaluated in every call, the other rows only here.
+        # Rows that depend on the parameters of interest are evaluated in every call; the other rows
+        # only once, here.
         depends = (rows.interest != 0.0).any(axis=1)
         known_values = np.where(depends, 0.0, rows.values)
         self._design = DesignRows(
@@ -144,12 +153,15 @@ class StructuredGaussian:
         self._log_constant = all_tests @ observed.log_constants
 
     def log_density(self, phi: Array, beta: Array | None = None) -> Array:
-        """Return ln p(z | β, φ), shape (w,).
+        """Return the log density ln p(z | β, φ) of the readings z, shape (w,).
+
+        β are the parameters of interest, and φ the hyper-parameters (scales of noise and
+        nuisances).
 
         Parameters
         ----------
         phi
-            Hyper-parameters, shape (w, hypers) [mm].
+            w values of the h hyper-parameters, shape (w, h) [mm].
         beta
             Parameters of interest, shape (w, p) or (p,).
         """
@@ -163,9 +175,10 @@ class StructuredGaussian:
     def conditional(
         self, phi: Array, beta: Array | None = None, *, last: int | None = None
     ) -> tuple[Array, Gaussian]:
-        """Return ln p(z | β, φ), shape (w,), and the Gaussian of the shared coefficients.
+        """Return the log density ln p(z | β, φ), shape (w,), and the Gaussian of coefficients.
 
-        The Gaussian is conditional on z, β and φ.
+        The Gaussian is the density of the coefficients that all tests share, given the readings z,
+        the parameters β and the hyper-parameters φ.
 
         Parameters
         ----------
@@ -203,17 +216,17 @@ class StructuredGaussian:
         beta: Array,
         shared: Array,
     ) -> Array:
-        """Return the conditional mean of the private coefficients, shape (w, tests, v).
+        """Return the conditional mean of each test's own v coefficients, shape (w, tests, v).
 
-        Private coefficients are those of a single test. They keep their order; coefficients of
-        basis noise that could not be made diagonal follow.
+        The condition is the readings, the parameters, the hyper-parameters and the coefficients
+        that all tests share. Coefficients of noise that could not be made diagonal come last.
 
         Parameters
         ----------
         phi, beta
             See `log_density`.
         shared
-            Shared coefficients, shape (w, q).
+            Values of the q coefficients that all tests share, shape (w, q).
         """
         q = self._shared
         v = len(self._private[0])
@@ -232,10 +245,11 @@ class StructuredGaussian:
         return mean * self._unit[q : q + v]
 
     def _conditional_elimination(self, last: int | None) -> Elimination:
-        """Return the elimination that leaves the ``last`` shared coefficients at the end.
+        """Return the order of elimination that leaves the ``last`` shared coefficients at the end.
 
-        If no circle is sampled unevenly, all shared coefficients keep their order whatever ``last``
-        is, because quasi-random points are sensitive to the last digits of the factors.
+        If the angles of all circles are uniform, all shared coefficients keep their order. Results
+        from quasi-random points are sensitive to the last digits of the Cholesky factors, which
+        another order would change.
         """
         return self._design.elimination(last if self._uneven else None)
 
@@ -245,7 +259,11 @@ class StructuredGaussian:
         beta: Array | None,
         batch_size: int,
     ) -> Iterator[_Batch]:
-        """Yield batches of at most ``batch_size`` values of φ."""
+        """Yield batches of at most ``batch_size`` values of the hyper-parameters.
+
+        Each batch holds the noise variances and the products with the readings that follow from
+        them.
+        """
         for start in range(0, len(phi), batch_size):
             size = min(len(phi) - start, batch_size)
             rounded_size = -(-size // BLAS_MULTIPLE) * BLAS_MULTIPLE
@@ -267,7 +285,10 @@ class StructuredGaussian:
             yield _Batch(index, weight, shift, log_density)
 
     def _variances(self, phi: Array) -> Array:
-        """Return the variance D of every kind of row, shape (kinds, w)."""
+        """Return the noise variance of every kind of row, shape (kinds, w).
+
+        Rows of one kind have the same variance; there are w values of the hyper-parameters.
+        """
         value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
         sizes = [np.broadcast_to(source.at(value), len(phi)) for source in self._sources]
         variance = self._kind_variance @ (np.stack(sizes) ** 2)
@@ -284,10 +305,11 @@ def _copy_columns(
     lower: Array,
     white_shift: Array,
 ) -> None:
-    """Copy the wanted columns from the factors of all fronts into two arrays.
+    """Copy the wanted columns of the Cholesky factors L into the arrays that the caller gives.
 
-    ``lower`` (size, size, w) receives L, indexed by column, then row; ``white_shift`` (size, w)
-    receives L⁻¹ Aᵀ D⁻¹ r.
+    P = Aᵀ D⁻¹ A = L Lᵀ is the precision of the coefficients: A is the design matrix, D the noise
+    covariance and r are the readings. ``lower`` (size, size, w) receives L, indexed by column, then
+    row. ``white_shift`` (size, w) receives L⁻¹ Aᵀ D⁻¹ r.
     """
     w = white_shift.shape[1]
     for front, front_factors in zip(elimination.fronts, factors, strict=True):
@@ -301,9 +323,9 @@ def _copy_columns(
 
 
 def _round_to_ten_digits(values: Array) -> Array:
-    """Return values rounded to ten digits.
+    """Return variances rounded to ten significant digits.
 
-    Rows that differ only by rounding errors of the projection then count as equal.
+    Variances that differ only by rounding errors then count as equal.
     """
     magnitude = np.floor(np.log10(np.where(values > 0, values, 1.0)))
     size = 10.0 ** (9 - magnitude)
@@ -312,9 +334,9 @@ def _round_to_ten_digits(values: Array) -> Array:
 
 @cache
 def _keep_freed_memory() -> None:
-    """Free one large array, so that GNU's malloc keeps freed arrays of up to its size for reuse.
+    """Allocate and free one large array, so that GNU's malloc later reuses freed memory.
 
-    See M_MMAP_THRESHOLD in mallopt(3). Operations on stacks of small matrices are then two to three
-    times faster.
+    Freed arrays of up to its size are then kept (M_MMAP_THRESHOLD in mallopt(3)), which makes
+    operations on stacks of small matrices two to three times faster.
     """
     np.empty(_MALLOC_BYTES, dtype=np.uint8)

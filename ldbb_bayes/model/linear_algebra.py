@@ -16,7 +16,7 @@ def minimum_norm_solution(
     *,
     rank_tolerance: float = 1e-10,
 ) -> Array:
-    """Return the least-squares solution of smallest norm, shape (p,).
+    """Return the least-squares solution of smallest norm for p parameters, shape (p,).
 
     Parameters
     ----------
@@ -25,10 +25,11 @@ def minimum_norm_solution(
     y
         Readings, shape (n,).
     scale
-        Typical sizes of the parameters, shape (p,), in units of which the norm is taken; by default
-        the reciprocal norms of the columns.
+        Units of the parameters in which the norm is computed, shape (p,); by default the reciprocal
+        norms of the columns.
     rank_tolerance
-        Directions whose singular value is smaller than this share of the largest are undetermined.
+        Combinations of parameters whose singular value is below this share of the largest count as
+        undetermined by the readings.
     """
     if scale is None:
         norms = np.linalg.norm(jacobian, axis=0)
@@ -38,7 +39,10 @@ def minimum_norm_solution(
 
 
 def singular_root(covariance: Array) -> Array:
-    """Return X with X Xᵀ = covariance, shape (..., p, p), of covariances that may be singular."""
+    """Return a square root X of a covariance matrix, X Xᵀ = covariance, shape (..., p, p).
+
+    The covariance may be singular, unlike for a Cholesky factor.
+    """
     symmetric = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
     values, vectors = np.linalg.eigh(symmetric)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])

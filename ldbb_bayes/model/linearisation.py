@@ -1,6 +1,7 @@
-"""Point about which a campaign's model is linearised: estimates Ĉ and Ê by least squares.
+"""Least-squares estimates of a machine, about which the model of a campaign is linearised.
 
-Ĉ are the compliances and Ê the geometric errors. For a plan, which has no readings, Ĉ is assumed.
+Ĉ are the estimated compliances and Ê the estimated geometric errors. For a plan, which has no
+readings, Ĉ is assumed.
 """
 
 from __future__ import annotations
@@ -29,12 +30,13 @@ __all__ = [
     "planned_compliances",
 ]
 
-# Direct compliance of a typical machine tool [mm/N], a stiffness of 20 N/µm: the Ĉ of a plan.
+# Direct compliance of a typical machine tool [mm/N], a stiffness of 20 N/µm. It is assumed for
+# plans, which have no readings.
 _USUAL_DIRECT_COMPLIANCE = 5e-5
 
 
 class MachineEstimate(NamedTuple):
-    """Estimated compliances Ĉ (compliances,) and geometric errors Ê (geometric errors,)."""
+    """Estimated compliances and geometric errors of a machine, one number for each."""
 
     compliances: Array
     geometric_errors: Array
@@ -43,7 +45,7 @@ class MachineEstimate(NamedTuple):
 def linearise(
     setting: Setting, compliances: Sequence[ComplianceName], estimate: MachineEstimate
 ) -> Setting:
-    """Return the setting with Ĉ and with the readings that Ĉ and Ê predict."""
+    """Return the conditions of the tests with an estimated machine and its predicted readings."""
     axial = np.zeros(3)
     for name, value in zip(compliances, estimate.compliances, strict=True):
         if name.kind == "direct":
@@ -59,16 +61,17 @@ def linearise(
 
 
 def nominal_mount_offset(setting: Setting) -> Array:
-    """Return the nominal mount deflection that is still in the readings, shape (tests, 25) [mm].
+    """Return the nominal mount deflection that the readings contain, as Fourier coefficients [mm].
 
-    Eq. 32; zero when the readings are compensated.
+    It has shape (tests, 25) and is zero if the readings are compensated for the mount (Eq. 32 of
+    the paper).
     """
     nominal = 0.0 if setting.compensated else setting.deflection_um_per_bar * 1e-3
     return setting.constant(setting.pressure_bar * nominal)[:, :, 0]
 
 
 def planned_compliances(compliances: Sequence[ComplianceName], prior: Prior) -> Array:
-    """Return Ĉ of a plan: the prior means, or typical values for compliances without one."""
+    """Return the compliances assumed for a plan: the prior mean, or else a typical value."""
     values = []
     for name in compliances:
         usual = _USUAL_DIRECT_COMPLIANCE if name.kind == "direct" else 0.0
@@ -79,10 +82,10 @@ def planned_compliances(compliances: Sequence[ComplianceName], prior: Prior) -> 
 def estimate_machine(
     interest: ParametersOfInterest, prior: Prior, setting: Setting, reduced: Sequence[Reduced]
 ) -> MachineEstimate:
-    """Return Ĉ and Ê: least squares with constant compliance on the whole campaign.
+    """Return compliances and geometric errors estimated by least squares from the whole campaign.
 
-    Where the solution is not unique, it is the one nearest to the prior mean, with distances in
-    units of the prior sd.
+    Compliances are taken as constant in force. If the solution is not unique, it is the one nearest
+    to the prior mean, with distances in units of the prior sd.
     """
     planned = planned_compliances(interest.compliances, prior)
     proper = Prior.first() if prior.flat else prior
@@ -105,12 +108,14 @@ def estimate_machine(
 def fit_nearest(
     columns: Array, near: Array, scale: Array, reduced: Sequence[Reduced], offset: Array
 ) -> Array:
-    """Return the least-squares estimate nearest to a point, shape (p,); for a plan, the point.
+    """Return the least-squares estimate of p parameters that is nearest to a point, shape (p,).
+
+    For a plan, which has no readings, it is the point itself.
 
     Parameters
     ----------
     columns
-        Columns of the p parameters in the circle's basis, shape (tests, 25, p).
+        Columns of the p parameters as Fourier coefficients, shape (tests, 25, p).
     near
         The point, shape (p,).
     scale

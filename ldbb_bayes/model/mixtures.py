@@ -15,7 +15,8 @@ __all__ = ["mixture_moments", "mixture_quantiles", "weighted_quantiles"]
 _ITERATIONS = 100
 # Newton's method ends when a step is no longer than this, in standard deviations of the mixture.
 _STEP_TOLERANCE = 1e-12
-# Number of values (components times mixtures) processed at once, so that they stay in the cache.
+# Number of values (components times mixtures) that are processed at once, so that they fit into the
+# processor's cache.
 _CHUNK = 200_000
 
 
@@ -79,7 +80,10 @@ def _mixture_quantile(
     sd: Array,
     level: float,
 ) -> Array:
-    """Return the quantile of one level of n mixtures of k components, shape (n,)."""
+    """Return the quantile at one probability of n mixtures of k Gaussians, shape (n,).
+
+    ``level`` is the probability; the other arrays have shape (k, n).
+    """
     component_quantiles = mean + ndtri(level) * sd
     low = component_quantiles.min(axis=0)
     high = component_quantiles.max(axis=0)

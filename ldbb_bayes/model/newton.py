@@ -10,11 +10,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["central_differences", "newton"]
 
-# Fractions of a Newton step that are tried in one call of the log density; the best is taken.
+# Fractions of a Newton step that are tried together; the one with the largest density is taken.
 _FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.03)
-# Longest step, in the coordinates of the log density; for logarithms of scales a factor of 4.5.
+# Longest Newton step. If a coordinate is the logarithm of a scale, it is a factor of 4.5.
 _LONGEST_STEP = 1.5
-# Maximum number of steps; from a sensible start ten are enough.
+# Maximum number of Newton steps; from a sensible start ten are enough.
 _STEPS = 60
 
 
@@ -69,7 +69,7 @@ def central_differences(
     point: Array,
     step: float,
 ) -> tuple[Array, Array]:
-    """Return gradient (h,) and Hessian (h, h) by central differences.
+    """Return gradient (h,) and Hessian (h, h) of a function at a point, by central differences.
 
     Parameters
     ----------

@@ -32,10 +32,10 @@ __all__ = ["EXAMPLES", "Prior", "compliance_unit", "degree_of", "geometric_unit"
 
 
 class _Kind(NamedTuple):
-    """Unit and default prior of all parameters of one kind."""
+    """Unit and default prior of all parameters of one kind, such as direct compliances."""
 
     unit: str
-    sd_field: str  #: name of the field of `Prior` that holds their prior sd
+    sd_field: str  #: name of the field of `Prior` that holds the prior sd of these parameters
 
 
 _COMPLIANCES: dict[ComplianceKind, _Kind] = {
@@ -51,7 +51,7 @@ _GEOMETRIC: dict[GeometricKind, _Kind] = {
     "squareness": _Kind("rad", "squareness_rad"),
     "offset": _Kind("mm", "offset_mm"),
 }
-# Names of parameters: a message about an unknown name suggests the nearest of these.
+# Examples of parameters' names. An error message about an unknown name suggests the nearest one.
 EXAMPLES = [
     "C_XXX",
     "C_XYX",
@@ -67,22 +67,23 @@ EXAMPLES = [
     "E_Xt0",
     "E_Yt0",
 ]
-# A prior mean more than this many default prior sds from zero is taken for a mistake of units.
+# A prior mean is refused if it is more than this many default prior sds from zero: its unit is then
+# probably wrong.
 _LARGEST_MEAN_PER_SD = 1000.0
-# The kind of a geometric error by the order in its name (E_XX1 has order 1). Squareness errors
-# have no order.
+# Kind of a geometric error, by the order in its name: E_XX1 has order 1. Names of squareness errors
+# state no order.
 _KIND_OF_ORDER: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
 # Matches names such as C_XXX, C_XXX_1 (a slope), E_XX1, E_Xt0, E_Xt0_2 (of set-up 2) and E_C0YX.
 _PARAMETER_NAME = re.compile(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)")
 
 
 def compliance_unit(name: ComplianceName, degree: int = 0) -> str:
-    """Return the unit of a compliance or of its slope of the given degree."""
+    """Return the internal unit of a compliance, or of its slope of degree 1 or 2 in force."""
     return _COMPLIANCES[name.kind].unit + ("", "/N", "/N^2")[degree]
 
 
 def geometric_unit(kind: GeometricKind) -> str:
-    """Return the unit of a geometric error."""
+    """Return the internal unit of a kind of geometric error, such as rad for squareness."""
     return _GEOMETRIC[kind].unit
 
 
@@ -94,9 +95,9 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
     parameter
         Name of the parameter.
     value
-        A number in internal units, or text with its unit, such as "5 nm/N".
+        Number in internal units, or text with a unit, such as "5 nm/N".
     words
-        What the value is, for error messages, such as "prior sd of".
+        Description of the value for error messages, such as "prior sd of".
     """
     if not isinstance(value, str):
         require(
@@ -115,7 +116,10 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
 
 
 def _kind_of(parameter: str) -> _Kind | None:
-    """Return unit and prior sd of the parameter of this name; None if no parameter has it."""
+    """Return the unit of a parameter, and the field with its prior sd, from the parameter's name.
+
+    Return None if no parameter can have this name.
+    """
     degree = degree_of(parameter)
     match = _PARAMETER_NAME.fullmatch(parameter)
     if match is None or degree > 2:
@@ -128,9 +132,9 @@ def _kind_of(parameter: str) -> _Kind | None:
 
 
 def degree_of(parameter: str) -> int:
-    """Return the degree of a slope by its name: 1 for C_XXX_1, 2 for C_XXX_2.
+    """Return the degree of a parameter from its name: 1 for the slope C_XXX_1, 2 for C_XXX_2.
 
-    The degree is 0 for every name that is not that of a slope.
+    The degree is 0 for compliances and geometric errors.
     """
     stem, _, suffix = parameter.rpartition("_")
     return int(suffix) if stem.startswith("C_") and suffix.isdigit() else 0
@@ -217,7 +221,7 @@ class Prior(Shown):
             _check_mean(name, mean)
 
     def _convert_settings(self) -> None:
-        """Convert every setting to a number in its unit."""
+        """Convert every numerical setting to a number in the unit that its name states."""
         for name, value in vars(self).items():
             if isinstance(value, int | float | str) and not isinstance(value, bool):
                 number = setting_to_inside(name, value, f"prior {name}")
@@ -228,14 +232,17 @@ class Prior(Shown):
                 object.__setattr__(self, name, float(number))
 
     def _convert_table(self, table: str, words: str) -> None:
-        """Convert every value of ``overrides`` or ``means`` to internal units."""
+        """Convert every value of ``overrides`` or ``means`` to internal units (mm, N, rad)."""
         values = {inside_name(name): value for name, value in getattr(self, table).items()}
         for name, value in values.items():
             values[name] = parameter_to_inside(name, value, words)
         object.__setattr__(self, table, MappingProxyType(values))
 
     def _check_flat(self) -> None:
-        """Refuse a flat prior with truncation, overrides or means."""
+        """Raise an `InputError` if a flat prior has settings that contradict it.
+
+        These are the exclusion of negative compliances, prior sds and prior means.
+        """
         if not self.flat:
             return
         require(
@@ -250,23 +257,29 @@ class Prior(Shown):
             )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return plain dictionaries for pickle, which cannot store read-only mappings."""
+        """Return the settings for pickle, with dictionaries in place of read-only mappings."""
         settings = {**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)}
         return partial(Prior, **settings), ()
 
     @classmethod
     def default(cls) -> Prior:
-        """Return the default prior."""
+        """Return the default prior, which is wide for any machine tool."""
         return cls()
 
     @classmethod
     def first(cls) -> Prior:
-        """Return the prior of the model's first edition."""
+        """Return the prior of the software's first edition.
+
+        The form of the balls has a wider prior, and prior sds of slopes do not depend on readings.
+        """
         return cls(tau_um=5.0, slopes_of_estimate=False)
 
     @classmethod
     def paper(cls) -> Prior:
-        """Return the flat, untruncated prior, with which estimates are those of least squares."""
+        """Return the flat prior, with which estimates are those of least squares as in the paper.
+
+        Compliances may be negative.
+        """
         return cls(truncated=False, flat=True)
 
     def compliance_sd(self, names: Sequence[ComplianceName]) -> Array:
@@ -276,10 +289,10 @@ class Prior(Shown):
     def slope_sd(
         self, names: Sequence[ComplianceName], degree: int, force_range_N: float, size: Array
     ) -> Array:
-        """Return the prior sd of every slope of one degree, shape (compliances,).
+        """Return the prior sd of every compliance's slope of one degree, shape (compliances,).
 
-        The prior sd of a slope is proportional to ``size``, the size of its compliance. Degree 1 is
-        linear in force, degree 2 quadratic.
+        It is proportional to ``size``, the typical size of each compliance. Degree 1 is the linear
+        change with force, degree 2 the quadratic one.
         """
         return self._overridden(
             [f"{name.label}_{degree}" for name in names],
@@ -287,10 +300,10 @@ class Prior(Shown):
         )
 
     def compliance_size(self, names: Sequence[ComplianceName]) -> Array:
-        """Return how large each compliance may be, shape (compliances,).
+        """Return the typical size of each compliance, shape (compliances,).
 
-        This is its prior sd; for a compliance with a prior mean of its own it is the default prior
-        sd of its kind.
+        The size is the prior sd of the compliance. If the user gave a prior mean, the size is the
+        default prior sd of this kind of compliance.
         """
         has_mean = [name.label in self.means for name in names]
         return np.where(has_mean, self._usual_sd(names), self.compliance_sd(names))
@@ -312,13 +325,15 @@ class Prior(Shown):
         )
 
     def hyper(self, scales: Sequence[Scale], resolution_um: float) -> HyperPrior:
-        """Return the joint prior of hyper-parameters, in mm.
+        """Return the joint prior of the hyper-parameters, with lengths in mm.
+
+        Hyper-parameters are the scales of the noise and of other effects.
 
         Parameters
         ----------
         scales
-            Hyper-parameters, each with the scale of its prior [µm], or with the name of the field
-            of this prior that holds the scale.
+            Hyper-parameters. Each states the scale of its prior [µm], or the name of the field of
+            this object that holds the scale.
         resolution_um
             Resolution of the readout. The white noise σ is at least resolution/√12; the other
             hyper-parameters are at least zero.
@@ -332,7 +347,7 @@ class Prior(Shown):
             lower_bound = 0.0
             if scale.name == "sigma":
                 lower_bound = resolution_um / np.sqrt(12.0)
-            # Only half-normal hyper-parameters are lengths.
+            # Hyper-parameters with a half-normal prior are lengths; the others have no unit.
             mm_per_unit = 1e-3 if scale.law == "half-normal" else 1.0
             prior_scales.append(prior_scale * mm_per_unit)
             lower_bounds.append(lower_bound * mm_per_unit)
@@ -346,7 +361,7 @@ class Prior(Shown):
 
 
 def _check_mean(name: str, mean: float) -> None:
-    """Refuse a prior mean that is not finite, belongs to a slope, or is absurdly large."""
+    """Raise an `InputError` if a prior mean is not finite, belongs to a slope, or is too large."""
     require(
         bool(np.isfinite(mean)),
         f"prior mean of {name} must be a finite number, got {mean}. Correct it or leave it out.",

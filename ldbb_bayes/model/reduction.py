@@ -19,56 +19,63 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NearUniform", "Reduced", "reduce_readings"]
 
-# Number of readings that are projected at once, which limits the memory in use.
+# Number of readings that are reduced at once, which limits the memory in use.
 _CHUNK = 8192
-# Departures from uniform sampling below this size change a log density by less than 1e-6.
+# Relative departures from uniformly spaced angles below this size are neglected: they change a log
+# density by less than 1e-6.
 _LEAST_DEPARTURE = 1e-6
-# A circle with more significant departures from uniform sampling than this counts as an arc.
+# A circle with more significant departures from uniformly spaced angles than this counts as an arc.
 _MOST_DEPARTURES = 4
-# Entries of eigenvectors below this size are rounding errors and count as zero.
+# Elements of eigenvectors below this size are rounding errors and count as zero.
 _ROUNDING = 1e-12
 
 
 class NearUniform(NamedTuple):
-    """A full circle sampled at nearly uniform angles: RᵀR = S (1 + V λ Vᵀ) S.
+    """Full circle of readings at nearly uniform angles: RᵀR = S (1 + V λ Vᵀ) S.
 
-    R is the QR factor of the basis at the test's angles. S and λ are diagonal and V is orthogonal,
-    each of shape (25, 25). On an exactly uniform circle λ is zero.
+    R is the triangular factor in the QR decomposition of the 25 Fourier functions at the test's
+    angles. S and λ are diagonal and V is orthogonal, each of shape (25, 25). At exactly uniform
+    angles λ is zero.
     """
 
-    #: Diagonal of S, the norms of the basis functions on a uniform circle, shape (25,).
+    #: Norms of the 25 Fourier functions at uniform angles, shape (25,).
     column_norms: Array
-    #: Diagonal of λ, departures from uniform sampling, the largest absolute value first, shape
-    #: (25,).
+    #: Relative departures from uniform sampling, the largest absolute value first, shape (25,).
     departure: Array
-    #: V, whose columns belong to the departures λ, shape (25, 25).
+    #: Orthogonal matrix whose columns belong to the departures from uniform sampling, (25, 25).
     directions: Array
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Which departures change a log density by more than 1e-6."""
+        """Whether each departure from uniform sampling can change a log density by over 1e-6."""
         return np.abs(self.departure) > _LEAST_DEPARTURE
 
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """Readings y of one test after projection on the basis, B = Q R.
+    """Readings of one test, reduced to at most 25 numbers by projection on the Fourier basis.
 
-    B, shape (n, 25), holds the basis functions at the test's n angles; Q and R are its QR factors.
+    The matrix B (n, 25) holds the 25 Fourier functions at the test's n angles; B = Q R is its QR
+    decomposition.
     """
 
-    #: z = Qᵀ y [mm], shape (m,) with m = min(n, 25); None for a planned test.
+    #: Reduced readings Qᵀ y [mm], where y are the n readings; shape (m,) with m = min(n, 25). None
+    #: for a planned test.
     projection: Array | None
-    #: QR factor R of the basis at the test's angles, shape (m, 25).
+    #: Triangular factor R of the Fourier functions at the test's angles, shape (m, 25). It turns
+    #: Fourier coefficients into reduced readings.
     factor: Array
-    #: Sum of squares of the part of the readings that the basis cannot describe [mm²].
+    #: Sum of squares of the part of the readings that the Fourier functions cannot describe [mm²].
     residual_ss: float
     #: Number of readings n.
     readings: int
 
     @cached_property
     def near_uniform(self) -> NearUniform | None:
-        """Departure of the circle from a uniform one; None for arcs and fewer than 25 readings."""
+        """Departure of the test's angles from uniform ones.
+
+        It is None for arcs and for fewer than 25 readings.
+        """
         if self.readings < SIZE:
             return None
         root = np.where(ORDERS == 0, 1.0, np.sqrt(0.5))
@@ -85,7 +92,9 @@ class Reduced:
 
 
 def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
-    """Project one test on the basis, however its circle is sampled.
+    """Return the readings of one test, reduced to at most 25 numbers and a sum of squares.
+
+    Angles need not be uniform.
 
     Parameters
     ----------

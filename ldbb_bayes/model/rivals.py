@@ -13,11 +13,16 @@ __all__ = ["RIVALS", "Rival", "is_rival_of_slopes"]
 
 
 class Rival(NamedTuple):
-    """A term, or an effect that one setting of a term switches on, that resembles a slope."""
+    """Effect that resembles a change of a compliance with force.
+
+    It is a whole nuisance term (effect modelled but not of interest), or a part of one that a
+    setting switches on.
+    """
 
     term: type[Term]
-    setting: str  #: field of the term that is 0 without the rival; "": the whole term
-    stem: str  #: beginning of the names of the rival's coefficients
+    #: field of the term that switches the effect off when it is 0; empty if it is the whole term
+    setting: str
+    stem: str  #: beginning of the names of this effect's coefficients
 
 
 RIVALS: dict[str, Rival] = {
@@ -29,5 +34,8 @@ _STEMS = tuple(rival.stem for rival in RIVALS.values())
 
 
 def is_rival_of_slopes(columns: Columns | BasisNoise) -> bool:
-    """Return whether columns belong to a rival of the slopes."""
+    """Return whether columns belong to an effect that resembles a slope of a compliance.
+
+    A slope is the change of a compliance with force.
+    """
     return isinstance(columns, Columns) and columns.names[0].startswith(_STEMS)

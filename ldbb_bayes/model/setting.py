@@ -1,7 +1,8 @@
 """Forces, geometry and other conditions of a campaign's tests, as the model needs them.
 
-A `Setting` holds forces, radii, clockings and directions of travel, one entry per test, and the
-columns of the machine's compliances and geometric errors in the circle's basis.
+A `Setting` holds forces, radii, clockings of the balls and directions of travel, one entry per
+test. It also holds the effect of each compliance and geometric error on the reading, as 25 Fourier
+coefficients (1, cos θ, sin θ, …, cos 12θ, sin 12θ) with the angle θ on the circle.
 """
 
 from __future__ import annotations
@@ -31,31 +32,38 @@ __all__ = [
     "setting_of",
 ]
 
-# Sign of each direction of travel (clockwise is positive), and the direction of each sign.
+# Sign of each direction of travel: clockwise is positive.
 TRAVEL_SIGNS = {"CW": 1.0, "CCW": -1.0}
+# Direction of travel for each sign: clockwise is positive.
 TRAVEL_NAMES = {1.0: "CW", -1.0: "CCW"}
 _SECONDS_PER_HOUR = 3600.0
-# Basis coefficients of |u|^a and of rotated harmonics that are smaller are rounding errors.
+# Smaller Fourier coefficients of powers of the bar's direction are rounding errors and set to zero.
 _POWER_ROUNDING = 1e-12
+# Smaller Fourier coefficients of rotated harmonics are rounding errors and set to zero.
 _ROTATION_ROUNDING = 1e-14
-# Clockings are equal if their points on the unit circle are closer than this.
+# Two clocking angles of a ball count as equal if their points on the unit circle are closer.
 _SAME_CLOCKING = 1e-9
 
 
 class GroupOfTests(NamedTuple):
-    """Tests of one plane, radius or set-up."""
+    """Tests of a campaign that have the plane, the radius or the set-up in common."""
 
-    #: The plane, radius or set-up.
+    #: The plane, radius [mm] or number of the set-up that these tests have in common.
     value: Any
-    #: Suffix of coefficient names; empty if the campaign has one plane, radius or set-up only.
+    #: End of the names of these tests' coefficients, such as ``_XY``; empty if the campaign has one
+    #: plane, radius or set-up only.
     suffix: str
-    #: Whether each test belongs to the group, shape (tests,).
+    #: Whether each test of the campaign belongs to the group, shape (tests,).
     tests: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Conditions of a campaign's tests; most arrays have one row per test."""
+    """Conditions of a campaign's tests; most arrays have one row per test.
+
+    Functions of the angle θ on the circle are held as 25 coefficients of the Fourier basis
+    1, cos θ, sin θ, …, cos 12θ, sin 12θ.
+    """
 
     force_N: Array
     pressure_bar: Array
@@ -64,30 +72,42 @@ class Setting:
     tool_ball_rad: Array
     plane: Array
     setup: Array
-    travel: Array  #: +1 clockwise or not stated, −1 counterclockwise
-    time_h: Array  #: minus the mean of the whole campaign; NaN where not recorded
-    temperature_K: Array  #: minus the mean of the whole campaign; NaN where not recorded
-    direction: Array  #: basis coefficients (tests, 25, 3) of the bar's direction (X, Y, Z)
-    wrench: Array  #: j_C, reading per unit force and compliance, (tests, 25, compliances)
-    geometric: Array  #: j_G, reading per unit geometric error, (tests, 25, geometric errors)
-    # The following fields describe the whole campaign, and `select` keeps them unchanged; but
+    travel: Array  #: direction of travel: +1 clockwise or not stated, −1 counterclockwise
+    time_h: Array  #: time of each test minus the campaign's mean time; NaN where not recorded
+    #: temperature of each test minus the campaign's mean temperature; NaN where not recorded
+    temperature_K: Array
+    #: Fourier coefficients of the components X, Y, Z of the bar's direction, (tests, 25, 3)
+    direction: Array
+    #: Fourier coefficients of the reading per unit force and unit of each compliance, shape
+    #: (tests, 25, compliances)
+    wrench: Array
+    #: Fourier coefficients of the reading per unit of each geometric error, shape
+    #: (tests, 25, geometric errors)
+    geometric: Array
+    # The following fields describe the whole campaign, and `select` keeps them unchanged. Only
     # `circle` and `fitted` have one row per test.
-    reference_force_N: float  #: F0, the force at which slopes do not act
-    force_range_N: float  #: F_max − F_min
-    two_balls: bool  #: whether each of the two balls has a form of its own
-    clocked: bool  #: whether the clocking of a ball differs between tests
-    radii_mm: tuple[float, ...]  #: the different radii
-    setups: tuple[int, ...]  #: the different set-ups
-    planes: tuple[str, ...]  #: the machine's planes
-    both_ways: tuple[str, ...]  #: planes run in both directions of travel
-    largest_force_N: float  #: F_max of the whole campaign
-    circle: Array  #: name of each test's hyper-parameter λ; empty if circles have no λ
-    compliance_estimate: Array  #: Ĉ (compliances,), used only to linearise
-    axial_estimate: Array  #: sums of direct compliances Ĉ along X, Y, Z; zero if there is none
-    fitted: Array  #: the circle fitted with Ĉ, F j_C·Ĉ + j_G·Ê, (tests, 25) [mm]
-    compensated: bool  #: whether the readings are compensated for the mount
-    deflection_um_per_bar: float  #: nominal deflection of the mount
-    instrument: Instrument  #: what certificates state
+    #: reference force F0: compliances are stated at it, and slopes multiply F − F0
+    reference_force_N: float
+    force_range_N: float  #: largest minus smallest force of the campaign
+    two_balls: bool  #: whether each of the two balls has a separate form, not one for their sum
+    clocked: bool  #: whether the clocking angle of a ball differs between tests
+    radii_mm: tuple[float, ...]  #: the different nominal radii of the circles
+    setups: tuple[int, ...]  #: the different numbers of set-ups
+    planes: tuple[str, ...]  #: the machine's planes, such as XY
+    both_ways: tuple[str, ...]  #: planes in which circles run in both directions of travel
+    largest_force_N: float  #: largest force of the whole campaign
+    #: name of the hyper-parameter λ (noise factor) of each test's circle; "" if circles have none
+    circle: Array
+    #: least-squares estimate of each compliance [internal units], used only to linearise
+    compliance_estimate: Array
+    #: sums of estimated direct compliances along X, Y, Z [mm/N]; zero where there is none
+    axial_estimate: Array
+    #: Fourier coefficients of the readings that the estimated compliances and geometric errors
+    #: predict, shape (tests, 25) [mm]
+    fitted: Array
+    compensated: bool  #: whether the readings are compensated for the deflection of the mount
+    deflection_um_per_bar: float  #: nominal deflection of the work ball's mount
+    instrument: Instrument  #: values and uncertainties that certificates state
 
     @property
     def tests(self) -> int:
@@ -95,7 +115,10 @@ class Setting:
         return len(self.force_N)
 
     def select(self, rows: Sequence[int]) -> Setting:
-        """Return the setting of selected tests; properties of the whole campaign are unchanged."""
+        """Return the conditions of the tests with these indices.
+
+        Properties of the whole campaign, such as its range of forces, do not change.
+        """
         selected: dict[str, Any] = {}
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray) and not name.endswith("_estimate"):
@@ -104,19 +127,24 @@ class Setting:
 
     @property
     def travels(self) -> tuple[float, ...]:
-        """The different directions of travel."""
+        """The different directions of travel: 1 for clockwise, −1 for counterclockwise."""
         return tuple(sorted({*self.travel.tolist()}, reverse=True))
 
     @property
     def bow(self) -> Array:
-        """Curvature over force, q(F) = 4 (F/F_max)(1 − F/F_max), shape (tests,) [1]."""
+        """Parabola over force, 4 (F/F_max)(1 − F/F_max), at every test's force, shape (tests,).
+
+        F_max is the largest force of the campaign. The parabola is 0 at F = 0 and F_max, and 1
+        halfway.
+        """
         share = self.force_N / self.largest_force_N
         return np.asarray(4.0 * share * (1.0 - share))
 
     def driven_axes(self) -> list[tuple[int, float]]:
-        """Return the machine axes that the circles drive, each with its compliance |Ĉ_aa| [mm/N].
+        """Return the machine axes that the circles drive, with their estimated compliance [mm/N].
 
-        Axes are indices: X is 0, Y is 1, Z is 2. Axes without a compliance are left out.
+        Each axis is an index: X is 0, Y is 1, Z is 2. The compliance is the absolute direct one.
+        Axes without a direct compliance are left out.
         """
         moves = np.abs(self.direction).max(axis=(0, 1)) > 0.0
         axes = []
@@ -132,11 +160,12 @@ class Setting:
         *,
         signed: bool = False,
     ) -> Array:
-        """Return the Fourier series of |u|^a to order 12.
+        """Return Fourier coefficients of a power |u|^a of the bar's direction, to order 12.
 
         u = A cos(θ − ϑ) is the component of the bar's direction along a machine axis, with
-        amplitude A and phase ϑ. The series is A^a Σ s_n cos n(θ − ϑ) over even n (odd n if signed),
-        with s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), and half of that for n = 0.
+        amplitude A and phase ϑ. The series is A^a Σ s_n cos n(θ − ϑ) over even n (odd n if signed).
+        Its coefficients are s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), where Γ is the
+        gamma function; s_0 is half of that.
 
         Parameters
         ----------
@@ -149,7 +178,7 @@ class Setting:
 
         Returns
         -------
-        Basis coefficients, shape (tests, 25).
+        Fourier coefficients, shape (tests, 25).
         """
         first = int(signed)
         series = np.zeros(MAX_ORDER + 1)
@@ -165,7 +194,7 @@ class Setting:
         return np.where(np.abs(values) > _POWER_ROUNDING, values, 0.0)
 
     def each(self, kind: Literal["plane", "radius", "setup"]) -> Iterator[GroupOfTests]:
-        """Yield the tests of every plane, radius or set-up of the campaign."""
+        """Yield one group of tests for every plane, radius or set-up of the campaign."""
         of_tests: Array
         of_campaign: Sequence[Any]
         if kind == "plane":
@@ -189,6 +218,8 @@ class Setting:
     ) -> Array:
         """Return columns cos n(θ − ψ) and sin n(θ − ψ) alternately, for every order n.
 
+        θ is the angle on the circle.
+
         Parameters
         ----------
         orders
@@ -198,7 +229,7 @@ class Setting:
 
         Returns
         -------
-        Basis coefficients, shape (tests, 25, 2 orders).
+        Fourier coefficients, shape (tests, 25, 2 orders).
         """
         values = np.zeros((self.tests, SIZE, 2 * len(orders)))
         for j, n in enumerate(orders):
@@ -211,12 +242,14 @@ class Setting:
         return np.where(np.abs(values) < _ROTATION_ROUNDING, 0.0, values)
 
     def constant(self, values: Array) -> Array:
-        """Return columns that do not depend on the angle, shape (tests, 25, p).
+        """Return p columns that are constant over the circle, as Fourier coefficients.
+
+        The result has shape (tests, 25, p).
 
         Parameters
         ----------
         values
-            Shape (tests, p) or (tests,).
+            Constant of every test, shape (tests, p), or (tests,) for one column.
         """
         columns_of_tests = values[:, None] if values.ndim == 1 else values
         columns = np.zeros((self.tests, SIZE, columns_of_tests.shape[1]))
@@ -225,9 +258,10 @@ class Setting:
 
 
 class _MachineColumns(NamedTuple):
-    """Basis coefficients of the bar's direction, j_C and j_G, each (..., 25, columns).
+    """Fourier coefficients of a circle's functions of angle, each of shape (..., 25, columns).
 
-    j_C is the reading per unit force and compliance, j_G that per unit geometric error.
+    ``direction`` is the bar's direction, ``wrench`` the reading per unit force and compliance, and
+    ``geometric`` the reading per unit geometric error.
     """
 
     direction: Array
@@ -236,9 +270,9 @@ class _MachineColumns(NamedTuple):
 
 
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
-    """Return the geometric errors of a campaign's machine.
+    """Return the names of the geometric errors of a campaign's machine.
 
-    Each set-up has its own tool offsets; the names of those after the first end in its number.
+    Each set-up has its own tool offsets. From the second set-up on, their names end in its number.
     """
     names: list[GeometricName] = []
     for name in geometric_names(campaign.machine()):
@@ -258,7 +292,7 @@ def setting_of(
     *,
     pilot: Campaign | None,
 ) -> Setting:
-    """Return the setting of a campaign or plan.
+    """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
     Parameters
     ----------
@@ -315,7 +349,10 @@ def setting_of(
 
 
 def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) -> _MachineColumns:
-    """Return the machine's columns of every test, each of shape (tests, 25, columns)."""
+    """Return bar direction and readings per unit parameter for every test's circle.
+
+    They are Fourier coefficients of shape (tests, 25, columns).
+    """
     machine = campaign.machine()
     by_circle = {}
     for circle in {test.circle for test in campaign.tests}:
@@ -333,9 +370,10 @@ def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) 
 
 
 def _by_setup(campaign: Campaign, columns: Array) -> Array:
-    """Return the columns of the campaign's geometric errors, given those of the machine.
+    """Return the columns of the campaign's geometric errors, from the columns of the machine's.
 
-    A tool offset acts only in its own set-up. Columns have shape (tests, 25, errors).
+    The machine's tool offsets become separate ones for every set-up, and each acts in its own
+    set-up only. Columns have shape (tests, 25, errors).
     """
     machine_errors = [name.label for name in geometric_names(campaign.machine())]
     names = geometric_errors_of(campaign)
@@ -353,10 +391,10 @@ def _relative_to_mean(
     campaign: Campaign,
     pilot: Campaign | None,
 ) -> Array:
-    """Return a recorded field minus its mean over the campaign or its pilot, shape (tests,).
+    """Return time or temperature of every test minus the mean, shape (tests,).
 
-    Tests of a plan that record no value are assumed at the pilot's mean, as if their order had
-    nothing to do with their conditions.
+    The mean is that of the campaign, or for a plan that of its pilot campaign. Planned tests
+    without a value are assumed to be at the mean.
     """
     values = _recorded(field, campaign)
     reference = _recorded(field, pilot or campaign)
@@ -369,13 +407,13 @@ def _relative_to_mean(
 
 
 def _recorded(field: str, campaign: Campaign) -> Array:
-    """Return a field of every test, shape (tests,), NaN where it is not recorded."""
+    """Return time or another recorded number of every test, shape (tests,); NaN where missing."""
     values = [getattr(test, field) for test in campaign.tests]
     return np.array([np.nan if value is None else value for value in values], dtype=float)
 
 
 def _planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
-    """Return the planes that run, or are to run, in both directions of travel."""
+    """Return the planes in which circles run, or are planned, in both directions of travel."""
     both = []
     for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
         directions = {test.direction for test in campaign.scope if test.plane == plane}
@@ -386,7 +424,7 @@ def _planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
 
 
 def _check_directions_stated(campaign: Campaign, plane: str) -> None:
-    """Refuse tests of a plane that do not state their direction of travel."""
+    """Raise an `InputError` if a test of this plane does not state its direction of travel."""
     undirected: list[CircularTest] = [
         test for test in campaign.tests if test.plane == plane and test.direction is None
     ]

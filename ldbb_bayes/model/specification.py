@@ -38,8 +38,8 @@ __all__ = [
 ]
 
 SCHEMA = 1
-# Tables within [prior]. Empty ones are not written, so that the digests of existing models stay the
-# same when a table is added here.
+# Names of the tables within [prior] of a model file. Empty tables are not written, so that digests
+# of existing models stay the same if a name is added here.
 _TABLES = ("overrides", "means")
 
 
@@ -55,7 +55,7 @@ class _SpecFile(BaseModel):
 
 
 def model_to_toml(model: HybridModel) -> str:
-    """Return the whole model as TOML text, with the values of all priors."""
+    """Return a model as TOML text, with all its settings and priors."""
     prior: dict[str, Any] = {
         field.name: getattr(model.prior, field.name)
         for field in fields(Prior)
@@ -120,7 +120,7 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
 
 
 def model_sha256(model: HybridModel) -> str:
-    """Return the SHA-256 digest of the model's TOML text."""
+    """Return the SHA-256 digest of a model's TOML text, which identifies the model."""
     return hashlib.sha256(model_to_toml(model).encode()).hexdigest()
 
 
@@ -143,7 +143,10 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
 
 
 def _degree_of(spec: _SpecFile, degree: int | None) -> int:
-    """Return the degree of the file, or else ``degree``, or else that of the preset."""
+    """Return the degree of the compliance in force that a model file states.
+
+    If the file states none, return ``degree``; if this is None, the usual degree of the preset.
+    """
     if spec.degree is not None:
         return spec.degree
     if degree is not None:
@@ -152,7 +155,10 @@ def _degree_of(spec: _SpecFile, degree: int | None) -> int:
 
 
 def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) -> tuple[Term, ...]:
-    """Return the terms of the tables; settings that they omit are those of the model's terms."""
+    """Return the nuisance terms that the tables under [terms] of a model file list.
+
+    Settings that a table omits are those of the same term of ``model``, or else the defaults.
+    """
     check_known(
         "term",
         tables,
@@ -175,7 +181,7 @@ def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) 
 def _converted_settings(
     table: str, types: Mapping[str, type], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the settings of a table of a model file in internal units (mm, N, rad).
+    """Return the settings of one table of a model file, with numbers in the units of their names.
 
     ``types`` are the types of all settings that the table may have, by name; ``values`` are the
     settings as the file states them. Numbers may be texts with a unit. Raise an `InputError` for an
@@ -214,19 +220,21 @@ class _TruthsFile(BaseModel):
 
 @dataclass(frozen=True)
 class Truths:
-    """Plan and true values of a simulation."""
+    """Plan and true values of a simulation, as a TOML file states them."""
 
-    #: plan to simulate; None if the file states no forces and the plan must come from elsewhere
+    #: campaign to simulate; None if the file states no forces and another file gives the plan
     plan: Campaign | None
     #: true parameters in internal units (mm, N, rad); None to draw them at random from the prior
     parameters: dict[str, float] | None
     #: true hyper-parameters [µm]; those not named are drawn at random from their priors
     hyper_um: dict[str, float]
-    exact: bool  #: whether geometric errors use the exact forward model
+    exact: (
+        bool  #: whether geometric errors act through the exact kinematic equations, not linearised
+    )
 
 
 def is_truths(path: Path) -> bool:
-    """Return whether a file is a TOML file of true values rather than a campaign."""
+    """Return whether a file is a TOML file of true values for a simulation, not a campaign."""
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False
     with suppress(InputError):
@@ -235,7 +243,10 @@ def is_truths(path: Path) -> bool:
 
 
 def read_truths(path: Path) -> Truths:
-    """Read a TOML file of true values; InputError states the file and the place of a mistake."""
+    """Return the plan and true values of a simulation from a TOML file.
+
+    For a mistake in the file, raise an `InputError` that names the file and the place.
+    """
     file = validated(_TruthsFile, read_toml(path), str(path))
     with placed(path):
         plan = None if file.forces_N is None else _plan(file, path.stem)

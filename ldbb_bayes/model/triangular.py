@@ -21,11 +21,12 @@ def eliminate(
     signs: Array | None = None,
     link_signs: Array | None = None,
 ) -> None:
-    """Factorise the first columns of stacked symmetric matrices in place (Cholesky).
+    """Compute Cholesky factors of the first columns of many symmetric matrices, in place.
 
-    P = L S Lᵀ, where P is symmetric, L lower triangular and S a diagonal matrix of signs ±1, by
-    default the unit matrix. Further entries of the columns (the other rows of P, right-hand sides)
-    are eliminated too. Entries become NaN where P has no such factors with these signs.
+    The factors are P = L S Lᵀ, where P is symmetric, L lower triangular and S a diagonal matrix of
+    signs ±1, by default the unit matrix. Further entries of the columns, such as right-hand sides,
+    are multiplied by the inverse factor. Entries become NaN where P has no factors with these
+    signs.
 
     Parameters
     ----------
@@ -36,9 +37,9 @@ def eliminate(
         k columns of L that were computed earlier, shape (k, n, w); their products are subtracted
         from P first.
     signs
-        Diagonal of S, ±1, shape (groups, s).
+        Signs ±1 on the diagonal of S, shape (groups, s).
     link_signs
-        Entries of S for the columns in ``links``, shape (k,).
+        Signs ±1 on the diagonal of S for the columns in ``links``, shape (k,).
     """
     signed = front
     if signs is not None:
@@ -106,9 +107,9 @@ def solve_upper(lower: Array, right: Array) -> Array:
 
 
 def log_diagonal(root: Array) -> Array:
-    """Return the log determinant of triangular matrices (..., q, q), shape (...).
+    """Return the log determinant of triangular matrices with a positive diagonal, shape (...).
 
-    Their diagonals must be positive.
+    The matrices have shape (..., q, q).
     """
     return np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
 
@@ -118,12 +119,14 @@ def _move_stack_last(
     right: Array,
     right_axes: int,
 ) -> tuple[Array, Array]:
-    """Return L (q, q, ...) and a copy of the right-hand side (q, ...) or (q, k, ...).
+    """Return triangular matrices and a copy of right-hand sides with the matrix dimensions first.
 
-    The dimensions of the stack are moved to the end of both arrays.
+    The triangular matrices then have shape (q, q, ...), and the right-hand sides (q, ...) or
+    (q, k, ...).
     """
     stack = np.broadcast_shapes(lower.shape[:-2], right.shape[:-right_axes])
-    # Make L contiguous before broadcasting it: copying it for the whole stack would be slow.
+    # Make the matrices contiguous before they are broadcast: copying the broadcast array would be
+    # slow.
     contiguous = np.ascontiguousarray(np.moveaxis(lower, (-2, -1), (0, 1)))
     stack_first = np.moveaxis(contiguous, (0, 1), (-2, -1))
     full_lower = np.broadcast_to(stack_first, (*stack, *lower.shape[-2:]))

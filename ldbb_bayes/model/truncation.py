@@ -1,6 +1,7 @@
-"""The region A β ≥ 0 where compliances are not negative, and quantiles of a Gaussian in it.
+"""Region of parameters where compliances are not negative, and quantiles of a Gaussian in it.
 
-β (p,) are the parameters; each row of A (m, p) gives one compliance that must not be negative.
+The region is A β ≥ 0. β (p,) are the parameters; each row of A (m, p) gives one compliance that
+must not be negative.
 """
 
 from __future__ import annotations
@@ -19,51 +20,55 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Truncation"]
 
-# Grid points for the numerical integration of a distribution function: for the first coordinate,
-# and for each of the following coordinates.
+# Number of grid points on which the distribution function of a coordinate is integrated.
 _GRID = 1025
+# Number of grid points for integrating over each of the further coordinates.
 _COARSE_GRID = 257
-# The grid ends this many sd from the centre, and is at least `_LEAST_WIDTH` sd wide.
+# The integration grid ends this many sd from the centre of the untruncated Gaussian.
 _REACH = 9.0
+# The integration grid is at least this many sd wide, also far from the centre.
 _LEAST_WIDTH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Truncation:
-    """Region A β ≥ 0 of the parameters β.
+    """Region A β ≥ 0 of the parameters β, in which compliances are not negative.
 
     Parameters
     ----------
     rows
-        Matrix A of the m constraints, shape (m, p); without rows there is no truncation.
+        Matrix A of the m constraints on p parameters, shape (m, p); without rows there is no
+        truncation.
     """
 
     rows: Array
 
     @property
     def active(self) -> bool:
-        """Whether there is any constraint."""
+        """Whether the region has any constraint."""
         return len(self.rows) > 0
 
     def holds(self, beta: Array) -> Array:
-        """Return whether A β ≥ 0 for parameters β (..., p), shape (...)."""
+        """Return whether parameters β (..., p) are inside the region, shape (...)."""
         return np.all(beta @ self.rows.T >= 0.0, axis=-1)
 
     def orthants(self, mean: Array, spread: Array) -> Orthant:
-        """Return the problems of P(A β ≥ 0) for β ~ N(mean, spread spreadᵀ).
+        """Return the problems P(A β ≥ 0) for w Gaussians β ~ N(mean, spread spreadᵀ).
+
+        A β ≥ 0 is the region of the p parameters β.
 
         Parameters
         ----------
         mean
-            Shape (w, p).
+            Means of the Gaussians, shape (w, p).
         spread
-            Shape (w, p, q).
+            Square roots of their covariances, shape (w, p, q).
         """
         return Orthant(mean @ self.rows.T, self.rows @ spread)
 
     @property
     def bounds(self) -> Array:
-        """The least and the greatest value of each parameter in the region, shape (p, 2)."""
+        """Least and greatest value of each of the p parameters in the region, shape (p, 2)."""
         p = self.rows.shape[1]
         bounds = np.empty((p, 2))
         for j in range(p):
@@ -77,7 +82,7 @@ class Truncation:
         mean: Array,
         sd: Array,
     ) -> Array:
-        """Return β for uniform random levels, where β ~ N(mean, diag sd²) inside the region.
+        """Return parameters β ~ N(mean, diag sd²), restricted to the region, for uniform levels.
 
         Each parameter is the quantile of its distribution given the parameters before it
         (Rosenblatt, Ann. Math. Stat. 23, 470-472, 1952). Quantiles are computed analytically,
@@ -93,7 +98,7 @@ class Truncation:
 
         Returns
         -------
-        Shape (n, p).
+        Parameters β, shape (n, p).
         """
         rows = self.rows * sd
         edge = -self.rows @ mean
@@ -114,9 +119,10 @@ def _quantile_inside(
     rows: Array,
     edge: Array,
 ) -> Array:
-    """Return z (n, k) for uniform levels, where z ~ N(0, I) given rows · z ≥ edge.
+    """Return standard normal vectors z with rows · z ≥ edge, for uniform levels (n, k).
 
-    Shapes: levels (n, k), rows (m, k), edge (m,).
+    Each element is the quantile of its distribution given the elements before it. z has shape
+    (n, k), ``rows`` (m, k) and ``edge`` (m,).
     """
     n, k = level.shape
     z = np.empty((n, k))
@@ -141,7 +147,11 @@ def _distribution(
     rows: bytes,
     edge: bytes,
 ) -> tuple[Array, Array]:
-    """Return the distribution function of the first coordinate, and the grid it is given on."""
+    """Return the distribution function of the first coordinate of z, and its grid of values.
+
+    z is a standard normal vector with rows · z ≥ edge. The arguments are bytes of arrays, because
+    the cache needs keys that can be hashed.
+    """
     edges = np.frombuffer(edge)
     coefficients = np.frombuffer(rows).reshape(len(edges), -1)
     grid, density = _first_density(coefficients, edges, _GRID)
@@ -155,7 +165,7 @@ def _quantile_between(
     low: Array,
     high: Array,
 ) -> Array:
-    """Return quantiles of a standard normal between low and high, each (n,).
+    """Return quantiles of a standard normal variable restricted to an interval, shape (n,).
 
     Quantiles in the upper tail are computed by symmetry from the lower tail, to avoid rounding.
     """
@@ -172,9 +182,10 @@ def _first_density(
     edge: Array,
     size: int,
 ) -> tuple[Array, Array]:
-    """Return a grid over the range of the first coordinate, and its density on the grid.
+    """Return a grid over the range of the first coordinate of z, and its density on the grid.
 
-    The density is not normalised. Both have shape (..., size).
+    z is a standard normal vector with rows · z ≥ edge. The density is not normalised. Grid and
+    density have shape (..., size).
     """
     low, high = _support(rows, edge)
     low = np.maximum(low, np.minimum(-_REACH, high - _LEAST_WIDTH))
@@ -185,7 +196,10 @@ def _first_density(
 
 
 def _probability_inside(rows: Array, edge: Array) -> Array:
-    """Return P(rows · z ≥ edge) up to a constant factor, for edges of shape (..., m)."""
+    """Return the probability of rows · z ≥ edge for a standard normal vector z.
+
+    It is correct up to a constant factor. Edges have shape (..., m), the result (...).
+    """
     if rows.shape[1] > 1:
         grid, density = _first_density(rows, edge, _COARSE_GRID)
         return np.asarray(trapezoid(density, grid, axis=-1))
@@ -199,9 +213,10 @@ def _support(
     rows: Array,
     edge: Array,
 ) -> tuple[Array, Array]:
-    """Return the least and the greatest first coordinate where rows · z ≥ edge, edges (..., m).
+    """Return the least and the greatest first coordinate of points z with rows · z ≥ edge.
 
-    The other coordinates are eliminated, the last first (Fourier and Motzkin).
+    Edges have shape (..., m), the results (...). The other coordinates are eliminated, the last
+    first (Fourier-Motzkin elimination).
     """
     while rows.shape[1] > 1:
         rows, edge = _eliminate_last(rows, edge)
@@ -219,9 +234,11 @@ def _eliminate_last(
     rows: Array,
     edge: Array,
 ) -> tuple[Array, Array]:
-    """Return constraints on all coordinates but the last: every pair that bounds it from two sides.
+    """Return the constraints that rows · z ≥ edge implies on all coordinates of z but the last.
 
-    The sum of a row that bounds it from below and one that bounds it from above does not hold it.
+    They are the rows without the last coordinate, and sums of two rows, scaled so that the last
+    coordinate cancels. One row of a pair bounds the last coordinate from below, the other from
+    above.
     """
     last = rows[:, -1]
     free = np.flatnonzero(last == 0.0)
@@ -237,7 +254,7 @@ def _eliminate_last(
 
 
 def _opposite_pairs(last: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return every pair of a row with positive and a row with negative last coefficient."""
+    """Return every pair of a positive and a negative element, as two arrays of indices."""
     positive = np.flatnonzero(last > 0.0)
     negative = np.flatnonzero(last < 0.0)
     return np.repeat(positive, len(negative)), np.tile(negative, len(positive))

@@ -1,10 +1,10 @@
 """The nuisance terms of the model, one class for each effect.
 
 Nuisances are effects that are modelled but not of interest. The reading of test r at the angle θ is
-ρ_r(θ) = F_r Σ_k (F_r − F0)^k j_C·C_k + j_G·E + terms + ε, where F_r is the force, F0 the reference
-force, C_k the compliances (k = 0) and their slopes, E the geometric errors, j_C and j_G their
-columns and ε white noise. A term gives its columns in the circle's basis, the hyper-parameters that
-scale them, its unit and its description. To add a term of your own, derive a class from `Term`.
+ρ_r(θ) = F_r Σ_k (F_r − F0)^k j_C·C_k + j_G·E + terms + ε. F_r is the force, F0 the reference force,
+C_k the compliances (k = 0) and their slopes, E the geometric errors, j_C and j_G their columns and
+ε white noise. A term gives its columns as Fourier coefficients, the hyper-parameters that scale
+them, its unit and its description. To add a term of your own, derive a class from `Term`.
 """
 
 from ldbb_bayes.model.terms.balls import BallForm, MachinePattern

@@ -22,30 +22,32 @@ from ldbb_bayes.results import Array
 
 __all__ = ["BallForm", "MachinePattern"]
 
-# Orders of the form of a ball, from 2: order 0 is its radius and order 1 its centre's position.
+# Orders n of the harmonics of a ball's form. They start at 2: order 0 is the ball's radius, and
+# order 1 the position of its centre.
 _FORM_ORDERS = range(2, MAX_ORDER + 1)
-# Orders of the machine's pattern, from 4: lower orders are described by the geometric errors.
+# Orders n of the harmonics of the machine's pattern. They start at 4, because geometric errors
+# describe the lower orders.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
-# Variance of each coefficient of a harmonic, per S²: S is its peak-to-valley value (twice its
-# amplitude), and every phase is equally likely.
+# Prior variance of each coefficient of the orders 2 and 3, per square of the ball's deviation from
+# sphericity (peak to valley).
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
 # The highest order to which a stated deviation from sphericity is attributed.
 _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """A ball, and the angle by which it is turned relative to the angle of its columns [rad]."""
+    """Ball, and the angle [rad] by which it is turned against the angle of its Fourier series."""
 
     ball: Ball
     turned_rad: float
 
 
 class _Form(NamedTuple):
-    """The form of one ball or of the sum of both.
+    """Form error of one ball, or the sum of the form errors of work ball and tool ball.
 
-    ``stem`` begins the names of the coefficients; ``turned_rad`` is the clocking angle ψ of every
-    test.
+    ``stem`` begins the names of the coefficients; ``turned_rad`` is the clocking angle of every
+    test [rad].
     """
 
     stem: str
@@ -96,12 +98,15 @@ class BallForm(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the term."""
+        """Hyper-parameters of ball form: its scale τ at order 6, and its decay with order.
+
+        With the law 1/n there is no decay.
+        """
         tau = Scale("tau", "tau_um", "τ", "ball form")
         return (tau, _DECAY) if self.law == "decay" else (tau,)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return the columns of the balls' form for the tests of a campaign."""
         columns = []
         for group in setting.each("plane"):
             for form in _forms(setting):
@@ -117,11 +122,15 @@ class BallForm(Term):
         return tuple(columns)
 
     def _prior(self, balls: Sequence[_TurnedBall]) -> dict[str, Any]:
-        """Return the prior of the form of one ball or of a sum as arguments of `Columns`."""
+        """Return the prior of the form of one ball, or of the sum of balls.
+
+        The keys of the dictionary are names of arguments of `Columns`.
+        """
         orders = np.repeat(_FORM_ORDERS, 2)
         if self.law == "1/n":
             return {"sd": np.sqrt(len(balls) / 2.0) / orders.astype(float)}
-        # Each ball contributes τ²/2 at orders that its certificate does not state.
+        # Each ball contributes τ²/2 to the prior variance (τ is the scale of form), at orders that
+        # its certificate does not state.
         share_of_tau = np.zeros(len(orders))
         stated = np.zeros(len(orders))
         mean = np.zeros(len(orders))
@@ -147,14 +156,15 @@ class BallForm(Term):
         }
 
     def _sphericity(self, ball: Ball) -> float:
-        """Return the deviation from sphericity of a ball [µm], stated or else assumed."""
+        """Return the deviation from sphericity of a ball [µm]: the stated one, or else assumed."""
         stated = ball.stated_sphericity_um
         return self.sphericity_um if stated is None else stated
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the assumed sd of the orders 2 and 3, and the amplitudes that certificates state.
+        """Yield what the term assumes about the form of each ball.
 
-        The contribution of the hyper-parameter τ to the sd is not included.
+        This is the sd of the orders 2 and 3, and the amplitudes that certificates state. The part
+        of the sd from the hyper-parameter τ, the scale of form, is not included.
         """
         if self.law != "decay":
             return
@@ -175,7 +185,7 @@ class BallForm(Term):
                 )
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
-        """Return whether certificates state the size of a coefficient."""
+        """Return whether certificates state the size of a coefficient of form, given its name."""
         instrument = campaign.instrument
         balls = [instrument.work, instrument.tool]
         if coefficient.startswith("work"):
@@ -191,7 +201,7 @@ class BallForm(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a description of a coefficient in words."""
+        """Return a coefficient of form in words, such as 2-lobe form (cos 2θ), from its name."""
         ball = _ball_in_words(coefficient)
         owner = f"{ball}'s " if ball else ""
         order = order_in_words(coefficient)
@@ -200,17 +210,21 @@ class BallForm(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return a description of the coefficient's pattern, to follow the words for the term."""
+        """Return harmonic, ball and plane of a coefficient in words, from its name.
+
+        The words follow the name of the term in texts.
+        """
         ball = _ball_in_words(coefficient)
         of_ball = f" of {ball}" if ball else ""
         return f" in {order_in_words(coefficient)}{of_ball}{plane_in_words(coefficient)}"
 
 
 def _forms(setting: Setting) -> list[_Form]:
-    """Return the form errors to model in a setting.
+    """Return the form errors to model for the tests of a campaign.
 
-    They are those of the two balls, each with its angle on the ball, if the clockings separate
-    them; otherwise it is their sum, as a function of the angle on the work ball.
+    If differing clockings separate the two balls, there is one form error for each ball, as a
+    function of the angle on this ball. Otherwise there is their sum, as a function of the angle on
+    the work ball.
     """
     work = setting.instrument.work
     tool = setting.instrument.tool
@@ -231,7 +245,7 @@ def _stated_sd_um(ball: Ball) -> float:
 
 
 def _ball_in_words(coefficient: str) -> str:
-    """Return a coefficient's ball in words; empty if the coefficient is of the sum of both."""
+    """Return the ball of a coefficient in words; empty for the sum of both balls' forms."""
     if coefficient.startswith("work"):
         return "the work ball"
     if coefficient.startswith("tool"):
@@ -261,7 +275,7 @@ class MachinePattern(Term):
     scales = (Scale("omega", "omega_um", "ω", "pattern of the machine"), _DECAY)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return the columns of the machine's pattern; none if no ball's clocking differs."""
         if not setting.clocked:
             return ()
         columns = []
@@ -273,16 +287,18 @@ class MachinePattern(Term):
 
 
 def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[Columns]:
-    """Return the columns of one plane and radius, for each direction of travel.
+    """Return the columns of the machine's pattern in one plane at one radius.
+
+    Each direction of travel has its own columns.
 
     Parameters
     ----------
     setting
-        The setting of the campaign.
+        Conditions of the campaign's tests.
     suffix
-        Radius and plane as they end the names of the coefficients.
+        End of the names of the coefficients, which states radius and plane.
     tests
-        The tests of this plane and radius, shape (tests,).
+        Whether each test has this plane and radius, shape (tests,).
     """
     orders = np.repeat(np.array(_PATTERN_ORDERS, dtype=float), 2)
     columns = []

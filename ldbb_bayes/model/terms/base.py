@@ -28,11 +28,12 @@ __all__ = [
     "uncertainties",
 ]
 
-# Module prefix of the package's terms, which the default model has unless they are on demand.
+# Beginning of the module names of the package's own terms. The default model has these terms,
+# unless they are marked as on demand.
 _PACKAGE = "ldbb_bayes.model.terms."
 # Matches the position before every capital letter of a class name except the first.
 _BETWEEN_WORDS = re.compile(r"(?<!^)(?=[A-Z])")
-# Matches the end of a coefficient's name: its plane, then its harmonic or order 0.
+# Matches the end of a coefficient's name: its plane, then its harmonic, such as _XY_cos2 or _0.
 _SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")
 
 
@@ -47,9 +48,9 @@ class Unit(NamedTuple):
     'µm/bar'
     """
 
-    inside: str  #: internal unit, used in files and results
-    one: float  #: one display unit, in the internal unit
-    label: str  #: name of the display unit
+    inside: str  #: internal unit, made of mm, N and rad, as in results
+    one: float  #: size of one display unit in internal units, such as 1e-3 for µm
+    label: str  #: name of the display unit, such as µm
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,8 @@ class Uncertainty:
     value: float
     sd: float
     unit: str  #: unit of value and sd, made of mm, N, rad
-    certificate: str  #: field of `Instrument` for the uncertainty; empty if there is none
+    #: field of `Instrument` that holds the certificate's uncertainty; empty if there is none
+    certificate: str
     stated: bool  #: whether a certificate states the uncertainty
 
 
@@ -76,8 +78,8 @@ class Uncertainties(Result):
     (0.0094, 'mm', False)
     """
 
-    assumed: tuple[Uncertainty, ...]  #: in the order of the terms
-    certificates: Mapping[str, str]  #: names of the certificates
+    assumed: tuple[Uncertainty, ...]  #: assumed values with uncertainties, in the order of terms
+    certificates: Mapping[str, str]  #: names of the instrument's certificates, by instrument part
 
 
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
@@ -124,7 +126,7 @@ def assumption(
     name
         Name of the coefficient.
     certificate
-        Field of `Instrument` that holds the uncertainty; empty if there is none.
+        Field of `Instrument` that holds the certificate's uncertainty; empty if there is none.
     sd, value
         Standard uncertainty and value, in the coefficient's internal unit (of mm, N, rad).
     """
@@ -160,21 +162,23 @@ class Term(Shown):
     'five waves (cos 5θ)'
     """
 
-    #: all kinds of terms by class name, in the order of models, results and model files
+    #: classes of all terms by name, in the order of models, results and model files
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    #: beginning of the names of the term's coefficients; by default ball_form for BallForm
+    #: beginning of the names of the term's coefficients; by default from the class name, such as
+    #: ball_form for BallForm
     stem: ClassVar[str | tuple[str, ...]]
-    words: ClassVar[str]  #: name of the term in texts; by default ball form for BallForm
-    unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  #: unit of the coefficients
-    #: measurement that determines the term (a noun), used in advice
+    #: name of the term in texts; by default from the class name, such as ball form for BallForm
+    words: ClassVar[str]
+    unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  #: unit of the term's coefficients
+    #: measurement that would determine the effect (a noun), used in advice
     calibration: ClassVar[str] = "a measurement of it"
     #: advice (a sentence) for uncertainty budgets in which the term contributes most
     remedy: ClassVar[str] = "Measure it, or narrow its prior."
-    #: whether the effect belongs to bar, balls, mount or force device, so moves with them
+    #: whether the effect belongs to the instrument (bar, balls, mount or force device)
     instrument: ClassVar[bool] = False
-    #: whether the coefficient is the same in all campaigns of a fleet with one instrument
+    #: whether the coefficient is the same in all campaigns that use one instrument
     common: ClassVar[bool] = False
-    #: whether models have the term only on request; true for terms that you define
+    #: whether models have the term only on request; by default true for terms that you define
     on_demand: ClassVar[bool]
 
     def __init_subclass__(cls) -> None:
@@ -194,7 +198,8 @@ class Term(Shown):
 
     def __post_init__(self) -> None:
         choices: dict[str, tuple[Any, ...]] = {}
-        # A class defined inside a function may have annotations that cannot be resolved.
+        # Annotations of a class defined inside a function may be unknown here; then its choices are
+        # not checked.
         kind: Any = type(self)
         with suppress(NameError):
             choices = _choices(kind)
@@ -214,19 +219,25 @@ class Term(Shown):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the term."""
+        """Hyper-parameters of the term: scales of its prior sds that readings help to determine.
+
+        By default a term has none.
+        """
         return ()
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the term's hyper-parameters in a setting; by default ``scales``."""
+        """Return the term's hyper-parameters for the tests of a campaign; by default ``scales``."""
         return self.scales
 
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
-        """Return the term's columns in a setting; an empty tuple if it has no effect there."""
+        """Return the term's columns for the tests of a campaign.
+
+        The tuple is empty if the term has no effect on these tests.
+        """
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the assumptions of the term about the instrument."""
+        """Yield what the term assumes about the instrument: values and standard uncertainties."""
         yield from ()
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
@@ -256,12 +267,12 @@ class Term(Shown):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a coefficient."""
+        """Return the unit of a coefficient of this term, given the coefficient's name."""
         return cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a coefficient, such as ball form (cos 2θ)."""
+        """Return a coefficient in words, such as ball form (cos 2θ), from its name."""
         if cls is Term:
             return coefficient
         harmonic = order_in_words(coefficient) + plane_in_words(coefficient)
@@ -269,14 +280,17 @@ class Term(Shown):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return the harmonic of a coefficient, such as `` in cos 2θ``; empty if it has none."""
+        """Return the harmonic of a coefficient, such as `` in cos 2θ``, from its name.
+
+        The text is empty if the name contains no harmonic.
+        """
         order = order_in_words(coefficient)
         return f" in {order}{plane_in_words(coefficient)}" if order else ""
 
 
 @cache
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
-    """Return the permitted values of those fields whose annotations list them."""
+    """Return the permitted values of a term's settings, for settings with a list of choices."""
     return {
         name: get_args(hint)
         for name, hint in get_type_hints(kind).items()
@@ -285,7 +299,7 @@ def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
 
 
 def order_in_words(coefficient: str) -> str:
-    """Return the harmonic of a coefficient's name: cos 2θ for form_XY_cos2."""
+    """Return the harmonic in a coefficient's name in words: cos 2θ for form_XY_cos2."""
     match = _SUFFIX.search(coefficient)
     if match is None or not match["trig"]:
         return "order 0" if coefficient.endswith("_0") else ""
@@ -294,6 +308,6 @@ def order_in_words(coefficient: str) -> str:
 
 
 def plane_in_words(coefficient: str) -> str:
-    """Return the plane of a coefficient's name: `` in plane XY`` for form_XY_cos2."""
+    """Return the plane in a coefficient's name in words: `` in plane XY`` for form_XY_cos2."""
     match = _SUFFIX.search(coefficient)
     return f" in plane {match['plane']}" if match and match["plane"] else ""

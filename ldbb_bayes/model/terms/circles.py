@@ -16,12 +16,12 @@ from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Hyper, Scale
 
 __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Moves", "SetupShift"]
 
-# Choices for set-up shift: zero and centre have one common scale, have one scale each, or only one
-# of them moves.
+# What a new set-up shifts: zero and centre with one common scale (together) or with separate scales
+# (apart), or one of them alone.
 Moves = Literal["together", "apart", "zero", "centre"]
 # Quantities that a drift can be proportional to.
 Covariate = Literal["time", "temperature"]
-# Highest order of hysteresis in the model of the first edition.
+# Highest order n of the harmonics cos nθ, sin nθ of hysteresis in the model of the first edition.
 _FIRST_EDITION_ORDERS = 4
 
 
@@ -46,7 +46,7 @@ class SetupShift(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the term."""
+        """Hyper-parameters of the set-up shift: one sd, or separate ones for zero and centre."""
         if self.moves != "apart":
             return (Scale("delta", "delta_um", "δ", "set-up shift"),)
         return (
@@ -55,7 +55,7 @@ class SetupShift(Term):
         )
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the shift as noise of the basis functions 1, cos θ and sin θ of every circle."""
+        """Return the shift as noise of the Fourier coefficients 1, cos θ, sin θ of every circle."""
         zero_sd = np.where(ORDERS == 0, 1.0, 0.0)
         centre_sd = np.where(ORDERS == 1, 1.0, 0.0)
         circle = setting.circle
@@ -81,12 +81,12 @@ class Discrepancy(Term):
     array([0. , 0. , 0. , 0.5, 0.5])
     """
 
-    decay: float = 1.0  #: power by which the prior sd falls with the order
+    decay: float = 1.0  #: power by which the prior sd falls with the order of the harmonic
     remedy = "Run more circles: what differs from one to the next averages out."
     scales = (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return the discrepancy as noise of the Fourier coefficients from order 2."""
         sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
         return (BasisNoise("kappa", sd, setting.circle),)
 
@@ -111,7 +111,7 @@ class CircleScale(Term):
     remedy = "Repeat the odd circle."
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the scale λ of every circle as a hyper-parameter."""
+        """Return the noise factor λ of every circle as a hyper-parameter."""
         scales = []
         for name in dict.fromkeys(setting.circle.tolist()):
             if name:
@@ -120,14 +120,15 @@ class CircleScale(Term):
         return tuple(scales)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return no columns: the factors λ scale the noise of other terms."""
         return ()
 
 
 class _HysteresisSd(NamedTuple):
-    """Prior sd of the part of hysteresis that does not depend on force, at order 1.
+    """Prior sd, at order 1, of the part of hysteresis that does not depend on force.
 
-    If there is a hyper-parameter, the sd is a multiple of it. ``last_order`` is the highest order.
+    With a hyper-parameter, ``sd_mm`` is a factor on its value. ``last_order`` is the highest order
+    of the harmonics.
     """
 
     sd_mm: float
@@ -166,11 +167,11 @@ class Hysteresis(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the term."""
+        """Hyper-parameter of hysteresis: the scale η of its constant part; none if it is fixed."""
         return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return the columns of hysteresis in every plane that is run in both directions."""
         columns: list[Columns] = []
         for plane in setting.each("plane"):
             if plane.value in setting.both_ways:
@@ -178,7 +179,10 @@ class Hysteresis(Term):
         return tuple(columns)
 
     def _columns_of_plane(self, setting: Setting, plane: GroupOfTests) -> list[Columns]:
-        """Return the columns of one plane: the constant part, then that proportional to force."""
+        """Return the columns of hysteresis in one plane.
+
+        The part that does not depend on force is first, then the part proportional to force.
+        """
         constant = self._constant_part()
         suffixes = ["0"]
         for order in range(1, constant.last_order + 1):
@@ -210,20 +214,23 @@ class Hysteresis(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a coefficient."""
+        """Return the unit of a coefficient of hysteresis, given its name."""
         if coefficient.startswith("hysteresis_force"):
             return Unit("mm/N", 1e-6, "µm/kN")
         return cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a description of a coefficient in words."""
+        """Return a coefficient in words, such as hysteresis (cos 2θ), from its name."""
         force = " in proportion to force" if coefficient.startswith("hysteresis_force") else ""
         return f"hysteresis{force} ({order_in_words(coefficient)}{plane_in_words(coefficient)})"
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return a description of the coefficient's pattern, to follow the words for the term."""
+        """Return the harmonic of a coefficient in words, with plane and dependence on force.
+
+        The words follow the name of the term in texts.
+        """
         force = " times force" if coefficient.startswith("hysteresis_force") else ""
         return f" in {order_in_words(coefficient)}{force}{plane_in_words(coefficient)}"
 
@@ -252,7 +259,7 @@ class Drift(Term):
     remedy = "Run the forces in an order that has nothing to do with time."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return the columns of the drift of bar length and circle centre."""
         change = setting.temperature_K
         field = "temperature_C"
         if self.over == "time":
@@ -274,13 +281,13 @@ class Drift(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a coefficient."""
+        """Return the unit of a drift coefficient, such as mm/K, given its name."""
         per = "h" if coefficient.startswith("drift_time") else "K"
         return Unit(f"mm/{per}", 1e-3, f"µm/{per}")
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a description of a coefficient in words."""
+        """Return a drift coefficient in words, from its name."""
         covariate, quantity = coefficient.removeprefix("drift_").split("_")
         if quantity == "length":
             return f"drift of the bar's length over {covariate}"

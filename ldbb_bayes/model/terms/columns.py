@@ -1,4 +1,8 @@
-"""Columns of a term with their Gaussian priors, and the hyper-parameters that scale them."""
+"""Columns of a nuisance term, their Gaussian priors, and the hyper-parameters that scale these.
+
+A nuisance term is an effect that is modelled but not of interest. Its columns are its effect on the
+readings per unit coefficient. Hyper-parameters are the scales of the noise and of such effects.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +18,17 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law", "Scale", "Source"]
 
-# Name of a hyper-parameter.
+# Type of the name of a hyper-parameter (scale of the noise or of another effect).
 Hyper = str
-# Name used instead of a term's in lists of coefficients: the parameters of interest.
+# Lists that name the nuisance term of each coefficient have this name for parameters of interest.
 OWN = "Parameters"
-# Name used instead of a term's in lists of noise: the white noise of the readings.
+# Lists that name the nuisance term of each source of noise have this name for the white noise of
+# the readings.
 NOISE = "ReadingNoise"
-# Order of the harmonic whose sd is τ (ball form) or ω (machine pattern).
+# Order n of the harmonic cos nθ, sin nθ at which the scales of ball form and of the machine's
+# pattern are stated; prior sds at other orders follow from the decay.
 FORM_ORDER = 6.0
+# Laws of the priors of hyper-parameters.
 Law = Literal["half-normal", "decay", "circle"]
 
 
@@ -52,10 +59,11 @@ class Scale(NamedTuple):
 
 
 class Source(NamedTuple):
-    """Quantity that scales a known number to a prior sd.
+    """Factor that hyper-parameters contribute to a prior sd, such as the scale of ball form.
 
-    It is hyper · circle · (order/6)^(−decay), where ``hyper``, ``circle`` (a circle's λ) and
-    ``decay`` are hyper-parameters; a factor without its hyper-parameter is 1.
+    It is hyper · circle · (order/6)^(−decay). ``hyper`` (a scale), ``circle`` (noise factor λ of a
+    circle) and ``decay`` (power of form's decrease with order) name hyper-parameters. A factor
+    without its hyper-parameter is 1.
     """
 
     hyper: Hyper | None = None
@@ -65,11 +73,14 @@ class Source(NamedTuple):
 
     @property
     def names(self) -> tuple[Hyper, ...]:
-        """Names of the hyper-parameters that the source depends on."""
+        """Names of the hyper-parameters from which the factor is computed."""
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
-        """Return the value of the source for given hyper-parameters [mm], of any shape."""
+        """Return the value of the factor for given hyper-parameters.
+
+        ``value`` maps their names to numbers or arrays of one shape; lengths are in mm.
+        """
         size: Any = value[self.hyper] if self.hyper else 1.0
         if self.circle:
             size = size * value[self.circle]
@@ -100,18 +111,21 @@ class Columns(Shown):
     ((6, 25, 2), array([0.002, 0.002]))
     """
 
-    names: Sequence[str]  #: they begin with the term's ``stem``
+    names: Sequence[str]  #: names of the coefficients; each begins with the term's ``stem``
     values: Array  #: reading per unit coefficient, in the Fourier basis, shape (tests, 25, p)
-    #: Prior sd (p,), or one number for all: in units of ``hyper`` where one is named, else in mm;
-    #: infinite for a flat prior.
+    #: Prior sd of the p coefficients, shape (p,), or one number for all. It is in units of the
+    #: hyper-parameter ``hyper``, or in internal units without one; infinite for a flat prior.
     sd: Any
-    hyper: Hyper | None = None  #: the hyper-parameter that scales ``sd``
-    private: bool = False  #: every test has its own copy of each coefficient
-    mean: Array | None = None  #: prior mean (p,) of shared coefficients; default: zero
-    decay: Hyper | None = None  #: the hyper-parameter p by which ``sd`` falls as (order/6)^(−p)
-    orders: Array | None = None  #: order of each coefficient (p,), needed with ``decay``
-    stated: Array | None = None  #: sd (p,) that no hyper-parameter scales, added in quadrature
-    #: for private coefficients: name of each test's λ, as in `BasisNoise`; empty for none
+    hyper: Hyper | None = None  #: name of the hyper-parameter that scales ``sd``
+    private: bool = False  #: whether every test has its own copy of each coefficient
+    mean: Array | None = None  #: prior mean of the p coefficients, shape (p,); default: zero
+    #: name of the hyper-parameter d by which ``sd`` falls with the order, as (order/6)^(−d)
+    decay: Hyper | None = None
+    #: order of the harmonic of each of the p coefficients, shape (p,); needed with ``decay``
+    orders: Array | None = None
+    #: part of the prior sd that no hyper-parameter scales, shape (p,); it is added in quadrature
+    stated: Array | None = None
+    #: name of the noise factor λ of each test's circle, for private coefficients; empty for none
     circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
@@ -130,7 +144,7 @@ class Columns(Shown):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Source of the sd of each coefficient."""
+        """Factor from hyper-parameters that scales the prior sd of each coefficient."""
         if self.decay is None or self.orders is None:
             return (Source(self.hyper),) * len(self.names)
         return tuple(
@@ -138,12 +152,18 @@ class Columns(Shown):
         )
 
     def sources_of(self, test: int) -> tuple[Source, ...]:
-        """Return the source of the sd of each coefficient of one test."""
+        """Return the factor from hyper-parameters that scales the prior sd of each coefficient.
+
+        It is the factor for one test, with the noise factor λ of the test's circle.
+        """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
 
     def sd_at(self, value: Mapping[Hyper, Any]) -> Array:
-        """Return the prior sd at hyper-parameters, numbers or arrays (w,) [mm], shape (..., p)."""
+        """Return the prior sds of the p coefficients at given hyper-parameters, shape (..., p).
+
+        ``value`` maps names of hyper-parameters to numbers or arrays (w,); lengths are in mm.
+        """
         scaled: Array = self.sd * 1.0
         if self.names:
             sizes = np.broadcast_arrays(*(source.at(value) for source in self.sources))
@@ -151,9 +171,10 @@ class Columns(Shown):
         return scaled if self.stated is None else np.hypot(scaled, self.stated)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
-        """Return a random draw of the term's effect on the readings at φ, (tests, 25) [mm].
+        """Return a random draw of the effect on the readings, from the coefficients' prior [mm].
 
-        φ are the hyper-parameters by name; the effect is given in the Fourier basis.
+        The effect is given as Fourier coefficients, shape (tests, 25). ``phi`` maps the names of
+        the hyper-parameters to their values.
         """
         sd = self.sd_at(phi)
         copies = tests if self.private else 1
@@ -180,35 +201,42 @@ class BasisNoise(Shown):
     """
 
     hyper: Hyper  #: name of the hyper-parameter that scales ``sd``
-    sd: Array  #: shape (25,), in units of ``hyper``
-    circle: Sequence[Hyper] | Array = ()  #: name of each test's λ, empty for none
+    sd: Array  #: sd of each Fourier coefficient in units of ``hyper``, shape (25,)
+    #: name of the noise factor λ of each test's circle; empty for none
+    circle: Sequence[Hyper] | Array = ()
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Source of the sd of each test; a single one where circles have no λ."""
+        """Factor from hyper-parameters that scales the noise of each test.
+
+        There is one factor for all tests if circles have no noise factor λ of their own.
+        """
         if not len(self.circle):
             return (Source(self.hyper),)
         return tuple(Source(self.hyper, str(name) or None) for name in self.circle)
 
     def source(self, test: int) -> Source:
-        """Return the source of the sd of one test."""
+        """Return the factor from hyper-parameters that scales the noise of one test."""
         return Source(self.hyper, _circle_of(self.circle, test))
 
     def sd_at(self, value: Mapping[Hyper, Any], test: int) -> Array:
-        """Return the sd of a test at hyper-parameters, numbers or arrays (w,) [mm].
+        """Return the sd of one test's 25 Fourier coefficients at given hyper-parameters [mm].
 
-        Shape (..., 25).
+        ``value`` maps names of hyper-parameters to numbers or arrays (w,). Shape (..., 25).
         """
         return np.multiply.outer(self.source(test).at(value), self.sd)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
-        """Return a random draw of the coefficients at hyper-parameters φ, (tests, 25) [mm]."""
+        """Return random draws of the noise of all tests, as Fourier coefficients [mm].
+
+        They have shape (tests, 25). ``phi`` maps names of hyper-parameters to their values.
+        """
         sd = np.stack([self.sd_at(phi, test) for test in range(tests)])
         return sd * rng.standard_normal((tests, SIZE))
 
 
 def _circle_of(circles: Sequence[Hyper] | Array, test: int) -> Hyper | None:
-    """Return the name of a test's hyper-parameter λ, or None if it has none."""
+    """Return the name of the noise factor λ of a test's circle, or None if it has none."""
     if not len(circles):
         return None
     return str(circles[test]) or None

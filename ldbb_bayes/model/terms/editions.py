@@ -11,10 +11,10 @@ __all__ = ["first_edition"]
 
 
 def first_edition() -> tuple[Term, ...]:
-    """Return the nuisances of the first edition.
+    """Return the nuisance terms of the model's first edition.
 
-    The form of the balls falls as 1/n with its order n, mount and force law have no curvature, and
-    all circles scatter alike.
+    They are effects modelled but not of interest. The form of the balls falls as 1/n with its order
+    n, mount and force law have no curvature, and all circles scatter alike.
     """
     return (
         BallForm(law="1/n"),

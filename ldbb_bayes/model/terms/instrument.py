@@ -19,7 +19,10 @@ __all__ = ["Angle", "BarLength", "ForceError", "Mount"]
 def _standard_uncertainty(
     expanded: float | None, assumed: float, unit_per_stated: float = 1.0
 ) -> float:
-    """Return half of a stated expanded uncertainty (k = 2), or else the assumed uncertainty."""
+    """Return half of a stated expanded uncertainty (k = 2).
+
+    If none is stated, return the assumed standard uncertainty.
+    """
     return assumed if expanded is None else 0.5 * expanded * unit_per_stated
 
 
@@ -45,7 +48,7 @@ class BarLength(Term):
     instrument = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return the columns of the bar's length error, one for each nominal radius."""
         names = []
         constants = []
         for group in setting.each("radius"):
@@ -60,14 +63,14 @@ class BarLength(Term):
         return _standard_uncertainty(instrument.bar_U_um, self.sd_um)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the uncertainties of the instrument that the term assumes."""
+        """Yield the error of the bar's length and its standard uncertainty."""
         sd = self._sd_um(campaign.instrument) * 1e-3
         error = campaign.instrument.bar_length_error_um * 1e-3
         yield assumption(campaign, "bar_length", "bar_U_um", sd, error)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a description of a coefficient in words."""
+        """Return a coefficient in words, such as bar length at R = 150 mm, from its name."""
         radius = coefficient.removeprefix("bar_length").removeprefix("_")
         return cls.words + (f" at R = {radius} mm" if radius else "")
 
@@ -100,7 +103,7 @@ class Mount(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return the columns of the mount's deflection and of its curvature with force."""
         relative = self._relative_sd(setting.instrument)
         sd = np.array([relative * (setting.deflection_um_per_bar * 1e-3)])
         linear = Columns(("mount",), setting.constant(setting.pressure_bar), sd)
@@ -114,7 +117,7 @@ class Mount(Term):
         return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the uncertainties of the instrument that the term assumes."""
+        """Yield deflection and curvature of the mount, with their standard uncertainties."""
         nominal = campaign.mount.deflection_um_per_bar * 1e-3
         sd = self._relative_sd(campaign.instrument) * nominal
         yield assumption(campaign, "mount", "mount_U_percent", sd, nominal)
@@ -123,12 +126,12 @@ class Mount(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a coefficient."""
+        """Return the unit of the mount's deflection or of its curvature, given the name."""
         return Term.unit if coefficient == "mount_curvature" else cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a description of a coefficient in words."""
+        """Return the name of a coefficient, mount or mount_curvature, in words."""
         if coefficient == "mount_curvature":
             return "curvature of the mount's deflection"
         return "mount deflection"
@@ -162,7 +165,7 @@ class ForceError(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return the columns of gain error, curvature and random error of the force."""
         deflection = (setting.wrench @ setting.compliance_estimate)[:, :, None]
         sd = self._sd_by_name(setting.instrument)
         forces = {
@@ -178,9 +181,9 @@ class ForceError(Term):
         return (*columns, Columns(("force_random",), deflection, random_sd, private=True))
 
     def _sd_by_name(self, instrument: Instrument) -> dict[str, float]:
-        """Return the prior sd of every coefficient, stated by a certificate or else assumed.
+        """Return the prior sd of every force error by name, from the certificate or else assumed.
 
-        A stated linearity is taken as a bound, with all values within it equally likely.
+        The certificate's linearity is taken as a bound, with all values within it equally likely.
         """
         sd = {
             "force_gain": _standard_uncertainty(instrument.force_U_percent, self.gain_sd, 0.01),
@@ -195,7 +198,7 @@ class ForceError(Term):
         return sd
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the uncertainties of the instrument that the term assumes."""
+        """Yield gain, curvature and random error of the force with their standard uncertainties."""
         certificates = {
             "force_gain": "force_U_percent",
             "force_curvature": "force_linearity_percent",
@@ -206,12 +209,12 @@ class ForceError(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a coefficient."""
+        """Return the unit of a force error, given its name."""
         return Unit("N", 1.0, "N") if coefficient == "force_random" else cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a description of a coefficient in words."""
+        """Return the name of a force error in words, such as force gain."""
         return coefficient.replace("_", " ")
 
 
@@ -239,7 +242,7 @@ class Angle(Term):
     instrument = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return the columns of the angle reference's error and of the trace's lag."""
         slope = derivative(setting.fitted)
         lag = slope * setting.travel[:, None]
         values = np.stack([slope, lag], axis=2)
@@ -250,12 +253,12 @@ class Angle(Term):
         return float(np.deg2rad(_standard_uncertainty(instrument.angle_U_deg, self.sd_deg)))
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the uncertainties of the instrument that the term assumes."""
+        """Yield the standard uncertainties of the angle reference and of the lag."""
         sd = self._sd_rad(campaign.instrument)
         for name in ("angle_reference", "angle_lag"):
             yield assumption(campaign, name, "angle_U_deg", sd)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a description of a coefficient in words."""
+        """Return the name of a coefficient in words, such as angle lag."""
         return coefficient.replace("_", " ")

@@ -1,4 +1,4 @@
-"""Terms of the joints: nonlinear compliance under their own load, and change along the travel."""
+"""Terms of the machine's joints: nonlinear compliance under load, and change along the travel."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointLoad", "Position"]
 
-# A bolted contact deflects by δ ~ f^(2/3) under a force f; projected on the bar, whose direction
-# has the component u, this is proportional to |u|^(5/3).
+# Exponent of |u| in the reading of a bolted contact; u is the bar's component along the axis. The
+# contact deflects as force^(2/3), and the projection on the bar is one more factor |u|.
 _CONTACT_POWER = 5.0 / 3.0
 
 
@@ -44,7 +44,7 @@ class JointLoad(Term):
     remedy = "Measure the axis' deflection under its own load."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of this term in the design matrix of a campaign."""
+        """Return the columns of deflections under load for the tests of a campaign."""
         columns = []
         for axis, estimate in setting.driven_axes():
             values = self._deflections(
@@ -60,9 +60,9 @@ class JointLoad(Term):
         return tuple(columns)
 
     def secants(self, setting: Setting, force_N: Array) -> Array:
-        """Return the change of C_aa(F) per unit of an axis' two coefficients, shape (n, 2).
+        """Return the change of an axis' compliance at n forces per unit of its two coefficients.
 
-        It is the two columns where the bar is along the axis, divided by F, at n forces.
+        It is the deflection where the bar is along the axis, divided by the force. Shape (n, 2).
         """
         deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
         return deflections / force_N[:, None]
@@ -78,10 +78,10 @@ class JointLoad(Term):
     ) -> Array:
         """Return the deflections by rolling and by bolted contact per unit of compliance.
 
-        They are F (F |u|³ − F0 u²) / F_max and F^⅔ F0^⅓ |u|^(5/3) − F u², shape (..., 2) [N], at
-        the forces F (``force_N``) and the powers u², |u|³ and |u|^(5/3) (``u_contact``) of the
-        component u of the bar's direction along an axis. Forces and powers are broadcast against
-        each other.
+        They are F (F |u|³ − F0 u²) / F_max and F^⅔ F0^⅓ |u|^(5/3) − F u², shape (..., 2) [N]. F are
+        the forces, F0 is the reference force, F_max the campaign's largest force, and u the
+        component of the bar's direction along an axis. ``u_squared`` is u², ``u_cubed`` |u|³ and
+        ``u_contact`` |u|^(5/3); they are broadcast against the forces.
         """
         reference_N = setting.reference_force_N
         rolling = force_N * (force_N * u_cubed - reference_N * u_squared) / setting.largest_force_N
@@ -121,7 +121,7 @@ class Position(Term):
     remedy = "Run circles at several centres."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the term in the setting of a campaign."""
+        """Return the columns of the compliance's change along the travel of each axis."""
         force = setting.force_N[:, None]
         columns = []
         for axis, estimate in setting.driven_axes():
