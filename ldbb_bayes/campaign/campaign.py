@@ -66,7 +66,7 @@ LABELS = (
     "ball_bar_calibrated",
     "force_device",
 )
-# Longest ``repr`` of a campaign [characters].
+# Longest one-line text (``repr``) that displays a campaign [characters].
 _LONGEST_REPR = 80
 # Fields of a test that always enter the SHA-256 digest of a campaign.
 _DIGESTED_ALWAYS = (
@@ -80,8 +80,8 @@ _DIGESTED_ALWAYS = (
     "centre_x_mm",
     "centre_y_mm",
 )
-# Usual values of further fields of a test. Such a field enters the digest only if it has another
-# value, so that digests of older versions stay valid.
+# Usual values of further fields of a test. Such a field enters the campaign's SHA-256 digest only
+# if it has another value, so that digests from older versions of the program stay valid.
 _DIGESTED_UNLESS_USUAL = {
     "centre_z_mm": 0.0,
     "setup": 1.0,
@@ -91,7 +91,10 @@ _DIGESTED_UNLESS_USUAL = {
 
 
 def _as_tuple(tests: Any) -> Any:
-    """Return an iterable as a tuple; leave texts, mappings and all else to the validation."""
+    """Return an iterable of tests as a tuple, and any other object unchanged.
+
+    Texts and mappings are also unchanged; the validation that follows refuses them.
+    """
     if isinstance(tests, str | bytes | Mapping):
         return tests
     try:
@@ -100,31 +103,35 @@ def _as_tuple(tests: Any) -> Any:
         return tests
 
 
-# Tests as a constructor accepts them, in any iterable; they are stored as a tuple.
+# Type of a field of tests: any iterable of tests is accepted, and stored as a tuple.
 Tests = Annotated[Sequence[CircularTest], BeforeValidator(_as_tuple)]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CampaignFields(Shown):
-    """What a program or ``campaign.toml`` states of a campaign besides its tests."""
+    """Fields of a campaign that describe machine, instrument and conditions, but not the tests.
 
-    topology: str = "wCAFYXZSt"  #: joints from workpiece to tool
-    plane: str = "XY"  #: plane of the tests that state none
-    radius_mm: Length = 150.0  #: radius of the tests that state none
+    A program or ``campaign.toml`` states them.
+    """
+
+    topology: str = "wCAFYXZSt"  #: machine axes in order from workpiece to tool
+    plane: str = "XY"  #: plane of all tests that do not state their own
+    radius_mm: Length = 150.0  #: radius of all tests that do not state their own
     name: Label | None = None  #: name of the campaign
     #: name that tells the machines of a fleet apart; default: the serial number
     machine_id: Label | None = None
     date: Date | None = None  #: date in ISO 8601 (2026-11-20, 2026-11-20T14:30)
-    # The following names are printed on the certificate; no number depends on them.
+    # The following names are printed on the report; no number depends on them.
     machine_type: Label | None = None  #: maker and type of the machine
     serial_number: Label | None = None  #: serial number of the machine
     operator: Label | None = None  #: person who measured
     place: Label | None = None  #: place of the measurement
     ball_bar: Label | None = None  #: type and number of the ball bar
     ball_bar_calibrated: Date | None = None  #: date of the ball bar's calibration, ISO 8601
-    force_device: Label | None = None  #: device that makes or measures the force, its certificate
-    #: limits with their units, by quantity: {"C_XXX": "60 nm/N"}; see `assess_conformity`. They do
-    #: not influence a fit.
+    #: name of the device that makes or measures the force, and of its certificate
+    force_device: Label | None = None
+    #: tolerances with their units, by quantity: {"C_XXX": "60 nm/N"}. They do not influence a fit;
+    #: `assess_conformity` uses them.
     tolerances: Mapping[str, str] = field(default_factory=dict)
     feed_mm_per_min: Number | None = None  #: feed along the circle
     #: resolution of the readout; the standard deviation of the noise is at least resolution/√12
@@ -133,7 +140,7 @@ class CampaignFields(Shown):
     mount: MountCompensation = field(default_factory=MountCompensation)
     #: relation of force and pressure, used where a test states only one of them
     force_law: ForceLaw = field(default_factory=ForceLaw)
-    #: positions of the joints' frames, by axis letter; see `Machine`
+    #: position (X, Y, Z) of the frame of each joint, by axis letter, as in `Machine`
     frames_mm: SkipValidation[Mapping[str, Sequence[float]]] = field(default_factory=dict)
 
 
@@ -166,14 +173,14 @@ class Campaign(CampaignFields):
 
     tests: Tests  #: tests, either all with readings or all without
     name: Label = field(default="campaign", kw_only=True)  #: name of the campaign
-    #: centre of the circle in tests that state none
+    #: centre of the circle in all tests that do not state their own
     centre_mm: Annotated[Sequence[Coordinate], AfterValidator(tuple)] = field(
         default=(0.0, 0.0, 0.0), kw_only=True
     )
     #: certified properties of the instrument
     instrument: Instrument = field(default_factory=Instrument, kw_only=True)
-    #: tests that may be run later. The model already has the effects that only they can show;
-    #: readings in them are ignored.
+    #: tests that may be run later: the model already includes the effects that only these tests can
+    #: show. Their readings are ignored.
     foreseen: Tests = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
@@ -194,13 +201,13 @@ class Campaign(CampaignFields):
         object.__setattr__(self, "machine_id", self.machine_id or self.serial_number)
 
     def _complete(self, test: CircularTest) -> CircularTest:
-        """Return the test with its unstated fields filled in from the campaign."""
+        """Return the test with every unstated field filled in from the campaign."""
         completed: dict[str, Any] = {
             "radius_mm": self.radius_mm,
             "plane": self.plane,
             "setup": 1,
         }
-        # A centre of two coordinates lies at Z = 0.
+        # If the campaign's centre has only two coordinates, its Z is zero.
         completed |= dict(zip(CENTRE, (*self.centre_mm, 0.0)[:3], strict=True))
         for name in completed:
             stated = getattr(test, name)
@@ -224,17 +231,17 @@ class Campaign(CampaignFields):
         return force_N
 
     def machine(self) -> Machine:
-        """Return the machine with the planes of all tests, run and foreseen."""
+        """Return the machine, with the planes of all tests, run or foreseen."""
         return Machine(self.topology, tuple(str(test.plane) for test in self.scope), self.frames_mm)
 
     @property
     def scope(self) -> tuple[CircularTest, ...]:
-        """All tests that the model includes: those run and those foreseen."""
+        """All tests that determine which effects the model has: tests run, then tests foreseen."""
         return (*self.tests, *self.foreseen)
 
     @property
     def is_plan(self) -> bool:
-        """True if the tests have no readings."""
+        """Whether the campaign is a plan, whose tests have no readings."""
         return self.tests[0].reading_um is None
 
     @property
@@ -244,31 +251,37 @@ class Campaign(CampaignFields):
 
     @property
     def force_levels(self) -> int:
-        """Number of distinct forces; a difference within 0.1 % of the largest is none."""
+        """Number of different forces; forces within 0.1 % of the largest force count as equal."""
         return len(distinct_forces(self.forces_N))
 
     @property
     def pressures_bar(self) -> Array:
-        """Pressure of each test, shape (tests,) [bar]."""
+        """Pressure of the regulator in each test, shape (tests,) [bar]."""
         return np.array([test.pressure_bar for test in self.tests], dtype=float)
 
     @property
     def readings(self) -> int:
-        """Number of angles in all tests."""
+        """Number of readings in all tests together; for a plan, the number of planned readings."""
         return sum(len(test.angle_deg) for test in self.tests)
 
     def without(self, *names: str) -> Campaign:
-        """Return the campaign without the named tests; an unknown name is an `InputError`."""
+        """Return the campaign without the named tests.
+
+        Raise an `InputError` for an unknown name.
+        """
         check_known("test", names, [test.name for test in self.tests])
         return replace(self, tests=tuple(test for test in self.tests if test.name not in names))
 
     def select(self, names: Sequence[str]) -> Campaign:
-        """Return the campaign with only the named tests; an unknown name is an `InputError`."""
+        """Return the campaign with the named tests alone.
+
+        Raise an `InputError` for an unknown name.
+        """
         check_known("test", names, [test.name for test in self.tests])
         return self.without(*(test.name for test in self.tests if test.name not in names))
 
     def plan(self) -> Campaign:
-        """Return the same campaign without readings."""
+        """Return the plan of this campaign: the same tests without their readings."""
         return replace(self, tests=tuple(test.with_reading_um(None) for test in self.tests))
 
     def __repr__(self) -> str:
@@ -283,8 +296,8 @@ class Campaign(CampaignFields):
     def sha256(self) -> str:
         """SHA-256 digest of the readings and the conditions under which they were taken.
 
-        The digest does not depend on how the files are written, nor on certificates, which enter
-        the model as prior knowledge.
+        The digest does not depend on how the files are written. It does not depend on certificates
+        either, which enter the model as prior knowledge.
         """
         digest = hashlib.sha256()
         head: list[Any] = [
@@ -322,7 +335,7 @@ def require_campaign(campaign: object) -> None:
 
 
 def _digested_fields(test: CircularTest) -> list[Any]:
-    """Return the fields of a test, other than angles and readings, that enter the digest."""
+    """Return the fields of a test that enter the campaign's digest, without angles and readings."""
     digested: list[Any] = [test.name]
     digested += [getattr(test, name) for name in _DIGESTED_ALWAYS]
     for name, usual in _DIGESTED_UNLESS_USUAL.items():
@@ -335,9 +348,10 @@ def _digested_fields(test: CircularTest) -> list[Any]:
 
 
 def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
-    """Return the tests, those without a name named after their force, such as f036.
+    """Return the tests with a name for each; tests without one are named after their force.
 
-    Names for the same force are numbered. A name that the user gave twice is an `InputError`.
+    The name of a test at 36 N is f036; repetitions of a force are numbered. Raise an `InputError`
+    for a name that the user gave twice.
     """
     given_names = [test.name for test in tests if test.name]
     for name in given_names:
@@ -358,7 +372,7 @@ def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
 
 
 def _free_name(stem: str, names: set[str]) -> str:
-    """Return the stem if it is not in ``names``, else the stem with the first free number."""
+    """Return a name that is not in ``names``: the stem, or the stem with the first free number."""
     name = stem
     number = 1
     while name in names:

@@ -1,4 +1,4 @@
-"""Reading of campaign.toml, of the CSV files it names, and of the certificates it names."""
+"""Reading of campaign.toml, and of the CSV files and calibration certificates that it names."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from ldbb_bayes.files import read_toml, validated
 
 __all__ = ["LARGEST_PLAN", "CampaignContent", "read_campaign_toml"]
 
-# Number of readings of a planned test that states none.
+# Number of readings of a planned test if campaign.toml states none.
 _PLANNED_READINGS = 720
 # Largest number of readings of a plan.
 LARGEST_PLAN = 2_000_000
-# Keys that only planned tests may have.
+# Keys of a [[test]] in campaign.toml that only planned tests may have.
 _PLAN_KEYS = ("readings", "start_deg", "arc_deg")
 _STRICT = ConfigDict(extra="forbid", defer_build=True)
 
@@ -40,8 +40,8 @@ class _TestFile(TestFields):
     arc_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
 
 
-# Tables of certified values; key U_um of the table [bar] is the field bar_U_um of `Instrument`. The
-# other keys follow the same rule.
+# The following classes are tables of campaign.toml with certified values. Key U_um of the table
+# [bar] is the field bar_U_um of `Instrument`, and other keys follow the same rule.
 @dataclass(frozen=True, config=_STRICT)
 class _Balls:
     work: Ball = field(default_factory=Ball)
@@ -90,14 +90,14 @@ class _CampaignFile(CampaignFields):
 
 
 class CampaignContent(NamedTuple):
-    """Content of a campaign.toml: tests, and the other fields of the campaign."""
+    """Content of campaign.toml: the tests, and the other fields of the campaign by name."""
 
     tests: tuple[CircularTest, ...]
     fields: dict[str, Any]  # fields of the campaign other than its tests
 
 
 def read_campaign_toml(path: Path) -> CampaignContent:
-    """Return the tests and the other fields of the campaign in a campaign.toml."""
+    """Return the tests and the other fields of the campaign that a campaign.toml describes."""
     content = read_toml(path)
     _fill_from_certificates(path, content)
     file = validated(_CampaignFile, content, str(path))
@@ -118,9 +118,10 @@ def read_campaign_toml(path: Path) -> CampaignContent:
 
 
 def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
-    """Replace each key ``dcc``, which names a certificate file, by what the certificate states.
+    """Replace the name of each digital calibration certificate (DCC) by what it states.
 
-    DCC means digital calibration certificate.
+    ``content`` is the content of campaign.toml, in which the key ``dcc`` of a table names the
+    certificate's file.
     """
     tables = {"bar": content.get("bar"), "force": content.get("force")}
     balls = content.get("balls", {})
@@ -145,7 +146,7 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
 
 
 def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> MountCompensation:
-    """Return the mount's compensation.
+    """Return the deflection of the mount, and whether readings are compensated for it.
 
     A stated stiffness is converted to a deflection per bar by the slope of the force law.
     """
@@ -162,7 +163,7 @@ def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> Mo
 
 
 def _instrument_of(path: Path, file: _CampaignFile) -> Instrument:
-    """Return the instrument with the certified values of all tables."""
+    """Return the instrument with the certified values in all tables of campaign.toml."""
     tables = {"bar": file.bar, "mount": file.mount, "force": file.force_law, "angle": file.angle}
     stated: dict[str, Any] = {"work": file.balls.work, "tool": file.balls.tool}
     for table_name, table in tables.items():
@@ -204,7 +205,7 @@ def _planned_angles(plan: Mapping[str, Any]) -> Any:
 def _path_inside(toml: Path, place: str, file: str) -> Path:
     """Return the path of a file that campaign.toml names.
 
-    After links are followed, the file must lie inside the campaign's folder.
+    Raise an `InputError` if the file is not inside the campaign's folder, after links are followed.
     """
     folder = toml.parent
     root = folder.resolve()

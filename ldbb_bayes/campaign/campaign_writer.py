@@ -1,4 +1,4 @@
-"""Writing of campaign folders: campaign.toml and one CSV per test."""
+"""Writing of campaign folders: a file campaign.toml, and one CSV of readings per test."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ __all__ = ["TOML_NAME", "write_campaign_into"]
 TOML_NAME = "campaign.toml"
 # Version of the format of campaign.toml.
 _SCHEMA = 1
-# Relative tolerance within which an arc counts as a full turn.
+# Relative tolerance within which the arc of a planned test counts as a full turn.
 _TURN_TOLERANCE = 1e-6
 
 
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
-    """Write campaign.toml and the CSVs into an existing folder."""
+    """Write campaign.toml and the CSV files of readings into an existing folder."""
     text = tomli_w.dumps(_without_none(_campaign_tables(campaign)))
     for test in campaign.tests:
         text += f"\n[[test]]\n{tomli_w.dumps(_test_table(campaign, test))}"
@@ -42,7 +42,7 @@ def _write_readings(test: CircularTest, path: Path) -> None:
 
 
 def _campaign_tables(campaign: Campaign) -> dict[str, Any]:
-    """Return the content of campaign.toml without the tests."""
+    """Return the content of campaign.toml, apart from the tests, as nested dictionaries."""
     tables: dict[str, Any] = {"schema": _SCHEMA}
     for name in ("topology", "plane", "radius_mm", "name", *LABELS):
         tables[name] = getattr(campaign, name)
@@ -58,7 +58,10 @@ def _campaign_tables(campaign: Campaign) -> dict[str, Any]:
 
 
 def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
-    """Add certified values: field bar_U_um becomes key U_um of table [bar], and so on."""
+    """Add the certified values of the instrument to the tables of campaign.toml.
+
+    The field bar_U_um, for example, becomes the key U_um of the table [bar].
+    """
     stated = asdict(instrument)
     balls = {}
     for ball in ("work", "tool"):
@@ -73,7 +76,7 @@ def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
 
 
 def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
-    """Return a [[test]] of campaign.toml, without fields that have their default values."""
+    """Return the table [[test]] of campaign.toml for a test, without fields at their defaults."""
     usual = {
         "radius_mm": campaign.radius_mm,
         "plane": campaign.plane,
@@ -95,7 +98,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
 
 
 def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
-    """Return number, start and arc of a planned test's angles, as keys of its [[test]]."""
+    """Return number, start and arc of a planned test's angles, by their keys in campaign.toml."""
     readings = len(test.angle_deg)
     step_deg = test.step_deg
     require(

@@ -24,7 +24,7 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["Ball", "Instrument"]
 
-# Deviation from sphericity that each grade of ISO 3290 allows [µm].
+# Largest deviation from sphericity [µm] that ISO 3290 allows for each grade of ball.
 _SPHERICITY_BY_GRADE_UM = {
     "G3": 0.08,
     "G5": 0.13,
@@ -61,7 +61,7 @@ class Ball(Shown):
 
     sphericity_um: Certified | None = None  #: deviation from sphericity, peak to valley
     grade: str | None = None  #: grade of ISO 3290, G3 to G200, instead of ``sphericity_um``
-    #: (order, amplitude [µm], phase [deg])
+    #: harmonics of the form, each as (order, amplitude [µm], phase [deg])
     harmonics_um: Annotated[Sequence[Harmonic], AfterValidator(tuple)] = ()
     U_um: Certified | None = None  #: expanded uncertainty (k = 2) of the harmonics' coefficients
     certificate: Label | None = None  #: name of the certificate; no number depends on it
@@ -88,7 +88,7 @@ class Ball(Shown):
 
     @property
     def stated_sphericity_um(self) -> float | None:
-        """Deviation from sphericity that certificate or grade states [µm]; None if unstated."""
+        """Deviation from sphericity [µm] that the certificate or grade states; None without one."""
         if self.grade is None:
             return self.sphericity_um
         return _SPHERICITY_BY_GRADE_UM[self.grade]
@@ -141,7 +141,11 @@ class Instrument(Shown):
 
     @property
     def certificates(self) -> dict[str, str]:
-        """Names of the stated certificates by certified object (bar, force device, balls)."""
+        """Names of the certificates, by the object that each certifies.
+
+        Objects are bar, force device, work ball and tool ball; those without a certificate are left
+        out.
+        """
         name_by_object = {
             "bar": self.bar_certificate,
             "force device": self.force_certificate,

@@ -26,9 +26,9 @@ __all__ = [
     "SetupNumber",
 ]
 
-# Largest number of a set-up.
+# Largest number that a set-up may have.
 _LARGEST_SETUP = 1000
-# Configuration of pydantic by which unknown fields are refused.
+# Configuration of pydantic, the library that checks input: unknown fields are refused.
 STRICT = ConfigDict(extra="forbid")
 
 
@@ -45,7 +45,7 @@ def _require_printable(text: str) -> str:
 
 
 def _iso_date(when: Any) -> str:
-    """Return a date, given as date or as text, in ISO 8601."""
+    """Return a date or a text as text in ISO 8601; raise a ValueError if it is no date."""
     if isinstance(when, date):
         return when.isoformat()
     try:
@@ -75,10 +75,11 @@ Pressure = Annotated[Number, Field(ge=0.0)]
 Length = Annotated[Number, Field(gt=0.0, le=1e5)]
 # Coordinate [mm].
 Coordinate = Annotated[Number, Field(ge=-1e5, le=1e5)]
-# Certified values in µm or N, and in degrees; larger values must be in another unit.
+# Certified value [µm or N]; a larger value is probably in another unit.
 Certified = Annotated[Number, Field(gt=0.0, le=1e3)]
+# Certified angle [deg]; a larger value is probably in another unit.
 CertifiedAngle = Annotated[Number, Field(gt=0.0, le=10.0)]
-# Harmonic of a ball's form: order, amplitude [µm] and phase [deg].
+# Harmonic a cos n(θ − phase) of a ball's form: order n, amplitude a [µm] and phase [deg].
 Harmonic = tuple[
     Annotated[int, BeforeValidator(_refuse_text), Field(ge=2, le=12)],
     Annotated[Number, Field(ge=0.0)],
@@ -86,7 +87,7 @@ Harmonic = tuple[
 ]
 SetupNumber = Annotated[int, BeforeValidator(_refuse_text), Field(ge=1, le=_LARGEST_SETUP)]
 Label = Annotated[str, AfterValidator(_require_printable)]
-# A name that a file may have.
+# Name of a test that can also be the name of a file.
 FileName = Annotated[str, AfterValidator(_require_file_name)]
-# Date in ISO 8601.
+# Date as text in ISO 8601, such as 2026-11-20.
 Date = Annotated[str, BeforeValidator(_iso_date)]

@@ -26,38 +26,44 @@ __all__ = [
 
 # Highest order of the Fourier series fitted to the readings of a test.
 _ORDER = 12
-# A test that covers less than this [deg] is remarked as an arc.
+# A test that covers a smaller arc [deg] than this is reported as an arc.
 _FULL_DEG = 359.0
-# A gap between angles of more than so many usual steps is remarked.
+# A gap between angles is reported if it is wider than this number of usual steps.
 _GAP_STEPS = 10.0
-# A force that differs from the force law by more than this share of the largest force is remarked.
+# A test is reported if its force differs from the force law by more than this share of the
+# campaign's largest force.
 _FORCE_LAW_SHARE = 0.02
-# Largest forces and radii outside these ranges may be in another unit.
+# Usual range of a campaign's largest force; outside it the unit of the forces is probably wrong.
 _FORCES_N = (5.0, 10_000.0)
+# Usual range of a circle's radius; outside it the unit of the radius is probably wrong.
 _RADII_MM = (10.0, 2000.0)
-# Readings whose peak-to-peak value is below so many resolutions, or above so many µm, may be in
-# another unit.
+# If the peak-to-peak value of readings is below this number of resolutions, their unit is probably
+# wrong.
 _SMALLEST_SPAN_RESOLUTIONS = 3.0
+# If the peak-to-peak value of readings is above this [µm], their unit is probably wrong.
 _LARGEST_SPAN_UM = 1000.0
-# A Fourier series is fitted to tests with so many readings (35 to 200 000).
+# A Fourier series is fitted only to tests whose number of readings is in this range.
 _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
-# A reading that deviates from the Fourier series by more than so many scatters is a spike.
+# A reading is a spike if it deviates from the Fourier series by more than this number of standard
+# deviations.
 _SPIKE_SCATTERS = 8.0
-# A jump between first and last reading larger than so many scatters (or resolutions, if they are
-# larger) makes a trace open.
+# A trace is reported as open if first and last reading differ by more than this number of standard
+# deviations, or of resolutions if the resolution is larger.
 _OPEN_SCATTERS = 10.0
-# Largest number of rounds in which readings are reweighted or spikes found anew.
+# Largest number of rounds of an iteration that reweights readings or searches spikes.
 _MAX_ROUNDS = 20
-# Standard deviation of a normal distribution per median absolute deviation.
+# Standard deviation of a normal distribution divided by its median absolute deviation.
 _SD_PER_MAD = 1.4826
-# Where few readings repeat another, a step counts as resolution only from this size on, and among
-# at least so many distinct values.
+# If few readings are equal, a smaller step between readings [µm] does not count as their
+# resolution: it only shows how many digits were written.
 _FINEST_STEP_UM = 0.005
+# If few readings are equal, their resolution is determined only from this number of different
+# values on.
 _MIN_VALUES = 50
 
 
 class RemarkKind(StrEnum):
-    """Kinds of remarks: on a test, on the campaign, and on what a fit will assume."""
+    """Kinds of remarks in a preview: on a test, on the campaign, or on a fit's assumptions."""
 
     TRAVEL = "travel"
     ARC = "arc"
@@ -86,20 +92,20 @@ class RemarkKind(StrEnum):
 
 @dataclass(frozen=True)
 class Remark:
-    """A remark: its kind, and the numbers and names that its sentence needs."""
+    """Remark on a test or campaign: its kind, and the numbers and names for its sentence."""
 
     kind: RemarkKind
     values: dict[str, Any]
 
 
 class _Remarks:
-    """A list of remarks that grows while a campaign is examined."""
+    """List of remarks, to which the examination of a campaign adds."""
 
     def __init__(self) -> None:
         self._remarks: list[Remark] = []
 
     def add(self, kind: RemarkKind, condition: object = True, **values: Any) -> None:
-        """Add a remark where the condition is true."""
+        """Add a remark of this kind with these values, if the condition is true."""
         if condition:
             self._remarks.append(Remark(kind, values))
 
@@ -109,7 +115,7 @@ class _Remarks:
 
 @dataclass(frozen=True)
 class TestPreview:
-    """Summary of one test; a field is None where the test does not show it."""
+    """Summary of one test; a field is None if it cannot be determined from the test."""
 
     __test__ = False
 
@@ -117,8 +123,8 @@ class TestPreview:
     force_N: float
     pressure_bar: float
     readings: int
-    arc_deg: float  #: covered arc
-    largest_gap_deg: float  #: widest distance between neighbouring angles
+    arc_deg: float  #: arc that the angles cover
+    largest_gap_deg: float  #: widest distance between neighbouring angles on the circle
     direction: str | None  #: direction of travel as stated: CW or CCW
     travel: str | None  #: direction of travel that the order of the angles shows
     plane: str
@@ -127,13 +133,13 @@ class TestPreview:
     centre_mm: tuple[float, ...]
     work_ball_deg: float
     tool_ball_deg: float
-    #: step of which all differences of readings are multiples; see `resolution_of`
+    #: resolution of the readings: the step of which all their differences are multiples
     resolution_um: float | None
-    #: number of readings that deviate by more than eight times the scatter from a Fourier series
-    #: of order 12, fitted so that spikes hardly influence it
+    #: number of readings that deviate from a Fourier series of order 12 by more than eight standard
+    #: deviations; the fit is robust against such spikes
     spikes: int
-    #: scatter about a Fourier series of order 12 fitted without the spikes; only for tests of 35
-    #: to 200 000 readings
+    #: standard deviation of the readings about a Fourier series of order 12, without spikes; only
+    #: for tests of 35 to 200 000 readings
     noise_um: float | None
     start_end_um: float | None  #: last reading minus first, if the test goes once round the circle
     peak_to_peak_um: float | None
@@ -194,12 +200,12 @@ def check_campaign(campaign: Campaign) -> CampaignPreview:
 
 
 class _Angles(NamedTuple):
-    """What the angles of a test show."""
+    """Steps, gaps and direction of the angles of a test."""
 
     step_deg: float  # median step from one reading to the next
     largest_gap_deg: float  # widest distance between neighbouring angles on the circle
-    usual_step_deg: float  # the median distance between neighbours, or step_deg if larger
-    travel: str | None  # direction in which the angles run: CW, CCW or None
+    usual_step_deg: float  # median distance between neighbouring angles, at least step_deg
+    travel: str | None  # direction in which the angles run: CW, CCW, or None if it changes
 
 
 def _describe_angles(test: CircularTest) -> _Angles:
@@ -218,7 +224,7 @@ def _describe_angles(test: CircularTest) -> _Angles:
 
 
 class _Readings(NamedTuple):
-    """What the readings of a test show; the fields are those of `TestPreview`."""
+    """Quantities computed from the readings of a test, with the names of `TestPreview`."""
 
     resolution_um: float | None = None
     spikes: int = 0
@@ -272,9 +278,9 @@ def _remark_on_angles(
 
 
 def _angles_are_sorted(campaign: Campaign) -> bool:
-    """Return whether the angles increase in all tests although some are stated to run clockwise.
+    """Return whether the angles increase in all tests, although both directions are stated.
 
-    The tables were then sorted by angle, and the order shows no direction of travel.
+    The tables were then sorted by angle, and their order shows no direction of travel.
     """
     directions = {test.direction for test in campaign.tests}
     all_rise = all(np.all(np.diff(test.angle_deg) > 0) for test in campaign.tests)
@@ -330,10 +336,10 @@ def _preview_readings(
 def _path(
     test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks
 ) -> tuple[float, int]:
-    """Return the scatter about a Fourier series of order 12 [µm], and the number of spikes.
+    """Return the scatter of readings about a Fourier series of order 12, and the number of spikes.
 
-    If the test goes once round the circle, a drift linear in the angle is fitted too, so that a
-    jump between first and last reading can be seen and remarked.
+    The scatter is a standard deviation [µm]. If the test goes once round the circle, a drift linear
+    in the angle is fitted too, so that a jump between first and last reading is found.
     """
     turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
     reading = np.asarray(test.reading_um)
@@ -368,11 +374,11 @@ def _path(
 
 
 class _Fit(NamedTuple):
-    """Result of a least-squares fit to the regular readings, those that are no spikes."""
+    """Result of a least-squares fit to all readings that are no spikes."""
 
     coefficients: Array
     deviation: Array  # deviation of every reading, spikes included, from the fit
-    scatter: float  # standard deviation of the regular readings about the fit
+    scatter: float  # standard deviation of the readings about the fit, without spikes
 
 
 def _fit(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
@@ -385,16 +391,17 @@ def _fit(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
 
 
 def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
-    """Return which readings are no spikes, shape (n,).
+    """Return whether each of the n readings is no spike, shape (n,).
 
-    A reading is regular if it deviates from the fitted curve by at most eight scatters. The first
-    curve is a fit of least absolute deviations; further ones are least-squares fits to the
-    regular readings, until these no longer change.
+    A reading is a spike if it deviates from a fitted curve by more than eight standard deviations.
+    The first curve is a fit of least absolute deviations. Further ones are least-squares fits
+    without the spikes, until the same readings are spikes.
     """
     deviation, p = _least_absolute_deviations(columns, reading)
     regular = np.ones(len(reading), dtype=bool)
     for _ in range(_MAX_ROUNDS):
-        # A fit of least absolute deviations goes through p readings exactly.
+        # A fit of least absolute deviations with p columns goes through p readings exactly, which
+        # say nothing about the scatter.
         scatter = _SD_PER_MAD * float(np.median(np.sort(np.abs(deviation))[p:]))
         previous = regular
         regular = np.abs(deviation) <= _SPIKE_SCATTERS * max(scatter, 1e-9)
@@ -405,9 +412,9 @@ def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
 
 
 def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, int]:
-    """Return the readings' deviations from a least-absolute-deviations fit, and the columns' rank.
+    """Return deviations of the readings from a robust fit, and the rank of the columns.
 
-    The fit is computed by iteratively reweighted least squares.
+    The fit minimises the sum of absolute deviations, by iteratively reweighted least squares.
     """
     basis, size, _ = np.linalg.svd(columns, full_matrices=False)
     basis = basis[:, size > 1e-9 * size[0]]
@@ -422,12 +429,12 @@ def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, i
 
 
 def resolution_of(reading_um: Array) -> float | None:
-    """Return the step by which readings differ [µm].
+    """Return the resolution of readings [µm], or None if they do not show one.
 
-    The step is the smallest difference of readings, if all differences are multiples of it to
-    within 5 % of a step, and else None. Where fewer than a tenth of the readings repeat another,
-    it is also None for a step below 0.005 µm (which shows the digits written, not the
-    resolution) and for fewer than 50 distinct readings.
+    The resolution is the smallest difference between readings, if all differences are multiples of
+    it to within 5 %. If fewer than a tenth of the readings repeat another, the result is also None
+    in two cases: for a difference below 0.005 µm, which only shows how many digits were written,
+    and for fewer than 50 distinct readings.
 
     Parameters
     ----------
@@ -437,7 +444,7 @@ def resolution_of(reading_um: Array) -> float | None:
     Returns
     -------
     float or None
-        Step of the readings [µm].
+        Resolution of the readings [µm].
     """
     values = np.unique(np.round(reading_um, 6))
     if len(values) < 3:
@@ -455,7 +462,7 @@ def resolution_of(reading_um: Array) -> float | None:
 
 
 def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
-    """Return remarks on what a fit will assume."""
+    """Return remarks on what a fit of the campaign will assume, such as its reference force."""
     kinds = RemarkKind
     tests = campaign.tests
     machine = campaign.machine()
@@ -494,7 +501,7 @@ def _runs_both_ways(campaign: Campaign, plane: str) -> bool:
 
 
 def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
-    """Return remarks on what looks odd in the campaign as a whole."""
+    """Return remarks on what looks odd in the campaign as a whole, such as a single force."""
     kinds = RemarkKind
     remarks = _Remarks()
     remarks.add(kinds.ONE_LEVEL, campaign.force_levels == 1)

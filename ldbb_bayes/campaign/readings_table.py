@@ -1,4 +1,4 @@
-"""Reading of tables of readings: a CSV of one test, or a tidy CSV of all tests."""
+"""Reading of CSV files with readings: of one test, or of all tests (tidy, one reading per row)."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from ldbb_bayes.results import Array
 
 __all__ = ["read_readings", "tests_of_table"]
 
-# Largest number of columns of a table.
+# Largest number of columns of a table of readings.
 _LARGEST_COLUMNS = 1000
-# A message shows so many characters of a column's name.
+# Number of characters of a column's name that an error message shows.
 _SHOWN_NAME = 60
 _ANGLES = ("angle_deg", "angle_rad")
 _READINGS = ("reading_um", "reading_mm")
-# Columns of a tidy CSV that must hold the same value in all rows of a test.
+# Columns of a table of all tests that must have the same value in all rows of one test.
 _TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
 _TEXT_COLUMNS = ("test", "direction", "plane")
-# Angles said to be in degrees that span less than the first number must be in radians; angles said
-# to be in radians that span more than the second must be in degrees.
+# Angles in a column of degrees that cover less than this are probably in radians.
 _SMALLEST_SPAN_DEG = 7.0
+# Angles in a column of radians that cover more than this are probably in degrees.
 _LARGEST_SPAN_RAD = 8.0 * np.pi
 
 
@@ -60,7 +60,10 @@ def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
 
 
 def _single_value(path: Path, test: str, column: str, values: Any) -> str | float | None:
-    """Return the value of a column, which must be the same in all rows; None for an empty text."""
+    """Return the value that all rows of a test have in a column; None for an empty text.
+
+    Raise an `InputError` if the rows differ.
+    """
     require(
         len(set(values.tolist())) == 1,
         f"{path}: {column} must be the same in all rows of a test, got {values.min()} to"
@@ -131,7 +134,7 @@ def _check_rows(path: Path, rows: Sequence[Row], width: int) -> None:
 
 
 def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
-    """Return whether any cell in a column of numbers has a decimal point."""
+    """Return whether any cell in the columns of numbers has a decimal point."""
     for name, cells in cells_by_name.items():
         if name not in _TEXT_COLUMNS and any("." in cell for cell in cells):
             return True
@@ -141,7 +144,7 @@ def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
 def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
     """Return the columns of angles and readings by name.
 
-    Angles whose span contradicts their unit raise an `InputError`.
+    Raise an `InputError` if the range of the angles contradicts their unit.
     """
     angle = _one_of(path, columns, _ANGLES)
     reading = _one_of(path, columns, _READINGS)
@@ -162,7 +165,10 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
 
 
 def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
-    """Return the name that is a column; raise an `InputError` unless exactly one of two is."""
+    """Return which of two names is that of a column.
+
+    Raise an `InputError` if the table has columns of both names or of neither.
+    """
     present = [name for name in names if name in columns]
     if len(present) != 1:
         number = "both" if present else "neither"

@@ -38,9 +38,9 @@ __all__ = [
 
 # Largest number of cells in a table.
 LARGEST_TABLE = 4_000_000
-# Longest line [characters].
+# Longest line of a text table [characters].
 _LONGEST_LINE = 100_000
-# A message shows so many characters of a cell.
+# Number of characters of a cell that an error message shows.
 LONGEST_CELL_SHOWN = 60
 # Byte-order marks at the beginning of a file, by encoding.
 BYTE_ORDER_MARKS = {
@@ -48,11 +48,11 @@ BYTE_ORDER_MARKS = {
     "utf-16-le": b"\xff\xfe",
     "utf-16-be": b"\xfe\xff",
 }
-# First bytes of a zip archive (XLSX, ODS).
+# First bytes of a zip archive; workbooks in XLSX and ODS are such archives.
 ARCHIVE_SIGNATURE = b"PK\x03\x04"
-# First bytes of a compound file (XLS, or a workbook with a password).
+# First bytes of a compound file, the format of XLS and of workbooks with a password.
 COMPOUND_SIGNATURE = b"\xd0\xcf\x11\xe0"
-# End-of-file character in old text files.
+# Character that ends old text files (Ctrl-Z); it is removed.
 _CONTROL_Z = b"\x1a"
 
 
@@ -64,9 +64,10 @@ class Row(NamedTuple):
 
 
 def read_strict_table(path: Path) -> tuple[list[Row], str]:
-    """Return the rows of a UTF-8 table with its header in the first line, and the separator.
+    """Return the rows of a UTF-8 table, and the character that separates its cells.
 
-    The separator is whichever of comma, semicolon and tab is most frequent in the header.
+    The first line is the header. The separator is whichever of comma, semicolon and tab is most
+    frequent in it.
     """
     text = decode_text(path, table_bytes(path), "utf-8")
     header = text.partition("\n")[0]
@@ -75,7 +76,7 @@ def read_strict_table(path: Path) -> tuple[list[Row], str]:
 
 
 def table_bytes(path: Path) -> bytes:
-    """Return the bytes of a file; an empty file raises an `InputError`."""
+    """Return the bytes of a file that holds a table; raise an `InputError` if it is empty."""
     raw = bytes_of(path, LARGEST_TABLE_BYTES, what="a file")
     require(
         raw.strip(b" \t\r\n\0"),
@@ -133,9 +134,9 @@ def rows_of_text(path: Path, text: str, separator: str) -> list[Row]:
 
 
 def _split_line(path: Path, line: int, content: str, separator: str) -> list[str]:
-    """Return the cells of a line, without blanks at their ends.
+    """Return the cells of a line, without blanks at the beginning and end of each cell.
 
-    A quoted cell must end on the same line.
+    A cell in quotes must end on the same line.
     """
     if separator == " ":
         return content.split()
@@ -152,7 +153,10 @@ def _split_line(path: Path, line: int, content: str, separator: str) -> list[str
 
 
 def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:
-    """Return the line numbers and the columns of rows, which must all have ``width`` cells."""
+    """Return the line numbers and the columns of rows of a table.
+
+    Raise an `InputError` for a row that does not have ``width`` cells.
+    """
     for row in rows:
         if len(row.cells) < width or any(row.cells[width:]):
             raise InputError(
@@ -169,9 +173,9 @@ def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], 
 def strict_numbers(
     place: str, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str
 ) -> Array:
-    """Return the numbers of a column, shape (n,); marks between thousands are not allowed.
+    """Return the numbers of a column, shape (n,).
 
-    A cell that is no finite number raises an `InputError`.
+    Raise an `InputError` for a cell that is no finite number, or has marks between thousands.
     """
     values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):
