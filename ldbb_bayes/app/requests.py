@@ -80,7 +80,7 @@ async def _show_page(house: House, session: Session, request: Request) -> Respon
 
 
 async def _show_section(house: House, session: Session, request: Request) -> Response:
-    """Return one step of the page, as it stands."""
+    """Return the HTML of one section of the page, such as the list of files or the plan."""
     name = request.path_params["name"]
     values: dict[str, Any] = {}
     if name == "understood":
@@ -104,7 +104,10 @@ async def _state(house: House, session: Session, request: Request) -> Response:
 
 
 async def _leave(house: House, session: Session, request: Request) -> Response:
-    """Note that a tab was closed, or is loaded anew: then it asks again before long."""
+    """Record that a browser tab of the session was closed.
+
+    Tabs that are only reloaded count as closed until their next request.
+    """
     session.closed.add(request.query_params.get("tab", ""))
     session.tabs = (session.tabs or set()) - session.closed
     return Response(status_code=204)
@@ -114,7 +117,7 @@ async def _leave(house: House, session: Session, request: Request) -> Response:
 
 
 async def _read_json(request: Request) -> dict[str, Any] | None:
-    """Return the object that was sent; None where it is none, or too large."""
+    """Return the JSON object that a request contains; None if it has none, or is too large."""
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
@@ -148,7 +151,7 @@ def file_name(sent: str) -> str:
 
 
 async def _add_file(house: House, session: Session, request: Request) -> Response:
-    """Store a file: all of it, or nothing."""
+    """Store a file that the browser sends, completely or not at all."""
     sent_name = request.path_params["name"]
     name = file_name(sent_name)
     if not name or not session.folder.exists():
@@ -180,7 +183,7 @@ async def _add_file(house: House, session: Session, request: Request) -> Respons
 
 
 async def _receive(request: Request, path: Path, most_bytes: int) -> bool:
-    """Write what is sent into a file, and return whether it was not too much."""
+    """Write the body of a request into a file, and return whether its size is permitted."""
     size = 0
     with path.open("wb") as file:
         async for chunk in request.stream():
@@ -192,13 +195,13 @@ async def _receive(request: Request, path: Path, most_bytes: int) -> bool:
 
 
 async def _remove_file(house: House, session: Session, request: Request) -> Response:
-    """Drop one file, or all (``*``)."""
+    """Delete one file of the session, or all files if the name is ``*``."""
     session.drop(request.path_params["name"])
     return JSONResponse({})
 
 
 async def _take_example(house: House, session: Session, request: Request) -> Response:
-    """Put the published experiment in place of the files."""
+    """Replace the session's files by those of the published experiment, as an example."""
     session.drop()
     for path in Path(lb.embedded_campaign()).iterdir():
         if path.suffix in (".csv", ".toml"):
@@ -212,7 +215,7 @@ async def _take_example(house: House, session: Session, request: Request) -> Res
 
 
 async def _take_choices(house: House, session: Session, request: Request) -> Response:
-    """Take what the form says, or the language."""
+    """Store the entries that the user typed on the page, or the language that was chosen."""
     sent = await _read_json(request)
     if sent is None or not all(_is_entry(text) for text in sent.values()):
         return refused(session.word("form"), 422)
@@ -251,7 +254,7 @@ async def _cancel_fit(house: House, session: Session, request: Request) -> Respo
 
 
 async def _show_forecast(house: House, session: Session, request: Request) -> Response:
-    """Return the section of the page with the expected results of the tests on the sliders."""
+    """Return the HTML section with the expected results of the tests that sliders describe."""
     sent = await _read_json(request)
     if sent is None:
         return refused(session.word("form"), 422)
@@ -266,7 +269,7 @@ async def _show_forecast(house: House, session: Session, request: Request) -> Re
 
 
 async def _send_result(house: House, session: Session, request: Request) -> Response:
-    """Return one of the files that a fit, or a plan, has left."""
+    """Return a file of the session's report or of its plan, or several files as a ZIP."""
     name = request.path_params["name"]
     folder = session.folder / RESULT
     if name in ("plan.html", "plan.zip"):

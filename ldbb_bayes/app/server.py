@@ -126,7 +126,7 @@ def application(token: str, port: int) -> ASGIApp:
 
 @asynccontextmanager
 async def _lifespan(app: Starlette) -> AsyncIterator[None]:
-    """Create the ``House`` of sessions; at the end, stop its work and delete its files."""
+    """Create the ``House`` of all sessions; when the server ends, stop it and delete its files."""
     _delete_folders_of_dead_servers()
     folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER_PREFIX}{os.getpid()}-"))
     house = House(folder, Desk())
@@ -151,7 +151,7 @@ def _delete_folders_of_dead_servers() -> None:
 
 def _is_running(process: int) -> bool:
     if os.name != "posix":
-        return True  # os.kill would end the process on Windows
+        return True  # unknown: on Windows os.kill would end the process
     try:
         os.kill(process, 0)
     except OSError as error:

@@ -23,12 +23,13 @@ from ldbb_bayes.errors import InputError
 
 __all__ = ["app", "main"]
 
-# Exception class of Click, or of Typer's own copy of Click.
+# Class of errors in the use of a command. It belongs to the library Click, or to the copy of Click
+# in Typer, the library that reads the command line.
 _UsageError: Any = typer.BadParameter.__base__
 
 
 class _Commands(TyperGroup):
-    """Command group that answers wrong usage like other bad input: one message, exit code 2."""
+    """Group of all commands; for wrong usage it prints one message and exits with code 2."""
 
     def main(self, args: Sequence[str] | None = None, *positional: Any, **keywords: Any) -> Any:
         """Run the named command, or show the help if no command is named."""
@@ -42,7 +43,7 @@ class _Commands(TyperGroup):
             fail(str(error), EXIT_BAD_INPUT)
         except _UsageError as error:
             fail(f"{error.format_message().rstrip('.?')}. See --help.", EXIT_BAD_INPUT)
-        # Exit code that Typer uses for Ctrl-C; Click raises Abort instead.
+        # After Ctrl-C, Typer returns this exit code, while Click raises Abort.
         if code == EXIT_INTERRUPTED:
             raise KeyboardInterrupt
         sys.exit(code)
@@ -87,7 +88,7 @@ def app_(
     (Ctrl-C). Needs the extra app.
     """
     try:
-        from ldbb_bayes.app.server import serve  # its libraries are an extra
+        from ldbb_bayes.app.server import serve  # its libraries are optional
     except ModuleNotFoundError as error:
         raise InputError(
             f"app must find the library {error.name}, got none. Install it with pip install"

@@ -27,7 +27,7 @@ from ldbb_bayes.results import Passage, parts_of
 
 __all__ = ["compare", "design", "identify", "validate"]
 
-_DEGREES = ("constant", "linear", "quadratic")  # names of models by degree of compliance in force
+_DEGREES = ("constant", "linear", "quadratic")  # model names: compliance as a function of force
 _PARAMETER_COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
 _COMPARISON_FIGURES = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
 
@@ -79,7 +79,7 @@ def identify(
 
 
 def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple[Passage, ...]:
-    """Return the passages about a result, and remarks about odd readings of its campaign."""
+    """Return tables and sentences on a result, followed by remarks on odd readings."""
     preview = lb.check_campaign(campaign)
     remarks = [
         f"Note: {wording.remark_words(remark)}"
@@ -134,15 +134,19 @@ def compare(
         raise typer.Exit(EXIT_MISSED)
 
 
-# ---- design
+# ---- options of the command design
 
-_MOST_VALUES = 5000  # maximum number of values of a range; more are probably due to a mistyped step
-# Relative rounding error within which the last step of a range ends at its upper limit.
+# Largest number of values in a range LO:HI:STEP; more are probably due to a mistyped step.
+_MOST_VALUES = 5000
+# Relative rounding error that is allowed when the steps of a range LO:HI:STEP are counted.
 _ROUNDING = 1e-12
 
 
 def _read_range(entry: str, flag: str) -> tuple[float, ...]:
-    """Return the values of LO:HI:STEP, both ends included, or of a comma-separated list."""
+    """Return the numbers that an option's text states.
+
+    The text is a range LO:HI:STEP, whose ends are included, or a comma-separated list.
+    """
     if ":" not in entry:
         return numbers_in(entry, flag)
     limits = _numbers_or_none(entry.split(":"))
@@ -163,7 +167,7 @@ def _read_range(entry: str, flag: str) -> tuple[float, ...]:
 
 
 def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:
-    """Return finite numbers from their texts; none where a text is not one."""
+    """Return the finite numbers that texts state; no numbers if any text is not one."""
     try:
         numbers = tuple(map(float, entries))
     except ValueError:
@@ -172,9 +176,10 @@ def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:
 
 
 def _read_clockings(entry: str, flag: str) -> tuple[tuple[float, float], ...]:
-    """Return clockings, pairs of angles of work and tool ball [deg], from the text of an option.
+    """Return pairs of angles [deg], of the work ball and the tool ball about their stems.
 
-    The text lists angles or a range of angles of the work ball alone, or pairs WORK/TOOL.
+    The option's text states angles of the work ball alone, as a list or range, or lists pairs
+    WORK/TOOL.
     """
     if "/" not in entry:
         return tuple((angle, 0.0) for angle in _read_range(entry, flag))
@@ -272,7 +277,7 @@ def _running_order(plan: lb.Campaign) -> str:
     return ", ".join(entries)
 
 
-# ---- calibration of the intervals
+# ---- check of the credible intervals by simulation
 
 
 @command

@@ -1,4 +1,4 @@
-"""Arguments of several commands, made from their options: campaign, instrument and model."""
+"""Arguments that several commands make from their options: campaign, instrument and model."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ __all__ = [
     "model_from",
 ]
 
-# Deflection of the mount in the paper's experiment [µm/bar]; also the default of the package.
+# Deflection of the work ball's mount in the paper's experiment [µm/bar], the package's default.
 _MOUNT_UM_PER_BAR = 2.33
-# Quantities that the columns of a table can hold.
+# Quantities that the columns of a table of readings can hold.
 _COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
 
 
 def campaign_from(path: Path, **options: Any) -> lb.Campaign:
-    """Read the campaign that an argument names.
+    """Return the campaign whose file or folder a command's argument names.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
     Parameters
     ----------
     balls
-        Ball to use for both balls, if one option states both.
+        Ball for the workpiece side and the tool side, if one option states them together.
     **options
         Fields of `Instrument`, and DCC files: ``bar_dcc``, ``force_dcc``, ``work_dcc``,
         ``tool_dcc``.
@@ -86,12 +86,12 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
     Returns
     -------
     dict
-        Fields of `Instrument`: those stated, and no others.
+        Fields of `Instrument` that options state; all others are left out.
 
     Raises
     ------
     InputError
-        If a DCC cannot be read, or an option states the same as a DCC.
+        If a DCC cannot be read, or an option and a DCC state the same quantity.
     """
     from_files: dict[str, Any] = {}
     for kind in ("bar", "force"):
@@ -136,14 +136,14 @@ def campaign_fields(
     mount_um_per_bar
         Deflection of the mount [µm/bar].
     force_slope, force_offset
-        Law from pressure to force [N/bar, N].
+        Force per pressure [N/bar] and force at zero pressure [N].
     **options
         Other fields of `Campaign`.
 
     Returns
     -------
     dict
-        Fields of `Campaign`: those stated, and no others.
+        Fields of `Campaign` that options state; all others are left out.
     """
     fields = dict(options)
     if raw or mount_um_per_bar is not None:
@@ -158,7 +158,7 @@ def campaign_fields(
 
 
 def _column_in(text: str) -> str | int:
-    """Return a column as its number, counted from 1, if the text is a number, else its header."""
+    """Return the column of a table that a text names, by its number from 1 or by its header."""
     return int(text) if text.isdecimal() else text
 
 
@@ -175,7 +175,7 @@ def _read_sheets(text: str, flag: str) -> list[str]:
 
 
 def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
-    """Return the layout of a layout file; options take precedence over the file."""
+    """Return the layout of tables from a layout file and options, which take precedence."""
     from_file = lb.reading.Layout() if layout is None else lb.reading.read_layout(layout)
     columns = dict(from_file.columns)
     for role in _COLUMN_ROLES:
@@ -238,7 +238,8 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
 
 _TABLE_OPTIONS = options_of("table", "labels")
 _CERTIFICATE_OPTIONS = options_of("certificates")
-# Keywords of instrument_fields; certificates of bar and force are stated only in files.
+# Keywords of instrument_fields on certificates. The last two have no option: they can be stated
+# only in files.
 _CERTIFICATE_KEYWORDS = [
     *(option.to or name for name, option in _CERTIFICATE_OPTIONS.items()),
     "bar_certificate",
@@ -254,7 +255,7 @@ JSON = _SHARED["json"]
 QUIET = _SHARED["quiet"]
 PRIOR_FROM = _SHARED["prior_from"]
 
-# Types of arguments are quoted: the help of a command must not load them.
+# Argument types are quoted, so that the help of a command does not import them, which takes long.
 CampaignArgument = Annotated[
     Path,
     typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),

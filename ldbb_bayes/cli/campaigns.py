@@ -44,7 +44,7 @@ def import_(
 
     Says what it assumed. Every assumption can be given as an option, or in --layout.
     """
-    from ldbb_bayes.reading.layout import layout_to_toml  # other commands need no layout
+    from ldbb_bayes.reading.layout import layout_to_toml  # only this command needs it
 
     output = Output(out, force, as_json, quiet=False)
     output.check(*files_of(out))

@@ -1,4 +1,4 @@
-"""Report made from files of readings: fit, comparison of models, next tests and page."""
+"""Report made from files of readings: fit, comparison of models, next tests, HTML page."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ __all__ = ["AVERAGED_NAME", "STEPS", "WrittenReport", "page_settings", "report_f
 
 AVERAGED_NAME = "averaged.nc"
 _FILES_BESIDE_PAGE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
-# Steps of a report, with their approximate relative durations.
+# Approximate relative durations of the steps of a report, by the name of the step.
 STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
-# Tolerance of a log evidence [nat]. It takes a third to a tenth of the time that 0.01 takes, which
-# is the tolerance of the command compare.
+# Largest numerical error of a log evidence in a report [nat]. The command compare uses 0.01, with
+# which the computation takes three to ten times as long.
 _TOLERANCE = 0.05
 
 
@@ -46,7 +46,7 @@ class WrittenReport(NamedTuple):
     """A report that was written into its folder."""
 
     document: Document
-    #: Tables and sentences to print.
+    #: Tables and sentences to print at the terminal.
     parts: tuple[Any, ...]
     #: Whether the fit reached its sampling target.
     converged: bool
@@ -56,7 +56,7 @@ class WrittenReport(NamedTuple):
 class _Analyses:
     """Results that a report shows in addition to the fit.
 
-    A text instead of a result is the reason why there is none.
+    If a result is not available, a text states the reason in its place.
     """
 
     comparison: lb.analysis.Comparison | str
@@ -87,7 +87,7 @@ def report_files(
     model
         Model with compliance linear in force.
     steps
-        Context that shows progress by the steps of `STEPS`, for example that of
+        Context manager that shows the progress through the steps of `STEPS`, for example
         `ldbb_bayes.cli.progress.step_progress`.
     ask
         Whether to ask the user for facts that neither files nor options state.
@@ -114,7 +114,8 @@ def report_files(
         fit_result = fit_tables.full_result(fit, settings["prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
-            # Decide conformity once, for the results and the force that the report states.
+            # State the same decisions on conformity in both records: those from the results and at
+            # the force that the report states.
             decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity
@@ -170,10 +171,14 @@ def _analyse(
     settings: dict[str, Any],
     executor: Executor | None,
 ) -> tuple[xr.DataTree, _Analyses]:
-    """Fit linear compliance, compare it with constant, average both, and choose the next tests."""
+    """Return a fit of linear compliance, and further analyses.
+
+    The analyses are a comparison of linear with constant compliance, an average over these two
+    models, and the choice of the next tests.
+    """
     seed = settings["seed"]
     models = {"constant": model.with_degree(0), "linear": model}
-    # Let the second process start and import modules during the fit.
+    # Start the second process now, so that it imports its modules during the fit.
     ahead(partial(callable, lb.compare), executor)
     begin("fit")
     fit = lb.sample(model, campaign, sampler="independent", seed=seed)
@@ -204,7 +209,7 @@ def _analyse(
 
 
 def _result_or_reason(work: Callable[[], Any]) -> Any:
-    """Return a result, or the reason why there is none, which the page shows instead."""
+    """Return the result of an analysis, or the reason why it cannot be computed, as text."""
     try:
         return work()
     except InputError as error:
@@ -218,7 +223,7 @@ def _write_beside_page(
     imported: lb.reading.Imported | None,
     analyses: _Analyses,
 ) -> None:
-    """Write the fit, the campaign as it was read, the comparison and the design."""
+    """Write the files beside the report's page: fit, campaign as read, comparison, design."""
     write_result(fit, result, folder)
     if analyses.averaged is not None:
         lb.save(analyses.averaged, folder / AVERAGED_NAME)
@@ -239,7 +244,7 @@ def _write_beside_page(
 def _printed_parts(
     source: SourceCampaign, fit: xr.DataTree, result: dict[str, Any], analyses: _Analyses
 ) -> tuple[Any, ...]:
-    """Return the parts to print: assumptions, remarks, results, comparison and next tests."""
+    """Return what to print at the terminal: assumptions, remarks, results, next tests."""
     campaign = campaign_of(fit)
     constant_names = model_of(fit).with_degree(0).bind(campaign).names
     parameters = {
@@ -273,7 +278,7 @@ def _printed_parts(
 
 
 def _assumed_parts(campaign: lb.Campaign, imported: lb.reading.Imported | None) -> tuple[Any, ...]:
-    """Return the assumptions about files and balls as parts to print."""
+    """Return what to print on the assumptions about files and balls."""
     assumptions: tuple[Assumption, ...] = ()
     if imported is not None:
         assumptions = imported.assumptions

@@ -1,7 +1,7 @@
 """Commands ``fit``, ``summarize`` and ``demo`` of ``ldbb-bayes``: posteriors and their files.
 
-The commands import what samples and summarizes when they run, so that the help of other commands
-need not load it.
+The commands import the modules that sample and summarize only when they run. The help of all
+commands is faster without these imports.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from ldbb_bayes.results import Table
 
 __all__ = ["batch", "population", "trend"]
 
-_LISTED = 10  # maximum number of failures, and of doubtful campaigns, that are printed
+_LISTED = 10  # largest number of failed campaigns, and of doubtful ones, that a batch prints
 
 _CAMPAIGNS_HELP = (
     "Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, or lists of any of"
@@ -94,7 +94,7 @@ def batch(
 
 
 def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
-    """Return the parts to print of a batch: counts, failures and doubts, and path of the table."""
+    """Return what to print of a batch: counts, failures, doubts, file path of the table."""
     counts = (
         ("fitted", result.done),
         ("… not converged: do not use their numbers", result.not_converged),

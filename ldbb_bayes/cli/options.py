@@ -40,11 +40,12 @@ __all__ = [
     "options_of",
 ]
 
-EXIT_MISSED = 1  # exit code if a sampling target, an accuracy or a proof of optimality was missed
+EXIT_MISSED = 1  # exit code if a target (of sampling, accuracy or optimality) was not reached
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130  # exit code of shells for Ctrl-C: 128 + SIGINT
 REQUIRED = inspect.Parameter.empty
-# Placeholders of values in the help; short, so that option names fit on narrow terminals.
+# Placeholder of an option's value in the help, by type. The placeholders are short, so that the
+# names of options fit on narrow terminals.
 _METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
 CATALOGUE: Mapping[str, Any] = tomllib.loads(
     (Path(__file__).parent / "options.toml").read_text(encoding="utf-8")
@@ -54,9 +55,9 @@ CATALOGUE: Mapping[str, Any] = tomllib.loads(
 class Kind(NamedTuple):
     """A kind of option value: the type that Typer reads, and a function that converts it."""
 
-    #: Type that typer reads.
+    #: Type in which Typer, the library that reads the command line, returns the typed value.
     typed: Any
-    #: Function that returns the value, from what Typer read and the option's flag.
+    #: Function that returns the converted value, given the typed value and the option's flag.
     read: Callable[[Any, str], Any]
     metavar: str | None = None
 
@@ -65,9 +66,10 @@ class Kind(NamedTuple):
 class Option:
     """One option of a command.
 
-    The value is passed on as the keyword argument ``to``. An option without value is not passed on,
-    so that the called function uses its own default. ``settings`` are arguments of `typer.Option`,
-    and the ``name`` of the option if it differs from that of the parameter.
+    Its value becomes the keyword argument ``to`` of the function that the command calls. An option
+    without value is not passed on, so that the function uses its own default. ``settings`` are
+    arguments of `typer.Option`. They may include ``name``, the flag of the option if it differs
+    from the name of the parameter.
     """
 
     kind: Any
@@ -77,11 +79,11 @@ class Option:
     settings: Mapping[str, Any]
 
     def flag(self, name: str) -> str:
-        """Return the option as typed on the command line, for example ``--radius-mm``."""
+        """Return the option's flag as typed on the command line, for example ``--radius-mm``."""
         return str(self.settings.get("name", "--" + name.replace("_", "-")))
 
     def parameter(self, name: str) -> inspect.Parameter:
-        """Return the function parameter that declares the option to Typer."""
+        """Return the function parameter by which Typer knows the option."""
         settings = {key: value for key, value in self.settings.items() if key != "name"}
         typed = self.kind
         if isinstance(typed, Kind):
@@ -111,10 +113,10 @@ class Option:
 
 @dataclass(frozen=True)
 class Group:
-    """Options that together make one argument of a command.
+    """Options whose values together make one argument of a command.
 
-    ``make`` is the function that makes the argument. ``positional`` is a parameter that is not an
-    option, or None; its value is the first argument of ``make``.
+    ``make`` is the function that makes the argument. ``positional`` is a parameter of the command
+    that is not an option, or None; its value is the first argument of ``make``.
     """
 
     options: Mapping[str, Option]
@@ -122,14 +124,14 @@ class Group:
     positional: inspect.Parameter | None
 
     def parameters(self) -> list[inspect.Parameter]:
-        """Return the function parameters that declare the options to Typer."""
+        """Return the function parameters by which Typer knows the options of the group."""
         parameters = [option.parameter(name) for name, option in self.options.items()]
         if self.positional is None:
             return parameters
         return [self.positional, *parameters]
 
     def take_from(self, typed: dict[str, Any]) -> Any:
-        """Return the argument, and remove the values of its options from ``typed``."""
+        """Return the group's argument, and remove the values of its options from ``typed``."""
         positional = []
         if self.positional is not None:
             positional.append(typed.pop(self.positional.name))
@@ -170,16 +172,17 @@ def group(
     /,
     **options: Option,
 ) -> Group:
-    """Return options that make one argument.
+    """Return a group of options that together make one argument of a command.
 
     Parameters
     ----------
     make
         Function that gets the values by keyword and returns the argument. Default: dict.
     positional
-        A parameter that is not an option; its value is the first argument of ``make``.
+        Parameter of the command that is not an option; its value is the first argument of
+        ``make``.
     **options
-        The options by name.
+        Options of the group, by name.
 
     Returns
     -------
@@ -189,14 +192,14 @@ def group(
 
 
 def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
-    """Return the options of groups in ``options.toml``.
+    """Return the options of named groups, as the file ``options.toml`` states them.
 
     Parameters
     ----------
     *groups
         Names of groups. A table within a group is a panel of the help, with its options.
     **kinds
-        Kinds of values, by name, in addition to those of all commands.
+        Kinds of option values, by name, in addition to the kinds that all commands know.
 
     Returns
     -------
@@ -219,7 +222,7 @@ class _CatalogueEntry(NamedTuple):
 
 
 def _catalogue_entries(entries: Mapping[str, Any]) -> Iterator[_CatalogueEntry]:
-    """Yield the options of one group; those of a help panel get the panel's heading."""
+    """Yield the options of one group; each option of a help panel gets the panel's heading."""
     for name, entry in entries.items():
         if isinstance(entry, str):
             yield _CatalogueEntry(name, CATALOGUE["shared"][entry])
@@ -232,7 +235,7 @@ def _catalogue_entries(entries: Mapping[str, Any]) -> Iterator[_CatalogueEntry]:
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a function as a command for Typer, which answers bad input with one message.
+    """Return a function as a command for Typer, the library that reads the command line.
 
     Parameters
     ----------
@@ -267,7 +270,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             function(**arguments, **typed)
             sys.stdout.flush()
         except BrokenPipeError:
-            # The reader of stdout has closed it; discard output that is flushed at exit.
+            # The program that reads stdout has closed it: discard output that is flushed at exit.
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115, it stays open to the end
         except (OSError, ArithmeticError, ValueError) as error:
             reason = plain_reason(error)
@@ -281,14 +284,14 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _only_value(**values: Any) -> Any:
-    """Return the only value that was typed; None if none was typed."""
+    """Return the value of a group's only option; None if the user did not type the option."""
     for value in values.values():
         return value
     return None
 
 
 def fail(message: str, code: int) -> NoReturn:
-    """Print a message on stderr and exit.
+    """Print a message on stderr and end the program.
 
     Parameters
     ----------
@@ -302,7 +305,7 @@ def fail(message: str, code: int) -> NoReturn:
     SystemExit
         Always.
     """
-    print(f"ldbb-bayes: {message}", file=sys.stderr)  # noqa: T201, what the terminal is told
+    print(f"ldbb-bayes: {message}", file=sys.stderr)  # noqa: T201, the message for the user
     sys.exit(code)
 
 

@@ -1,4 +1,4 @@
-"""Output of results: files in a folder, JSON on stdout, and tables for reading."""
+"""Output of a command's results: files in a folder, and JSON or tables on stdout."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def figure_files(names: Iterable[str], formats: Sequence[str] = ("png", "svg")) 
 
 
 def drawing(name: str, *results: Any) -> Callable[[], Figure]:
-    """Return a function that draws a figure of `ldbb_bayes.figures`.
+    """Return a function without arguments that draws a named figure of `ldbb_bayes.figures`.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _text_of(name: str, content: Any) -> str:
 
 @dataclass
 class Output:
-    """Output of a command: files in a folder, of which all or none are written, and stdout.
+    """Output of a command: text on stdout, and files in a folder, of which all or none are written.
 
     Parameters
     ----------

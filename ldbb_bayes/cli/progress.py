@@ -15,9 +15,11 @@ if TYPE_CHECKING:
 
 __all__ = ["counting_progress", "sampling_progress", "step_progress", "steps_of"]
 
-# Function that updates a bar; its arguments are usually the number done and the total number.
+# Function that updates a progress bar. Its arguments are usually the number of things done and the
+# total number of things to do.
 Tell = Callable[..., None]
-# Function that begins a named step and returns the function that reports progress of the step.
+# Function that begins a named step of a computation, and returns the function that reports the
+# progress of this step.
 Begin = Callable[[str], Tell | None]
 
 
@@ -30,9 +32,9 @@ class _BarState(NamedTuple):
 def _progress_bar(
     state_of: Callable[..., _BarState], quiet: bool, title: str
 ) -> Iterator[Tell | None]:
-    """Show a bar and yield the function that updates it; None if there is no bar.
+    """Show a progress bar, and yield the function that updates the bar; None without a bar.
 
-    ``state_of`` converts the arguments of an update into the bar's share and text.
+    ``state_of`` converts the arguments of an update to the completed share and a text.
     """
     if quiet or not sys.stderr.isatty():
         yield None
@@ -77,7 +79,7 @@ def _step_state(share: float, step: str, done: int, total: int) -> _BarState:
 
 
 def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
-    """Return a bar that is updated with the numbers done, in total, and failed.
+    """Return a progress bar for things that are counted: done, in total, and failed.
 
     Parameters
     ----------
@@ -95,7 +97,7 @@ def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | 
 
 
 def sampling_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
-    """Return a bar that is updated with the states of an MCMC run.
+    """Return a progress bar for the random sampling of a posterior.
 
     Parameters
     ----------
@@ -118,8 +120,9 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
     Parameters
     ----------
     update
-        Function that is called with the completed share of all steps, the name of the step, and the
-        number done and the total number of the step (0 and 0: unknown). None: no reports.
+        Function that is called with four arguments: the completed share of all steps, the name of
+        the present step, and the numbers of things done and to do in this step (0 and 0: unknown).
+        None: no progress is reported.
     **weights
         Approximate relative durations of the steps, by name, in the order of the steps.
 
@@ -150,7 +153,7 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
 
 @contextmanager
 def step_progress(quiet: bool, **weights: float) -> Iterator[Begin]:
-    """Show one bar for all named steps of a computation.
+    """Show one progress bar for all named steps of a computation.
 
     Parameters
     ----------

@@ -20,9 +20,9 @@ __all__ = ["MACHINES", "MachineType", "can_ask", "complete_campaign"]
 class MachineType(NamedTuple):
     """A type of machine: its name, its topology, and the axes that move workpiece and tool."""
 
-    #: Name of the type in words.
+    #: Name of the type of machine in words.
     name: str
-    #: Topology: the chain of joints from workpiece to tool.
+    #: Topology of the type of machine: the chain of joints from workpiece to tool.
     topology: str
     #: Description of which joints move the workpiece and which move the tool.
     looks: str
@@ -82,7 +82,7 @@ def _ask_topology(plane: str) -> str:
 
 
 def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
-    """Return the answer as converted by ``read``; ask again after an invalid answer."""
+    """Ask the user a question until the answer is valid, and return it as ``read`` converts it."""
     while True:
         answer = typer.prompt(question, default=default, err=True, show_default=bool(default))
         try:

@@ -1,4 +1,4 @@
-"""Steps of ``ldbb-bayes report``: from files of readings or fits to pages, figures and words."""
+"""Steps of ``ldbb-bayes report``: from files of readings or fits to the report's files."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def make_report(
     *,
     may_ask: bool,
 ) -> None:
-    """Write a report and print what it says.
+    """Write a report, and print its results in words or as JSON.
 
     Parameters
     ----------
@@ -96,12 +96,12 @@ def make_report(
 
 
 def report_figure_files() -> tuple[str, ...]:
-    """Return the names of figure files of an earlier report, which may be replaced."""
+    """Return the names of a report's figure files, which a new report may replace."""
     return figure_files(PICTURES, _FIGURE_FORMATS)
 
 
 def _print_report(output: Output, written: WrittenReport, figures: Path | None) -> None:
-    """Print the report as JSON, or its results in words and the paths of its files."""
+    """Print the report as JSON, or else its results in words and the paths of its files."""
     folder = output.out or Path()
     if output.as_json:
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
@@ -114,11 +114,11 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
     typer.echo(line)
 
 
-# ---- report of fits
+# ---- report made from stored fits
 
 
 def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any]) -> WrittenReport:
-    """Write the page into the folder of the first fit, or into the chosen folder."""
+    """Write the report of stored fits into the chosen folder, or else into the first fit's."""
     source.refuse_table_options()
     paths = source.paths
     fit_folder = paths[0] if paths[0].is_dir() else paths[0].parent
@@ -175,12 +175,16 @@ def _check_report_folder(folder: Path, *, force: bool) -> None:
 
 
 def _stored_result(folder: Path, name: str) -> Path | None:
-    """Return the folder of a fit if it also contains a result of this name, else None."""
+    """Return the folder of a fit if it also holds the named result as JSON, else None."""
     return folder if (folder / f"{name}.json").exists() else None
 
 
 def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
-    """Return the path of the design to show; None if there is none or it must be computed."""
+    """Return the file path of the design that a report shows.
+
+    Return None if no design is stored, or if the number of tests is given, so that a design must be
+    computed.
+    """
     if "tests" not in settings:
         return settings.get("design", _stored_result(fit_folder, "design"))
     if "design" in settings:
@@ -193,7 +197,7 @@ def _posteriors_by_name(
 ) -> dict[str, xr.DataTree]:
     """Return all posteriors except the first, by the names of their campaigns.
 
-    If names are not unique, the file path is added to them.
+    If campaigns have the same name, the file path of its fit is added to each name.
     """
     names = [str(record_of(posterior)["campaign"]["name"]) for posterior in posteriors]
     ambiguous = len(set(names)) < len(names)

@@ -19,14 +19,17 @@ TOML_NAME = "campaign.toml"
 
 
 class SourceCampaign(NamedTuple):
-    """A campaign, and the record of its import with its assumptions; None if not imported."""
+    """A campaign, and the record of its import from tables.
+
+    The record states the assumptions of the import; it is None if nothing was imported.
+    """
 
     campaign: lb.Campaign
     imported: Imported | None
 
 
 def has_unstated_balls(campaign: lb.Campaign) -> bool:
-    """Return whether nothing is stated about either ball.
+    """Return whether a campaign states nothing about the work ball and the tool ball.
 
     Parameters
     ----------
@@ -42,7 +45,7 @@ def has_unstated_balls(campaign: lb.Campaign) -> bool:
 
 @dataclass(frozen=True)
 class ReportSource:
-    """Paths of the input, and options that describe tables, campaign and instrument.
+    """File paths of a report's input, and options that describe tables and instrument.
 
     Parameters
     ----------
@@ -66,18 +69,18 @@ class ReportSource:
 
     @property
     def is_result(self) -> bool:
-        """Whether the first path is a fit."""
+        """Whether the first file path is that of a stored fit."""
         first = self.paths[0]
         return first.suffix == ".nc" or (first.is_dir() and (first / "posterior.nc").exists())
 
     @property
     def is_campaign(self) -> bool:
-        """Whether the first path is a campaign, which need not be imported from tables."""
+        """Whether the first file path is a campaign, which need not be imported from tables."""
         first = self.paths[0]
         return first.suffix.lower() == ".toml" or (first / TOML_NAME).is_file()
 
     def refuse_table_options(self) -> None:
-        """Refuse options that describe tables; call it if the input is a fit.
+        """Refuse options on tables, machine and instrument, which a stored fit cannot use.
 
         Raises
         ------
@@ -92,7 +95,7 @@ class ReportSource:
         )
 
     def report_folder(self) -> Path:
-        """Return the default folder of the report, which is beside the first path."""
+        """Return the default folder of the report, which is beside the first input file."""
         first = self.paths[0]
         if first.name == TOML_NAME:
             first = first.parent
@@ -102,7 +105,7 @@ class ReportSource:
         return first.parent / f"{first.stem}_report"
 
     def read(self, *, ask: bool) -> SourceCampaign:
-        """Read or import the campaign.
+        """Return the campaign, read from its folder or imported from tables.
 
         Parameters
         ----------

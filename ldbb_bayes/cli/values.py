@@ -13,7 +13,7 @@ __all__ = ["ball_in", "names_in", "numbers_in", "pairs_in", "points_in"]
 
 
 def names_in(text: str) -> tuple[str, ...]:
-    """Return comma-separated names.
+    """Return the names in a comma-separated text.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def names_in(text: str) -> tuple[str, ...]:
 
 
 def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
-    """Return values by name from an option NAME=VALUE that may be repeated.
+    """Return values by name, from the texts NAME=VALUE of an option that may be repeated.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
 
 
 def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
-    """Return the finite numbers in a text, which separators divide.
+    """Return the finite numbers that a text states, with separators between them.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
 
 
 def points_in(entries: Iterable[str], flag: str) -> list[tuple[float, ...]]:
-    """Return points from an option X,Y,Z that may be repeated.
+    """Return points in space, from the texts X,Y,Z of an option that may be repeated.
 
     Parameters
     ----------
