@@ -100,14 +100,22 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
 
     Parameters
     ----------
-    posterior
+    posterior : DataTree
         Posterior from `sample` or `load`.
-    words
-        Labels. Default: English.
+    words : mapping of str to str
+        Labels of the figure by name. Default: English.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a polar panel for each plane and the scale of forces.
+
+    Examples
+    --------
+    >>> figure = lb.figures.traces(posterior)
+    >>> len(figure.axes)  # the plane XY, and the scale of forces
+    2
+    >>> figure.savefig("traces.png")
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
@@ -266,12 +274,19 @@ def residuals(posterior: xr.DataTree) -> Figure:
 
     Parameters
     ----------
-    posterior
+    posterior : DataTree
         Posterior from `sample` or `load`.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a panel for each test drawn, residuals in µm.
+
+    Examples
+    --------
+    >>> figure = lb.figures.residuals(posterior)
+    >>> len(figure.axes), figure.axes[-1].get_xlabel()
+    (6, 'angle of the bar (°)')
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)

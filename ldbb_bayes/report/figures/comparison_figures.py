@@ -51,12 +51,21 @@ def evidence(comparison: Comparison) -> Figure:
 
     Parameters
     ----------
-    comparison
-        Comparison that `compare` returns.
+    comparison : Comparison
+        Comparison of two models that `compare` returns.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a row for each width and assumption, ln B in nat.
+
+    Examples
+    --------
+    >>> constant = lb.HybridModel.first(0)
+    >>> models = {"constant": constant, "linear": constant.with_degree(1)}
+    >>> comparison = lb.compare(models, campaign, evidence_only=True, tolerance=0.1)
+    >>> figure = lb.figures.evidence(comparison)
+    >>> figure.savefig("evidence.png")
     """
     assumptions = _assumptions(comparison)
     value = np.array([assumption.log_bayes_factor for assumption in assumptions])
@@ -198,21 +207,30 @@ def _gain_words(gain: float | None) -> str:
 
 @styled
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
-    """Draw compliance C against force F: a credible band, mean of every model, and local fits.
+    """Draw compliance C against force F: model average, mean of every model, and local fits.
 
-    The figure corresponds to Fig. 15 of the paper. The band is of the average over models in which
-    each slope is present or absent; of the first model where the comparison has no average. A local
-    fit, with its own geometric errors, estimates the tangent d(F C)/dF rather than C, so the
-    tangent of the band's mean is drawn too.
+    The figure corresponds to Fig. 15 of the paper. The average is over models in which each slope
+    is present or absent. A local fit, with its own geometric errors, estimates the tangent
+    d(F C)/dF rather than C, so the tangent of the average is drawn too.
 
     Parameters
     ----------
-    comparison
-        Comparison that `compare` returns.
+    comparison : Comparison
+        Comparison that `compare` returns; without local fits if made with ``evidence_only``.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a panel for each compliance.
+
+    Examples
+    --------
+    >>> constant = lb.HybridModel.first(0)
+    >>> models = {"constant": constant, "linear": constant.with_degree(1)}
+    >>> comparison = lb.compare(models, campaign, evidence_only=True, tolerance=0.1)
+    >>> figure = lb.figures.compliance_with_local_fits(comparison)
+    >>> figure.axes[0].get_ylabel(), len(figure.axes)
+    ('C_XXX (nm/N)', 6)
     """
     curves = comparison.compliance_against_force
     source = "averaged over slope subsets"
@@ -240,12 +258,22 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
 
     Parameters
     ----------
-    comparison
-        Comparison that `compare` returns.
+    comparison : Comparison
+        Comparison that `compare` returns; without local fits if made with ``evidence_only``.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a panel for each geometric error.
+
+    Examples
+    --------
+    >>> constant = lb.HybridModel.first(0)
+    >>> models = {"constant": constant, "linear": constant.with_degree(1)}
+    >>> comparison = lb.compare(models, campaign, evidence_only=True, tolerance=0.1)
+    >>> figure = lb.figures.geometry_with_local_fits(comparison)
+    >>> figure.axes[0].get_ylabel(), len(figure.axes)
+    ('E_XX1 (µm/m)', 7)
     """
     first = next(iter(comparison.models.values()))
     names = [name for name in first.parameters if name.startswith("E_")]

@@ -40,14 +40,23 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
 
     Parameters
     ----------
-    design
+    design : Design
         Design that `design` returns.
-    today
-        Present standard uncertainty by parameter, in internal units (mm, N, rad).
+    today : mapping of str to float
+        Present standard uncertainty by parameter, in internal units (mm, N, rad). Default: none is
+        drawn.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a group of bars for each parameter.
+
+    Examples
+    --------
+    >>> recommended = lb.design(lb.HybridModel.first(0), campaign, tests=3)
+    >>> figure = lb.figures.expected_widths(recommended)
+    >>> sorted({text.get_text() for text in figure.axes[0].texts} & {"3 recommended", "today"})
+    ['3 recommended']
     """
     plans = _plans(design, today)
     step = len(plans) + 1.8

@@ -46,17 +46,24 @@ def save_figures(
 
     Parameters
     ----------
-    posterior
+    posterior : DataTree
         Posterior from `sample` or `load`.
-    folder
+    folder : path
         Folder for the files; it is made if missing.
-    formats
+    formats : sequence of str
         File formats: png, svg or pdf, one or several.
 
     Returns
     -------
     list of Path
         The files written.
+
+    Examples
+    --------
+    >>> files = lb.figures.save_figures(posterior, "figures", formats=["png"])  # doctest: +SKIP
+    >>> list(lb.figures.FIGURES)
+    ['traces', 'residuals', 'forest', 'compliance_against_force', 'corner',
+     'contributions', 'parameter_contributions', 'circularity']
     """
     files: list[Path] = []
     for name, draw in FIGURES.items():

@@ -49,12 +49,21 @@ def forest(posterior: xr.DataTree) -> Figure:
 
     Parameters
     ----------
-    posterior
+    posterior : DataTree
         Posterior from `sample`, `load` or `average`.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a panel for each unit and a row for each parameter.
+
+    Examples
+    --------
+    >>> figure = lb.figures.forest(posterior)
+    >>> figure.axes[0].get_xlabel()
+    'value (nm/N)'
+    >>> [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    ['C_XXX', 'C_XYX', 'C_YYY']
     """
     group = posterior["posterior"]
     parameters = list(record_of(posterior)["model"]["groups"])
@@ -115,14 +124,22 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
 
     Parameters
     ----------
-    posterior
+    posterior : DataTree
         Posterior from `sample`, `load` or `average`.
-    words
-        Labels. Default: English.
+    words : mapping of str to str
+        Labels of the figure by name. Default: English.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a panel for each compliance.
+
+    Examples
+    --------
+    >>> figure = lb.figures.compliance_against_force(posterior)
+    >>> [axes.get_ylabel() for axes in figure.axes]
+    ['C_XXX (nm/N)', 'C_XYX (nm/N)', 'C_YYY (nm/N)',
+     'C_CXY (nrad/N)', 'C_CYY (nrad/N)', 'C_CCY (µrad/(N m))']
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N
@@ -180,20 +197,31 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
 
     Parameters
     ----------
-    posterior
+    posterior : DataTree
         Posterior from `sample`, `load` or `average`.
-    names
+    names : sequence of str, optional
         Names of the parameters. Default: those of the model among the direct compliances, C_CCY,
         and the geometric errors whose effects on the readings have the same pattern.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with n × n panels for n parameters.
 
     Raises
     ------
     InputError
         The posterior lacks one of the parameters.
+
+    Examples
+    --------
+    >>> figure = lb.figures.corner(posterior, ["C_XXX", "C_YYY"])
+    >>> len(figure.axes)
+    4
+    >>> lb.figures.corner(posterior, ["C_XXY"])
+    Traceback (most recent call last):
+        ...
+    ldbb_bayes.errors.InputError: ...
     """
     from corner import corner as draw_corner  # import it only here: it loads pyplot
 

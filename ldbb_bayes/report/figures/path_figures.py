@@ -65,12 +65,19 @@ def circularity(posterior: xr.DataTree) -> Figure:
 
     Parameters
     ----------
-    posterior
+    posterior : DataTree
         Posterior from `sample` or `load`.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with four panels for each plane.
+
+    Examples
+    --------
+    >>> figure = lb.figures.circularity(posterior)
+    >>> [axes.get_ylabel() for axes in figure.axes]
+    ['G (µm)', 'F_max, F_min (µm)', 'squareness (µm/m)', 'scale mismatch (µm/m)']
     """
     bound = bound_of(posterior)
     highest_N = float(bound.setting.force_N.max())
@@ -117,12 +124,19 @@ def contributions(posterior: xr.DataTree) -> Figure:
 
     Parameters
     ----------
-    posterior
+    posterior : DataTree
         Posterior from `sample` or `load`.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a panel for each plane and force.
+
+    Examples
+    --------
+    >>> figure = lb.figures.contributions(posterior)
+    >>> [axes.get_title().split(":")[0] for axes in figure.axes]
+    ['36 N', '238 N', '364 N', '490 N', '616 N', '742 N']
     """
     bound = bound_of(posterior)
     forces_N = distinct_forces(bound.setting.force_N)
@@ -155,12 +169,19 @@ def parameter_contributions(posterior: xr.DataTree) -> Figure:
 
     Parameters
     ----------
-    posterior
+    posterior : DataTree
         Posterior from `sample` or `load`.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a panel for each plane and parameter.
+
+    Examples
+    --------
+    >>> figure = lb.figures.parameter_contributions(posterior)
+    >>> [axes.get_title().split()[0] for axes in figure.axes][:6]
+    ['C_XXX', 'C_XYX', 'C_YYY', 'C_CXY', 'C_CYY', 'C_CCY']
     """
     bound = bound_of(posterior)
     force_N = float(bound.setting.force_N.max())

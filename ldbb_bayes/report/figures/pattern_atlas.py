@@ -31,14 +31,26 @@ def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
 
     Parameters
     ----------
-    machine
-        The machine.
-    circle
-        Circle. Default: a circle about the origin, in the machine's first plane.
+    machine : Machine
+        The machine; of its planes, that of the circle is drawn.
+    circle : Circle, optional
+        Circle of the test. Default: a circle about the origin, in the machine's first plane.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a polar panel for each joint compliance.
+
+    Raises
+    ------
+    InputError
+        The machine lacks an axis of the circle's plane.
+
+    Examples
+    --------
+    >>> figure = lb.figures.compliance_atlas(lb.Machine())
+    >>> len(figure.axes)  # 9 for each of the joints X and Y
+    18
     """
     circle = circle or Circle(plane=machine.planes[0])
     machine = Machine(machine.topology, circle.plane, machine.frames_mm)
@@ -62,14 +74,27 @@ def geometric_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
 
     Parameters
     ----------
-    machine
-        The machine.
-    circle
-        Circle. Default: a circle about the origin, in the machine's first plane.
+    machine : Machine
+        The machine; of its planes, that of the circle is drawn.
+    circle : Circle, optional
+        Circle of the test. Default: a circle about the origin, in the machine's first plane.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a polar panel for each geometric error.
+
+    Raises
+    ------
+    InputError
+        The machine lacks an axis of the circle's plane.
+
+    Examples
+    --------
+    >>> circle = lb.machine.Circle(radius_mm=150.0, plane="ZX")
+    >>> figure = lb.figures.geometric_atlas(lb.Machine(), circle)
+    >>> figure.get_suptitle()
+    'wCAFYXZSt, plane ZX: patterns of the geometric errors'
     """
     circle = circle or Circle(plane=machine.planes[0])
     machine = Machine(machine.topology, circle.plane, machine.frames_mm)

@@ -27,12 +27,21 @@ def rank_ecdf(validation: Validation) -> Figure:
 
     Parameters
     ----------
-    validation
-        Validation that `calibrate` returns.
+    validation : Validation
+        Ranks of simulated campaigns that `calibrate` returns.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a panel for each quantity.
+
+    Examples
+    --------
+    >>> fast = lb.HybridModel.first(0)
+    >>> validation = lb.calibrate(fast, campaign, replicates=10, draws=19)
+    >>> figure = lb.figures.rank_ecdf(validation)
+    >>> len(figure.axes) == len(validation.names)
+    True
     """
     names = validation.names
     figure, all_axes = panels(len(names), _COLUMNS, 1.15, 0.7, sharex=True, sharey=True)

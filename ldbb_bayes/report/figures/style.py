@@ -27,6 +27,7 @@ __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
 P = ParamSpec("P")
 
 WIDTH = 6.3  # width of a figure [inch]; its letters are readable on a screen of 390 pixels
+#: Colours for lines and points, in turn; colour-blind readers can tell them apart.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 ACCENT = PALETTE[0]
 GREY = "#8C8C8C"
@@ -57,13 +58,23 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
     Parameters
     ----------
-    draw
+    draw : callable
         Function that returns a figure.
 
     Returns
     -------
     callable
         The function; the caller's Matplotlib settings are unchanged after each call.
+
+    Examples
+    --------
+    >>> @lb.figures.styled
+    ... def readings(test):
+    ...     figure = lb.figures.new_figure(4.0, 3.0)
+    ...     figure.subplots().plot(test.angle_deg, test.reading_um)
+    ...     return figure
+    >>> len(readings(campaign.tests[0]).axes)
+    1
     """
 
     @functools.wraps(draw)
@@ -85,12 +96,20 @@ def new_figure(width: float, height: float) -> Figure:
 
     Parameters
     ----------
-    width, height
+    width, height : float
         Size in inches.
 
     Returns
     -------
     Figure
+        A Matplotlib figure without panels; its method ``subplots`` adds them.
+
+    Examples
+    --------
+    >>> figure = lb.figures.new_figure(6.3, 3.0)
+    >>> axes = figure.subplots()
+    >>> figure.get_size_inches().tolist()
+    [6.3, 3.0]
     """
     # The extra padding allows for letters that are a little wider at another resolution.
     return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
@@ -103,13 +122,19 @@ def force_colours(forces_N: Sequence[float]) -> list[Any]:
 
     Parameters
     ----------
-    forces_N
+    forces_N : sequence of float
         Forces [N]; equal forces get the same colour.
 
     Returns
     -------
     list
         Matplotlib colour of each force.
+
+    Examples
+    --------
+    >>> light, dark, again = lb.figures.force_colours([36.0, 742.0, 36.0])
+    >>> light == again, light == dark
+    (True, False)
     """
     levels = distinct_forces(forces_N)
     places = np.searchsorted(levels, forces_N, side="right") - 1
@@ -188,19 +213,25 @@ def save_figure(
 
     Parameters
     ----------
-    figure
-        The figure.
-    folder
+    figure : Figure
+        The Matplotlib figure.
+    folder : path
         Folder for the files; it is made if missing.
-    name
+    name : str
         Name of the files without extension.
-    formats
+    formats : sequence of str
         File formats: png, svg or pdf, one or several.
 
     Returns
     -------
     list of Path
         The files written.
+
+    Examples
+    --------
+    >>> figure = lb.figures.residuals(posterior)
+    >>> [file.name for file in lb.figures.save_figure(figure, "figures", "residuals")]
+    ['residuals.png', 'residuals.svg']
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -37,12 +37,20 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
 
     Parameters
     ----------
-    identifiability
-        Identifiability that `identify` returns.
+    identifiability : Identifiability
+        Verdicts on the parameters that `identify` returns.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a panel for each parameter.
+
+    Examples
+    --------
+    >>> identifiability = lb.identify(lb.HybridModel.first(0), campaign)
+    >>> figure = lb.figures.prior_and_posterior(identifiability)
+    >>> len(figure.axes) == len(identifiability.parameters)
+    True
     """
     entries = list(identifiability.parameters.values())
     figure, all_axes = panels(len(entries), 4, 1.15, 0.5)
@@ -95,12 +103,20 @@ def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
 
     Parameters
     ----------
-    budgets
-        Uncertainty budgets that `budget_uncertainty` returns.
+    budgets : mapping of str to Budget
+        Uncertainty budgets by parameter; `budget_uncertainty` returns them.
 
     Returns
     -------
     Figure
+        A Matplotlib figure with a bar for each parameter.
+
+    Examples
+    --------
+    >>> budgets = lb.analysis.budget_uncertainty(posterior)
+    >>> figure = lb.figures.budget_bars({"C_XXX": budgets["C_XXX"], "C_YYY": budgets["C_YYY"]})
+    >>> [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    ['C_XXX', 'C_YYY']
     """
     figure = style.new_figure(style.WIDTH, 1.3 + 0.2 * len(budgets))
     axes = figure.subplots()
