@@ -43,7 +43,19 @@ _LONGEST_NAMED = 10_000
 
 @dataclass(frozen=True)
 class Batch(Result):
-    """Result of a finished batch: where its table is, and how many campaigns were fitted."""
+    """Result of a finished batch: where its table is, and how many campaigns were fitted.
+
+    Examples
+    --------
+    >>> fast = lb.HybridModel.first(0)
+    >>> simulated = fast.simulate(campaign, seed=1).campaign
+    >>> folder = lb.write_campaign(simulated, "campaigns/machine_1")
+    >>> batch = lb.fleet.run_batch(["campaigns"], "fitted", model=fast, compare=False)
+    >>> batch.campaigns, batch.done, batch.failures
+    (1, 1, 0)
+    >>> batch.rows()["campaign"].tolist()
+    ['campaigns/machine_1']
+    """
 
     out: Path  #: folder of the batch
     dataset: Path  #: Parquet file with the batch's table, in the folder of the batch
@@ -96,35 +108,67 @@ def run_batch(
 
     Parameters
     ----------
-    campaigns : campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, and lists of
-        campaigns (``@FILE``); see `gather`.
-    out : folder for the rows and the table.
-    model : model of the fits; default: compliance linear in force.
-    sampler, seed, ess, prob
-        As for `sample` and `summarize`, whose numbers the rows hold.
-    executor : where campaigns are fitted; default: in this process, one after the other. A function
-        that starts an executor, such as `process_executor`, may be given instead: it is called once
-        this run has locked ``out``, and the lock is kept until the workers have ended.
-    compare : whether to compare linear with constant compliance by their evidences.
-    table : fields of `Campaign` for tidy CSVs, which have no campaign.toml to state them.
-    certificates : fields of `Instrument` for all campaigns; they replace those in campaign.toml.
-    tolerances : limits by quantity for all campaigns, see `assess_conformity`; they replace those
-        in campaign.toml.
-    resume : continue an earlier run in ``out``; where there is none, begin.
-    retry : when resuming, also try failed campaigns again.
-    force : replace an earlier batch in ``out``.
-    progress : function called with the number of finished campaigns, of all campaigns, and of
-        failed campaigns.
+    campaigns : iterable of path
+        Campaign folders, campaign.toml files, tidy CSV files, folders of campaigns, and lists of
+        campaigns: ``@FILE`` or a .txt file with one path per line.
+    out : path
+        Folder for the rows and the table; it is made if missing.
+    model : HybridModel, optional
+        Model of the fits. Default: the default model with compliance linear in force.
+    sampler : {"independent", "joint"}
+        Method of drawing from the posterior, as for `sample`.
+    executor : Executor, or callable that starts one, optional
+        Where campaigns are fitted. Default: in this process, one after the other. A function that
+        starts an executor, such as ``process_executor``, is called once this run has locked
+        ``out``, and the lock is kept until the workers have ended.
+    seed : int
+        Seed of the random draws, a whole number from 0 to 2^63 − 1.
+    ess : float
+        Effective number of draws that each fit aims at.
+    prob : float
+        Probability of the credible intervals in the rows.
+    compare : bool
+        Whether to compare linear with constant compliance by their evidences.
+    table : mapping, optional
+        Fields of `Campaign` for tidy CSV files, which have no campaign.toml to state them.
+    certificates : mapping, optional
+        Fields of `Instrument` for all campaigns; they replace those in campaign.toml.
+    tolerances : mapping of str to str, optional
+        Limits by quantity for all campaigns, see `assess_conformity`; they replace those in
+        campaign.toml.
+    resume : bool
+        Whether to continue an earlier run in ``out``; where there is none, a batch begins.
+    retry : bool
+        Whether to fit failed campaigns again when resuming.
+    force : bool
+        Whether to replace an earlier batch in ``out``.
+    progress : callable, optional
+        Function called with the number of finished campaigns, of all campaigns, and of failed
+        campaigns.
 
     Returns
     -------
-    The finished batch.
+    Batch
+        The finished batch: its table, and the numbers of campaigns fitted, failed and in doubt.
 
     Raises
     ------
     InputError
         If there are no campaigns, ``out`` holds a batch that may not be changed or is a different
-        one, ``out`` cannot be written, or pyarrow is not installed.
+        one, ``out`` cannot be written, an option is out of range, or pyarrow is not installed.
+
+    Examples
+    --------
+    >>> fast = lb.HybridModel.first(0)
+    >>> simulated = fast.simulate(campaign, seed=1).campaign
+    >>> folder = lb.write_campaign(simulated, "campaigns/machine_1")
+    >>> campaigns = ["campaigns", "machine_2"]
+    >>> batch = lb.fleet.run_batch(campaigns, "fitted", model=fast, compare=False)
+    >>> batch.done, batch.failures
+    (1, 1)
+    >>> batch.failed[0]["reason"]
+    'campaign must be a folder with campaign.toml, a campaign.toml or a tidy CSV, got machine_2,
+     which does not exist. Check the path.'
     """
     check_pyarrow()
     _check_restart(resume=resume, retry=retry, force=force)

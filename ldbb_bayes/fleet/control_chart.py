@@ -32,7 +32,7 @@ _MARGIN = 0.9
 
 @styled
 def draw_control_chart(trend: Trend) -> Figure:
-    """Return the control chart of a trend.
+    """Draw the control chart of a trend.
 
     The panel of a parameter shows the estimate from each campaign alone, in order of time, its
     control limits, which follow from the campaigns before it, and where the parameter may have
@@ -40,7 +40,25 @@ def draw_control_chart(trend: Trend) -> Figure:
 
     Parameters
     ----------
-    trend : trend of one machine, as the function `find_trend` returns it.
+    trend : Trend
+        Trend of one machine that `find_trend` returns.
+
+    Returns
+    -------
+    Figure
+        A Matplotlib figure with a panel for each parameter.
+
+    Examples
+    --------
+    >>> fast = lb.HybridModel.first(0)
+    >>> for k, compliance in ((1, 50e-6), (2, 70e-6)):
+    ...     truth = {"C_XXX": compliance, "C_YYY": 50e-6}
+    ...     simulated = fast.simulate(campaign, seed=k, parameters=truth).campaign
+    ...     folder = lb.write_campaign(simulated, f"campaigns/{k}")
+    >>> batch = lb.fleet.run_batch(["campaigns"], "fitted", model=fast, compare=False)
+    >>> figure = lb.fleet.draw_control_chart(lb.fleet.find_trend(batch.rows()))
+    >>> len(figure.axes), figure.axes[0].get_ylabel()
+    (6, 'C_XXX (nm/N)')
     """
     columns = min(len(trend.parameters), _COLUMNS)
     figure, all_axes = panels(len(trend.parameters), columns, _PANEL_HEIGHT, _MARGIN, sharex=True)

@@ -175,31 +175,49 @@ def read_batch(
 ) -> pd.DataFrame:
     """Return the rows of one batch, or of several batches one below the other.
 
+    The columns are: campaign, name, sha256, machine_id, date, status ("done" or "failed"), reason,
+    topology, planes, compliances (JSON: the sum of joint compliances that each stands for),
+    tolerances (JSON), tests, readings, force_min_N, force_max_N, reference_force_N, degree, terms,
+    model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits, warnings,
+    log_prob_truncation [nat] (log probability that no compliance is negative), rmse_um,
+    log_bayes_factor (linear over constant compliance) and log_bayes_factor_error [nat].
+
+    Every parameter and hyper-parameter (scale of the noise or of another effect) has NAME.mean,
+    NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high in internal units (mm, N, rad), stated by
+    ``attrs["units"]``. Every quantity with a tolerance has NAME.probability (of conformance) and
+    NAME.decision. Columns ``gaussian_…`` hold the moments of parameters and instrument errors, and
+    those of their priors, that `find_trend` and `fit_population` use; they belong to the posterior
+    without truncation (compliances may be negative). The covariance is given by its lower triangle,
+    row by row.
+
     Parameters
     ----------
-    path : folder of a batch, its campaigns.parquet, or a sequence of such folders and files.
-    columns : names of the columns to read, in this order; default: all.
+    path : path, or sequence of path
+        Folder of a batch, its campaigns.parquet, or several such folders and files.
+    columns : sequence of str, optional
+        Names of the columns to read, in this order. Default: all.
 
     Returns
     -------
-    One row per campaign, in the order of the batch. Its columns are: campaign, name, sha256,
-    machine_id, date, status ("done" or "failed"), reason, topology, planes, compliances (JSON: the
-    sum of joint compliances that each stands for), tolerances (JSON), tests, readings, force_min_N,
-    force_max_N, reference_force_N, degree, terms, model_sha256, sampler, seed, versions, converged,
-    state, kinds, verdict, misfits, warnings, log_prob_truncation [nat] (log probability that no
-    compliance is negative), rmse_um, log_bayes_factor (linear over constant compliance) and
-    log_bayes_factor_error [nat]. Every parameter and hyper-parameter (scale of the noise or of
-    another effect) has NAME.mean, NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high in internal
-    units (mm, N, rad), stated by ``attrs["units"]``. Every quantity with a tolerance has
-    NAME.probability (of conformance) and NAME.decision. Columns ``gaussian_…`` hold the
-    `SufficientStatistics`, the covariance as its lower triangle, row by row. Values that a campaign
-    does not have are missing values.
+    DataFrame
+        One row per campaign, in the order of the batch. Values that a campaign does not have are
+        missing values.
 
     Raises
     ------
     InputError
         If a file, which the message names, is missing, unfinished, damaged or not the table of a
-        batch.
+        batch, a column is unknown, or pyarrow is not installed.
+
+    Examples
+    --------
+    >>> fast = lb.HybridModel.first(0)
+    >>> simulated = fast.simulate(campaign, seed=1).campaign
+    >>> folder = lb.write_campaign(simulated, "campaigns/machine_1")
+    >>> batch = lb.fleet.run_batch(["campaigns"], "fitted", model=fast, compare=False)
+    >>> rows = lb.fleet.read_batch("fitted", ["campaign", "status", "tests"])
+    >>> rows.to_dict("records")
+    [{'campaign': 'campaigns/machine_1', 'status': 'done', 'tests': 6}]
     """
     check_pyarrow()
     import pyarrow as pa  # an optional dependency

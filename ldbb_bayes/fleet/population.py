@@ -141,6 +141,19 @@ class Population(Result):
     """Population of machines of one kind, and the estimates for each machine.
 
     That no machine stands out is a finding only if ``judged`` is true.
+
+    Examples
+    --------
+    >>> fast = lb.HybridModel.first(0)
+    >>> for k in (1, 2):
+    ...     simulated = fast.simulate(campaign, seed=k).campaign
+    ...     folder = lb.write_campaign(simulated, f"campaigns/machine_{k}")
+    >>> batch = lb.fleet.run_batch(["campaigns"], "fitted", model=fast, compare=False)
+    >>> population = lb.fleet.fit_population(batch.rows())
+    >>> population.parameters["C_XXX"].unit, population.campaigns
+    ('mm/N', 2)
+    >>> population.not_belonging, population.judged  # 6 machines are needed to judge one
+    ((), False)
     """
 
     #: mean, spread and prediction for the next machine, by parameter
@@ -291,25 +304,59 @@ def fit_population(
 
     Parameters
     ----------
-    rows : table of a batch, as `read_batch` returns it, one row per campaign. Every campaign
-        without machine_id counts as a separate machine.
-    exclude, since, include_misfits
-        Which campaigns to leave out, see `choose`.
-    parameters, reference_force_N, one_instrument
-        See `fleet_statistics`; default: all constant compliances at the median of the campaigns'
-        reference forces, measured with one bar.
-    spread_scale : scale of each spread's prior, HalfNormal(spread_scale · reference sd of the
-        parameter), see `reference_sd`.
-    prob : probability of the credible intervals.
-    seed : seed of the random draws.
-    progress : function called with the number of machines for which spreads have been drawn anew
-        and the number of machines for which they are to be.
+    rows : DataFrame
+        Table of a batch that `read_batch` returns, one row per campaign. Every campaign without
+        machine_id counts as a separate machine.
+    parameters : sequence of str, optional
+        Names of the parameters to analyse. Default: all constant compliances, that is, those at
+        the reference force.
+    exclude : sequence of str
+        Campaigns (path as given, its last part, or name) and machines (machine_id) to leave out.
+    since : str, optional
+        Date (ISO 8601); campaigns that are earlier or have no date are left out.
+    include_misfits : bool
+        Whether to keep campaigns whose readings the model does not expect.
+    reference_force_N : float, optional
+        Force at which the compliances are stated [N]. Default: the median of the campaigns'
+        reference forces.
+    spread_scale : float
+        Scale of each spread's prior, HalfNormal(spread_scale · sd), where sd is the reference
+        standard deviation of the parameter: that of the default prior, or, if larger, the median of
+        those of the priors in the fits.
+    one_instrument : bool
+        Whether all campaigns used the same bar, so that errors of mount and force gain do not
+        average out.
+    prob : float
+        Probability of the credible intervals.
+    seed : int
+        Seed of the random draws.
+    progress : callable, optional
+        Function called with the number of machines for which spreads have been drawn anew and the
+        number of machines for which they are to be.
+
+    Returns
+    -------
+    Population
+        Mean and spread of every parameter, the next machine, and the estimates for each machine.
 
     Raises
     ------
     InputError
-        If the rows are not those of a batch, there are fewer than two machines, the machines differ
-        in their joints, or an option is out of range.
+        If the rows are not those of a batch, no campaign is left, there are fewer than two
+        machines, the machines differ in their joints, or an option is out of range.
+
+    Examples
+    --------
+    >>> fast = lb.HybridModel.first(0)
+    >>> for k in (1, 2):
+    ...     simulated = fast.simulate(campaign, seed=k).campaign
+    ...     folder = lb.write_campaign(simulated, f"campaigns/machine_{k}")
+    >>> batch = lb.fleet.run_batch(["campaigns"], "fitted", model=fast, compare=False)
+    >>> population = lb.fleet.fit_population(batch.rows())
+    >>> list(population.parameters)
+    ['C_XXX', 'C_XYX', 'C_YYY', 'C_CXY', 'C_CYY', 'C_CCY']
+    >>> list(population.machine)
+    ['campaigns/machine_1', 'campaigns/machine_2']
     """
     check_probability(prob)
     if not 0.0 < spread_scale < np.inf:

@@ -31,6 +31,17 @@ class PopulationPrior(Shown):
 
     The prior is for compliances at the population's reference force, in internal units (mm, N,
     rad). The slopes of compliances and the geometric errors keep the priors of the model.
+
+    Examples
+    --------
+    >>> prior = lb.fleet.PopulationPrior(
+    ...     reference_force_N=389.0, machines=12, campaigns=12, means={"C_XXX": 50e-6},
+    ...     sds={"C_XXX": 5e-6}, sha256="", topology="wCAFYXZSt")
+    >>> informed = prior.model(lb.HybridModel.default())
+    >>> informed.prior.means["C_XXX"], informed.reference_force_N
+    (5e-05, 389.0)
+    >>> prior.doubts(campaign)
+    ()
     """
 
     reference_force_N: float  #: force at which the compliances are stated [N]
@@ -157,12 +168,33 @@ def read_population_prior(path: str | os.PathLike[str]) -> PopulationPrior:
 
     Parameters
     ----------
-    path : folder of a population's result, or the unchanged file ``population.json`` in it.
+    path : path
+        Folder of a population's result, or the unchanged file ``population.json`` in it.
+
+    Returns
+    -------
+    PopulationPrior
+        Means and standard deviations of the next machine's compliances.
 
     Raises
     ------
     InputError
         If there is no population.json, or it was edited.
+
+    Examples
+    --------
+    >>> fast = lb.HybridModel.first(0)
+    >>> for k in (1, 2):
+    ...     simulated = fast.simulate(campaign, seed=k).campaign
+    ...     folder = lb.write_campaign(simulated, f"campaigns/machine_{k}")
+    >>> batch = lb.fleet.run_batch(["campaigns"], "fitted", model=fast, compare=False)
+    >>> population = lb.fleet.fit_population(batch.rows())
+    >>> import json, pathlib
+    >>> text = json.dumps(lb.report.with_words(population))
+    >>> size = pathlib.Path("population.json").write_text(text)
+    >>> prior = lb.fleet.read_population_prior("population.json")
+    >>> prior.machines, prior.reference_force_N
+    (2, 389.0)
     """
     return read_result(Path(path), "population", "population", _prior_of)
 

@@ -119,6 +119,20 @@ class Trend(Result):
     and change_by_here, the probabilities that the parameter changed just before this campaign, and
     then or earlier. The instrument's errors are fixed at their posterior mean throughout the table.
     The JSON record does not contain the table.
+
+    Examples
+    --------
+    >>> fast = lb.HybridModel.first(0)
+    >>> for k, compliance in ((1, 50e-6), (2, 70e-6)):
+    ...     truth = {"C_XXX": compliance, "C_YYY": 50e-6}
+    ...     simulated = fast.simulate(campaign, seed=k, parameters=truth).campaign
+    ...     folder = lb.write_campaign(simulated, f"campaigns/{k}")
+    >>> batch = lb.fleet.run_batch(["campaigns"], "fitted", model=fast, compare=False)
+    >>> trend = lb.fleet.find_trend(batch.rows())
+    >>> trend.changed, trend.most_probable, [visit.campaign for visit in trend.campaigns]
+    (True, 'C_XXX', ['campaigns/1', 'campaigns/2'])
+    >>> len(trend.estimates)  # 2 campaigns, 6 parameters
+    12
     """
 
     machine: str | None  #: machine_id of the machine, if the campaigns state one
@@ -222,31 +236,73 @@ def find_trend(
 ) -> Trend:
     """Return whether a parameter of one machine has changed, which, when and by how much.
 
+    One lasting step of one parameter is looked for. Its size has the prior
+    N(0, (change_scale · sd)²), where sd is the reference standard deviation of the parameter: that
+    of the default prior, or, if larger, the median of those of the priors in the fits.
+
     Parameters
     ----------
-    rows : table of a batch, as `read_batch` returns it.
-    machine : machine_id of the machine; required if the rows are of several machines.
-    exclude, since, include_misfits
-        Which campaigns to leave out, see `choose`.
-    parameters, reference_force_N, one_instrument
-        See `fleet_statistics`; default: all constant compliances at the median of the campaigns'
-        reference forces, measured with one bar.
-    tolerances : limits of parameters and stiffnesses, see `assess_conformity`; default: those
-        stated by the newest campaign.
-    change_scale : prior standard deviation of a change, in units of the parameter's reference sd
-        (see `reference_sd`); the default is 2e-5 mm/N for C_XXX.
-    repeatability : scale of the half-normal prior of r, in the same units, where r is the standard
-        deviation of the machine's own scatter from campaign to campaign; the default is 1e-6 mm/N
-        for C_XXX, which is 2 % of a usual 5e-5 mm/N.
-    probability : prior probability of a change.
-    threshold : posterior probability above which a change is reported.
-    prob : probability of the credible intervals.
+    rows : DataFrame
+        Table of a batch that `read_batch` returns, one row per campaign.
+    machine : str, optional
+        Name (machine_id) of the machine; required if the rows are of several machines.
+    parameters : sequence of str, optional
+        Names of the parameters to follow. Default: all constant compliances, that is, those at the
+        reference force.
+    exclude : sequence of str
+        Campaigns (path as given, its last part, or name) to leave out.
+    since : str, optional
+        Date (ISO 8601); campaigns that are earlier or have no date are left out.
+    include_misfits : bool
+        Whether to keep campaigns whose readings the model does not expect.
+    reference_force_N : float, optional
+        Force at which the compliances are stated [N]. Default: the median of the campaigns'
+        reference forces.
+    one_instrument : bool
+        Whether all campaigns used the same bar, so that errors of mount and force gain do not
+        average out.
+    tolerances : mapping of str to str or Tolerance, optional
+        Limits of parameters and stiffnesses, see `assess_conformity`. Default: those stated by the
+        newest campaign.
+    change_scale : float
+        Prior standard deviation of a change, in units of the parameter's reference standard
+        deviation; the default is 2e-5 mm/N for C_XXX.
+    repeatability : float
+        Scale of the half-normal prior of r, in the same units, where r is the standard deviation
+        of the machine's own scatter from campaign to campaign; the default is 1e-6 mm/N for C_XXX,
+        which is 2 % of a usual 5e-5 mm/N.
+    probability : float
+        Prior probability of a change.
+    threshold : float
+        Posterior probability above which a change is reported.
+    prob : float
+        Probability of the credible intervals.
+
+    Returns
+    -------
+    Trend
+        Probability of a change, the step and present level of each parameter, and the estimates
+        from each campaign alone.
 
     Raises
     ------
     InputError
         If there are fewer than two campaigns, the rows are of several machines and none is chosen,
         only some campaigns have dates, or an option is out of range.
+
+    Examples
+    --------
+    >>> fast = lb.HybridModel.first(0)
+    >>> for k, compliance in ((1, 50e-6), (2, 70e-6)):
+    ...     truth = {"C_XXX": compliance, "C_YYY": 50e-6}
+    ...     simulated = fast.simulate(campaign, seed=k, parameters=truth).campaign
+    ...     folder = lb.write_campaign(simulated, f"campaigns/{k}")
+    >>> batch = lb.fleet.run_batch(["campaigns"], "fitted", model=fast, compare=False)
+    >>> trend = lb.fleet.find_trend(batch.rows())
+    >>> trend.changed, trend.most_probable
+    (True, 'C_XXX')
+    >>> trend.probability > 0.95
+    True
     """
     check_probability(prob)
     _check_option("change_scale", change_scale)

@@ -72,11 +72,11 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
 
     Parameters
     ----------
-    posterior
+    posterior : DataTree
         Posterior from `sample`, `load` or `average`.
-    path
+    path : path
         File to write.
-    prob
+    prob : float
         Probability of the intervals.
 
     Returns
@@ -87,12 +87,13 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     Raises
     ------
     InputError
-        ``prob`` is not a probability.
+        ``prob`` is not a probability, or the file cannot be written.
 
     Examples
     --------
-    >>> lb.report.write_dcc(posterior, "dcc.xml").name  # doctest: +SKIP
-    'dcc.xml'
+    >>> file = lb.report.write_dcc(posterior, "dcc.xml")
+    >>> file.read_text(encoding="utf-8").count("<si:valueExpandedMU>")  # U of every parameter
+    19
     """
     result = result_json(posterior, prob=prob)
     campaign = campaign_of(posterior)

@@ -88,13 +88,23 @@ def describe_fit(posterior: xr.DataTree) -> FitWords:
 
     Parameters
     ----------
-    posterior
-        The fit.
+    posterior : DataTree
+        Posterior from `sample`, `load` or `average`.
 
     Returns
     -------
     FitWords
-        It prints as sentences.
+        A dictionary with ``state``, ``kinds``, ``verdict``, ``misfits`` and ``warnings``; it prints
+        as sentences.
+
+    Examples
+    --------
+    >>> words = lb.report.describe_fit(posterior)
+    >>> words["state"]
+    'usable'
+    >>> [warning for warning in words["warnings"] if "Shuffle" in warning]
+    ['Tests in order of force: drift of bar or centre looks exactly like C_XXX, C_YYY, C_CXY
+     and C_CYY. Shuffle them.']
     """
     fit = fit_of(posterior)
     bound = bound_of(posterior)

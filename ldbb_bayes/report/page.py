@@ -279,12 +279,13 @@ def write_report(
     ------
     InputError
         The comparison or design was made from other readings, the campaigns are of different
-        machines, or the folder cannot be written.
+        machines, ``language`` is unknown, ``force_N`` is outside the forces tested, or the folder
+        cannot be written or holds files of others in ``tables``.
 
     Examples
     --------
     >>> lb.write_report(posterior, "report").state  # doctest: +SKIP
-    'The numbers can be used. …'
+    'CAN BE USED WITH THIS RESERVATION. Not determined by the readings: Squareness of X to Y. …'
     """
     folder = Path(folder)
     check_folder(folder)

@@ -212,14 +212,21 @@ def with_words(result: Any) -> dict[str, Any]:
 
     Parameters
     ----------
-    result
-        Result of an analysis.
+    result : Result
+        Result of an analysis, such as `check_campaign` or `fit_population` returns.
 
     Returns
     -------
     dict
         The record that ``as_dict`` of the result returns, to which some kinds of results add
         sentences.
+
+    Examples
+    --------
+    >>> record = lb.report.with_words(lb.check_campaign(campaign))
+    >>> record["remarks"]
+    ['One direction of travel (or none stated): the readings cannot separate friction in the bar
+     from C_XYX.']
     """
     registered = registered_function(with_words, result)
     record: dict[str, Any]
