@@ -1,12 +1,13 @@
 """Local fits: constant compliance and geometry at every two neighbouring force levels.
 
-A slope would have to explain the variation from pair to pair. Each pair is fitted by the paper's
-least squares (Tables 7 and 8), and by the posterior of the model with nuisances (effects that are
-modelled but not of interest). Pairs overlap and share ball form, bar length and mount, so that the
-errors of their estimates are correlated and the points scatter less than their error bars suggest.
-Geometric errors are fitted anew in every pair. A pair therefore estimates the tangent
-d(F C)/dF = C + F dC/dF, which equals the compliance C(F) only where it does not change with the
-force F.
+Compliance that changes with force shows as variation from pair to pair. Each pair of levels is
+fitted by the paper's least squares (Tables 7 and 8), and by the posterior of the model with
+nuisances (effects that are modelled but not of interest). Pairs overlap, and share ball form, bar
+length and mount. The errors of their estimates are therefore correlated, and the points scatter
+less than their error bars suggest.
+
+Geometric errors are fitted anew in every pair. A pair therefore estimates the tangent d(F C)/dF = C
++ F dC/dF, which equals the compliance C(F) only where it does not change with the force F.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ from ldbb_bayes.results import readable
 
 __all__ = ["local_fits"]
 
-# As exact as a figure needs, sd within 2 %: error of the nodes [nat], share of the nodes left out,
-# points of the moments inside the truncation, components of the mixture behind quantiles.
+# Settings that are precise enough for a figure (standard deviations within 2 %): error of the log
+# evidence [nat], share of the quadrature nodes' weight that is left out, number of points for the
+# moments with truncation (compliances must not be negative), and number of components of the
+# mixture from which quantiles are computed.
 _TOLERANCE = 5e-2
 _SPARE = 1e-3
 _POINTS_INSIDE = 128
@@ -86,7 +89,7 @@ def local_fits(
     require_campaign(campaign)
     check_comparable(model, campaign)
     check_probability(prob)
-    # Two circles cannot show which of them scatters more.
+    # The scale of each circle's scatter is left out: two circles cannot show which scatters more.
     constant = model.with_degree(0).without("circle-scale")
     all_tests = constant.bind(campaign)
     levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
@@ -124,7 +127,7 @@ def local_fits(
 
 
 def _pairs(campaign: Campaign) -> list[tuple[str, ...]]:
-    """Return the names of the tests of every two neighbouring force levels."""
+    """Return the names of the tests at every two neighbouring force levels."""
     if campaign.force_levels < 2:
         raise InputError(
             "local fits must have at least two force levels, got one: compliance and geometry"

@@ -1,4 +1,9 @@
-"""Find a sparse basis of the combinations of coefficients that no reading can resolve."""
+"""Find a sparse basis of the combinations of coefficients that no reading can resolve.
+
+Coefficients are the parameters of interest and the nuisance coefficients (effects that are modelled
+but not of interest). Each vector of the basis is a combination, written for its pivot: the
+coefficient that has the value one in it.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +14,22 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EXACT_SHARE", "NullSpace"]
 
-# A combination counts as unresolved only if it changes no reading by more than this share of what
-# its first coefficient changes alone.
+# A combination of coefficients counts as unresolved only if it changes no reading by more than this
+# share of what its pivot, the coefficient with the value one, changes alone.
 EXACT_SHARE = 0.05
-# Coefficients with an effect below a share of the largest are dropped; these shares are tried.
+# Coefficients are dropped from a combination if their effect on the readings is below a share of
+# the largest effect; these shares are tried in turn.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
-# A sparse combination may change the readings by at most this share of the limit.
+# A combination from which coefficients are dropped may change a reading by at most this share of
+# the change that is too small to be seen.
 _SPARSE_LIMIT_SHARE = 0.5
-# A preferred pivot must have a longer row of the null space than this, other pivots projected out.
+# A preferred coefficient becomes a pivot only if its row of the null space's basis is longer than
+# this, after the directions of the pivots chosen before are projected out.
 _LEAST_PIVOT_LENGTH = 0.05
 # Singular values of a least-squares problem below this share of the largest count as zero.
 _RANK_TOLERANCE = 1e-12
-# Decimals to which row lengths are compared, so that rounding does not choose the pivot.
+# Decimals to which lengths of rows of the null space's basis are compared, so that rounding errors
+# do not decide which coefficient becomes a pivot.
 _LENGTH_DECIMALS = 6
 
 
@@ -30,8 +39,8 @@ class NullSpace:
     Parameters
     ----------
     scaled
-        Change of the readings per prior sd of each coefficient, shape (n, m); parameters of
-        interest come first.
+        Change of n readings per prior standard deviation of m coefficients, shape (n, m);
+        parameters of interest come first.
     parameters
         Number of parameters of interest.
     limit
@@ -46,11 +55,12 @@ class NullSpace:
         self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
 
     def sparse_basis(self) -> list[tuple[int, Array]]:
-        """Return pivots and vectors, nuisances first, each vector with a one at its pivot.
+        """Return the basis as pairs of pivot and vector; pairs with a nuisance as pivot come first.
 
-        First come combinations of parameters alone, then every nuisance that the other parameters
-        imitate by themselves, then the remaining null space. No other vector has a vector's pivot.
-        Nuisances that no reading sees by themselves are left out.
+        A pivot is the index of the coefficient that has the value one in the vector; it is zero in
+        all other vectors. Three kinds of vectors are found in turn: combinations of parameters
+        alone, then each nuisance that the remaining parameters can imitate, then the remaining null
+        space. A nuisance that alone changes no reading noticeably is left out.
         """
         columns = np.arange(len(self.largest))
         is_parameter = columns < self.parameters
@@ -71,11 +81,11 @@ class NullSpace:
     def _independent_vectors(
         self, columns: NDArray[np.intp], *, preferred: NDArray[np.bool_]
     ) -> dict[int, Array]:
-        """Return a basis of the null space of these columns, by the index of the pivot column.
+        """Return a basis of the null space of these columns, by the index of the pivot.
 
-        Each vector has the value one for its pivot, and values of columns that are no pivots, so
-        that the effects of all cancel in the readings. ``preferred`` states which columns should be
-        pivots where possible.
+        Columns are indices of coefficients. Each vector has the value one at its pivot, and values
+        at columns that are no pivots, so that their effects on the readings cancel. ``preferred``
+        states which columns should be pivots where possible.
         """
         pivots = columns[_choose_pivots(self._orthonormal_basis(columns), preferred)]
         imitators = np.setdiff1d(columns, pivots)
@@ -87,7 +97,7 @@ class NullSpace:
         return basis
 
     def _orthonormal_basis(self, columns: NDArray[np.intp]) -> Array:
-        """Return directions, shape (columns, k), that move no reading by more than the limit."""
+        """Return k directions, shape (columns, k), that change no reading beyond the limit."""
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
         singular = np.append(singular, np.zeros(len(columns) - len(singular)))
         basis = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
@@ -96,10 +106,11 @@ class NullSpace:
         return basis
 
     def _imitation(self, target: int, imitators: NDArray[np.intp]) -> Array | None:
-        """Return a combination of coefficients that changes no reading: the target and imitators.
+        """Return a combination of a target coefficient and its imitators that changes no reading.
 
         The target has the value one. Imitators with the smallest effects are left out where the
-        others suffice. Return None if the imitators cannot cancel the effect of the target.
+        other imitators suffice. Return None if the imitators cannot cancel the effect of the
+        target.
         """
         solved = np.zeros(self.scaled.shape[1])
         solution = np.linalg.lstsq(
@@ -121,7 +132,10 @@ class NullSpace:
 
 
 def _choose_pivots(basis: Array, preferred: NDArray[np.bool_]) -> list[int]:
-    """Return as many rows of a basis as it has vectors, well conditioned, preferred rows first."""
+    """Return indices of well-conditioned rows of a basis, as many as it has vectors.
+
+    ``basis`` has the shape (columns, vectors). Preferred rows are chosen before other rows.
+    """
     pivots: list[int] = []
     remainder = basis.copy()
     while len(pivots) < basis.shape[1]:

@@ -1,15 +1,15 @@
-"""Find tests that do not belong with the others.
+"""Find tests that do not agree with the other tests of their campaign.
 
 Each test r is compared with replicates: circles simulated from p(y_r | y_−r), the distribution of
 its readings y_r given the readings y_−r of the other tests. The models take part with their
 posterior probabilities given the other tests. For each Fourier order, the p-value of a test is the
 share of replicates that lie as far out as the test. A test has 13 orders, and the smallest of its
-p-values would be small by chance; it is therefore compared with the smallest p-values of the
+p-values would be small by chance. It is therefore compared with the smallest p-values of the
 replicates.
 
-Holm's method bounds the family-wise error, the probability that any test is flagged although all
-belong. A flagged test is taken out before the remaining tests are judged again, because it would
-make its neighbours look odd.
+Holm's method bounds the family-wise error: the probability that any test is flagged although all
+agree. A flagged test is taken out before the remaining tests are judged again, because it would
+make the tests at neighbouring forces look odd.
 """
 
 from __future__ import annotations
@@ -36,40 +36,42 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["FALSE_ALARMS", "JudgedTest", "find_outlying_tests", "judge_circle", "judge_tests"]
 
-# Family-wise error: probability that any test of a campaign is flagged although all belong.
+# Family-wise error: probability that any test of a campaign is flagged although all tests agree.
 FALSE_ALARMS = 0.02
-# Least number of replicates of each test.
+# Least number of replicates (simulated circles) that each test is compared with.
 _REPLICATES = 20_000
-# Replicates of each test per test of the campaign. In a campaign of more tests, Holm's method flags
-# only smaller p-values, and no p-value can be below one over the number of replicates.
+# Number of replicates (simulated circles) for each test, divided by the number of tests of the
+# campaign. With more tests, Holm's method flags only smaller p-values, and no p-value can be below
+# one over the number of replicates.
 _REPLICATES_PER_TEST = 400
-# Number of replicates simulated from each posterior draw when a test is first judged.
+# Number of replicates (simulated circles) from each posterior draw when a test is first judged.
 _CIRCLES_PER_DRAW = 5
 # A test with a p-value below this is judged again with more replicates.
 _SMALL_P_VALUE = 0.05
-# Factor by which the number of replicates is larger when a test is judged again.
+# Factor by which the number of replicates (simulated circles) grows when a test is judged again.
 _MORE_REPLICATES = 2
-# Number of replicates simulated from each posterior draw when a test is judged again. It is small
-# because circles of one draw lie out together, so that small p-values need many draws.
+# Number of replicates (simulated circles) from each posterior draw when a test is judged again. It
+# is small because circles from one draw deviate together, so that small p-values need many draws.
 _CIRCLES_PER_DRAW_AGAIN = 2
 
 
 @dataclass(frozen=True)
 class JudgedTest:
-    """One test compared with what the other tests predict, flagged tests not counted.
+    """One test compared with what the other tests, except flagged ones, predict for it.
 
-    Where a campaign has two tests that disagree, both have small p-values and neither has a flag,
-    because nothing tells which of them is wrong.
+    If a campaign has two tests that disagree, both have small p-values. Neither is flagged, because
+    nothing tells which of them is wrong.
     """
 
-    #: probability that a circle of the same machine lies as far out in any Fourier order
+    #: probability that a circle of the same machine deviates as much in any Fourier order
     p_value: float
     family_wise_p_value: float  #: p-value adjusted for the number of tests (Holm)
-    order_p_values: tuple[float, ...]  #: p-values of the Fourier orders 0 … 12, each by itself
-    worst_order: int  #: Fourier order in which the test lies farthest out
+    order_p_values: tuple[float, ...]  #: p-value of each single Fourier order, 0 … 12
+    worst_order: int  #: Fourier order in which the test deviates most
     #: whether the family-wise p-value is below 2 % and more than half of the tests remain unflagged
     flag: bool
-    distance: float  #: −ln of the χ² tail in the worst order; ranks equal p-values
+    #: −ln of the upper tail of χ² in the worst Fourier order; it ranks tests with equal p-values
+    distance: float
 
 
 @one_blas_thread
@@ -163,7 +165,7 @@ def judge_tests(
     tolerance: float,
     replicates: int | None = None,
 ) -> dict[str, JudgedTest]:
-    """Return every test compared with the others, by name.
+    """Return the comparison of every test with the other tests, by name.
 
     Parameters
     ----------
@@ -200,17 +202,23 @@ def judge_tests(
 
 
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
-    """Return the nodes of the first model, for the properties that all models share."""
+    """Return the nodes of the first model, for properties that are the same in all models."""
     return next(iter(nodes_by_model.values()))
 
 
 def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
-    """Return the test with the smallest p-value; among equals, that with the largest distance."""
+    """Return the name of the test with the smallest p-value.
+
+    Among tests with equal p-values it is that with the largest distance.
+    """
     return min(judged, key=lambda name: (judged[name].p_value, -judged[name].distance))
 
 
 def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[str, JudgedTest]:
-    """Set family-wise p-values by Holm's method, none below ``lowest``, that of flagged tests."""
+    """Return the judged tests with family-wise p-values by Holm's method.
+
+    No family-wise p-value is below ``lowest``, the largest of the tests flagged before.
+    """
     p_values = np.array([judged_test.p_value for judged_test in judged.values()])
     family_wise = np.maximum(holm(p_values), lowest)
     adjusted = {}
@@ -228,7 +236,8 @@ def _judge_left_out(
 ) -> JudgedTest:
     """Return one test compared with circles that the other tests predict in its place.
 
-    Where few circles lie as far out, the test is judged again with more of them.
+    Where few simulated circles deviate as much, the test is judged again with more circles.
+    ``size`` is the number of circles at first.
     """
     bound = _any_nodes(nodes_by_model).bound
     r = bound.test_names.index(name)
@@ -255,7 +264,7 @@ def _replicates(
     circles_per_draw: int,
     rng: np.random.Generator,
 ) -> Array:
-    """Return Fourier coefficients of replicates of a test, shape (about size, 25) [mm].
+    """Return Fourier coefficients of simulated replicates of a test, shape (about size, 25) [mm].
 
     The number of replicates from each model is in proportion to the posterior probability of the
     model given the other tests.
@@ -278,7 +287,7 @@ def _replicates(
 
 
 def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
-    """Return a circle compared with its replicates, not yet adjusted for the number of tests.
+    """Return a circle compared with its replicates, before adjustment for the number of tests.
 
     Parameters
     ----------
@@ -305,8 +314,8 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # In its worst order the circle lies farther out than ``most_nearer`` replicates. Count the
-    # replicates that lie farther out than that many others in any order.
+    # In its worst order, the circle deviates more than ``most_nearer`` replicates. Count the
+    # replicates that deviate more than as many other replicates in any order.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:
@@ -325,8 +334,8 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
 def _squared_distance(harmonics: Array, root: Array) -> Array:
     """Return squared Mahalanobis distances of n circles from their mean, shape (n,).
 
-    ``harmonics`` are k Fourier coefficients of each, shape (n, k); ``root`` is the Cholesky factor
-    of their covariance, shape (k, k).
+    ``harmonics`` are k Fourier coefficients of each circle, shape (n, k); ``root`` is the Cholesky
+    factor of their covariance, shape (k, k).
     """
     return np.asarray((np.linalg.solve(root, harmonics.T) ** 2).sum(axis=0))
 

@@ -34,13 +34,14 @@ __all__ = [
     "decompose_deviation",
 ]
 
-# Number of posterior draws from which contributions are computed.
+# Number of posterior draws from which contributions to the readings are computed.
 DRAWS = 2000
-# Names of the sources that are sums of other sources.
+# Names of the sources of contributions that are sums of other sources.
 TOGETHER = "compliance and geometry"
 COMPLIANCE = "compliance"
 GEOMETRY = "geometry"
-# Columns of the table, those in µm last; the median is that of the peak-to-peak.
+# Columns of the table of contributions: those that state the place and the source, then those with
+# values in µm.
 _PLACE_COLUMNS = ["plane", "radius_mm", "force_N", "source"]
 _VALUE_COLUMNS = ["maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high"]
 
@@ -114,9 +115,11 @@ def decompose_deviation(
 def contribution_paths(
     bound: BoundModel, r: int, force_N: float, beta: Array, only: Collection[str] = ()
 ) -> Mapping[str, Array]:
-    """Return contributions on the circle of test r, each (draws, 360) [µm], by source.
+    """Return contributions to the reading on the circle of test r, by source.
 
-    Angles are 0°, 1° … 359°; sources are those of `decompose_deviation`, or some ``only``.
+    Each has the shape (draws, 360) [µm], for the angles 0°, 1° … 359°. ``beta``, shape (draws, p),
+    are posterior draws of the parameters. Sources are those of `decompose_deviation`, or ``only``
+    some of them.
     """
     turn = basis(ANGLE_RAD).T * 1e3
     paths = {}
@@ -130,7 +133,10 @@ def contribution_paths(
 
 
 def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, Array]:
-    """Return the columns (25, p) of every source."""
+    """Return the effect of each parameter on a circle, shape (25, p), by source of contributions.
+
+    In the columns of a source, parameters that do not belong to it are zero.
+    """
     geometry = np.where(offsets(bound), 0.0, columns.geometric)
     by_source = {
         TOGETHER: columns.elastic + geometry,

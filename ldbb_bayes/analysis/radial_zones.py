@@ -12,7 +12,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Zone", "least_squares_zone", "minimum_zone_width"]
 
-# Three angles are needed to determine a centre and a radius.
+# Least number of angles of a circle: three determine its centre and radius.
 _FEWEST_ANGLES = 3
 
 
@@ -26,14 +26,14 @@ class Zone:
 
     @property
     def width(self) -> float:
-        """Circular deviation G."""
+        """Circular deviation G: difference of the largest and the smallest radial deviation."""
         return self.upper - self.lower
 
 
 def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
-    """Return the zone about the centre of the least-squares circle.
+    """Return the zone of radial deviations about the centre of the least-squares circle.
 
-    Radial deviations at each angle, shape (n,), may have any unit.
+    Angles and radial deviations have the shape (n,); the deviations may have any unit.
     """
     columns = _circle_columns(angle_rad, deviation)
     mean, *centre = np.linalg.lstsq(columns, deviation, rcond=None)[0].tolist()
@@ -42,17 +42,17 @@ def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
 
 
 def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
-    """Return the width of the minimum zone, about the centre that makes it narrowest.
+    """Return the width of the minimum zone: the zone about the centre that makes it narrowest.
 
-    It is the solution of a linear programme: upper − lower is smallest subject to
-    lower ≤ ρ − a cos θ − b sin θ ≤ upper, for radial deviations ρ and the centre (a, b).
+    It is the solution of a linear programme. For radial deviations ρ at the angles θ, upper − lower
+    is made smallest subject to lower ≤ ρ − a cos θ − b sin θ ≤ upper, where (a, b) is the centre.
     """
     columns = _circle_columns(angle_rad, deviation)
     scale = max(float(np.abs(deviation).max()), np.finfo(float).tiny)
     ones = columns[:, :1]
     zeros = 0.0 * ones
     centre = columns[:, 1:]
-    # The unknowns are a, b, lower, upper.
+    # The unknowns are the centre (a, b) and the limits lower and upper.
     below_upper = -np.column_stack([centre, zeros, ones])
     above_lower = np.column_stack([centre, ones, zeros])
     limits = np.concatenate([-deviation, deviation]) / scale

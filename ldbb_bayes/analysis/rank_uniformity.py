@@ -1,9 +1,9 @@
-"""Test whether ranks are uniform: a band for their empirical distribution.
+"""Test whether ranks are uniformly distributed: a band for their empirical distribution.
 
 The method is that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity,
 Statistics and Computing 32:32 (2022). The band consists of a binomial interval at every rank. The
 probability of the single intervals is adjusted so that all of them hold together with the
-probability asked for; this joint probability is computed exactly.
+probability asked for. This joint probability is computed exactly.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# Number of bisections of the probability of a single interval, to reach double precision.
+# Number of bisections by which the probability of a single interval of the band is found; enough
+# for double precision.
 _BISECTIONS = 40
 
 
 def ecdf(ranks: Array, draws: int) -> Array:
     """Return the empirical distribution of ranks in 0 … draws, shape (draws,).
 
-    It is taken at (k + 1) / (draws + 1), k = 0 … draws − 1.
+    It is the share of ranks that are at most k, for k = 0 … draws − 1.
     """
     counts = np.bincount(ranks, minlength=draws + 1)
     return np.asarray(np.cumsum(counts)[:-1] / len(ranks))
@@ -33,10 +34,11 @@ def ecdf(ranks: Array, draws: int) -> Array:
 
 @cache
 def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, Array]:
-    """Return lower and upper ends of the band, each of shape (draws,).
+    """Return lower and upper limits of a band for the distribution of ranks, shape (draws,) each.
 
-    The `ecdf` of so many ranks, uniform in 0 … draws, stays inside as a whole with probability
-    ``prob``, or as near above that as whole counts allow.
+    For ranks that are uniform in 0 … draws, the whole distribution `ecdf` stays inside the band
+    with probability ``prob``. The probability may be slightly larger, because counts are whole
+    numbers.
 
     Parameters
     ----------
@@ -77,9 +79,10 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
 
 
 def _simultaneous_coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
-    """Return P(lower ≤ counts ≤ upper at every level).
+    """Return the probability that uniform ranks stay within limits at every level.
 
-    Counts form a binomial Markov chain across levels.
+    The count of ranks below a level must lie between ``lower`` and ``upper``. From level to level,
+    the counts form a binomial Markov chain.
     """
     previous_level = 0.0
     previous_counts = np.zeros(1, dtype=int)

@@ -1,8 +1,9 @@
-"""Slopes compared with rival explanations of a change with force.
+"""Slopes compared with rival explanations of a change of the readings with force.
 
 Slopes of the compliances, load on the joints, a nonlinear mount and a nonlinear force device may
-each explain why readings change with force. Every combination of them is a model. All have the same
-prior probability, and their evidences give the posterior probabilities.
+each explain why readings change with force. Every combination of them is a model. All models have
+the same prior probability, and their evidences give the posterior probabilities. B is the Bayes
+factor of slopes over no slopes.
 """
 
 from __future__ import annotations
@@ -22,15 +23,16 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Explained", "Explanations", "compare_explanations", "subsets"]
 
-# The name of the slopes among the explanations.
+# Name of the slopes among the explanations of a change with force.
 _SLOPES = "slopes"
-# The readings support slopes where ln B of slopes over no slopes is above this [nat].
+# The readings support slopes where the log Bayes factor of slopes over no slopes is above this
+# [nat].
 _ASKING = 1.0
 
 
 @dataclass(frozen=True)
 class Explained:
-    """One combination of explanations of a change with force."""
+    """One combination of explanations of a change of the readings with force."""
 
     by: tuple[str, ...]  #: names of the explanations combined
     log_evidence: float  #: log evidence of the combination [nat]
@@ -43,18 +45,18 @@ class Explanations:
     """All combinations of explanations of a change with force, equally probable beforehand."""
 
     inclusion_probability: dict[str, float]  #: posterior probability of each explanation
-    models: tuple[Explained, ...]  #: the combinations, the most probable first
-    #: ln B of slopes over no slopes, averaged over the other explanations
+    models: tuple[Explained, ...]  #: all combinations of explanations, the most probable first
+    #: log Bayes factor of slopes over no slopes, averaged over the rival explanations
     averaged: Assumed
-    #: ln B of slopes over no slopes without any other explanation, as in the paper
+    #: log Bayes factor of slopes over no slopes without rival explanations, as in the paper
     alone: Assumed
 
     @property
     def instead(self) -> tuple[str, ...]:
-        """Explanations that make slopes unnecessary; empty where there are none.
+        """Rival explanations that make slopes unnecessary; empty where there are none.
 
-        They are not empty only where the readings would support slopes if there were no other
-        explanation, and do not support them otherwise.
+        There are some only if the readings support slopes without rival explanations, but do not
+        support slopes averaged over the rivals.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)
@@ -62,23 +64,24 @@ class Explanations:
 
 
 def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return every combination of names, the one of all names first."""
+    """Return every combination of names; the combination of all names comes first."""
     choices = itertools.product((True, False), repeat=len(names))
     return [tuple(itertools.compress(names, choice)) for choice in choices]
 
 
 def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
-    """Compare slopes with their rival explanations, by the evidence of every combination of them.
+    """Compare slopes with their rival explanations, by the evidence of every combination.
 
-    Slopes and each rival are in a model or not, so that r rivals give 2^(1 + r) models. All have
-    the same prior probability. The probability of an explanation is the sum of those of the models
-    that include it. The Bayes factor of slopes over no slopes is computed twice: from the models
-    without rivals, and from the evidences averaged over the combinations of rivals.
+    A model includes the slopes or not, and each rival explanation or not, so that r rivals give
+    2^(1 + r) models. All have the same prior probability. The probability of an explanation is the
+    sum of those of the models that include it. The Bayes factor of slopes over no slopes is
+    computed twice: from the models without rivals, and from the evidences averaged over the
+    combinations of rivals.
 
     Parameters
     ----------
     pair : mapping of str to HybridModel
-        The model without slopes, then the same with slopes; both have the same rivals.
+        The model without slopes, then the same model with slopes; both have the same rivals.
     evidences : Evidences
         Evidences that are known already; new ones are added.
 
@@ -116,8 +119,8 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # `subsets` puts the models with slopes into the first row, those without rivals into the last
-    # column.
+    # By the order of `subsets`, the first row has the models with slopes, and the last column those
+    # without rival explanations.
     log_evidence_by_slopes = log_evidence.reshape(2, -1)
     error_by_slopes = error.reshape(2, -1)
     rival_combinations = log_evidence_by_slopes.shape[1]
@@ -138,9 +141,9 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
 def _compare_slopes(
     label: str, pair: Mapping[str, HybridModel], log_evidence: Array, error: float
 ) -> Assumed:
-    """Return ln B of slopes over no slopes, with the log evidences of both by the models' names.
+    """Return the log Bayes factor of slopes over no slopes, with both log evidences.
 
-    Of the two values in ``log_evidence``, the one with slopes comes first; in ``pair``, last.
+    ``log_evidence`` has the value of the model with slopes first; ``pair`` has that model last.
     """
     with_slopes, without_slopes = log_evidence.tolist()
     values = dict(zip(pair, (without_slopes, with_slopes), strict=True))

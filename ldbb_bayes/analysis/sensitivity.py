@@ -14,11 +14,11 @@ from ldbb_bayes.results import Finite
 
 __all__ = ["WHITE_NOISE", "Assumed", "Change", "changed", "discrepancy_assumptions", "under"]
 
-# Function that returns a model changed to another assumption.
+# Function that takes a model and returns it changed to another assumption.
 Change = Callable[[HybridModel], HybridModel]
-# Label of the assumption that circles differ by white noise only.
+# Label of the assumption that circles differ by white noise only; compliances may then be negative.
 WHITE_NOISE = "white noise only, no truncation"
-# Label of the assumption that leaves the models as they are.
+# Label of the models' own assumption about how circles differ from one another.
 _UNCHANGED = "as in the model"
 
 
@@ -26,8 +26,8 @@ class _Alternative(NamedTuple):
     """Another assumption about how circles differ from one another."""
 
     label: str
-    kind: type[Term]  #: class of the term that is replaced
-    term: Term | None  #: term that replaces it; None to leave it out
+    kind: type[Term]  #: class of the model term that is replaced
+    term: Term | None  #: model term to use instead; None to have no term of this class
 
 
 _ALTERNATIVES = (
@@ -54,15 +54,15 @@ class Assumed:
 
     @property
     def best(self) -> float:
-        """The larger log evidence of the two models [nat]."""
+        """The larger of the two models' log evidences [nat]."""
         return max(self.log_evidence.values())
 
 
 def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
     """Return assumptions about how circles may differ from one another, by label.
 
-    The first leaves the models unchanged, each of the next changes one term, and the last leaves
-    only white noise.
+    Each assumption is a function that changes a model. The first leaves the models unchanged, each
+    of the next changes one term, and the last leaves only white noise.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:
@@ -74,7 +74,7 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
 
 
 def _term_of_kind(model: HybridModel, kind: type[Term]) -> Term | None:
-    """Return the model's term of a class, or None if it has none."""
+    """Return the model's term of a class, or None if the model has no such term."""
     for term in model.nuisances:
         if isinstance(term, kind):
             return term
@@ -86,7 +86,7 @@ def _leave_unchanged(model: HybridModel) -> HybridModel:
 
 
 def _change_to(alternative: _Alternative) -> Change:
-    """Return the function that changes a model to an alternative assumption."""
+    """Return a function that changes a model to an alternative assumption."""
 
     def change(model: HybridModel) -> HybridModel:
         if alternative.term is None:
@@ -103,7 +103,7 @@ def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
 def changed(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return two models under each assumption, except where it makes them the same."""
+    """Return two models under each assumption, except where it makes the two models the same."""
     pair = tuple(pair)
     pairs = {}
     for label, change in changes.items():
@@ -118,7 +118,7 @@ def under(
     assumptions: Mapping[str, Sequence[HybridModel]],
     weigh: Callable[..., Sequence[Nodes]],
 ) -> tuple[Assumed, ...]:
-    """Return log evidences and ln B of two models under every assumption.
+    """Return log evidences and log Bayes factor of two models under every assumption.
 
     Parameters
     ----------

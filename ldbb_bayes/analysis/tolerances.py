@@ -1,4 +1,4 @@
-"""Tolerances: the quantities that may have one, and reading them from texts with a unit."""
+"""Tolerances: the quantities that may have one, and tolerances read from texts with a unit."""
 
 from __future__ import annotations
 
@@ -27,15 +27,18 @@ __all__ = [
 _UPPER = ("upper",)
 _LOWER = ("lower",)
 _BOTH = ("lower", "upper")
-# Quantities of the machine's circular path, and the side that a tolerance of one number limits.
+# Quantities of the machine's circular path, and the limit, upper or lower, that a tolerance of one
+# number states.
 PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
-# Names of direct compliances: deflection along a force, or tilt about a moment, never negative.
+# Names of quantities that cannot be negative: direct compliances (deflection along a force, or tilt
+# about a moment), and also stiffnesses and the circular deviation G.
 _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
 _NEVER_NEGATIVE = re.compile(_DIRECT_COMPLIANCE.pattern + r"|stiffness_.|G(_..)?")
-# C(F) may be stated between these multiples of the smallest and of the largest force tested.
+# A compliance may be stated at forces between these multiples of the smallest and of the largest
+# force tested.
 _LEAST_FORCE_SHARE = 0.1
 _LARGEST_FORCE_SHARE = 1.5
-# Signs before a number, and the sides that they limit.
+# Signs before the number of a tolerance, and the limits, upper or lower, that they state.
 _SIDES_BY_SIGN = {"±": _BOTH, "≤": _UPPER, "<=": _UPPER, "≥": _LOWER, ">=": _LOWER}
 _SIGN = re.compile(r"\s*(±|≤|<=|≥|>=)?")
 _NUMBER = re.compile(r"^\s*[+−-]?[\d.]+(e[+-]?\d+)?", re.IGNORECASE)
@@ -58,8 +61,8 @@ class Tolerance(Shown):
     'conforms'
     """
 
-    lower: float | None = None  #: lower limit; None where there is none
-    upper: float | None = None  #: upper limit; None where there is none
+    lower: float | None = None  #: lower limit of the tolerance; None where there is none
+    upper: float | None = None  #: upper limit of the tolerance; None where there is none
 
     def __post_init__(self) -> None:
         low, high = self.ends
@@ -75,7 +78,7 @@ class Tolerance(Shown):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Lower and upper limit, infinite where there is none."""
+        """Lower and upper limit of the tolerance, infinite where there is none."""
         return (
             -np.inf if self.lower is None else self.lower,
             np.inf if self.upper is None else self.upper,
@@ -84,7 +87,10 @@ class Tolerance(Shown):
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity that may have a tolerance: its unit, and the sides that a single number limits."""
+    """A quantity that may have a tolerance: its unit, and the limits that one number states.
+
+    ``sides`` are "upper", "lower" or both.
+    """
 
     unit: str
     sides: tuple[str, ...]
@@ -131,8 +137,8 @@ def tolerances_in(
 
     A single number such as ``60 nm/N`` is the upper limit of a quantity that cannot be negative. It
     is the lower limit of a stiffness (``18 N/µm``), and both limits (±) of any other quantity. A
-    text such as ``−20..40 µrad`` gives both limits; ``≤``, ``≥`` or ``±`` before a number says
-    which limit it is.
+    text such as ``−20..40 µrad`` gives both limits. The sign ``≤``, ``≥`` or ``±`` before a number
+    states which limit it is.
     """
     tolerances = {}
     for stated_name, stated in given.items():
@@ -156,7 +162,10 @@ def tolerances_in(
 
 
 def check_force(campaign: Campaign, force_N: float | None) -> None:
-    """Refuse a force too far from those tested to state anything at it; None is allowed."""
+    """Refuse a force at which nothing can be stated, as it is too far from the forces tested.
+
+    None is allowed.
+    """
     if force_N is None:
         return
     least = float(campaign.forces_N.min())
@@ -172,7 +181,7 @@ def check_force(campaign: Campaign, force_N: float | None) -> None:
 
 
 def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
-    """Read a tolerance from a text with a unit."""
+    """Return the tolerance of a quantity from a text with a unit."""
     subject = f"tolerance of {name}"
     lower, dots, upper = text.partition("..")
     if dots:
@@ -192,7 +201,11 @@ def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
 
 
 def _read_range(subject: str, text: str, lower: str, upper: str, inside_unit: str) -> Tolerance:
-    """Read both limits; a lower limit without unit has the unit of the upper limit."""
+    """Return the tolerance with both limits read from texts.
+
+    A lower limit without a unit has the unit of the upper limit. ``inside_unit`` is the internal
+    unit of the result (of mm, N, rad).
+    """
     if not _UNIT_CHARACTER.search(_EXPONENT.sub("", lower)):
         lower += _NUMBER.sub("", upper)
     low = to_inside(lower, inside_unit, subject)

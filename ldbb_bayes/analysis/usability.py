@@ -1,4 +1,4 @@
-"""Judge whether the numbers of a certificate can be used, and give reasons against it."""
+"""Judge whether the values on a certificate can be used, and give reasons against their use."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ldbb_bayes.results import Result
 __all__ = ["Judgement", "Reason", "ReasonKind", "Use", "is_determined", "state_of"]
 
 
-# The readings hardly determine a parameter with a contraction 1 − Var(β | y) / Var(β) below this:
-# its u is then more than about a third of its prior sd.
+# The readings hardly determine a parameter β with a contraction 1 − Var(β | y) / Var(β) below this:
+# its standard uncertainty is then more than about a third of its prior standard deviation.
 _HARDLY_DETERMINED = 0.9
 
 
 class Use(StrEnum):
-    """Whether the numbers of a certificate can be used."""
+    """Whether the values on a certificate can be used."""
 
     CAN_BE_USED = "can be used"
     WITH_RESERVATION = "can be used with reservation"
@@ -28,7 +28,7 @@ class Use(StrEnum):
 
 
 class ReasonKind(StrEnum):
-    """Kind of reason against the use of numbers."""
+    """Kind of reason against the use of the values on a certificate."""
 
     NOT_CONVERGED = "not-converged"
     MISFIT = "misfit"
@@ -43,17 +43,18 @@ class ReasonKind(StrEnum):
 
 @dataclass(frozen=True)
 class Reason(Result):
-    """One reason why numbers cannot be used, or only with reservation."""
+    """One reason why values on a certificate cannot be used, or only with reservation."""
 
     kind: ReasonKind
     names: tuple[str, ...] = ()  #: names of the parameters or tests concerned
-    #: terms or parameters with which parameters that are not determined are confounded
+    #: model terms or parameters that the readings cannot distinguish from the parameters in
+    #: ``names``
     partners: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Judgement(Result):
-    """Judgement whether the numbers can be used, and all reasons against it, the gravest first."""
+    """Judgement whether values can be used, with all reasons against it, the gravest first."""
 
     use: Use
     reasons: tuple[Reason, ...] = ()
@@ -62,7 +63,8 @@ class Judgement(Result):
 def is_determined(entry: ParameterIdentifiability) -> bool:
     """Return whether the readings determine a parameter.
 
-    They do where it is identified, or where its u is at most a third of its prior sd.
+    They do where it is identified, or where its standard uncertainty is at most about a third of
+    its prior standard deviation.
     """
     return entry.verdict == Verdict.IDENTIFIED or not entry.contraction < _HARDLY_DETERMINED
 
@@ -74,21 +76,22 @@ def state_of(
     *,
     comparison: Comparison | None = None,
 ) -> Judgement:
-    """Return whether the numbers of a certificate can be used.
+    """Return whether the values on a certificate can be used, with reasons against it.
 
-    They cannot be used where the sampler missed its target, the model does not expect the readings,
-    or the readings contradict non-negative compliances. They can be used with reservation where the
-    readings hardly determine a stated parameter, a result depends on the prior, the noise is larger
-    than its prior expects, there are too few forces for the degree, or the result of the comparison
-    depends on assumptions.
+    They cannot be used where the sampler missed its target, the readings do not fit the model, or
+    the readings contradict the condition that compliances are not negative. They can be used with
+    reservation where the readings hardly determine a stated parameter, a result depends on the
+    prior, or the noise is larger than its prior expects. The same holds where there are too few
+    forces for the degree, or where the result of the comparison depends on assumptions.
 
     Parameters
     ----------
     fit : Fit
+        How well the model fits the readings.
     verdicts : mapping of str to ParameterIdentifiability
         Verdicts by parameter.
     stated : collection of str
-        The parameters on the certificate.
+        Names of the parameters on the certificate.
     comparison : Comparison, optional
         Comparison of models, where the certificate states one.
     """
@@ -105,7 +108,7 @@ def state_of(
 
 
 def _grave_reasons(fit: Fit) -> list[Reason]:
-    """Return the reasons why the numbers cannot be used."""
+    """Return the reasons why the values on a certificate cannot be used."""
     reasons = []
     if fit.state == State.UNUSABLE:
         reasons.append(Reason(ReasonKind.NOT_CONVERGED))
@@ -120,7 +123,7 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
 def _reservations(
     fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str]
 ) -> list[Reason]:
-    """Return the reservations about one fit."""
+    """Return the reasons in one fit to use the values on a certificate with reservation only."""
     reasons = []
     undetermined = []
     for name, entry in verdicts.items():
@@ -139,7 +142,7 @@ def _reservations(
 
 
 def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
-    """Return the reservations about a comparison of models."""
+    """Return the reasons in a comparison of models to use its result with reservation only."""
     reasons = []
     if not comparison.within_tolerance:
         reasons.append(Reason(ReasonKind.ROUGH_EVIDENCE))

@@ -1,4 +1,4 @@
-"""Compute the standard uncertainties that further certificates of the instrument would leave."""
+"""Compute the standard uncertainties to expect with further certificates of the instrument."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["CERTIFICATES", "uncertainty_with", "worth_of_certificates"]
 
-# Certificates that the instrument could have, and the values that they would state.
+# Certificates that the instrument could have, and the fields of the instrument that each states.
 CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
     "bar ± 1 µm": {"bar_U_um": 1.0},
@@ -29,7 +29,7 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
 
 
 def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
-    """Return the standard uncertainty of every parameter that these certificates would leave.
+    """Return the standard uncertainty of every parameter, given an instrument's certificates.
 
     The variance given the hyper-parameters φ (the scales of the noise and of other effects) is
     averaged over their posterior without the certificates.
@@ -41,14 +41,14 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     instrument
         Instrument with its certificates.
     weight
-        Weights of the hyper-parameters, shape (w,).
+        Weights of w values of the hyper-parameters, shape (w,).
     phi
-        Hyper-parameters, shape (w, h) [mm], as of `hyper_parameter_nodes`.
+        Values of the h hyper-parameters, shape (w, h) [mm], from `hyper_parameter_nodes`.
 
     Returns
     -------
     ndarray
-        Standard uncertainties, shape (p,), in internal units (mm, N, rad).
+        Standard uncertainties of the p parameters, shape (p,), in internal units (mm, N, rad).
     """
     certified_campaign = replace(bound.campaign, instrument=instrument)
     certified = BoundModel(bound.model, certified_campaign, pilot=bound.pilot)
@@ -58,7 +58,7 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
 def worth_of_certificates(
     bound: BoundModel, weight: Array, phi: Array
 ) -> dict[str, dict[str, float]]:
-    """Return standard uncertainties by certificate, then by parameter.
+    """Return standard uncertainties of the parameters, by certificate, then by parameter.
 
     The cases are no further certificate, each one of `CERTIFICATES` that the instrument does not
     have yet, and all of these together.
@@ -68,9 +68,9 @@ def worth_of_certificates(
     bound
         Model bound to a campaign or plan.
     weight
-        Weights of the hyper-parameters, shape (w,).
+        Weights of w values of the hyper-parameters, shape (w,).
     phi
-        Hyper-parameters, shape (w, h) [mm], as of `hyper_parameter_nodes`.
+        Values of the h hyper-parameters, shape (w, h) [mm], from `hyper_parameter_nodes`.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def worth_of_certificates(
 
 
 def _missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]:
-    """Return the certificates that the instrument does not have yet."""
+    """Return the certificates of `CERTIFICATES` that the instrument does not have yet."""
     uncertified = Instrument()
     missing = {}
     for name, statements in CERTIFICATES.items():

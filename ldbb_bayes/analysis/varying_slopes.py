@@ -1,8 +1,9 @@
-"""Subsets of slopes: which compliances vary with force, and C(F) averaged over the subsets.
+"""Subsets of slopes: which compliances change with force, and curves averaged over the subsets.
 
 Every compliance C may have a slope with force F or none, and each subset of slopes is a model with
-its own evidence. Where there are too many subsets (several planes), only some are considered: a
-search starts from no slopes and from all slopes, and goes on to the neighbours of the best subset.
+its own evidence. Curves are C(F). Where there are too many subsets (several planes), only some are
+considered: a search starts from no slopes and from all slopes, and goes on to the neighbours of the
+best subset.
 """
 
 from __future__ import annotations
@@ -34,21 +35,22 @@ __all__ = [
     "slope_subsets",
 ]
 
-# Number of posterior draws from which the curves C(F) are computed, and number of their forces.
+# Number of posterior draws from which the curves of compliance against force are computed, and
+# number of forces of each curve.
 _DRAWS = 4000
 _CURVE_POINTS = 41
-# Up to ``_ALL_SUBSETS`` subsets, the evidences of all are computed; otherwise those of
-# ``_SEARCHED_SUBSETS`` only.
+# If there are at most ``_ALL_SUBSETS`` subsets of slopes, the evidences of all are computed;
+# otherwise those of ``_SEARCHED_SUBSETS`` only.
 _ALL_SUBSETS = 729
 _SEARCHED_SUBSETS = 100
 
-# Whether each compliance has a slope.
+# Whether each compliance of a model has a slope.
 Choice = tuple[bool, ...]
 
 
 @dataclass(frozen=True)
 class SlopeSubset:
-    """One subset of slopes."""
+    """One subset of slopes, as a model with its evidence and probability."""
 
     varying: tuple[str, ...]  #: names of the compliances that vary with force
     log_evidence: float  #: log evidence of the model with these slopes [nat]
@@ -64,7 +66,7 @@ class VaryingSlope:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """C(F) of one compliance with its equal-tailed credible band, in units of mm, N and rad."""
+    """Compliance C(F) against force F, with its equal-tailed credible band, in mm, N and rad."""
 
     unit: str
     force_N: Numbers
@@ -76,11 +78,12 @@ class Curve:
 
 
 class AveragedSlopes(NamedTuple):
-    """Slopes averaged over their subsets."""
+    """Probabilities of slopes, and compliances against force, from all subsets of slopes."""
 
     slopes: dict[str, VaryingSlope]  #: probability of a slope, by compliance
     subsets: tuple[SlopeSubset, ...]  #: subsets of slopes, the most probable first
-    curves: dict[str, Curve]  #: C(F) averaged over the subsets, by compliance
+    #: compliance against force averaged over the subsets of slopes, by compliance
+    curves: dict[str, Curve]
 
 
 def count_subsets(model: HybridModel, campaign: Campaign) -> int:
@@ -94,7 +97,7 @@ def count_subsets(model: HybridModel, campaign: Campaign) -> int:
 def slope_subsets(
     model: HybridModel, evidences: Evidences, *, seed: int, prob: float = 0.95
 ) -> AveragedSlopes:
-    """Compute the evidence of subsets of slopes, and average C(F) over the subsets.
+    """Compute the evidence of subsets of slopes, and average compliances over the subsets.
 
     Parameters
     ----------
@@ -103,7 +106,7 @@ def slope_subsets(
     evidences : Evidences
         Evidences that are known already; new ones are added.
     seed : int
-        Seed of the draws behind the curves.
+        Seed of the random draws from which the curves C(F) are computed.
     prob : float
         Probability of the bands of the curves.
     """
@@ -139,7 +142,7 @@ def slope_subsets(
 
 
 def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
-    """Return the names of the slopes, by compliance."""
+    """Return the names of the slopes of a model, by compliance."""
     names = {}
     for parameter in model.bind(campaign).parameters:
         if parameter.group == "slope":
@@ -148,10 +151,11 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 
 
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
-    """Return the nodes of subsets of slopes, found by a search that follows the best subsets.
+    """Return the quadrature nodes of subsets of slopes that a best-first search finds.
 
     The search starts from no slopes and from all slopes. It goes on to the neighbours of the best
-    subset, which differ in one slope, and ends after ``_SEARCHED_SUBSETS`` subsets.
+    subset, which differ in one slope, and ends after ``_SEARCHED_SUBSETS`` subsets. ``slopes`` is
+    the number of slopes.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):
@@ -174,7 +178,7 @@ def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, N
 def averaged_curves(
     weighed: Sequence[Nodes], probability: Array, seed: int, prob: float
 ) -> dict[str, Curve]:
-    """Return C(F) over the tested forces, averaged over models, by compliance.
+    """Return compliances C(F) over the tested forces F, averaged over models, by compliance.
 
     Parameters
     ----------

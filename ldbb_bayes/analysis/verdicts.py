@@ -2,14 +2,14 @@
 
 A parameter is confounded where the readings cannot separate it from another effect. β are the
 parameters (compliances, their slopes and geometric errors), nuisances the effects that are modelled
-but not of interest, and y the readings. A degeneracy is a combination of coefficients that no
-reading resolves.
+but not of interest, and y the readings. A degeneracy is a combination of parameters and nuisance
+coefficients that no reading resolves.
 
 Everything is computed for the linear Gaussian model at one value of the hyper-parameters φ (the
 scales of the noise and of other effects), without truncation (the condition that compliances must
-not be negative). No readings are needed for this, so that a plan can be judged before it is run. φ
-is its posterior mean with readings, and its prior median without. Only the worth of certificates is
-averaged over p(φ | y).
+not be negative). No readings are needed for this, so that a plan can be judged before it is run.
+The value of φ is its posterior mean with readings, and its prior median without. Only the benefit
+of certificates is averaged over p(φ | y).
 """
 
 from __future__ import annotations
@@ -63,48 +63,54 @@ __all__ = [
     "variance_share_removed",
 ]
 
-# More than this share of a parameter's variance counts as most of it.
+# An effect that holds more than this share of a parameter's variance holds most of the variance.
 MAJORITY = 0.5
-# A parameter is prior-limited where its contraction, 1 − Var(β | y) / Var(β), is below this.
+# A parameter β is prior-limited where its contraction, 1 − Var(β | y) / Var(β) for readings y, is
+# below this.
 CONTRACTION_LIMIT = 0.75
-# Share of the variance above which nuisances of unknown size make a parameter confounded. A quarter
-# of the variance is half of the standard uncertainty.
+# A parameter is confounded where nuisances of unknown size hold more than this share of its
+# variance. A quarter of the variance is half of the standard uncertainty.
 OPEN_VARIANCE_SHARE = 0.25
-# An effect that holds less than this share of a parameter's variance is not named.
+# An effect that holds less than this share of a parameter's variance is not named as a partner.
 _NAMED_SHARE = 0.05
-# The prior outweighs the readings tenfold where these add less than this share of the prior's
-# precision.
+# The prior outweighs the readings tenfold where the readings add less precision than this share of
+# the prior's.
 _TENTH = 0.1
-# Changes of an estimate below this share of the parameter's prior sd are rounding errors.
+# A change of an estimate below this share of the parameter's prior standard deviation is a rounding
+# error.
 _ROUNDING = 1e-12
-# Class name of the term that the model leaves out, by the degeneracy that this causes.
+# Class names of terms that a model may leave out, by the effect that then looks like a parameter.
 _TERMS_LEFT_OUT = {StandingKind.FRICTION: "Hysteresis", StandingKind.DRIFT: "Drift"}
 
 
 class Verdict(StrEnum):
     """Verdict on how well one parameter is known.
 
-    The rules, in this order:
+    The rules apply in this order:
 
     1. *confounded*, when a nuisance that the model leaves out looks exactly like the parameter:
-       nothing bounds the nuisance then.
+    nothing
+       bounds the nuisance then.
     2. *confounded*, when nuisances in the model look exactly like the parameter and make up more
-       than half of its standard uncertainty (knowing them would remove more than a quarter of its
+    than
+       half of its standard uncertainty (knowing them would remove more than a quarter of its
        variance), and neither these readings nor a certificate state their size. A size inferred
        from other Fourier orders of the circle does not count as measured.
-    3. *confounded*, when more than half of the parameter's variance lies along combinations of
-       coefficients for which the priors outweigh the readings, and more than half of the variance
-       would vanish if the nuisance terms, and the parameters that no reading separates from it,
-       were known. Also *confounded*, when the priors outweigh the readings tenfold along such
-       combinations, and knowing the parameter that it is correlated with most would remove more
-       than half of the variance. Rotations by a force, such as C_CXY, are confounded with
-       `Position` where the circle's centre shifts in proportion to force.
+    3. *confounded*, when two conditions hold. More than half of the parameter's variance lies along
+       combinations of coefficients for which the priors outweigh the readings. And more than half
+       of the variance would vanish if the nuisance terms, and the parameters that no reading
+       separates from it, were known. Also *confounded*, when the priors outweigh the readings
+       tenfold along such combinations, and knowing the parameter with which it is most correlated
+       would remove more than half of the variance. Rotations by a force, such as C_CXY, are
+       confounded with `Position` where the circle's centre shifts in proportion to force.
     4. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of
-       the prior sd.
+    the
+       prior sd.
     5. *identified* otherwise, except where an effect that the model leaves out looks exactly like
-       the parameter in these tests; then *confounded*. With one direction of travel, C_XYX looks
-       like lost motion in proportion to force. In tests that ran in the order of force, direct
-       compliances such as C_XXX look like a drift of the bar's length, and where `Position` is
+    the
+       parameter in these tests; then *confounded*. With one direction of travel, C_XYX looks like
+       lost motion in proportion to force. In tests that ran in the order of force, direct
+       compliances such as C_XXX look like a drift of the bar's length. Where `Position` is
        modelled, C_CXY looks like a drift of the circle's centre.
     """
 
@@ -130,24 +136,28 @@ class ParameterIdentifiability(Result):
 
     name: str  #: name of the parameter
     verdict: Verdict  #: identified, prior-limited or confounded
-    #: terms, then parameters, that a confounded parameter is confounded with, the heaviest first;
-    #: for a parameter that is not confounded the terms that hold at least 5 % of its variance
+    #: for a confounded parameter, the model terms, then the parameters, from which the readings
+    #: cannot separate it; for other parameters, the terms that hold more than 5 % of its variance;
+    #: those with the largest share come first
     partners: Annotated[tuple[str, ...], Field(alias="with")]
-    #: share of the parameter's variance that vanishes if the partner is known, by partner; effects
-    #: that the model leaves out have no share
+    #: share of the parameter's variance that vanishes if a partner is known, by name of the
+    #: partner; effects that the model leaves out have no share
     partner_shares: dict[str, float]
     unit: str  #: internal unit of the parameter
-    prior_mean: Number  #: prior mean; not a number for a flat prior
+    prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
     prior_sd: Finite  #: prior standard deviation; infinite for a flat prior
-    mean: float  #: posterior mean; for a plan the prior mean
-    sd: float  #: posterior standard deviation
-    contraction: Number  #: 1 − Var(β | y) / Var(β); not a number for a flat prior
-    #: ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]; not a
-    #: number for a flat prior
+    mean: float  #: posterior mean of the parameter; for a plan the prior mean
+    sd: float  #: posterior standard deviation of the parameter
+    #: contraction: one minus the ratio of the posterior and the prior variance; not a number for a
+    #: flat prior
+    contraction: Number
+    #: mutual information of parameter and readings, ½ ln(prior variance / posterior variance)
+    #: [nat]; not a number for a flat prior
     information_gain: Number
-    confounding: dict[str, float]  #: 1 − Var(β | y, term known) / Var(β | y), by term
-    #: shares of terms, reading noise and the parameters' own priors in the variance, as in
-    #: `budget_uncertainty`; they sum to one
+    #: share of the parameter's posterior variance that vanishes if a model term is known, by term
+    confounding: dict[str, float]
+    #: shares of model terms, reading noise and the parameters' own priors in the parameter's
+    #: variance, as in `budget_uncertainty`; they sum to one
     shares: dict[str, float]
 
 
@@ -165,29 +175,33 @@ class Identifiability(Result):
     0.6
     """
 
-    parameters: dict[str, ParameterIdentifiability]  #: by name of the parameter
-    degeneracies: tuple[Degeneracy, ...]  #: combinations that no reading resolves
-    #: tests that resolve each degeneracy, found by adding them to the plan and looking again
+    #: verdict on each parameter, by name
+    parameters: dict[str, ParameterIdentifiability]
+    degeneracies: tuple[Degeneracy, ...]  #: combinations of coefficients that no reading resolves
+    #: remedies for each degeneracy: further tests that resolve it when added to the plan, or a
+    #: calibration
     cures: tuple[tuple[Cure, ...], ...]
-    #: parameters that look like effects which are not terms of the model, or which only different
-    #: forces separate from them
+    #: parameters that look like effects which are no terms of the model, or from which only tests
+    #: at different forces separate them
     standing: tuple[Standing, ...]
     #: number of parameters that the readings determine: the sum of the contractions, or for a flat
     #: prior the number of all parameters
     effective_parameters: float
     #: change of each parameter's least-squares estimate (rows) if a nuisance (columns) is ignored
-    #: and equals one prior sd; in internal units
+    #: but has the size of one prior standard deviation; in internal units (mm, N, rad)
     alias: ByRow
     correlation: ByRow  #: posterior correlations of parameters and of nuisances that tests share
-    #: standard uncertainty by certificates of the instrument, then by parameter: without further
-    #: certificates, with each one that does not exist yet, and with all of these
+    #: standard uncertainty by further certificate of the instrument, then by parameter: without
+    #: any, with each certificate that the instrument lacks, and with all of these
     certificates: dict[str, dict[str, float]]
-    hyper_um: dict[str, float]  #: value of φ for which everything is computed [µm]
-    measured: bool  #: whether φ and the means come from readings, not from priors
+    #: hyper-parameters (scales of the noise and of other effects) for which all is computed [µm]
+    hyper_um: dict[str, float]
+    #: whether the hyper-parameters and the means come from readings, not from priors
+    measured: bool
 
 
 class SampledSd(NamedTuple):
-    """Prior and posterior sd of every parameter from draws, shape (p,) each."""
+    """Prior and posterior standard deviations of all p parameters from random draws, shape (p,)."""
 
     prior: Array
     posterior: Array
@@ -304,9 +318,10 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
 
 
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Return w quadrature nodes of φ: weights, shape (w,), and values, shape (w, h) [mm].
+    """Return weights, shape (w,), and values, shape (w, h) [mm], of the hyper-parameters φ.
 
-    They represent p(φ | y) without truncation. For a plan there is one node, the prior median.
+    They are w quadrature nodes that represent p(φ | y) given the readings y, without truncation.
+    For a plan there is one node, the prior median.
     """
     if bound.campaign.is_plan:
         median = np.full((1, len(bound.hyper_prior.names)), 0.5)
@@ -316,9 +331,10 @@ def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
 
 
 def variance_share_removed(information: Information, names: Sequence[str]) -> Array:
-    """Return the share of each parameter's variance that knowing terms or coefficients removes.
+    """Return the share of each parameter's variance that knowing some effects would remove.
 
-    The shape is (p,), for p parameters.
+    ``names`` are those of model terms or coefficients. The result has the shape (p,) for p
+    parameters.
     """
     return np.clip(1.0 - information.variances(names) / information.variances(), 0.0, 1.0)
 
@@ -328,9 +344,9 @@ def prior_dominated_share(information: Information, precision_ratio: float = 1.0
 
     Priors dominate a combination of coefficients where the readings add less than
     ``precision_ratio`` times the precision of the prior. The combinations are the right singular
-    vectors of the whitened design matrix of all coefficients (parameters and nuisances) in units of
-    their prior sds. Along each, the prior precision is one, and the readings add the square of the
-    singular value.
+    vectors of the whitened design matrix of all coefficients (parameters and nuisances), in units
+    of their prior standard deviations. Along each combination, the prior precision is one, and the
+    readings add the square of the singular value.
 
     Parameters
     ----------
@@ -342,7 +358,7 @@ def prior_dominated_share(information: Information, precision_ratio: float = 1.0
     Returns
     -------
     ndarray
-        Shape (p,).
+        Share of the variance of each of the p parameters, shape (p,).
     """
     rows = information.rows()
     coefficients = rows.shape[1]
@@ -359,11 +375,12 @@ def prior_dominated_share(information: Information, precision_ratio: float = 1.0
 class _ParameterFacts:
     """Facts about one parameter on which its verdict is based.
 
-    ``index`` is its index among the parameters. ``removed_shares`` are the shares of its variance
-    that knowing each term would remove; ``squared_correlations`` those that knowing each other
-    parameter would remove. ``dominated_share`` is the share of the variance along combinations of
-    coefficients for which the priors outweigh the readings, ``tenfold_dominated_share`` the same
-    where they outweigh them tenfold.
+    ``index`` is the index of the parameter. ``removed_shares`` are the shares of its variance that
+    knowing each term would remove; ``squared_correlations`` those that knowing each other parameter
+    would remove. ``dominated_share`` is the share of the variance along combinations of
+    coefficients for which the priors outweigh the readings, ``tenfold_dominated_share`` along those
+    for which they outweigh them tenfold. ``degeneracies`` are the unresolved combinations with the
+    parameter.
     """
 
     index: int
@@ -376,7 +393,7 @@ class _ParameterFacts:
 
 
 class _Judgement(NamedTuple):
-    """A verdict, and the terms or parameters that hold much of the variance."""
+    """A verdict on a parameter, and the terms or parameters that hold much of its variance."""
 
     verdict: Verdict
     partners: tuple[str, ...]
@@ -396,19 +413,19 @@ def judge_parameters(
     bound
         Model bound to a campaign or plan.
     information
-        Information of the bound model, given φ.
+        Information of the bound model, given the hyper-parameters.
     combinations
         The `degeneracies` of the bound model.
     mean
-        Mean of β, shape (p,), in internal units.
+        Mean of the p parameters, shape (p,), in internal units (mm, N, rad).
     sampled_sd
-        Prior and posterior sds from draws, truncation included, to use instead of those of the
-        linear Gaussian model.
+        Prior and posterior standard deviations from random draws, truncation included, to use
+        instead of those of the linear Gaussian model.
 
     Returns
     -------
     dict of ParameterIdentifiability
-        By parameter.
+        Verdict by parameter.
     """
     if sampled_sd is None:
         sampled_sd = _gaussian_sd(bound, information)
@@ -466,14 +483,14 @@ def judge_parameters(
 
 
 def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:
-    """Return prior and posterior sds of all parameters in the linear Gaussian model."""
+    """Return prior and posterior standard deviations of the parameters, without truncation."""
     prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
     posterior_sd = np.sqrt(information.variances()) * information.scale[information.interest]
     return SampledSd(prior_sd, posterior_sd)
 
 
 def _information_gain(variance_ratio: float) -> float:
-    """Return the information gain [nat] from the ratio Var(β | y) / Var(β)."""
+    """Return the information gain [nat] from the ratio of posterior and prior variance."""
     if variance_ratio == 0.0:
         return np.inf
     return float(-0.5 * np.log(variance_ratio))
@@ -482,7 +499,7 @@ def _information_gain(variance_ratio: float) -> float:
 def _squared_correlations(
     correlation: pd.DataFrame, names: Sequence[str], name: str
 ) -> dict[str, float]:
-    """Return the squared correlations of one parameter with every other one."""
+    """Return the squared posterior correlation of one parameter with each other parameter."""
     row = correlation[name]
     return {partner: float(row[partner] ** 2) for partner in names if partner != name}
 
@@ -503,14 +520,20 @@ def _terms_left_out(
 
 
 def _shifted_parameters(bound: BoundModel, mean: Array) -> tuple[str, ...]:
-    """Return rotations by a force, if the circle's centre shifts in proportion to force."""
+    """Return rotations by a force, if the circle's centre shifts in proportion to force.
+
+    ``mean`` are the estimated parameters. Otherwise, and for a plan, return nothing.
+    """
     if bound.campaign.is_plan or not centre_shift(bound, mean):
         return ()
     return tuple(name.label for name in bound.compliances if name.kind == "rotation_for_force")
 
 
 def _judge(information: Information, facts: _ParameterFacts) -> _Judgement:
-    """Return the verdict on one parameter by `Verdict`, apart from effects that are no terms."""
+    """Return the verdict on one parameter by the rules of `Verdict`.
+
+    Effects that are not terms of the model or of its preset are not considered.
+    """
     removed = facts.removed_shares
     terms = information.shared_terms
     heavy_terms = [term for term in terms if removed[term] > _NAMED_SHARE]
@@ -534,7 +557,7 @@ def _judge(information: Information, facts: _ParameterFacts) -> _Judgement:
 
 
 def _open_terms(terms: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return those of the terms that are in a degeneracy and whose size nothing states."""
+    """Return those of the terms that are in a degeneracy and whose size is not stated."""
     not_stated = {d.term for d in combinations if d.modelled and not d.stated}
     return tuple(term for term in terms if term in not_stated)
 
@@ -542,9 +565,10 @@ def _open_terms(terms: Sequence[str], combinations: Sequence[Degeneracy]) -> tup
 def _inseparable_partners(
     information: Information, facts: _ParameterFacts, partner_terms: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return terms and parameters that make the parameter confounded by rule 3 of `Verdict`.
+    """Return terms and parameters that make a parameter confounded by rule 3 of `Verdict`.
 
-    Return nothing where the rule does not apply.
+    Return nothing where the rule does not apply. ``partner_terms`` are the terms to name in that
+    case.
     """
     correlations = facts.squared_correlations
     rivals = ranked(correlations, correlations.__getitem__)
@@ -563,7 +587,7 @@ def _inseparable_partners(
 
 
 def _twins(names: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return those of the parameters that are in a degeneracy without nuisances."""
+    """Return those of the named parameters that are in a degeneracy of parameters alone."""
     inseparable = set[str]()
     for degeneracy in combinations:
         if not degeneracy.term:
@@ -574,7 +598,11 @@ def _twins(names: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[st
 def _allow_for_effects_left_out(
     judgement: _Judgement, terms: tuple[str, ...], *, is_shifted: bool
 ) -> _Judgement:
-    """Return the verdict, changed for terms left out and for a shift of the circle's centre."""
+    """Return the verdict, changed for terms left out and for a shift of the circle's centre.
+
+    ``terms`` are the terms left out that look exactly like the parameter; ``is_shifted`` states
+    whether it is a rotation that the shift may cause.
+    """
     verdict = judgement.verdict
     partners = judgement.partners
     if terms and verdict == Verdict.IDENTIFIED:
@@ -587,7 +615,11 @@ def _allow_for_effects_left_out(
 
 
 def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
-    """Return the change of least-squares estimates (rows) per prior sd of nuisances (columns)."""
+    """Return the error of least-squares estimates caused by ignored nuisances.
+
+    The error of each parameter (rows) is that for a nuisance (columns) of one prior standard
+    deviation.
+    """
     interest = information.interest
     names = np.array(information.names)
     nuisances = np.setdiff1d(np.arange(len(names)), interest)

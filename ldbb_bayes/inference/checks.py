@@ -1,10 +1,10 @@
 """Posterior predictive checks: whether the readings look like new circles under the posterior.
 
 The basis consists of the harmonics of a circle at the orders 0 to 12, 25 coefficients in all. φ are
-the h hyper-parameters, the scales of the noise and of other effects; σ among them is the sd of
-white noise. β are the p parameters: compliances, their slopes and geometric errors. Shared
-nuisances are effects that are modelled but not of interest and that several tests have in common.
-Draws are random draws from the posterior. Index r counts the tests.
+the h hyper-parameters, the scales of the noise and of other effects; σ, one of them, is the
+standard deviation of white noise. β are the p parameters: compliances, their slopes and geometric
+errors. Shared nuisances are effects that are modelled but not of interest and that several tests
+have in common. Draws are random draws from the posterior. Index r counts the tests.
 """
 
 from __future__ import annotations
@@ -55,23 +55,28 @@ __all__ = [
 
 # p-value below which a shift of the circles' centre in proportion to force is reported.
 SHIFTED = 0.01
-# Largest number of draws from which checks are computed.
+# Largest number of posterior draws from which predictive checks are computed.
 _DRAWS = 500
-# p-value below which a check fails, after allowing for the number of checks.
+# p-value below which a predictive check fails, after allowing for the number of checks.
 _FAILS = 0.01
-# Smallest p-value of which a logarithm is taken when checks are ranked.
+# Smallest p-value of which a logarithm is taken when predictive checks are ranked.
 _SMALLEST_P = 1e-300
-# Largest number of readings from which the autocorrelation is computed.
+# Largest number of readings from which the autocorrelation of the noise is computed.
 _LONGEST_STRETCH = 100_000
-# A residual is a rounding error if its sum of squares is below this share of that of the readings.
+# A residual is a rounding error if its sum of squares is below this share of the readings' sum of
+# squares.
 _ROUNDING = 1e-24
-# Smallest number of tests in a plane for the check of a shift of the centre with force, ...
+# Smallest number of tests in a plane for the check of whether the circles' centre shifts with
+# force.
 _FEWEST_TESTS = 4
-# ... and smallest number of different forces among them.
+# Smallest number of different forces in a plane for the check of whether the circles' centre shifts
+# with force.
 _FEWEST_FORCES = 3
-# p-value below which the tests count as run in an order of force.
+# The tests count as run in order of rising or falling force if the p-value of no relation between
+# force and time is below this.
 _IN_ORDER = 0.05
-# Orders 13 to 16, just above those of the basis, from which the strength of noise is estimated.
+# Fourier orders 13 to 16, just above those of the model, from which the strength of the noise is
+# estimated.
 _NEXT_ORDERS = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
 
 
@@ -79,8 +84,8 @@ class CheckKind(StrEnum):
     """Property of a circle that a posterior predictive check examines."""
 
     ORDER = "order"  #: the harmonic of one order, 0 to 12
-    NOISE = "noise"  #: the scatter of the readings that these orders do not explain
-    AUTOCORRELATION = "autocorrelation"  #: the correlation of that scatter between neighbours
+    NOISE = "noise"  #: scatter of the readings that the orders 0 to 12 do not explain
+    AUTOCORRELATION = "autocorrelation"  #: correlation of successive residuals beyond order 12
 
 
 @dataclass(frozen=True)
@@ -88,30 +93,31 @@ class Check:
     """One posterior predictive check of one test."""
 
     kind: CheckKind
-    test: str  #: name of the test
-    p: float  #: p-value
-    order: int | None = None  #: order of the circle; None except for `CheckKind.ORDER`
+    test: str  #: name of the test that is checked
+    p: float  #: p-value of the check
+    order: int | None = None  #: Fourier order that is checked; None except for `CheckKind.ORDER`
 
 
 @dataclass(frozen=True)
 class TestChecks(Result):
     """Posterior predictive p-values of one test.
 
-    ``orders_p`` refers to the residual of each order after the effects of the machine and of shared
-    nuisances are subtracted: it is the probability that the residual of a new circle is larger,
-    averaged over the posterior. The other p-values are two-sided; they and the autocorrelation are
-    None if the test has too few readings.
+    ``orders_p`` refers to the residual of each Fourier order after the effects of the machine and
+    of shared nuisances are subtracted. It is the probability that the residual of a new circle is
+    larger, averaged over the posterior. The other p-values are two-sided. They and the
+    autocorrelation are None if the test has too few readings.
     """
 
     __test__ = False
 
-    orders_p: dict[int, float]  #: p-value of each order 0 to 12
-    noise_p: float | None  #: p-value of the scatter of the readings beyond order 12 against σ
-    autocorrelation: float | None  #: lag-one autocorrelation of that scatter
-    autocorrelation_p: float | None  #: p-value of the autocorrelation against white noise
+    orders_p: dict[int, float]  #: p-value of each Fourier order, 0 to 12
+    #: p-value of the scatter of the readings beyond order 12, against the modelled white noise
+    noise_p: float | None
+    autocorrelation: float | None  #: correlation of successive residuals beyond order 12
+    autocorrelation_p: float | None  #: p-value of ``autocorrelation`` against white noise
 
     def of(self, test: str) -> list[Check]:
-        """Return all p-values as checks of the test of this name."""
+        """Return all p-values as checks, labelled with the name of the test."""
         checks = [Check(CheckKind.ORDER, test, p, order) for order, p in self.orders_p.items()]
         if self.noise_p is not None:
             checks.append(Check(CheckKind.NOISE, test, self.noise_p))
@@ -140,12 +146,12 @@ def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
 def effects_of_failures(
     bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]
 ) -> tuple[dict[str, float], float]:
-    """Return by how much failing checks could change parameters and widen intervals.
+    """Return how much failing checks could change parameters and widen intervals.
 
-    The first result holds, for each test with a failing order, the largest change of a parameter,
-    in units of its sd, when the test is left out. The second is the largest share by which an
-    interval grows if tests with a failing check of noise have noise as strong as at the orders 13
-    to 16. Both are computed at φ, shape (h,).
+    The first result holds, for each test with a failing Fourier order, the largest change of a
+    parameter when the test is left out, in units of its standard deviation. The second result is
+    the largest share by which an interval grows if tests with a failing check of noise have noise
+    as strong as at the orders 13 to 16. Both are computed at the hyper-parameters φ, shape (h,).
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
@@ -157,7 +163,8 @@ def effects_of_failures(
 def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[str, float]:
     """Return, for each test, the largest change of a parameter when the test is left out.
 
-    The change is in units of the parameter's sd.
+    The change is in units of the parameter's posterior standard deviation, at the hyper-parameters
+    φ, shape (h,).
     """
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}
@@ -171,9 +178,10 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
 
 
 def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> float:
-    """Return the largest share by which an interval grows if the tests named are noisier than σ.
+    """Return the largest share by which an interval grows if the tests named are noisier.
 
-    Their noise is taken to be as strong as at the orders 13 to 16.
+    Their noise is taken to be as strong as at the Fourier orders 13 to 16, if that exceeds the
+    modelled noise. ``phi`` are the hyper-parameters, shape (h,).
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
@@ -189,7 +197,7 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
 
 
 def _power_beyond(bound: BoundModel) -> Array:
-    """Return, for each test, the variance of white noise that explains the orders 13 to 16 [mm²].
+    """Return, for each test, the variance of white noise that explains orders 13 to 16 [mm²].
 
     The mean over tests of the same plane, radius and direction of travel is subtracted first: a
     pattern of the machine is no noise.
@@ -210,9 +218,9 @@ def _power_beyond(bound: BoundModel) -> Array:
 
 
 def _waves_beyond(test: CircularTest) -> Array:
-    """Return the harmonics of the readings at the orders 13 to 16 [mm].
+    """Return the Fourier coefficients of a test's readings at the orders 13 to 16 [mm].
 
-    They are fitted by least squares, together with those of the basis.
+    They are fitted by least squares, together with those of the orders 0 to 12.
     """
     angle = test.angles_rad()
     turned = np.exp(1j * np.outer(angle, _NEXT_ORDERS))
@@ -223,10 +231,10 @@ def _waves_beyond(test: CircularTest) -> Array:
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """Return the machine axes along which the circles' centre shifts in proportion to force.
 
-    The shift that the parameters β, shape (p,), explain is subtracted first. The result maps each
-    axis to the p-value of no shift: Student's t-test of the slope of order 1 over force. It holds
-    the axes significant at 1 % after allowing for their number. Only planes with at least four
-    tests at three forces are checked.
+    The shift that the p parameters ``beta``, shape (p,), explain is subtracted first. The result
+    maps each axis to the p-value of no shift: Student's t-test of the slope of order 1 over force.
+    It holds the axes that are significant at 1 % after allowing for their number. Only planes with
+    at least four tests at three forces are checked.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [harmonics_of(bound, r) @ residual for r, residual in enumerate(residuals)]
@@ -278,9 +286,10 @@ def _p_value_of_no_slope(force: Array, values: Array) -> float:
 def check_predictions(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> dict[str, TestChecks]:
-    """Return the checks of every test against new circles under the posterior, by its name.
+    """Return the checks of every test against new circles under the posterior, by test.
 
-    Draws of φ [mm] have the shape (draws, h), those of β the shape (draws, p).
+    Draws of the hyper-parameters φ [mm] have the shape (draws, h), those of the parameters β the
+    shape (draws, p).
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)
@@ -301,10 +310,11 @@ def check_predictions(
 
 
 def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) -> dict[int, float]:
-    """Return the p-value of the residual of test r at every order of its harmonics.
+    """Return the p-value of the residual of test r at every Fourier order.
 
-    The residual is what the machine and the shared nuisances leave of the readings. It is compared
-    with the scatter that reading noise and the effects private to one test lead to expect.
+    The residual is the part of the readings that the machine and the shared nuisances do not
+    explain. It is compared with the scatter to expect from reading noise and from effects that act
+    on one test only.
 
     Parameters
     ----------
@@ -313,10 +323,10 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
     r
         Index of the test.
     shared
-        Basis coefficients that machine and shared nuisances predict in every draw, shape
-        (draws, 25).
+        Fourier coefficients that machine and shared nuisances predict in every draw, shape (draws,
+        25).
     sigma
-        White noise σ of every draw, shape (draws,) [mm].
+        Standard deviation σ of white noise in every draw, shape (draws,) [mm].
     """
     reduced = draws.bound.reduced[r]
     to_harmonics = harmonics_of(draws.bound, r)
@@ -337,14 +347,14 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
 
 
 class _Scatter(NamedTuple):
-    """Covariance C S² Cᵀ of k residuals from v independent sources, for every draw."""
+    """Covariance C S² Cᵀ of k residuals that v independent sources cause, for every draw."""
 
     columns: Array  #: effects C of the sources on the residuals, shape (k, v)
-    sd: Array  #: sd of the sources, the diagonal of S, shape (draws, v)
+    sd: Array  #: standard deviations of the sources, the diagonal of S, shape (draws, v)
 
 
 def _mean_tail_probability(residual: Array, scatter: _Scatter) -> float:
-    """Return the mean over draws of P(χ² ≥ rᵀ V⁻¹ r).
+    """Return the mean over draws of P(χ² ≥ rᵀ V⁻¹ r), a p-value of residuals.
 
     r is the residual of a draw, of k elements, and V its covariance from ``scatter``.
     """
@@ -358,7 +368,7 @@ def _mean_tail_probability(residual: Array, scatter: _Scatter) -> float:
 def average_checks(
     shares: Array, checks_by_model: Sequence[Mapping[str, TestChecks]]
 ) -> dict[str, TestChecks]:
-    """Return the checks of several models, averaged by the shares of the models."""
+    """Return the checks of several models, averaged with the weights ``shares`` of the models."""
     averaged = {}
     for name, first in checks_by_model[0].items():
         of_test = [checks[name] for checks in checks_by_model]
@@ -378,9 +388,9 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
     """Return the lag-one autocorrelation of the readings beyond order 12, and its p-value.
 
     The p-value is two-sided against white noise. For the n readings of white noise the
-    autocorrelation has the mean tr(M S) / tr(M) and a variance of about 1/n. M (n, n) projects the
-    readings onto what the basis leaves; S (n, n) shifts them to the next reading. If there are very
-    many readings, only the first ones in angle are used.
+    autocorrelation has the mean tr(M S) / tr(M) and a variance of about 1/n. The matrix M, shape
+    (n, n), removes the Fourier orders 0 to 12 from the readings; S, shape (n, n), shifts them to
+    the next reading. If there are very many readings, only the first ones in angle are used.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]
     angle = test.angles_rad()[order]

@@ -4,12 +4,11 @@ The 25 basis coefficients of a circle are its harmonics of the orders 0 to 12. �
 parameters: compliances, their slopes and geometric errors. φ are the h hyper-parameters, the scales
 of the noise and of other effects. y are the readings. Nuisances are effects that are modelled but
 not of interest: shared ones are common to several tests, private ones belong to a single circle.
-
 There are three kinds of prediction:
 
 - machine: H β, where the matrix H holds the effect of each parameter on each circle;
-- shared: the machine plus ball form, bar length, mount and force error; RMSE and fitness
-  (Eq. 34-35) refer to this prediction;
+- shared: the machine plus ball form, bar length, mount and force error. Root-mean-square residual
+  and fitness (Eq. 34-35 of the paper) refer to this prediction;
 - new circle: the shared prediction plus set-up shift, discrepancy and white noise, drawn anew.
 """
 
@@ -51,16 +50,17 @@ class ModelDraws(NamedTuple):
     beta: Array  #: parameters, shape (n, p)
 
     def thinned(self, size: int) -> ModelDraws:
-        """Return at most ``size`` of the draws, evenly spaced."""
+        """Return at most ``size`` of the random draws, evenly spaced."""
         chosen = evenly_spaced(len(self.phi), size)
         return ModelDraws(self.bound, self.phi[chosen], self.beta[chosen])
 
 
 class PrivateTerm(NamedTuple):
-    """Private effect of one circle, with v coefficients that are drawn anew for every circle."""
+    """An effect on one circle only, with v coefficients that are drawn anew for every circle."""
 
-    columns: Array  #: basis coefficients of each effect [mm], shape (25, v)
-    sd: Array  #: sd of the v coefficients, shape (draws, v)
+    #: Fourier coefficients of the circle per unit of each of v coefficients [mm], shape (25, v)
+    columns: Array
+    sd: Array  #: standard deviations of the v coefficients, shape (draws, v)
 
 
 def evenly_spaced(total: int, size: int) -> Array:
@@ -69,10 +69,10 @@ def evenly_spaced(total: int, size: int) -> Array:
 
 
 def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array, Array]:
-    """Return the draws of all chains in one array each for β and φ, shape (draws, variables).
+    """Return the draws of all chains in one array for β and one for φ, shape (draws, variables).
 
-    The draws given have the shape (chains, draws, variables). If ``size`` is given, at most that
-    many are returned, evenly spaced.
+    β are parameters and φ hyper-parameters, given in the shape (chains, draws, variables). If
+    ``size`` is given, at most that many draws are returned, evenly spaced.
     """
     flat_beta = beta.reshape(-1, beta.shape[2])
     flat_phi = phi.reshape(-1, phi.shape[2])
@@ -83,9 +83,10 @@ def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array,
 
 
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
-    """Return the machine prediction H β plus the nominal deflection of the mount [mm].
+    """Return what the machine's parameters predict for each circle [mm].
 
-    The basis coefficients have shape (draws, tests, 25).
+    ``beta``, shape (draws, p), are draws of the parameters. The nominal deflection of the mount is
+    included. The result are Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
     """
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
@@ -93,7 +94,10 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
 def shared_terms(
     columns: Iterable[Columns | BasisNoise], *, private: bool = False
 ) -> list[Columns]:
-    """Return the columns of the shared nuisances or, if ``private``, of the private ones."""
+    """Return the columns of nuisances that tests share or, if ``private``, of those of one test.
+
+    A column holds the effect of one nuisance coefficient on every circle.
+    """
     return [term for term in columns if isinstance(term, Columns) and term.private == private]
 
 
@@ -105,9 +109,10 @@ def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
 
 
 def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
-    """Return random draws of the shared nuisance coefficients given β, φ and y, shape (draws, q).
+    """Return random draws of the q nuisance coefficients that tests share, shape (draws, q).
 
-    One is drawn for each draw of β and φ.
+    One is drawn for each draw of the parameters β and hyper-parameters φ, given these and the
+    readings.
     """
     draws = []
     for start in range(0, len(phi), CHUNK):
@@ -120,11 +125,11 @@ def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gener
 def compliance_curves(
     bound: BoundModel, phi: Array, beta: Array, force_N: Array, rng: np.random.Generator
 ) -> Array:
-    """Return C(F) of every compliance that the model keeps, shape (draws, n, compliances).
+    """Return the compliances C(F) at n forces F, shape (draws, n, compliances).
 
-    C(F) is the compliance at each of n forces F, from C and its slopes. C(F) of a machine axis is
-    its deflection divided by the bar force along it. It includes what the term `JointLoad` adds,
-    which is drawn at random given β, φ and y.
+    C(F) follows from C and its slopes, for each draw of the parameters β and hyper-parameters φ.
+    C(F) of a machine axis is its deflection divided by the bar force along it. It includes what the
+    term `JointLoad` adds, which is drawn at random given β, φ and the readings.
     """
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])
     curves = np.einsum("fcp,wp->wfc", at_forces, beta)
@@ -159,10 +164,11 @@ def _names_of_shared(bound: BoundModel) -> list[str]:
 
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
-    """Return the shared prediction, with nuisances at their means given β, φ and y [mm].
+    """Return the prediction for each circle without scatter, from draws of the parameters [mm].
 
-    It is the machine plus ball form, bar length, mount and force error, as basis coefficients of
-    shape (draws, tests, 25).
+    It includes the machine, ball form, bar length, mount and force error. The nuisances are at
+    their means given the parameters β, the hyper-parameters φ and the readings. The result are
+    Fourier coefficients, shape (draws, tests, 25).
     """
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean
@@ -181,8 +187,9 @@ def new_circle_coefficients(
 ) -> Array:
     """Return random draws of a new circle under the conditions of every test [mm].
 
-    The basis coefficients, shape (draws, tests, 25), lack white noise. Shared nuisances are drawn
-    from their posterior; random force error, set-up shift and discrepancy are drawn anew.
+    The result are Fourier coefficients, shape (draws, tests, 25), without white noise. Nuisances
+    that tests share are drawn from their posterior given the parameters β and hyper-parameters φ.
+    Random force error, set-up shift and discrepancy are drawn anew.
     """
     shared = draw_shared_coefficients(bound, phi, beta, rng)
     circles = [draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))]
@@ -192,9 +199,10 @@ def new_circle_coefficients(
 def draw_shared_coefficients(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> Array:
-    """Return the machine plus random draws of shared nuisances given β, φ and y [mm].
+    """Return the machine's effects plus random draws of nuisances that tests share [mm].
 
-    The basis coefficients have shape (draws, tests, 25).
+    The nuisances are drawn given the parameters β, the hyper-parameters φ and the readings. The
+    result are Fourier coefficients, shape (draws, tests, 25).
     """
     nuisances = draw_shared(bound, phi, beta, rng)
     shared = np.einsum("tkq,wq->wtk", shared_columns(bound), nuisances)
@@ -202,9 +210,10 @@ def draw_shared_coefficients(
 
 
 def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
-    """Return random draws of the private effects of test r, shape (draws, 25) [mm].
+    """Return random draws of the effects that act on test r only, shape (draws, 25) [mm].
 
-    These are random force error, set-up shift and discrepancy.
+    These are random force error, set-up shift and discrepancy, as Fourier coefficients. ``phi`` are
+    draws of the hyper-parameters.
     """
     coefficients = np.zeros((len(phi), SIZE))
     for term in private_terms(bound, phi, r):
@@ -214,7 +223,10 @@ def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generat
 
 
 def private_terms(bound: BoundModel, phi: Array, r: int) -> Iterator[PrivateTerm]:
-    """Yield the private effects of test r: random force error, set-up shift and discrepancy."""
+    """Yield the effects that act on test r only: force error, set-up shift, discrepancy.
+
+    ``phi`` are draws of the hyper-parameters, which hold the scales of these effects.
+    """
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     for term in bound.nuisance_columns:
         if isinstance(term, BasisNoise):

@@ -17,28 +17,31 @@ from ldbb_bayes.results import Array
 
 __all__ = ["conditional_draws", "draw_parameters_given"]
 
-# Largest number of times that draws outside the truncation are repeated.
+# Largest number of times that random draws with a negative compliance are repeated.
 _REPEATS = 20
 
 
 def conditional_draws(
     bound: BoundModel, free: Array, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return one random draw of β from p(β | y, φ), under the truncation, at each of w points.
+    """Return one random draw of the parameters β from p(β | y, φ) at each of w points.
 
-    The points are given in free coordinates, shape (w, h).
+    Draws are restricted to compliances that are not negative, if the model truncates. The points
+    are values of the hyper-parameters φ in unbounded coordinates, shape (w, h).
 
     Returns
     -------
     beta : ndarray, shape (w, p)
+        Random draws of the p parameters.
     exact : ndarray of bool, shape (w,)
-        False if the rejection sampler gave up, or if rounding left β outside the truncation.
+        False if the rejection sampler gave up, or if rounding made a compliance negative.
     """
     beta = np.zeros((len(free), len(bound.names)))
     exact = np.ones(len(free), dtype=bool)
     nodes, node_of_row = np.unique(free, axis=0, return_inverse=True)
     node_of_row = node_of_row.ravel()
-    # If many points are equal, p(β | y, φ) is computed only once for each different point.
+    # If many points are equal, the density of the parameters is computed only once for each
+    # different point.
     conditional_of_nodes = None
     if 2 * len(nodes) <= len(free):
         conditional_of_nodes = bound.given(bound.hyper_prior.phi(nodes))[1]
@@ -56,15 +59,16 @@ def conditional_draws(
 
 
 def draw_parameters_given(bound: BoundModel, free: Array, rng: np.random.Generator) -> Array:
-    """Return one random draw of β at each of w points, all inside the truncation, shape (w, p).
+    """Return one random draw of the parameters at each of w points, shape (w, p).
 
-    The points are given in free coordinates, shape (w, h).
+    No compliance is negative in any draw, if the model truncates. The points are values of the
+    hyper-parameters in unbounded coordinates, shape (w, h).
 
     Raises
     ------
     InputError
-        If repeated rejection finds no β inside the truncation at some point: the readings then
-        contradict compliances that are not negative.
+        If repeated rejection finds no draw without negative compliances at some point: the readings
+        then contradict compliances that are not negative.
     """
     beta = np.zeros((len(free), len(bound.names)))
     missing = np.arange(len(free))

@@ -27,15 +27,17 @@ from ldbb_bayes.results import Array
 
 __all__ = ["log_likelihood_of_tests", "with_predictive"]
 
-# Values of ln λ over which a circle's scale is summed; the steps are small beside its density.
+# Logarithms of a circle's scale of scatter λ, over which it is summed; the steps are small beside
+# the width of its density.
 _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
-# Tolerance of log evidences and of log probabilities of the truncation [nat].
+# Tolerance of log evidences, and of log probabilities that no compliance is negative [nat].
 _TOLERANCE = 1e-2
-# Densities with a Pareto k̂ above this are tempered: raised to a power below one, ...
+# Predictive densities are tempered, that is raised to a power below one, where the Pareto shape k̂
+# of their inverses is above this.
 _LARGE_K = 0.4
-# ... the power being this value over k̂, ...
+# Predictive densities are tempered with the power that is this value over the Pareto shape k̂.
 _TEMPERED_K = 0.2
-# ... where k̂ is taken to be at most this.
+# Largest Pareto shape k̂ from which the power of a tempered density is computed.
 _LARGEST_K = 2.0
 
 
@@ -144,7 +146,10 @@ def _thin_chains(posterior: xr.DataTree, draws: int) -> xr.DataTree:
 def _draw_readings(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> list[Array]:
-    """Return random readings of a new circle for every test [mm], each of shape (draws, n)."""
+    """Return random readings of a new circle for every test [mm], each of shape (draws, n).
+
+    ``phi`` and ``beta`` are draws of the hyper-parameters and of the parameters.
+    """
     coefficients = new_circle_coefficients(bound, phi, beta, rng)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
     return [
@@ -154,7 +159,7 @@ def _draw_readings(
 
 
 def _ranges(readings_by_test: Sequence[Array]) -> Array:
-    """Return the range of the readings of each test, shape (…, tests).
+    """Return the range (largest minus smallest) of the readings of each test, shape (…, tests).
 
     The readings of a test have the shape (…, n).
     """
@@ -179,9 +184,10 @@ def _sampled_group(
 
 
 def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
-    """Return ln p(y_r | y_−r, φ) for every test r at w values of φ, shape (w, tests).
+    """Return the log density of each test given the others, at w points, shape (w, tests).
 
-    φ has the shape (w, h). The scale λ_r of the circle of test r is integrated out. See
+    The density is p(y_r | y_−r, φ), with the readings y_r of test r, y_−r of all other tests and
+    the hyper-parameters φ, shape (w, h). The scale of the scatter of test r is integrated out. See
     `with_predictive`.
     """
     log_evidence = in_chunks(partial(_log_evidence, bound), phi)
@@ -201,7 +207,10 @@ def _without_test(bound: BoundModel, name: str) -> BoundModel:
 
 
 def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> Array:
-    """Return ln p(y | φ) with the scale λ of one circle integrated out, shape (w,)."""
+    """Return ln p(y | φ) with the scale of one circle's scatter integrated out, shape (w,).
+
+    y are the readings and φ the hyper-parameters, shape (w, h).
+    """
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)
     log_prior = bound.hyper_prior.log_density(grid) + _LOG_LAMBDA
@@ -213,10 +222,11 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
 
 
 def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
-    """Return ln p(y_r | y_−r, φ), tempered for tests with a large Pareto k̂ of 1/p.
+    """Return the log densities of the tests, tempered where importance weights would fail.
 
-    The shape is (w, tests). A tempered density is raised to a power below one and scaled so that
-    its harmonic mean over the draws is the exact density.
+    ``log_density`` is ln p(y_r | y_−r, φ) of each test r given all others at w draws, shape (w,
+    tests). It is tempered where the Pareto shape k̂ of 1/p is large: p is raised to a power below
+    one, and scaled so that its harmonic mean over the draws is the exact density.
     """
     moderate = log_density.copy()
     for r, name in enumerate(bound.test_names):
@@ -231,15 +241,16 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
 
 
 def _exact_log_evidence(bound: BoundModel) -> float:
-    """Return ln p(y), with all parameters and hyper-parameters integrated out."""
+    """Return the log evidence of the model, with all parameters integrated out."""
     posterior = HyperPosterior(bound, truncated=bound.truncation.active)
     return posterior.nodes(_TOLERANCE).evidence.log_value
 
 
 def _log_evidence(bound: BoundModel, phi: Array) -> Array:
-    """Return ln p(y | φ) under the truncation, shape (w,).
+    """Return ln p(y | φ) of the readings y at w values of the hyper-parameters φ, shape (w,).
 
-    It is not divided by P(T), the prior probability of the truncation.
+    Where compliances must not be negative (truncation T), it is not divided by the prior
+    probability P(T).
     """
     if not bound.truncation.active:
         return bound.log_evidence(phi)

@@ -29,11 +29,13 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
-# Temperature at which starting points are drawn, a little wider than the posterior.
+# Temperature at which starting points of a sampler are drawn; above one, they spread a little wider
+# than the posterior.
 _START_TEMPERATURE = 1.5
-# Points drawn for each starting point needed, as points outside the truncation are dropped.
+# Number of points drawn for each starting point needed, as points with a negative compliance are
+# dropped.
 _DRAWS_PER_START = 2
-# Smallest distance of prior probabilities from 0 and 1, where quantiles are infinite.
+# Smallest distance of cumulative prior probabilities from 0 and 1, where quantiles are infinite.
 _SMALLEST_PROBABILITY = 1e-15
 
 
@@ -101,7 +103,7 @@ class LogDensity(Shown):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the d coordinates."""
+        """Return the names of the d coordinates: parameters, then hyper-parameters."""
         return (*self.bound.names, *self.bound.hyper_prior.names)
 
     @property
@@ -114,8 +116,8 @@ class LogDensity(Shown):
     def bounds(self) -> Array:
         """Return the least and the greatest value of each coordinate, shape (d, 2).
 
-        Truncation, C(F) ≥ 0 at every force tested, also restricts combinations of coordinates.
-        `log_prior` accounts for all of it.
+        The truncation, by which no compliance is negative at any force tested, also restricts
+        combinations of coordinates. `log_prior` accounts for these as well.
         """
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 
@@ -123,8 +125,8 @@ class LogDensity(Shown):
     def scale(self) -> Array:
         """Return the typical size of each coordinate under the prior, shape (d,).
 
-        For a parameter it is the prior sd. Optimisers need sizes under the posterior instead: the
-        spread of the points that `initial` returns.
+        For a parameter it is the prior standard deviation. Optimisers need sizes under the
+        posterior instead: the spread of the points that `initial` returns.
         """
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
@@ -136,22 +138,34 @@ class LogDensity(Shown):
         return f"LogDensity of {campaign!r}: {parameters} parameters, {scales} scales"
 
     def log_prob(self, x: Array) -> float | NDArray[np.float64]:
-        """Return ln p(y | x) + ln p(x); −inf where the prior density is zero, never NaN."""
+        """Return the log density of the readings and of x; −inf where the prior density is zero.
+
+        It is ln p(y | x) + ln p(x), for the readings y and the point x of parameters and
+        hyper-parameters. It is never NaN.
+        """
         return self._evaluate(x, self._log_joint)
 
     def log_prior(self, x: Array) -> float | NDArray[np.float64]:
-        """Return ln p(x), truncation included; if β has a flat prior, only that of φ."""
+        """Return the log prior density ln p(x) at x, truncation included.
+
+        x are parameters and hyper-parameters. If the parameters have a flat prior, only the prior
+        of the hyper-parameters counts.
+        """
         return self._evaluate(x, self._log_prior)
 
     def log_likelihood(self, x: Array) -> float | NDArray[np.float64]:
-        """Return ln p(y | x) of readings in mm; −inf if a hyper-parameter is out of bounds."""
+        """Return the log density ln p(y | x) of the readings y in mm, given x.
+
+        x are parameters and hyper-parameters. The result is −inf if a hyper-parameter is out of
+        bounds.
+        """
         return self._evaluate(x, self._log_likelihood)
 
     def prior_transform(self, u: Array) -> Array:
         """Return the points x at cumulative prior probabilities u, for nested samplers.
 
         u has the shape of x. The probability of each coordinate is conditional on the coordinates
-        before it, so that the unit cube is mapped to the inside of the truncation.
+        before it. The unit cube is therefore mapped to points at which no compliance is negative.
 
         Raises
         ------
@@ -177,7 +191,7 @@ class LogDensity(Shown):
         return np.concatenate([beta, phi], axis=1).reshape(np.shape(u))
 
     def split(self, x: Array) -> dict[str, dict[str, Any]]:
-        """Return ``{"parameters": {name: value}, "hyper": {name: value}}``.
+        """Return the values at x by name, as ``{"parameters": {…}, "hyper": {…}}``.
 
         For one point x the values are numbers; for n points they have shape (n,).
         """
@@ -194,7 +208,7 @@ class LogDensity(Shown):
     def initial(self, n: int, seed: int = 1) -> Array:
         """Return n starting points for a sampler, shape (n, d).
 
-        They spread a little wider than the posterior, and all are inside the truncation.
+        They spread a little wider than the posterior, and no compliance is negative in any of them.
         """
         joint = JointDensity(self.bound)
         random = np.random.RandomState(seed)
@@ -229,7 +243,10 @@ class LogDensity(Shown):
     def _evaluate(
         self, x: Array, density: Callable[[Array, Array], Array]
     ) -> float | NDArray[np.float64]:
-        """Return a log density of β and φ at x; −inf if an element of φ is out of its bounds."""
+        """Return a log density at x; −inf if a hyper-parameter is out of its bounds.
+
+        ``density`` is a function of the parameters and the hyper-parameters.
+        """
         values = self._check_points(x)
         points = values.reshape(-1, len(self.names))
         beta, phi = np.split(points, [len(self.bound.names)], axis=1)
@@ -245,7 +262,10 @@ class LogDensity(Shown):
 
 
 def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Array) -> Array:
-    """Return ln p(y | β, φ) + ln p(β) + ``log_hyper_prior``, shape (n,)."""
+    """Return ln p(y | β, φ) + ln p(β) + ``log_hyper_prior`` at n points, shape (n,).
+
+    y are the readings, β the parameters and φ the hyper-parameters.
+    """
     total = bound.log_prior(beta) + log_hyper_prior
     inside = np.isfinite(total)
     if inside.any():
@@ -255,37 +275,46 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Arra
 
 @dataclass(frozen=True, eq=False)
 class JointDensity:
-    """Log posterior density in the coordinates in which walkers move.
+    """Log posterior density in the coordinates in which the walkers of a sampler move.
 
-    The coordinates are (β − centre) / scale and the free coordinates of φ, mostly ln(φ − lower
-    bound). Their Jacobian is included except for a constant.
+    The coordinates are (β − centre) / scale for the p parameters β, and free coordinates of the h
+    hyper-parameters φ, mostly ln(φ − lower bound). The Jacobian of the transformation is included
+    except for a constant.
     """
 
     bound: BoundModel
 
     def __call__(self, x: Array) -> Array:
-        """Return the log density of (n, p + h) points, shape (n,)."""
+        """Return the log posterior density, shape (n,), at n points of shape (n, p + h)."""
         beta, free = self.split(x)
         prior = self.bound.hyper_prior
         return _log_joint(self.bound, beta, prior.phi(free), prior.log_density_of_free(free))
 
     def split(self, x: Array) -> tuple[Array, Array]:
-        """Return β, shape (..., p), and free coordinates of φ, (..., h), from x, (..., p + h)."""
+        """Return parameters, shape (..., p), and free coordinates, shape (..., h), of points x.
+
+        x has the shape (..., p + h). Free coordinates are the hyper-parameters, transformed to be
+        unbounded.
+        """
         p = len(self.bound.names)
         return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
 
     def join(self, beta: Array, free: Array) -> Array:
-        """Return x, shape (..., p + h), from β and free coordinates; the inverse of `split`."""
+        """Return points x, shape (..., p + h), from parameters and free coordinates.
+
+        It is the inverse of `split`. Free coordinates are the hyper-parameters, transformed to be
+        unbounded.
+        """
         return np.concatenate([(beta - self.bound.centre) / self.bound.scale, free], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class LinearRedraw:
-    """Independent random draws of (β, φ), which walkers use as proposals.
+    """Independent random draws of parameters β and hyper-parameters φ, as proposals of a sampler.
 
-    φ is drawn from a proposal fitted to p(φ | y), and β from its exact Gaussian given φ. With
-    truncation, β is drawn from a tilted density, which is close to that Gaussian restricted to the
-    truncation.
+    φ is drawn from a proposal fitted to p(φ | y), given the readings y. β is drawn from its exact
+    Gaussian given φ. With truncation (no compliance is negative), β is drawn from a tilted density,
+    which is close to that Gaussian restricted to the truncation.
     """
 
     density: JointDensity
@@ -315,7 +344,10 @@ class LinearRedraw:
         )
 
     def log_weight(self, points: Array) -> Array:
-        """Return log importance weights of n points inside the truncation, shape (n,)."""
+        """Return log importance weights of n points, shape (n,).
+
+        No compliance may be negative at any of the points.
+        """
         bound = self.density.bound
         beta, free = self.density.split(points)
         log_evidence, conditional = self.start.given(free)
@@ -329,14 +361,15 @@ class LinearRedraw:
 
 
 def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState) -> Array:
-    """Return n random starting points inside the truncation, shape (n, p + h).
+    """Return n random starting points of a sampler, shape (n, p + h).
 
-    φ is drawn a little wider than its posterior, and β given φ from its exact Gaussian.
+    The h hyper-parameters are drawn a little wider than their posterior, the p parameters given
+    these from their exact Gaussian. No compliance is negative.
 
     Raises
     ------
     InputError
-        If the readings leave next to no room inside the truncation.
+        If hardly any posterior draw has compliances that are not negative.
     """
     candidates = redraw.draw(_DRAWS_PER_START * n, random, temperature=_START_TEMPERATURE)
     inside = candidates.points[np.isfinite(candidates.log_target)]

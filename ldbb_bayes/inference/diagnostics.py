@@ -1,8 +1,9 @@
 """Convergence, importance weights and sensitivity of random draws, computed by ArviZ.
 
-ESS is the effective sample size. k̂ is the shape of the Pareto distribution fitted to the largest
-weights; if it is large, averages with these weights cannot be trusted. ArviZ is imported in the
-functions, because it loads scipy.stats, which takes long; most commands need no diagnostics.
+ESS is the effective sample size. The Pareto shape k̂ is the shape of the Pareto distribution fitted
+to the largest weights; if it is large, averages with these weights cannot be trusted. ArviZ is
+imported in the functions, because it loads scipy.stats, which takes long; most commands need no
+diagnostics.
 """
 
 from __future__ import annotations
@@ -24,34 +25,38 @@ __all__ = [
     "power_sensitivity",
 ]
 
-# Powers to which a factor of the joint density is raised (Kallioinen et al. 2023, ArviZ default).
+# Powers to which the prior or the likelihood is raised to find how sensitive the posterior is
+# (Kallioinen et al. 2023, ArviZ default).
 _LOWER_POWER = 0.99
 _UPPER_POWER = 1.01
-# Tail probabilities at which the tail ESS is computed (Vehtari et al. 2021).
+# Probabilities of the quantiles for which the tail's effective sample size is computed (Vehtari et
+# al. 2021).
 _TAILS = (0.05, 0.95)
-# Smallest number of weights: ArviZ fits the Pareto tail to a fifth of them and needs five.
+# Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
+# to a fifth of the weights and needs five.
 _FEWEST_WEIGHTS = 25
-# Log ratios with a smaller range than this count as equal.
+# Logarithms of importance weights whose range is smaller than this count as equal.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
-# Weights cannot be judged if their effective sample size is not above this.
+# Importance weights cannot be judged if their effective sample size is not above this.
 _FEWEST_EFFECTIVE = 10.0
-# Largest k̂ of reliable weights, however many draws there are (Vehtari et al. 2024).
+# Largest Pareto shape k̂ of reliable importance weights, however many draws there are (Vehtari et
+# al. 2024).
 _LARGEST_GOOD_K = 0.7
 
 
 class Diagnostics(NamedTuple):
-    """Convergence diagnostics of d parameters."""
+    """Convergence diagnostics of random draws of d parameters."""
 
     ess_bulk: Array  #: effective sample size for the mean, shape (d,)
     ess_tail: Array  #: effective sample size for the tails, shape (d,)
-    rhat: Array  #: rank-normalised split R-hat, shape (d,)
+    rhat: Array  #: rank-normalised split R-hat (one if the chains agree), shape (d,)
 
 
 def diagnose(chain: Array) -> Diagnostics:
-    """Return bulk ESS, tail ESS and rank-normalised split R-hat of d parameters.
+    """Return effective sample sizes and rank-normalised split R-hat of d parameters.
 
-    The draws have the shape (chains, draws, d). See Vehtari et al. 2021; the tail ESS is the
-    smaller of the two at the quantiles of 5 % and 95 %.
+    The draws have the shape (chains, draws, d). See Vehtari et al. 2021. The effective sample size
+    of the tails is the smaller of those at the quantiles of 5 % and 95 %.
     """
     from arviz_stats.base import array_stats
 
@@ -67,11 +72,11 @@ def diagnose(chain: Array) -> Diagnostics:
 def power_sensitivity(
     draws: Mapping[str, Array], log_densities: Mapping[str, Array]
 ) -> dict[str, dict[str, float]]:
-    """Return the sensitivity of each parameter to factors of the joint density, such as the prior.
+    """Return how sensitive each parameter is to factors of the joint density, such as the prior.
 
     Each factor is raised to a power near one (power-scaling, Kallioinen et al. 2023). The
     sensitivity is the cumulative Jensen-Shannon distance that the posterior of the parameter moves,
-    scaled to a doubling of the power; a parameter counts as sensitive above 0.05. A constant factor
+    scaled to a doubling of the power. A parameter counts as sensitive above 0.05. A constant factor
     has sensitivity 0. Draws and log densities have the shape (chains, draws). The weights of the
     draws are so even that they need no smoothing.
     """
@@ -97,7 +102,10 @@ def power_sensitivity(
 
 
 def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
-    """Return weights of the draws for a factor raised to a power, one equal row per parameter."""
+    """Return weights of the draws for a factor of the density raised to a power near one.
+
+    They have the shape (parameters, draws), with equal rows.
+    """
     log_weight = (power - 1.0) * (log_density - log_density.mean())
     return np.broadcast_to(np.exp(log_weight).ravel(), (parameters, log_weight.size))
 
@@ -105,17 +113,17 @@ def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array
 class SmoothedWeights(NamedTuple):
     """Importance weights with the largest ones smoothed by a Pareto distribution."""
 
-    weights: Array  #: normalised weights, shape (n,)
-    pareto_k: float  #: shape k̂ of the Pareto distribution
+    weights: Array  #: importance weights of n draws, which sum to one, shape (n,)
+    pareto_k: float  #: shape k̂ of the Pareto distribution fitted to the largest weights
     largest_pareto_k: float  #: largest k̂ with which the weights can be trusted
 
 
 def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     """Return Pareto-smoothed importance weights (Vehtari et al. 2024).
 
-    ``log_ratio`` is ln of target density over proposal density at n independent draws, up to a
-    constant. k̂ is infinite if very few draws carry all the weight or the tail cannot be judged; it
-    is −inf if all weights are equal.
+    ``log_ratio`` is the logarithm of target density over proposal density at n independent draws,
+    up to a constant. The Pareto shape k̂ is infinite if very few draws carry all the weight or the
+    tail cannot be judged. It is −inf if all weights are equal.
     """
     good_k = min(_LARGEST_GOOD_K, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < _EQUAL_LOG_RATIOS:
@@ -139,7 +147,7 @@ def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
 
 
 def pareto_k(log_weight: Array) -> float:
-    """Return the shape k̂ of the Pareto tail of importance weights from their n logarithms.
+    """Return the shape k̂ of the Pareto tail of n importance weights, from their logarithms.
 
     It is −inf if the largest weights are equal, and infinite if there are too few weights to judge.
     """
@@ -155,7 +163,10 @@ def pareto_k(log_weight: Array) -> float:
 
 
 def _smooth_tail(log_weight: Array) -> tuple[Array, float]:
-    """Return log weights with the largest smoothed, and k̂; both are NaN if the fit fails."""
+    """Return log importance weights with the largest ones smoothed, and the Pareto shape k̂.
+
+    All are NaN if the fit of the Pareto distribution fails.
+    """
     from arviz_stats.base import array_stats
 
     with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):

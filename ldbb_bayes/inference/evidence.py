@@ -30,7 +30,8 @@ __all__ = [
     "warn_of_untrusted_weights",
 ]
 
-# If ln P(T | y) exceeds zero by more than this plus its error, rounding has spoilt it [nat].
+# The log probability that no compliance is negative is spoilt by rounding if it exceeds zero by
+# more than this plus its error [nat].
 _LARGEST_LOG_PROBABILITY = 0.1
 
 
@@ -92,7 +93,7 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
 
 
 def warn_of_untrusted_weights(nodes: Nodes) -> None:
-    """Warn if the weights of the nodes cannot be trusted.
+    """Warn if the weights of the quadrature nodes cannot be trusted.
 
     The warning names the sampler that needs no weights.
     """
@@ -124,7 +125,7 @@ def require_models(models: Mapping[str, HybridModel]) -> None:
 
 
 def check_comparable(model: HybridModel, campaign: Campaign) -> None:
-    """Raise an `InputError` for a flat prior or a plan, which have no evidence."""
+    """Raise an `InputError` for a flat prior, or for a plan: these give no evidence."""
     require(
         not model.prior.flat,
         "a model must have a proper prior to have an evidence, got a flat one. Use the default"
@@ -178,11 +179,12 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 
 
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
-    """Return ln P(T | y) and its error [nat].
+    """Return the log probability that no compliance is negative, and its error [nat].
 
-    P(T | y) is the probability, under the posterior without truncation, that no compliance is
-    negative. It is the ratio of the integrals with and without truncation. Both use the same nodes
-    unless truncation moves the posterior too far.
+    The probability is P(T | y), where T is the truncation and y are the readings, under the
+    posterior without truncation. It is the ratio of the integrals over the posterior with and
+    without truncation. Both integrals use the same nodes, unless truncation moves the posterior too
+    far.
     """
     plain = truncated.plain.nodes(tolerance)
     inside = truncated.nodes(tolerance)

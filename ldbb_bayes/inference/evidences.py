@@ -1,10 +1,11 @@
 """Evidences of many models of one campaign, and of the campaign without one test.
 
 The evidence Z(y) is the density of the readings y under a model. Without test r the readings are
-y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) says how well the other tests predict test r; the
-properties of the campaign stay those of all tests. Whole tests are left out, as the readings of one
-circle share their set-up shift and discrepancy and are not independent. φ are the hyper-parameters,
-the scales of the noise and of other effects. Nodes are weighted points that represent p(φ | y).
+y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) states how well the other tests predict test r.
+The properties of the campaign stay those of all tests. Whole tests are left out, as the readings of
+one circle share their set-up shift and discrepancy and are not independent. φ are the
+hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points that
+represent p(φ | y).
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Evidences", "leave_one_out"]
 
-# Tolerance of log evidences that suffices to reject a model [nat].
+# Error of a log evidence that is small enough to reject a model [nat].
 _ROUGH_TOLERANCE = 0.1
 
 
 def _silent() -> None:
-    """Report no progress; unlike a lambda this function can be sent to other processes."""
+    """Report no progress; unlike a lambda, this function can be sent to other processes."""
 
 
 class Evidences(Shown):
@@ -88,10 +89,10 @@ class Evidences(Shown):
         return self
 
     def of(self, *models: HybridModel) -> list[Nodes]:
-        """Return the nodes of each model.
+        """Return the quadrature nodes of each model, from which its evidence follows.
 
-        Models that differ only in slopes, their rivals and truncation share one calculation: their
-        nodes follow from those of the largest model among them.
+        Models that differ only in slopes, rival explanations of slopes, and truncation share one
+        calculation: their nodes follow from those of the largest model among them.
         """
         models_by_key = {model_to_toml(model): model for model in models}
         for key in sorted(models_by_key, key=lambda key: _largest_first(models_by_key[key])):
@@ -101,7 +102,7 @@ class Evidences(Shown):
         return [self._nodes[key] for key in models_by_key]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
-        """Return the nodes of each model, computed coarsely if all models are rejected.
+        """Return the quadrature nodes of each model, computed coarsely if all models are rejected.
 
         Models are rejected if all their log evidences are below the bound ``below``. Evidences from
         coarse nodes do not appear in `every`.
@@ -118,8 +119,8 @@ class Evidences(Shown):
     def apart(self, tolerance: float | None = None) -> Evidences:
         """Return new evidences of the same readings, with no model computed yet.
 
-        Their search for modes starts from the modes found here. The tolerance [nat] is the same by
-        default.
+        The search for modes of the posterior starts from the modes found here. The tolerance [nat]
+        is the same by default.
         """
         return self._with_modes(tolerance or self.tolerance, self._keep, self._modes)
 
@@ -128,7 +129,8 @@ class Evidences(Shown):
     ) -> Evidences:
         """Return evidences of all but one of the tests named.
 
-        The search for modes starts from ``modes``, given by the hyper-parameters of a model.
+        The search for modes of the posterior starts from ``modes``, which are given by the names of
+        a model's hyper-parameters.
         """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)
@@ -164,22 +166,23 @@ class Evidences(Shown):
 
     @property
     def every(self) -> list[Evidence]:
-        """All evidences computed so far, without those from coarse nodes."""
+        """All evidences computed so far, without those computed only coarsely."""
         return [nodes.evidence for nodes in self._nodes.values()]
 
 
 def _largest_first(model: HybridModel) -> list[int]:
     """Return a key by which models sort from the largest to the smallest.
 
-    The largest has the highest degree, then the fewest fixed parameters, then the most rivals.
+    The largest model has the highest degree, then the fewest fixed parameters, then the most rival
+    explanations of slopes.
     """
     return [-model.degree, len(model.fixed), -len(model.rivals)]
 
 
 def _family(model: HybridModel) -> str:
-    """Return what a model has apart from slopes, their rivals and truncation, as TOML.
+    """Return a model without slopes, rival explanations of slopes and truncation, as TOML.
 
-    Models for which this is equal can share the calculation of their nodes.
+    Models for which this is equal can share the calculation of their quadrature nodes.
     """
     constant = model.without("truncation").with_slope_scale(1.0).with_degree(0)
     return model_to_toml(constant.with_rivals())
@@ -191,7 +194,7 @@ def leave_one_out(
     tolerance: float = 1e-2,
     progress: Callable[[], object] = _silent,
 ) -> dict[str, dict[str, Nodes]]:
-    """Return the nodes of every model with each test left out in turn.
+    """Return the quadrature nodes of every model with each test left out in turn.
 
     The campaign must have at least two tests.
 
@@ -200,7 +203,7 @@ def leave_one_out(
     weighed : mapping of str to Nodes
         Nodes of each model from all tests, by the name of the model.
     tolerance : float
-        Error asked of every log evidence [nat].
+        Error allowed in every log evidence [nat].
     progress : callable
         Called after each model.
 

@@ -1,9 +1,9 @@
-"""How well a model fits, and what to mind before its numbers are used.
+"""How well a model fits, and warnings to consider before its results are used.
 
 β are the p parameters: compliances, their slopes and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects. y are the readings. Truncation T
 restricts β to compliances that are not negative. u is the standard uncertainty of a parameter, the
-sd of its posterior. Draws are random draws from the posterior.
+standard deviation of its posterior. Draws are random draws from the posterior.
 """
 
 from __future__ import annotations
@@ -35,30 +35,35 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 
-# Power-scaling sensitivity above which a posterior moves with the prior (Kallioinen et al. 2023).
+# A posterior counts as sensitive to the prior if its power-scaling sensitivity is above this
+# (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
-# A failing check of a harmonic order matters if leaving out the test changes a parameter by more
+# A failing check of a Fourier order matters if leaving out the test changes a parameter by more
 # than this number of standard uncertainties.
 _LARGEST_SHIFT = 0.5
-# A failing check of noise matters if the noise found widens an interval by more than this share.
+# A failing check of noise matters if the noise found in the readings widens an interval by more
+# than this share.
 _LARGEST_WIDENING = 0.1
-# Number of draws from which the quality of the fit is computed.
+# Number of posterior draws from which the quality of the fit is computed.
 _QUALITY_DRAWS = 1000
-# Number of draws from which the posterior predictive checks are computed.
+# Number of posterior draws from which the posterior predictive checks are computed.
 _CHECKED_DRAWS = 500
-# ln P(T | y) below which the readings speak against non-negative compliance.
+# The readings speak against non-negative compliances if the log of the posterior probability that
+# no compliance is negative is below this.
 _IMPROBABLE = float(np.log(1e-3))
-# A hyper-parameter is expected to lie below the quantile of its prior at this probability.
+# A hyper-parameter (scale of the noise or of another effect) is expected to lie below the quantile
+# of its prior at this probability.
 _EXPECTED_HYPER = 0.999
-# A parameter is a concern if its mean lies farther than this from its stated prior mean, in units
-# of the sd that the prior expects of this distance.
+# A parameter is a concern if its posterior mean is farther than this from its stated prior mean, in
+# units of the standard deviation that the prior expects of this distance.
 _LARGEST_PRIOR_DISTANCE = 3.0
-# Smallest share of the prior variance that the readings are taken to explain.
+# Least variance of the distance between prior and posterior mean, as a share of the prior variance;
+# it avoids a division by zero.
 _SMALLEST_VARIANCE_SHARE = 0.05
 
 
 class State(StrEnum):
-    """Whether the numbers of a fit can be used; see `Fit.state`."""
+    """Whether the results of a fit can be used; see `Fit.state`."""
 
     USABLE = "usable"
     DOUBTFUL = "doubtful"
@@ -66,7 +71,7 @@ class State(StrEnum):
 
 
 class ConcernKind(StrEnum):
-    """Kind of a warning that a fit gives besides its numbers; see `Concern`."""
+    """Kind of a warning that a fit gives besides its results; see `Concern`."""
 
     NOT_CONVERGED = "not-converged"
     TRUNCATION = "truncation"
@@ -83,13 +88,14 @@ class Concern(Result):
     What ``value`` and ``limit`` are depends on ``kind``:
 
     - NOT_CONVERGED: number of steps of the sampler; effective sample size asked for.
-    - TRUNCATION: ln P(T | y); the smallest value expected.
+    - TRUNCATION: log posterior probability that no compliance is negative; smallest value expected.
     - FORCES: number of force levels; number that the degree of the model needs.
     - HYPER: median of the hyper-parameter ``name`` [mm]; quantile of its prior at 99.9 %.
     - CENTRE: p-value of no shift of the circle's centre along the machine axis ``name`` in
       proportion to force; p-value below which such a shift is named.
     - PRIOR: distance of the mean of the parameter ``name`` from its stated prior mean; the largest
-      distance expected. Both are in units of the sd that the prior expects of this distance.
+      distance expected. Both are in units of the standard deviation that the prior expects of this
+      distance.
     """
 
     kind: ConcernKind
@@ -100,24 +106,29 @@ class Concern(Result):
 
 @dataclass(frozen=True)
 class Fit(Result):
-    """How well a model fits, and the warnings that it gives."""
+    """How well a model fits the readings, and the warnings that the fit gives."""
 
-    rmse_um: float  #: root-mean-square residual over all readings [µm] (Eq. 34)
-    #: fitness of each test [%] (Eq. 35), by its name; NaN if its readings are all equal
+    rmse_um: float  #: root-mean-square residual over all readings [µm] (Eq. 34 of the paper)
+    #: fitness of each test [%] (Eq. 35 of the paper), by name of the test; NaN if the test's
+    #: readings are all equal
     fitness_percent: dict[str, float]
-    log_prob_truncation: float  #: ln P(T | y) of the posterior without truncation
-    log_prob_truncation_error: Finite  #: error of ln P(T | y) [nat]
-    log_prob_truncation_prior: float  #: ln P(T) of the prior without truncation
-    linearisation_error_um: float  #: largest difference of the linear model from the exact geometry
-    concerns: tuple[Concern, ...]  #: warnings, each with a value and a limit
+    #: log probability that no compliance is negative, under the posterior that does not require it
+    log_prob_truncation: float
+    log_prob_truncation_error: Finite  #: error of ``log_prob_truncation`` [nat]
+    #: log probability that no compliance is negative, under the prior that does not require it
+    log_prob_truncation_prior: float
+    #: largest difference of the linear model's readings from the exact geometry [µm]
+    linearisation_error_um: float
+    concerns: tuple[Concern, ...]  #: warnings of the fit, each with a value and a limit
     predictive_checks: dict[str, TestChecks]  #: posterior predictive checks, by name of the test
-    #: sensitivity of the posterior of each variable to power-scaling, by name of the variable, then
-    #: by what is scaled: ``prior``, ``hyper_prior`` or ``likelihood``
+    #: how much the posterior of each variable moves if a density is raised to a power near one
+    #: (power-scaling), by name of the variable, then by the density: ``prior``, ``hyper_prior`` or
+    #: ``likelihood``
     sensitivity: dict[str, dict[str, float]]
-    #: largest change of a parameter, in units of its u, when a test is left out, by name of the
-    #: test; only for tests with an unexpected order of the circle, and not for flat priors
+    #: largest change of a parameter when a test is left out, in units of its standard uncertainty,
+    #: by name of the test; only for tests with an unexpected Fourier order, and not for flat priors
     shift: dict[str, float]
-    #: largest share by which an interval grows if the noise is as strong as that seen at the orders
+    #: largest share by which an interval grows if the noise is as strong as at the Fourier orders
     #: 13 to 16; zero unless a check of noise or of its autocorrelation fails
     widening: float
 
@@ -135,8 +146,9 @@ class Fit(Result):
     def misfits(self) -> tuple[Check, ...]:
         """Return the failing checks that matter for the credible intervals.
 
-        A check of an order matters if a parameter changes by more than half its u without the test.
-        A check of noise matters if an interval would grow by more than a tenth.
+        A check of a Fourier order matters if a parameter changes by more than half its standard
+        uncertainty without the test. A check of noise matters if an interval would grow by more
+        than a tenth.
         """
         return tuple(check for check in self.unexpected if self._moves_intervals(check))
 
@@ -154,10 +166,10 @@ class Fit(Result):
 
     @property
     def state(self) -> State:
-        """Return whether the numbers can be used.
+        """Return whether the results of the fit can be used.
 
-        They are unusable if the sampler did not converge. They are doubtful if the model does not
-        expect the readings, or if the readings speak against non-negative compliance.
+        They are unusable if the sampler did not converge. They are doubtful if the readings do not
+        fit the model, or if the readings speak against non-negative compliances.
         """
         kinds = {concern.kind for concern in self.concerns}
         if ConcernKind.NOT_CONVERGED in kinds:
@@ -170,7 +182,7 @@ class Fit(Result):
     def sensitive(self) -> tuple[str, ...]:
         """Return the parameters whose posterior moves with the prior, the most sensitive first.
 
-        Their power-scaling sensitivity is above 0.05.
+        Their power-scaling sensitivity to the prior is above 0.05.
         """
         names = [name for name in self.parameters if self._prior_sensitivity(name) > _SENSITIVE]
         return tuple(ranked(names, self._prior_sensitivity))
@@ -180,7 +192,7 @@ class Fit(Result):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the names in ``sensitivity`` without those of hyper-parameters."""
+        """Return the names of the parameters: those in ``sensitivity`` without hyper-parameters."""
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 
 
@@ -204,18 +216,20 @@ def assess_fit(
     groups : mapping
         Groups ``posterior``, ``log_prior`` and ``sample_stats`` of the posterior tree.
     truncation : pair
-        ln P(T | y) and its error.
+        Log posterior probability that no compliance is negative, and its error.
     concerns : sequence of Concern
         Warnings from the sampler.
     rng : Generator
         Generator of the random draws of new circles.
     prior_level : float or array
-        Mean of ln p(β) under the prior, for the model of each draw. It is subtracted before the
-        prior is scaled, so that scaling does not count differences between models.
+        Mean of the log prior density of the parameters under the prior, for the model of each draw.
+        It is subtracted before the prior is scaled, so that scaling does not count differences
+        between models.
 
     Returns
     -------
     Fit
+        Quality of the fit, checks and warnings.
     """
     sizes = np.array([len(draws.phi) for draws in draws_by_model])
     shares = sizes / sizes.sum()
@@ -274,7 +288,10 @@ def _stack(group: Mapping[str, Array], names: Sequence[str]) -> Array:
 def _log_densities(
     bound: BoundModel, groups: Mapping[str, Mapping[str, Array]], prior_level: Array | float
 ) -> dict[str, Array]:
-    """Return the log densities to which power-scaling applies, each of shape (chains, draws)."""
+    """Return the log densities whose influence on the posterior is examined.
+
+    They are those of the two priors and of the likelihood, each of shape (chains, draws).
+    """
     phi = _stack(groups["posterior"], bound.hyper_prior.names)
     log_prior = groups["log_prior"]["parameters"]
     log_hyper_prior = groups["log_prior"]["hyper"]
@@ -291,22 +308,23 @@ def _log_densities(
 def _check_posterior(
     bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float
 ) -> Iterator[Concern]:
-    """Check a posterior against the assumptions of its model, and yield a warning for each misfit.
+    """Check a posterior against the assumptions of its model; yield a warning for each misfit.
 
-    There are warnings if the readings contradict the truncation, if there are too few levels of
-    force for the degree of the model, and if a hyper-parameter, the posterior mean of a parameter
-    or the shift of the circles' centre is larger than the priors lead to expect.
+    There are warnings if the readings contradict non-negative compliances, or if there are too few
+    levels of force for the degree of the model. There are also warnings if a hyper-parameter, the
+    posterior mean of a parameter or the shift of the circles' centre is larger than the priors lead
+    to expect.
 
     Parameters
     ----------
     bound
         Model bound to the campaign.
     phi
-        Posterior draws of the hyper-parameters φ, shape (n, h) [mm].
+        Posterior draws of the hyper-parameters, shape (n, h) [mm].
     beta
-        Posterior draws of the parameters β, shape (n, p), in internal units.
+        Posterior draws of the parameters, shape (n, p), in internal units (mm, N, rad).
     log_prob_truncation
-        Log posterior probability ln P(T | y) that no compliance is negative.
+        Log posterior probability that no compliance is negative.
     """
     if log_prob_truncation < _IMPROBABLE:
         yield Concern(ConcernKind.TRUNCATION, log_prob_truncation, _IMPROBABLE)
@@ -333,11 +351,12 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
 
 
 def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
-    """Yield a warning for each parameter with a mean far from its stated prior mean."""
+    """Yield a warning for each parameter whose mean is far from its stated prior mean."""
     stated = {*bound.model.prior.overrides, *bound.model.prior.means}
     prior_variance = bound.prior_sd**2
     # If the prior is right, the distance of the posterior mean from the prior mean is a random draw
-    # from N(0, sd0² − u²), with sd0 the prior sd and u the posterior sd.
+    # from a normal distribution about zero. Its variance is that of the prior minus that of the
+    # posterior.
     expected_variance = np.maximum(
         prior_variance - beta.var(axis=0), _SMALLEST_VARIANCE_SHARE * prior_variance
     )

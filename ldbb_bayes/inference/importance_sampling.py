@@ -4,9 +4,11 @@ The integral of a density f over h dimensions is the mean of the weights f / pro
 drawn from the proposal. Points are quasi-random: a Sobol sequence, randomised independently several
 times (scrambles). The proposal is a mixture of split Student-t distributions, whose two sides
 differ (Geweke, Econometrica 57, 1317-1339, 1989). In every round it is fitted to the weighted
-points of the rounds before. The points of a round are weighted by the proposal from which they were
-drawn. With a proposal fitted to these same points, ln ∫ f would be too small, by 0.1 nat in 45
-dimensions. ESS is the effective sample size of the weights.
+points of the rounds before.
+
+The points of a round are weighted by the proposal from which they were drawn. With a proposal
+fitted to these same points, ln ∫ f would be too small, by 0.1 nat in 45 dimensions. ESS is the
+effective sample size of the weights.
 """
 
 from __future__ import annotations
@@ -24,24 +26,28 @@ from ldbb_bayes.results import Array
 
 __all__ = ["importance_sample"]
 
-# Distances from a mode, in sd, at which the density is evaluated along every direction.
+# Distances from a mode at which the density is evaluated along every direction, in standard
+# deviations.
 _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
-# Number of independent scrambles of the Sobol sequence; their scatter gives the error.
+# Number of independent randomisations (scrambles) of the Sobol sequence; the scatter between them
+# gives the error of an integral.
 _SCRAMBLES = 8
-# Smallest number of points of a scramble in the first round, in all and per dimension.
+# Smallest number of points of each randomised sequence in the first round: in total, and per
+# dimension.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# Factor by which each round has more points than the round before.
+# Factor by which each round of sampling has more points than the round before.
 _GROWTH = 4
-# Largest number of rounds.
+# Largest number of rounds of sampling.
 _ROUNDS = 5
-# A round is extended by more points if its ESS exceeds this share of its points; otherwise the
-# proposal is fitted anew.
+# A round of sampling is extended by more points if its effective sample size exceeds this share of
+# its points; otherwise the proposal is fitted anew.
 _EFFICIENT = 0.4
-# Weights are raised to a power below one until their ESS is a third of the points, or this number
-# per dimension.
+# Before the proposal is fitted, weights are raised to a power below one until their effective
+# sample size is a third of the number of points, or this number per dimension.
 _FITTED_PER_DIMENSION = 40.0
-# That power is multiplied by this factor until the ESS suffices or the least power is reached.
+# The power to which weights are raised is multiplied by ``_EVENING`` until their effective sample
+# size suffices or the power ``_LEAST_POWER`` is reached.
 _EVENING = 0.8
 _LEAST_POWER = 0.02
 
@@ -55,13 +61,14 @@ def importance_sample(
     max_points: int = 65_536,
     tries: int = 2,
 ) -> Integral:
-    """Return ∫ f from quasi-random points, to the tolerance and with weights that can be trusted.
+    """Return the integral ∫ f of a density from quasi-random points, within a tolerance.
 
-    If no round achieves both, the best round is returned; its ``trusted`` states whether its
-    weights can be trusted. The proposal of the first round is fitted to f along directions through
-    every mode, that of a later round to the points of all rounds before. If the weights of a round
-    are even enough, the round is extended by as many points again. If no round has weights that can
-    be trusted, another seed is tried, as a round may miss a tail of f by chance.
+    If no round of sampling reaches the tolerance with weights that can be trusted, the best round
+    is returned; its ``trusted`` states whether its weights can be trusted. The proposal of the
+    first round is fitted to f along directions through every mode, that of a later round to the
+    points of all rounds before. If the weights of a round are even enough, the round is extended by
+    as many points again. If no round has weights that can be trusted, another seed is tried, as a
+    round may miss a tail of f by chance.
 
     Parameters
     ----------
@@ -73,7 +80,7 @@ def importance_sample(
     tolerance : float
         Error of ln ∫ f asked for [nat].
     seed : int
-        Seed of the scrambles.
+        Seed of the randomised sequences.
     max_points : int
         Largest number of points of a round.
     tries : int
@@ -102,9 +109,10 @@ def _best_of_rounds(
     seed: int,
     max_points: int,
 ) -> Integral:
-    """Return the earliest round that reaches the tolerance, or else the best round.
+    """Return the earliest round of sampling that reaches the tolerance, or else the best round.
 
-    The first round only serves to fit the proposal and is never returned.
+    The first round only serves to fit the proposal and is never returned. Parameters are those of
+    `importance_sample`.
     """
     rng = np.random.default_rng(seed)
     components = tuple(_fit_along_axes(log_density, mode, root) for mode, root in modes)
@@ -138,10 +146,11 @@ def _draw_round(
     tolerance: float = np.inf,
     max_points: int = 0,
 ) -> Integral:
-    """Return a round with ``size`` points per scramble, doubled until the tolerance is reached.
+    """Return one round of sampling, doubled until the tolerance is reached.
 
-    Doubling stops early if the weights are too uneven or cannot be trusted, or if the round would
-    have more than ``max_points`` points.
+    It starts with ``size`` points for each of the randomised sequences (scrambles). Doubling stops
+    early if the weights are too uneven or cannot be trusted, or if the round would have more than
+    ``max_points`` points.
     """
     count = np.maximum(np.rint(size * proposal.share), 1.0).astype(int)
     proposal = replace(proposal, share=count / count.sum())
@@ -165,9 +174,9 @@ def _extend_sample(
     count: Index,
     earlier: Integral | None,
 ) -> Integral:
-    """Return an earlier sample, if any, with new points added to every scramble.
+    """Return an earlier sample, if any, with new points added to every randomised sequence.
 
-    ``count`` is the number of points that each component of the proposal adds to each scramble.
+    ``count`` is the number of points that each component of the proposal adds to each sequence.
     """
     points = []
     for component, scrambles, size in zip(proposal.components, engines, count, strict=True):
@@ -194,8 +203,12 @@ def _draw_uniform(engine: qmc.Sobol, count: int) -> Array:
 
 
 def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
-    """Return a split t fitted to the density along h directions through a mode."""
-    # The symmetric root turns the coordinates least: independent coordinates stay independent.
+    """Return a split Student-t distribution fitted to a density along h directions through a mode.
+
+    ``root`` is a square root of the covariance at the mode, shape (h, h).
+    """
+    # Of all square roots, the symmetric one rotates the coordinates least: independent coordinates
+    # stay independent.
     variance, vectors = np.linalg.eigh(root @ root.T)
     root = vectors * np.sqrt(variance) @ vectors.T
     z = np.concatenate([-_ALONG_AXIS[::-1], [0.0], _ALONG_AXIS])
@@ -210,7 +223,7 @@ def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT
 def _fit_to_rounds(rounds: Sequence[Integral]) -> Mixture:
     """Return the proposal of the last round, refitted to the weighted points of all rounds.
 
-    The weight of a point is the density f to integrate, divided by the mixture of the proposals of
+    The weight of a point is the density to integrate, divided by the mixture of the proposals of
     all rounds; each round counts by its number of points.
     """
     points = np.concatenate([sample.free for sample in rounds])

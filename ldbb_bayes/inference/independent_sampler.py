@@ -1,9 +1,9 @@
 """Independent random draws from the posterior by rejection from a fitted proposal.
 
-y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects;
-β are the p parameters: compliances, their slopes and geometric errors. Truncation T restricts β to
-compliances that are not negative; β that meet it are inside. Free coordinates are φ transformed to
-be unbounded.
+y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
+are the p parameters: compliances, their slopes and geometric errors. Truncation T restricts β to
+compliances that are not negative; values of β that meet it are inside. Free coordinates are φ
+transformed to be unbounded.
 """
 
 from __future__ import annotations
@@ -21,18 +21,22 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# Largest number of blocks of proposals per block of draws before the sampler gives up.
+# Largest number of blocks of proposals for each block of draws asked for; after that the sampler
+# gives up.
 _MOST_ROUNDS = 50
-# Number of random draws of β for each φ from which P(T | y) is estimated.
+# Number of random draws of the parameters, for each value of the hyper-parameters, from which the
+# probability that no compliance is negative is estimated.
 _SHARE_TRIES = 64
-# If P(T | y) is below this, too few draws of β without truncation are inside. β is then drawn from
-# a density tilted towards the inside.
+# If the probability that no compliance is negative is below this, rejection would lose too many
+# draws. The parameters are then drawn from a density tilted towards compliances that are not
+# negative.
 _SMALLEST_SHARE_INSIDE = 0.02
-# Expected number of draws of β inside the truncation for each φ.
+# Expected number of draws without a negative compliance for each value of the hyper-parameters.
 _EXPECTED_INSIDE = 4.0
-# The envelope of the rejection is this multiple of the proposal scaled to the integral.
+# Rejection compares the density with an envelope: the proposal, scaled to the integral of the
+# density and multiplied by this.
 _ENVELOPE = 2.0
-# Smallest estimate of P(T | y), used where no draw was inside the truncation.
+# Estimate of the probability that no compliance is negative, used if every draw has a negative one.
 _LEAST_SHARE = 1e-9
 
 
@@ -41,20 +45,22 @@ class TooRoughError(Exception):
 
 
 class JointDraws(NamedTuple):
-    """Independent random draws from the posterior of φ and β."""
+    """Independent random draws from the posterior of hyper-parameters and parameters."""
 
-    free: Array  #: free coordinates of the hyper-parameters φ, shape (size, h)
-    beta: Array  #: parameters β, shape (size, p)
+    free: Array  #: hyper-parameters in unbounded coordinates, shape (size, h)
+    beta: Array  #: parameters, shape (size, p)
     acceptance: float  #: number of draws accepted divided by the number proposed
 
 
 def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator) -> JointDraws:
-    """Return independent random draws of φ and β by rejection from a fitted proposal of φ.
+    """Return independent random draws of hyper-parameters φ and parameters β, by rejection.
 
-    With truncation, several β are drawn for each φ without truncation, and φ is weighted by the
-    share of them inside. This is exact, as the share is P(T | y, φ) on average. If too few β are
-    inside, φ is weighted by P(T | y, φ) itself and β is drawn by tilting. A φ whose weight exceeds
-    the envelope is used several times, each time with another β.
+    φ is drawn from a fitted proposal. With truncation (no compliance is negative), several β are
+    drawn for each φ without truncation, and φ is weighted by the share of these β without negative
+    compliances. This is exact, as the share is P(T | y, φ) on average, the probability of the
+    truncation T given the readings y. If the share is too small, φ is weighted by P(T | y, φ)
+    itself and β is drawn by tilting. A value of φ whose weight exceeds the envelope is used several
+    times, each time with another β.
 
     Raises
     ------
@@ -94,9 +100,10 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
 def _propose_tilted(
     posterior: HyperPosterior, proposal: Integral, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return accepted draws of φ and β from one block of proposals, with β drawn by tilting.
+    """Return accepted draws of hyper-parameters φ and parameters β from one block of proposals.
 
-    φ is accepted by its density with truncation.
+    φ is accepted by its density with truncation (no compliance is negative). β is drawn from a
+    density tilted towards compliances that are not negative.
     """
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)
@@ -108,9 +115,10 @@ def _propose_tilted(
 def _propose_untruncated(
     posterior: HyperPosterior, proposal: Integral, share_inside: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return accepted draws of φ and β from one block of proposals, with β drawn directly.
+    """Return accepted draws of hyper-parameters φ and parameters β from one block of proposals.
 
-    With truncation, φ is accepted by the share of its β, drawn without truncation, that are inside.
+    Several β are drawn for each φ without truncation. With truncation, φ is accepted by the share
+    of these β without negative compliances.
     """
     tries = 1
     if posterior.truncated:
@@ -133,7 +141,7 @@ def _propose_untruncated(
 
 
 def _accept(log_weight: Array, rng: np.random.Generator) -> Index:
-    """Return the indices of accepted proposals.
+    """Return the indices of accepted proposals from their log weights.
 
     Each index occurs as often, on average, as the weight of the proposal.
     """
@@ -149,10 +157,11 @@ def _draw_standard(
     *,
     truncated: bool = True,
 ) -> tuple[Array, Array]:
-    """Return standard coordinates of random draws of β, and how many draws are inside.
+    """Return standard coordinates of random draws of the parameters, and counts of usable draws.
 
-    β is drawn without truncation at w values of φ. The coordinates have shape (w, tries, p), with
-    the draws inside the truncation first; the numbers inside have shape (w,).
+    The p parameters are drawn without truncation at w values of the hyper-parameters. The
+    coordinates have the shape (w, tries, p). Draws without a negative compliance are usable; they
+    come first, and their counts have the shape (w,).
     """
     z = rng.standard_normal((len(conditional.mean), tries, conditional.mean.shape[1]))
     rows = conditional.physical.rows
@@ -166,7 +175,10 @@ def _draw_standard(
 
 
 def _estimate_share_inside(posterior: HyperPosterior, rng: np.random.Generator) -> float:
-    """Return an estimate of P(T | y): the share of draws without truncation that are inside."""
+    """Return an estimate of the posterior probability that no compliance is negative.
+
+    It is the share of draws without truncation that have no negative compliance.
+    """
     nodes = posterior.plain.proposal.pick(CHUNK, rng)
     conditional = posterior.given(nodes)[1]
     count = _draw_standard(conditional, _SHARE_TRIES, rng)[1]

@@ -1,7 +1,7 @@
-"""Integrals ∫ f of a density f on ℝ^h as sums over n weighted nodes, with an error.
+"""Integrals ∫ f of a density f in h dimensions as sums over n weighted nodes, with an error.
 
-The nodes are either a lattice, two regular grids moved against each other, or a random sample
-from a proposal, a density much like f. A scramble is one randomisation of a quasi-random sequence.
+The nodes are either a lattice, two regular grids moved against each other, or a random sample from
+a proposal, a density much like f. A scramble is one randomisation of a quasi-random sequence.
 """
 
 from __future__ import annotations
@@ -23,47 +23,54 @@ Index = NDArray[np.intp]
 LogDensity = Callable[[Array], Array]
 # Number of points at which a density is evaluated at once, so that arrays stay in the cache.
 CHUNK = 256
-# Largest Pareto k̂ of weights that can be trusted. Vehtari et al. (2024) allow 0.7.
+# Largest Pareto shape k̂ of importance weights that can be trusted. Vehtari et al. (2024) allow
+# 0.7.
 LARGEST_PARETO_K = 0.6
-# The error of a sample is this multiple of the standard error from its scrambles, ...
+# The error of an integral from a sample is this multiple of the standard error, which is computed
+# from independently randomised quasi-random sequences.
 _STANDARD_ERRORS = 2.0
-# ... but at least this share of the standard error of plain random numbers.
+# The error of an integral from a sample is at least this share of the standard error with plain
+# random numbers.
 _OF_PLAIN_ERROR = 0.5
-# The error of a sample is enlarged where Pareto k̂ exceeds this: ...
+# The error of an integral from a sample is enlarged where the Pareto shape k̂ of its weights
+# exceeds this.
 _HEAVY_TAIL_K = 0.4
-# ... by 100 % for every such step of k̂ beyond.
+# Step of the Pareto shape k̂ beyond ``_HEAVY_TAIL_K`` for which the error is enlarged by 100 %.
 _HEAVY_TAIL_STEP = 0.1
 # The integral beyond the edge of a lattice is taken to be at most this multiple of the integral
 # over the nodes at its edge.
 _BEYOND_EDGE = 3.0
-# The error of the mean of two grids is taken to be this share of their difference, ...
+# The error of the mean of a lattice's two grids is taken to be this share of their difference.
 _MEAN_OF_TWO = 0.25
-# ... where the difference counts up to this one [nat]; the square of a larger one takes over.
+# Largest difference of a lattice's two grids [nat] of which a share counts as error. If the square
+# of the difference is larger than that share, the square counts.
 _LARGEST_LINEAR = 0.02
-# The difference of two grids counts as at least this share of that at the longer step before.
+# The difference of a lattice's two grids counts as at least this share of their difference at the
+# longer step before.
 _DECLINE = 0.35
-# Smallest share of the integral in a grid, so that its logarithm is finite.
+# Least share of the integral in one grid of a lattice, so that its logarithm is finite.
 _TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
 class Integral:
-    """Integral ∫ f of a density f on ℝ^h as a sum over n weighted nodes."""
+    """Integral ∫ f of a density f in h dimensions as a sum over n weighted nodes."""
 
     free: Array  #: coordinates of the nodes, shape (n, h)
-    log_density: Array  #: ln f at the nodes, shape (n,)
-    log_volume: Array  #: ln of the volume that each node represents, shape (n,)
-    #: index of the grid of a lattice, or of the scramble of a sample, that each node belongs to,
-    #: shape (n,); every grid or scramble estimates the integral by itself
+    log_density: Array  #: logarithm of the density f at the nodes, shape (n,)
+    log_volume: Array  #: logarithm of the volume that each node represents, shape (n,)
+    #: index of the grid of a lattice, or of the randomised sequence of a sample, that each node
+    #: belongs to, shape (n,); every grid or sequence estimates the integral by itself
     estimate: Index
-    #: whether a node is at the edge of a lattice, beyond which f was not evaluated, shape (n,)
+    #: whether a node is at the edge of a lattice, beyond which the density was not evaluated,
+    #: shape (n,)
     edge: NDArray[np.bool_]
-    #: density from which a sample was drawn; None for a lattice
+    #: density from which the nodes of a sample were drawn; None for a lattice
     proposal: Mixture | None
-    #: largest share of the integral in nodes at which f was not evaluated
+    #: largest share of the integral that nodes without an evaluated density may hold
     left_out: float = 0.0
-    #: difference of the two grids of a lattice at the longer step before [nat]; zero at the first
-    #: step
+    #: difference of ln ∫ f between the two grids of a lattice at the longer step before [nat]; zero
+    #: at the first step
     coarser_difference: float = 0.0
 
     @cached_property
@@ -72,23 +79,23 @@ class Integral:
 
     @cached_property
     def weight(self) -> Array:
-        """Normalised weights of the nodes, shape (n,)."""
+        """Weights of the nodes, which sum to one, shape (n,)."""
         weight = np.exp(self._log_weight - self._log_weight.max())
         return weight / weight.sum()
 
     @property
     def log_integral(self) -> float:
-        """Logarithm ln ∫ f of the integral."""
+        """Logarithm ln ∫ f of the integral of the density f."""
         return float(np.logaddexp.reduce(self._log_weight))
 
     @property
     def ess(self) -> float:
-        """Effective sample size of the weights."""
+        """Effective sample size of the weights of the nodes."""
         return float(1.0 / (self.weight**2).sum())
 
     @cached_property
     def grid_difference(self) -> float:
-        """Difference of ln ∫ f between the two grids of a lattice [nat]."""
+        """Difference between the log integrals from the two grids of a lattice [nat]."""
         share = np.maximum(np.bincount(self.estimate, self.weight), _TINY)
         return abs(float(np.diff(np.log(share))[0]))
 
@@ -99,7 +106,7 @@ class Integral:
 
     @cached_property
     def error(self) -> float:
-        """Error of ln ∫ f [nat], infinite where the weights cannot be trusted."""
+        """Error of the log integral ln ∫ f [nat]; infinite where the weights cannot be trusted."""
         if not self.trusted:
             return np.inf
         if self.proposal is None:
@@ -107,22 +114,23 @@ class Integral:
         return self._sample_error() + self.left_out
 
     def _lattice_error(self) -> float:
-        """Return the error of ln ∫ f from a lattice [nat].
+        """Return the error of the log integral ln ∫ f from a lattice [nat].
 
-        It is a share of the difference of the two grids plus the share beyond the edge. To first
-        order the difference cancels in the mean of the grids. The difference may pass through zero
-        as the step shortens, so it counts as at least a share of that at the longer step before.
+        It is a share of the difference of the two grids plus the share of the integral beyond the
+        edge. To first order the difference cancels in the mean of the grids. The difference may
+        pass through zero as the step shortens. It therefore counts as at least a share of the
+        difference at the longer step before.
         """
         difference = max(self.grid_difference, _DECLINE * self.coarser_difference)
         of_mean = max(difference**2, _MEAN_OF_TWO * min(difference, _LARGEST_LINEAR))
         return of_mean + self.edge_error
 
     def _sample_error(self) -> float:
-        """Return the error of ln ∫ f from a sample [nat].
+        """Return the error of the log integral ln ∫ f from a sample [nat].
 
-        It is twice the standard error from the scatter between independent scrambles, but at least
-        half the standard error of plain random numbers, as a few scrambles may agree by luck. It is
-        enlarged where the tail of the weights is heavy.
+        It is twice the standard error from the scatter between independently randomised sequences.
+        It is at least half the standard error with plain random numbers, as a few sequences may
+        agree by luck. It is enlarged where the tail of the weights is heavy.
         """
         share = np.bincount(self.estimate, self.weight)
         plain_error = np.sqrt(max(1.0 / self.ess - 1.0 / len(self.weight), 0.0))
@@ -132,7 +140,7 @@ class Integral:
 
     @cached_property
     def pareto_k(self) -> float:
-        """Shape k̂ of the tail of the weights (Vehtari et al. 2024); −inf for a lattice.
+        """Pareto shape k̂ of the tail of the weights (Vehtari et al. 2024); −inf for a lattice.
 
         If k̂ exceeds 0.6, neither the integral nor its error can be trusted.
         """
@@ -142,19 +150,19 @@ class Integral:
 
     @property
     def trusted(self) -> bool:
-        """Whether the weights can be trusted."""
+        """Whether the weights of the nodes can be trusted."""
         return self.pareto_k <= LARGEST_PARETO_K
 
     def heaviest(self, spare: float) -> tuple[Array, Array]:
-        """Return the heaviest nodes, shape (k, h), and their normalised weights, shape (k,).
+        """Return the nodes with the largest weights, shape (k, h), and these weights, shape (k,).
 
-        The nodes not returned hold the share ``spare`` of the integral.
+        The nodes not returned hold the share ``spare`` of the integral. The weights sum to one.
         """
         heavy = self._heavy_nodes(spare)
         return self.free[heavy], self.weight[heavy] / self.weight[heavy].sum()
 
     def _heavy_nodes(self, spare: float) -> Index:
-        """Return indices of the heaviest nodes; the others hold the share ``spare`` of ∫ f."""
+        """Return indices of the heaviest nodes, but for the share ``spare`` of the integral."""
         order = np.argsort(self.weight)
         return np.sort(order[np.cumsum(self.weight[order]) >= spare])
 
@@ -177,7 +185,7 @@ class Integral:
         return self._sample_proposal().draw(size, rng, temperature=temperature)
 
     def log_proposal(self, free: Array) -> Array:
-        """Return the log density of the proposal of a sample at points (n, h), shape (n,)."""
+        """Return the log density of a sample's proposal, shape (n,), at points of shape (n, h)."""
         return self._sample_proposal().log_density(free)
 
     def _sample_proposal(self) -> Mixture:
@@ -186,7 +194,7 @@ class Integral:
         return self.proposal
 
     def times(self, log_factor: Callable[[Index], Array], spare: float) -> Integral:
-        """Return the integral ∫ f g, with ln g evaluated only at the heaviest nodes.
+        """Return the integral ∫ f g of two factors, with ln g evaluated only at the heaviest nodes.
 
         Parameters
         ----------

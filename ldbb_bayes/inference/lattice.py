@@ -2,10 +2,10 @@
 
 For a smooth function that falls off in every direction, the error of the rule falls very fast as
 the step shortens (Trefethen and Weideman, SIAM Review 56, 385-458, 2014). The lattice consists of
-two grids, the second moved by half a step in every direction: together they are body-centred, and
-errors along single directions cancel in the mean of the two grids. Steps are in sd: units in which
-the highest mode has unit curvature in every direction. f is the density integrated, h the number
-of dimensions, n the number of nodes.
+two grids, the second moved by half a step in every direction. Together they are body-centred, and
+errors along single directions cancel in the mean of the two grids. Steps are in standard deviations
+(sd): units in which the highest mode has unit curvature in every direction. f is the density
+integrated, h the number of dimensions, n the number of nodes.
 """
 
 from __future__ import annotations
@@ -22,19 +22,21 @@ from ldbb_bayes.results import Array
 
 __all__ = ["grow_lattice"]
 
-# A lattice may be coarse where the tolerance is at least this [nat].
+# A coarse lattice is used where the tolerance of the log integral is at least this [nat].
 _LOOSE_TOLERANCE = 1e-2
-# First step of a coarse lattice, in sd.
+# First step of a coarse lattice, in standard deviations at the highest mode.
 _LOOSE_STEP = 2.0
-# The first step is this multiple of the step that a Gaussian density would need.
+# First step of a fine lattice as a multiple of the step that a Gaussian density would need.
 _STEP_MARGIN = 0.93
-# A coarse lattice grows to this depth below the highest log density [nat].
+# A coarse lattice grows until the log density is this much below its highest value [nat].
 _LOOSE_DEPTH = 9.0
-# A fine lattice grows to this depth [nat] minus the logarithm of its tolerance.
+# A fine lattice grows until the log density is this much, minus the logarithm of the tolerance,
+# below its highest value [nat].
 _DEPTH = 5.5
-# The depth of a lattice is increased by this where too much lies beyond its edge [nat].
+# If too much of the integral lies beyond the edge of a lattice, it grows to log densities that are
+# lower by this [nat].
 _DEEPER = 3.0
-# The step of a lattice that is not fine enough is multiplied by this.
+# Factor by which the step of a lattice that is not fine enough is multiplied.
 _FINER = 0.85
 
 
@@ -46,11 +48,11 @@ def grow_lattice(
     step: float | None = None,
     max_nodes: int = 200_000,
 ) -> Integral:
-    """Return ∫ f from a lattice, with an error of ln ∫ f within the tolerance.
+    """Return the integral ∫ f of a density from a lattice, within a tolerance.
 
-    The lattice grows from the modes until f is negligible at its edge, and its step is shortened
-    as needed. Growing and shortening stop at ``max_nodes``; the error of the result then exceeds
-    the tolerance.
+    The lattice grows from the modes until f is negligible at its edge, and its step is shortened as
+    needed. Growing and shortening stop at ``max_nodes``; the error of the result then exceeds the
+    tolerance.
 
     Parameters
     ----------
@@ -61,9 +63,9 @@ def grow_lattice(
         of minus the Hessian of ln f there. The root at the highest mode sets the directions of the
         lattice.
     tolerance : float
-        Error asked for [nat].
+        Error of ln ∫ f asked for [nat].
     step : float, optional
-        The first step, in sd.
+        The first step, in standard deviations at the highest mode.
     max_nodes : int
         Number of nodes at which growing and shortening stop.
     """
@@ -92,10 +94,10 @@ def grow_lattice(
 
 
 def _first_step(h: int, tolerance: float) -> float:
-    """Return the first step, in sd, from the tolerance [nat].
+    """Return the first step of a lattice in h dimensions, in standard deviations.
 
-    For a Gaussian density the two grids differ by 4 h exp(−2 π²/step²) in ln ∫ f. The step is a
-    little shorter than this requires.
+    For a Gaussian density f the two grids differ by 4 h exp(−2 π²/step²) in ln ∫ f. The step is a
+    little shorter than the tolerance [nat] requires.
     """
     if tolerance >= _LOOSE_TOLERANCE:
         return _LOOSE_STEP
@@ -111,9 +113,10 @@ def _lattice(
     max_nodes: int,
     coarser_difference: float,
 ) -> Integral:
-    """Return ∫ f from the two grids of a lattice.
+    """Return the integral ∫ f of a density from the two grids of a lattice.
 
-    The columns of ``cell``, shape (h, h), are the steps of a grid.
+    The columns of ``cell``, shape (h, h), are the steps of a grid in h dimensions. The other
+    parameters are those of `_grow_grid`.
     """
     grids = [
         _grow_grid(log_density, centre, cell, starts, offset, depth, max_nodes)
@@ -136,7 +139,10 @@ def _lattice(
 
 
 def _points(centre: Array, cell: Array, places: Array) -> Array:
-    """Return the points, shape (n, h), at places that are counted in steps of the grid."""
+    """Return the coordinates of grid points, shape (n, h).
+
+    ``places``, shape (n, h), are counted in steps of the grid from ``centre``.
+    """
     return np.asarray(centre + places @ cell.T)
 
 
@@ -144,7 +150,7 @@ class _Grid(NamedTuple):
     """One of the two grids of a lattice."""
 
     places: Array  #: places of the nodes, counted in steps, shape (n, h)
-    log_density: Array  #: ln f at the nodes, shape (n,)
+    log_density: Array  #: logarithm of the density at the nodes, shape (n,)
     edge: NDArray[np.bool_]  #: whether a node is at the edge of the grid, shape (n,)
 
 
@@ -157,9 +163,11 @@ def _grow_grid(
     depth: float,
     max_nodes: int,
 ) -> _Grid:
-    """Grow one grid: add the neighbours of nodes until all new nodes are negligible.
+    """Grow one grid of a lattice: add the neighbours of nodes until all new ones are negligible.
 
-    A node is negligible where ln f is more than ``depth`` below its highest value.
+    A node is negligible where the log density is more than ``depth`` below its highest value.
+    ``starts`` are the modes, counted in steps from ``centre``; ``offset`` moves the grid by a part
+    of a step.
     """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])
@@ -186,7 +194,10 @@ def _grow_grid(
 
 
 def _first_front(starts: Sequence[Array], offset: float) -> Array:
-    """Return the grid points around the starting points, from which a grid grows."""
+    """Return the grid points around the starting points, from which a grid grows.
+
+    ``offset`` is the part of a step by which the grid is moved.
+    """
     along_axis = [0.0]
     if offset:
         along_axis.append(-1.0)

@@ -22,7 +22,8 @@ from ldbb_bayes.results import Array, ByRow, Numbers, Result, readable
 
 __all__ = ["LeastSquares", "fit_least_squares"]
 
-# A Jacobian is singular if its smallest singular value is below this share of its largest.
+# A matrix of derivatives counts as singular if its smallest singular value is below this share of
+# the largest one.
 _SINGULAR = 1e-10
 
 
@@ -41,13 +42,14 @@ class LeastSquares(Result):
     (720,)
     """
 
-    #: table with the columns unit, estimate and u, and one row per parameter, in internal units
-    #: (mm, N, rad); u is the standard uncertainty from the scatter of the residuals, taken as white
+    #: table of the parameters with the columns unit, estimate and u (standard uncertainty), in
+    #: internal units (mm, N, rad); u follows from the scatter of the residuals, taken as white
     #: noise; estimate and u are NaN if the readings do not determine the parameters
     table: ByRow
-    #: RMSE over all readings and of each test [µm], fitness of each test [%] (Eq. 34-35)
+    #: root-mean-square residual over all readings and of each test [µm], and fitness of each test
+    #: [%] (Eq. 34-35 of the paper)
     quality: FitQuality
-    #: predicted readings of each test [µm], by its name, in the order of its readings
+    #: predicted readings of each test [µm], by name of the test, in the order of its readings
     predicted_um: dict[str, Numbers]
 
     @property
@@ -108,7 +110,8 @@ def fit_least_squares(
     flat_prior = HybridModel.paper().prior
     model = HybridModel(degree, (), flat_prior, reference_force_N, "paper", fixed)
     bound = model.bind(campaign)
-    # Under a flat prior the centre is the least-squares estimate.
+    # Under a flat prior, the point about which a bound model is centred is the least-squares
+    # estimate.
     estimate = bound.centre
     coefficients = machine_coefficients(bound, estimate[None])[0]
     predicted_um = {
@@ -126,11 +129,11 @@ def fit_least_squares(
 
 
 def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
-    """Return the standard uncertainty of each parameter, shape (p,).
+    """Return the standard uncertainty of each of the p parameters, shape (p,).
 
-    It is the square root of the diagonal of s² (JᵀJ)⁻¹, where J is the Jacobian, shape
-    (readings, p), and s² the variance of the residuals. It is NaN if J is singular or if the
-    readings are no more than the parameters.
+    It is the square root of the diagonal of s² (JᵀJ)⁻¹, where J is the Jacobian, shape (readings,
+    p), and s² the variance of the residuals. It is NaN if J is singular or if there are no more
+    readings than parameters.
     """
     readings = sum(reduced.readings for reduced in bound.reduced)
     sum_of_squares = readings * (quality.rmse_um * 1e-3) ** 2

@@ -1,8 +1,9 @@
 """Sampling of a log density by ensembles of walkers until there are enough random draws.
 
-A walker is a point that moves at random through the d coordinates; its places are the draws. The
-sampler is emcee. Steps are run in blocks; after each block the effective sample size (ESS) and
-R-hat of the draws are assessed. A redraw replaces the point of a walker by an independent one.
+A walker is a point that moves at random through the d coordinates; the points that it visits are
+the draws. The sampler is emcee. Steps are run in blocks. After each block the effective sample size
+(ESS) and R-hat of the draws are assessed. A redraw replaces the point of a walker by an independent
+one.
 """
 
 from __future__ import annotations
@@ -31,19 +32,23 @@ __all__ = [
     "run_ensembles",
 ]
 
-# Number of blocks of one length before blocks double in length.
+# Number of blocks of steps of equal length, after which blocks double in length.
 _BLOCKS_PER_LENGTH = 4
-# Largest number of times that blocks double in length.
+# Largest number of times that the blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# Number of doublings after which the steps between stored draws double, not the number of draws.
+# Number of doublings of a block's length after which the steps between stored draws double instead
+# of the number of stored draws.
 _DOUBLINGS_STORED = 2
-# Share of moves with factor 1 among differential-evolution moves; these jump between modes.
+# Share of the differential-evolution moves of walkers that have the factor 1, with which walkers
+# jump between modes.
 _JUMP_SHARE = 0.1
-# Share of moves that propose independent points, if there is a source of such points.
+# Share of the moves of walkers that propose independent points, if there is a source of such
+# points.
 _REDRAW_SHARE = 0.9
-# Largest number of draws kept of each ensemble, unless the ESS asked for needs more.
+# Largest number of draws kept of each ensemble of walkers, unless the effective sample size asked
+# for needs more.
 _MOST_DRAWS = 25_000
-# Number of independent points drawn at a time.
+# Number of independent points that are drawn at a time, for moves that propose such points.
 _STOCK = 512
 
 
@@ -72,19 +77,19 @@ class StoppingRule(Shown):
     True
     """
 
-    ess: float = 1000.0  #: smallest effective sample size
-    rhat: float = 1.01  #: largest R-hat
+    ess: float = 1000.0  #: effective sample size to reach
+    rhat: float = 1.01  #: largest R-hat allowed
     max_steps: int = 20_000  #: largest number of steps of each ensemble
     #: number of steps before the first assessment; later assessments are further apart, and not
     #: every step of a long run is stored
     block: int = 20
-    discard: float = 0.25  #: share of the stored draws discarded as burn-in at every assessment
-    #: number of autocorrelation times, estimated from the smallest bulk ESS, that the draws kept
-    #: must span; an ensemble that has hardly moved can otherwise look well mixed
+    discard: float = 0.25  #: share of the stored draws that is discarded as burn-in
+    #: number of autocorrelation times that the draws kept must span, because an ensemble that has
+    #: hardly moved can look well mixed; estimated from the smallest effective sample size
     lengths: float = 6.0
 
     def next_block(self, steps: int) -> BlockPlan:
-        """Return the plan of the next block after the given number of steps."""
+        """Return the plan of the next block of steps after the given number of steps."""
         blocks = steps / (_BLOCKS_PER_LENGTH * self.block)
         doublings = min(int(np.log2(1.0 + blocks)), _LARGEST_DOUBLING)
         thin = 2 ** max(doublings - _DOUBLINGS_STORED, 0)
@@ -93,12 +98,12 @@ class StoppingRule(Shown):
 
 @dataclass(frozen=True)
 class Assessment:
-    """Smallest ESS and largest R-hat of all parameters."""
+    """Smallest effective sample sizes and largest R-hat of all parameters."""
 
     ess_bulk_min: float  #: smallest effective sample size for the mean
     ess_tail_min: float  #: smallest effective sample size for the tails
-    rhat_max: float  #: largest R-hat
-    worst: int = 0  #: index of the parameter with the smallest ESS
+    rhat_max: float  #: largest R-hat of all parameters
+    worst: int = 0  #: index of the parameter with the smallest effective sample size
 
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:
         """Return whether the draws meet a stopping rule; False if a diagnostic is NaN.
@@ -108,7 +113,10 @@ class Assessment:
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
-        """Return the smallest ratio of a sample size reached to the sample size asked for."""
+        """Return the smallest ratio of a sample size reached to the sample size asked for.
+
+        ``walkers`` is the number of walkers of all ensembles, or 0 for independent draws.
+        """
         shares = [self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess]
         if walkers > 0:
             shares.append(self.ess_bulk_min / (rule.lengths * walkers))
@@ -117,10 +125,10 @@ class Assessment:
 
 @dataclass(frozen=True)
 class Progress:
-    """Report of a run each time that its draws are assessed."""
+    """Report that a run of the sampler makes each time that its draws are assessed."""
 
     steps: int  #: number of steps so far
-    max_steps: int  #: largest number of steps
+    max_steps: int  #: largest number of steps allowed
     target_ess: float  #: effective sample size asked for
     assessment: Assessment
     seconds_left: float | None = None  #: estimate of the time left [s]; None if unknown
@@ -128,9 +136,9 @@ class Progress:
 
 @dataclass(frozen=True, eq=False)
 class EnsembleRun:
-    """Draws of a run, and how well the run converged."""
+    """Random draws of a run of the sampler, and how well the run converged."""
 
-    #: draws, shape (ensembles, draws, d), with all draws of one walker after each other
+    #: random draws, shape (ensembles, draws, d), in which the draws of one walker follow each other
     chain: Array
     assessment: Assessment
     converged: bool  #: whether the stopping rule is met
@@ -143,8 +151,8 @@ class WeightedPoints(NamedTuple):
     """Independent points with their importance weights."""
 
     points: Array  #: coordinates of the points, shape (size, d)
-    log_weight: Array  #: ln of target density over proposal density, shape (size,)
-    log_target: Array  #: ln of the target density, shape (size,)
+    log_weight: Array  #: logarithm of target density over proposal density, shape (size,)
+    log_target: Array  #: logarithm of the target density, shape (size,)
 
 
 class Redraw(Protocol):
@@ -154,7 +162,7 @@ class Redraw(Protocol):
         """Return ``size`` independent random points with their weights."""
 
     def log_weight(self, points: Array) -> Array:
-        """Return ln of target density over proposal density at n points, shape (n,)."""
+        """Return the log ratio of target and proposal density at n points, shape (n,)."""
 
 
 def assess(chain: Array) -> Assessment:
@@ -173,9 +181,9 @@ def run_ensembles(
     progress: Callable[[Progress], None] | None = None,
     redraw: Redraw | None = None,
 ) -> EnsembleRun:
-    """Return the run of several ensembles until the stopping rule is met.
+    """Return the run of several ensembles of walkers until the stopping rule is met.
 
-    Moves are differential evolution, mixed with independent draws from ``redraw``.
+    Walkers move by differential evolution, mixed with independent draws from ``redraw``.
 
     Parameters
     ----------
@@ -197,6 +205,7 @@ def run_ensembles(
     Returns
     -------
     EnsembleRun
+        Draws of all ensembles after burn-in, and how well they converged.
     """
     walkers = starts.shape[1]
     all_walkers = len(starts) * walkers
@@ -259,14 +268,15 @@ class _Ensemble:
         self._sampler = emcee.EnsembleSampler(
             walkers, dimensions, log_density, vectorize=True, moves=_moves(redraw)
         )
-        # emcee wraps the function in one that prints all walkers when a run is interrupted.
+        # Restore the log density: emcee wraps it in a function that prints all walkers when a run
+        # is interrupted.
         self._sampler.log_prob_fn = log_density
         twister: Any = np.random.RandomState(seed.generate_state(8)).get_state()
         self._state = emcee.State(start, random_state=twister)
-        self.acceptance = 0.0  #: share of proposals accepted in the last block
+        self.acceptance = 0.0  #: share of proposals accepted in the last block of steps
 
     def run(self, plan: BlockPlan) -> Array:
-        """Return the stored draws of the next block, shape (draws, walkers, d)."""
+        """Return the stored draws of the next block of steps, shape (draws, walkers, d)."""
         self._sampler.reset()
         self._state = self._sampler.run_mcmc(
             self._state, plan.draws, thin_by=plan.thin, skip_initial_state_check=True
@@ -299,9 +309,9 @@ class _StoredBlock(NamedTuple):
 def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
     """Return the draws of a run after burn-in, evenly thinned, shape (ensembles, draws, d).
 
-    ``blocks`` are the stored draws of the run in turn, which are thinned more and more. All draws
-    of one walker follow each other in the result. The number of steps between them is that of the
-    last block, or larger if there are very many draws.
+    ``blocks`` are the stored draws of the run, in order of time; later blocks store fewer of their
+    steps. In the result, the draws of one walker follow each other. The number of steps between
+    them is that of the last block, or larger if there are very many draws.
     """
     steps_between_draws = blocks[-1].thin
     evenly_spaced = []
@@ -328,7 +338,7 @@ class RedrawMove:
     def __init__(self, redraw: Redraw) -> None:
         self._redraw = redraw
         self._stock: WeightedPoints | None = None
-        # Coordinates of all walkers after the last proposal, and their log weights.
+        # Coordinates of all walkers after the last proposal of this move, and their log weights.
         self._last_coordinates = np.zeros(0)
         self._last_log_weight = np.zeros(0)
 
@@ -346,9 +356,9 @@ class RedrawMove:
         return state, accepted
 
     def _log_weight_of(self, coordinates: Array) -> Array:
-        """Return the log weights of all walkers.
+        """Return the log weights of all walkers at their coordinates.
 
-        They are computed anew only for walkers that another move has displaced.
+        They are computed anew only for walkers that another kind of move has displaced.
         """
         displaced = np.ones(len(coordinates), dtype=bool)
         if self._last_coordinates.size:

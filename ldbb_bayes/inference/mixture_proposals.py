@@ -17,42 +17,45 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Mixture", "Random", "SplitT", "fit_split_t", "refit_mixture"]
 
-# Generators of random numbers; emcee passes a RandomState to its moves.
+# Types of generators of random numbers; emcee passes a RandomState to its moves.
 Random = np.random.Generator | np.random.RandomState
 
-# Degrees of freedom that are tried, the heaviest tails first.
+# Degrees of freedom of Student-t distributions that are tried, the heaviest tails first.
 _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
-# Light tails are fitted only in more dimensions than this: in few dimensions they gain little, and
-# corners of the density would lie in the tails of the proposal. In few dimensions, ...
+# Light tails are fitted only in more dimensions than this. In few dimensions they gain little, and
+# corners of the density would lie in the tails of the proposal.
 _FEW_DIMENSIONS = 5
-# ... only this number of the degrees of freedom above is tried.
+# Number of degrees of freedom, the heaviest tails first, that are tried in few dimensions.
 _HEAVY_TAILS = 2
-# Degrees of freedom from which the fit starts.
+# Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
 # Places at which the two sides of a split t may meet, in the coordinate z of `SplitT`.
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
-# Number of alternations between fitting scales and fitting degrees of freedom, and number of
-# expectation-maximisation (EM) steps for the scales in each alternation.
+# For the fit of a split Student-t distribution: number of alternations between fitting scales and
+# fitting degrees of freedom, and number of expectation-maximisation steps for the scales in each.
 _ALTERNATIONS = 2
 _EM_STEPS = 3
 # Smallest and largest scale of a split t, in the coordinate z of `SplitT`.
 _SMALLEST_SCALE = 0.05
 _LARGEST_SCALE = 20.0
-# Factor by which a proposal is made wider than its fit: too narrow is worse than too wide.
+# Factor by which a proposal is made wider than its fit, because too narrow is worse than too wide.
 _WIDER = 1.05
-# Largest number of points to which tails are fitted; more are resampled to this number.
+# Largest number of points to which the tails of a proposal are fitted; more points are resampled to
+# this number.
 _FITTED_POINTS = 4096
 # Smallest share of a component in a mixture; a component with a smaller mass is not refitted.
 _SMALLEST_SHARE = 0.02
-# Correlations are shrunk towards zero as if by this many uncorrelated points per dimension.
+# Correlations of a fitted proposal are shrunk towards zero, as if by this many additional
+# uncorrelated points per dimension.
 _SHRINKAGE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class SplitT:
-    """Distribution of x = centre + root z, where all h elements of z are independent split t.
+    """Distribution of x = centre + root z, where the h elements of z are independent split t.
 
-    The density is continuous, as both sides of a split t have the same height at z = 0.
+    A split t is a Student-t distribution with different scales and degrees of freedom on its two
+    sides. The density is continuous, as the two sides have the same height at z = 0.
     """
 
     centre: Array  #: value of x at z = 0, shape (h,)
@@ -61,7 +64,7 @@ class SplitT:
     freedom: Array  #: degrees of freedom of each z below and above zero, shape (2, h)
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density of points (n, h), shape (n,)."""
+        """Return the log density, shape (n,), at points of shape (n, h)."""
         z = np.linalg.solve(self.root, (points - self.centre).T).T
         above = z > 0.0
         scale = np.where(above, self.scale[1], self.scale[0])
@@ -73,7 +76,7 @@ class SplitT:
     def transform(self, uniform: Array) -> Array:
         """Return random points of the distribution from uniform random numbers.
 
-        Both have the shape (n, h); the uniform numbers are between 0 and 1.
+        The uniform numbers, between 0 and 1, and the points have the shape (n, h).
         """
         masses = _side_masses(self.scale, self.freedom)
         side_probability = masses / masses.sum(axis=0)
@@ -90,13 +93,16 @@ class SplitT:
 
 
 def _side_masses(scale: Array, freedom: Array) -> Array:
-    """Return ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) dz over one side of zero."""
+    """Return the integral of each side of a split Student-t density that is 1 at its centre.
+
+    It is ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) dz over one side of z = 0.
+    """
     log_height = gammaln(freedom / 2.0) - gammaln((freedom + 1.0) / 2.0)
     return np.asarray(0.5 * scale * np.sqrt(freedom * np.pi) * np.exp(log_height))
 
 
 def _log_tail(square: Array, scale: Array, freedom: Array | float) -> Array:
-    """Return minus the log of the density of z, which is scaled to 1 at z = 0.
+    """Return minus the log of a Student-t density that is scaled to 1 at z = 0.
 
     ``square`` is z².
     """
@@ -105,26 +111,29 @@ def _log_tail(square: Array, scale: Array, freedom: Array | float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Mixture of k components, each a `SplitT`."""
+    """Mixture of k components, each a product of split Student-t distributions (`SplitT`)."""
 
-    components: tuple[SplitT, ...]  #: the k components
+    components: tuple[SplitT, ...]  #: the k components of the mixture
     share: Array  #: probabilities of the components, shape (k,)
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density of points (n, h), shape (n,)."""
+        """Return the log density, shape (n,), at points of shape (n, h)."""
         return np.asarray(np.logaddexp.reduce(self.by_component(points), axis=0))
 
     def by_component(self, points: Array) -> Array:
-        """Return ln(share × density) of each component at points (n, h), shape (k, n)."""
+        """Return the log of share times density of each component, shape (k, n).
+
+        The points have the shape (n, h).
+        """
         rows = []
         for share, component in zip(self.share, self.components, strict=True):
             rows.append(np.log(share) + component.log_density(points))
         return np.stack(rows)
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
-        """Return independent random draws, shape (size, h).
+        """Return independent random draws from the mixture, shape (size, h).
 
-        Scales are multiplied by the square root of ``temperature``.
+        Scales of the components are multiplied by the square root of ``temperature``.
         """
         limits = np.cumsum(self.share)[:-1]
         picked = np.searchsorted(limits, rng.uniform(size=size), side="right")
@@ -186,16 +195,16 @@ def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
 
 
 class _AxisFit(NamedTuple):
-    """Split t fitted along each of h directions."""
+    """Split Student-t distributions fitted along each of h directions."""
 
     offset: Array  #: place along each direction where the two sides meet, shape (h,)
     scale: Array  #: scales below and above the offset, shape (2, h)
     freedom: Array  #: degrees of freedom below and above the offset, shape (2, h)
-    log_likelihood: Array  #: weighted mean of the log density, shape (h,)
+    log_likelihood: Array  #: weighted mean of the log density at the points, shape (h,)
 
 
 def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
-    """Return the split t of greatest likelihood along every direction.
+    """Return the split Student-t distribution of greatest likelihood along every direction.
 
     Scales are found by expectation-maximisation (EM) steps. Degrees of freedom, and the place where
     the two sides meet, are picked from a few candidates.
@@ -205,7 +214,7 @@ def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
     centre, root : ndarray, shapes (h,) and (h, h)
         The transformation x = centre + root z to the coordinates x of the density.
     z, weight : ndarray, shape (n, h)
-        Places along the h directions, and weights that sum to one along each direction.
+        Places of n points along the h directions, and weights that sum to one along each direction.
     """
     h = z.shape[1]
     freedoms = _FREEDOMS
@@ -225,7 +234,7 @@ def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
 
 
 def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _AxisFit:
-    """Return a split t for each direction, fitted with its two sides meeting at an offset."""
+    """Return split Student-t distributions along h directions, with sides meeting at ``offset``."""
     h = z.shape[1]
     square = (z - offset) ** 2
     above = z > offset
@@ -258,10 +267,10 @@ def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array)
 def _best_freedom(
     side: int, square: Array, side_weights: Array, scale: Array, freedom: Array, freedoms: Array
 ) -> Array:
-    """Return the degrees of freedom of one side, the likeliest of the candidates, shape (h,).
+    """Return the likeliest degrees of freedom of one side along each direction, shape (h,).
 
-    ``side`` is 0 below and 1 above the place where the two sides meet; ``freedoms`` holds the
-    candidates.
+    ``side`` is 0 below and 1 above the place where the two sides of a split Student-t distribution
+    meet; ``freedoms`` holds the candidates.
     """
     other_mass = _side_masses(scale, freedom)[1 - side]
     costs = []

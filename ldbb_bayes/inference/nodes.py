@@ -32,55 +32,70 @@ from ldbb_bayes.units import value_and_uncertainty
 
 __all__ = ["Evidence", "HyperPosterior", "Nodes"]
 
-# Step of the central differences in free coordinates.
+# Step of the central differences by the hyper-parameters, in unbounded coordinates such as their
+# logarithms.
 _DIFFERENCE_STEP = 0.05
-# Directions in which the log density curves less than this are given this curvature.
+# Least curvature of the log density, in unbounded coordinates of the hyper-parameters, that is used
+# in any direction.
 _LEAST_CURVATURE = 0.3
-# Number of starting points of the search for modes, and how many of the best are considered.
+# Number of starting points of the search for modes of the posterior, and number of the best of them
+# that are considered.
 _STARTS = 256
 _BEST_STARTS = _STARTS // 4
-# Largest number of starting points that the search for modes climbs from.
+# Largest number of starting points from which the search for modes climbs uphill.
 _BASINS = 3
-# Starting points, and modes, count as separate beyond this distance in free coordinates.
+# Starting points, and modes, count as separate if their distance in unbounded coordinates of the
+# hyper-parameters exceeds this.
 _SEPARATION = 1.5
-# A mode or corner this far below the highest mode does not count [nat].
+# A maximum of the log density is negligible if it is lower than the highest one by more than this
+# [nat].
 _NEGLIGIBLE_DEPTH = 12.0
-# Largest number of hyper-parameters for which corners (see `HyperPosterior._corners`) are sought.
+# Largest number of hyper-parameters for which maxima with one of them held near zero are sought
+# (see `HyperPosterior._corners`).
 _LARGEST_CORNER_DIMENSION = 5
-# Distance of a corner below the mode in one free coordinate.
+# Distance below the mode at which one hyper-parameter is held near zero, in its unbounded
+# coordinate.
 _BELOW_MODE = 3.0
-# Tolerance [nat] and step [sd] of the coarse nodes.
+# Tolerance of the log evidence [nat], and step in standard deviations, of coarse nodes.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
-# Nodes left out before P(T | y, φ) is computed hold at most the tolerance divided by this, ...
+# Before the probability that no compliance is negative is computed at the nodes, the lightest are
+# left out; their share of the integral is at most the tolerance divided by this.
 _PARTS_OF_TOLERANCE = 20.0
-# ... and never more than this share of the integral.
+# Largest share of the integral in nodes that are left out, whatever the tolerance.
 _LARGEST_LEFT_OUT = 5e-4
-# P(T | y, φ) is computed to a quarter of the tolerance, but never better than this [nat].
+# The log probability that no compliance is negative is computed to a quarter of the tolerance, but
+# never better than this [nat].
 _FINEST_TOLERANCE = 1e-3
-# Share of the tolerance allowed to the nodes where the error of P(T | y, φ) takes up the rest.
+# Share of the tolerance allowed to the error of the nodes, where the probability that no compliance
+# is negative also has an error.
 _NODES_SHARE = 0.7
-# Moments of β are computed without the lightest nodes, which hold this share of the weight.
+# Means and variances of parameters are computed without the lightest nodes, which hold this share
+# of the weight.
 _SPARE = 1e-7
-# Number of Gaussians in the mixture from which quantiles of β are computed.
+# Number of Gaussians in the mixture from which quantiles of parameters are computed.
 _COMPONENTS = 8192
-# Smallest sd of a Gaussian in that mixture, as a share of the sd of all their means.
+# Least standard deviation of a Gaussian in the mixture from which quantiles are computed, as a
+# share of the standard deviation of the means of all Gaussians.
 _LEAST_SD_SHARE = 1e-6
 
 
 class HyperPosterior:
-    """Density p(φ | y) of the hyper-parameters, with or without truncation, in free coordinates.
+    """Posterior density of the hyper-parameters φ given the readings y, in unbounded coordinates.
+
+    Unbounded coordinates, here called free, are mostly ln(φ − lower bound).
 
     Parameters
     ----------
     bound : BoundModel
+        The model bound to its campaign.
     truncated : bool
-        Whether to include P(T | y, φ), the probability of physical compliances (whether or not the
-        model imposes them).
+        Whether to include P(T | y, φ), the probability that no compliance is negative (whether or
+        not the model requires it).
     seed : int
         Seed of the starting points of the search and of the quasi-random points of P(T | y, φ).
     near : ndarray, shape (h,), optional
-        Free coordinates of the mode of a density much like this one; saves the search for it.
+        Free coordinates of the mode of a density much like this one; saves the search for the mode.
     """
 
     def __init__(
@@ -94,7 +109,7 @@ class HyperPosterior:
 
     @cached_property
     def modes(self) -> list[tuple[Array, Array]]:
-        """All modes that are not negligible, the highest first.
+        """All maxima of the density that are not negligible, the highest first.
 
         Each is a pair: the mode, shape (h,), and a square root, shape (h, h), of the inverse of
         minus the Hessian of the log density at the mode.
@@ -114,20 +129,22 @@ class HyperPosterior:
 
     @property
     def mode(self) -> Array:
-        """The highest mode, shape (h,)."""
+        """The highest maximum of the density, in free coordinates, shape (h,)."""
         return self.modes[0][0]
 
     def given(self, free: Array) -> tuple[Array, ParameterConditional]:
-        """Return ln p(y | φ) and the Gaussians p(β | y, φ) at w points.
+        """Return ln p(y | φ), shape (w,), and the Gaussians p(β | y, φ) at w points.
 
-        ``free`` holds the free coordinates, shape (w, h); ln p(y | φ) has shape (w,).
+        y are the readings, β the parameters and φ the hyper-parameters. ``free`` holds φ in
+        unbounded coordinates, shape (w, h).
         """
         return self.bound.given(self.bound.hyper_prior.phi(free))
 
     def log_density(self, free: Array, *, smooth: bool = False) -> Array:
         """Return the joint log density of readings and free coordinates, shape (w,).
 
-        With truncation, ln P(T | y, φ) is added. If ``smooth``, its upper bound is added instead,
+        ``free`` holds w points, shape (w, h). With truncation, ln P(T | y, φ) is added: the log
+        probability that no compliance is negative. If ``smooth``, its upper bound is added instead,
         which is cheaper to compute and a smooth function of φ.
         """
         log_density = self.bound.hyper_prior.log_density_of_free(free)
@@ -149,8 +166,9 @@ class HyperPosterior:
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
         """Return weighted nodes that integrate the density to this tolerance [nat].
 
-        With truncation, the nodes of the density without it are used first, with their weights
-        multiplied by P(T | y, φ). Nodes of their own follow only if that misses the tolerance.
+        With truncation, the nodes of the density without truncation are used first. Their weights
+        are multiplied by P(T | y, φ), the probability that no compliance is negative. If that
+        misses the tolerance, nodes of the truncated density are computed.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -184,7 +202,9 @@ class HyperPosterior:
         *,
         bounded: bool = False,
     ) -> Nodes:
-        """Return nodes of a density multiplied by P(T | y, φ).
+        """Return nodes of a density multiplied by the probability that no compliance is negative.
+
+        The probability is P(T | y, φ), given the readings y and the hyper-parameters φ.
 
         Parameters
         ----------
@@ -193,8 +213,8 @@ class HyperPosterior:
         tolerance : float
             Error asked for [nat].
         orthant : callable, optional
-            Function that takes indices of nodes and returns the problems from which P(T | y, φ)
-            is computed there. By default it is computed from the nodes.
+            Function that takes indices of nodes and returns the problems from which P(T | y, φ) is
+            computed there. By default these are computed from the nodes.
         bounded : bool
             Whether ``integral`` already contains the upper bound of P(T | y, φ), which is then
             replaced by P(T | y, φ) itself.
@@ -221,13 +241,14 @@ class HyperPosterior:
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
-        # All nodes use the same quasi-random points, so that their errors add up.
+        # Errors of the probabilities at the nodes add up, as all nodes use the same quasi-random
+        # points.
         error = float(truncated.weight @ np.where(truncated.weight > 0.0, errors, 0.0))
         return Nodes(self, truncated, error)
 
     @cached_property
     def plain(self) -> HyperPosterior:
-        """The same density without truncation."""
+        """The same density without truncation: compliances may be negative."""
         if not self.truncated:
             return self
         return HyperPosterior(self.bound, truncated=False, seed=self._seed, near=self._near)
@@ -236,7 +257,8 @@ class HyperPosterior:
     def proposal(self) -> Integral:
         """Importance sample with a fitted mixture, from which further points can be drawn.
 
-        With truncation, P(T | y, φ) is replaced by its upper bound.
+        With truncation, the probability P(T | y, φ) that no compliance is negative is replaced by
+        its upper bound.
         """
         modes = [*self.modes, *self._corners()]
         return importance_sample(
@@ -245,7 +267,11 @@ class HyperPosterior:
 
     @cached_property
     def coarse(self) -> Integral:
-        """Coarse nodes; with truncation, P(T | y, φ) is replaced by its upper bound."""
+        """Coarse nodes of the density.
+
+        With truncation, the probability P(T | y, φ) that no compliance is negative is replaced by
+        its upper bound.
+        """
         return integrate(
             self._smooth,
             self.modes,
@@ -256,16 +282,20 @@ class HyperPosterior:
 
     @cached_property
     def coarse_truncated(self) -> Integral:
-        """Coarse nodes with P(T | y, φ) itself instead of its upper bound."""
+        """Coarse nodes, weighted by the exact probability that no compliance is negative."""
         return self._replace_bound(self.coarse)
 
     @cached_property
     def sample_nodes(self) -> Integral:
-        """Points of ``proposal`` with P(T | y, φ) itself instead of its upper bound."""
+        """Points of ``proposal``, weighted by the exact probability of truncation P(T | y, φ)."""
         return self._replace_bound(self.proposal)
 
     def _replace_bound(self, integral: Integral) -> Integral:
-        """Return an integral with P(T | y, φ) itself instead of its upper bound."""
+        """Return an integral with the exact probability P(T | y, φ) instead of its upper bound.
+
+        P(T | y, φ) is the probability that no compliance is negative. Without truncation, return
+        the integral unchanged.
+        """
         if not self.truncated:
             return integral
         return self.truncate(integral, _COARSE_TOLERANCE, bounded=True).integral
@@ -290,7 +320,7 @@ class HyperPosterior:
     def _corners(self) -> list[tuple[Array, Array]]:
         """Return maxima of the density with one hyper-parameter held near zero.
 
-        Other hyper-parameters make up for the one held. The form is that of `modes`. Where a
+        Other hyper-parameters compensate for the one held. The form is that of `modes`. Where a
         hyper-parameter no longer matters, the log density falls by one per unit of its free
         coordinate.
         """
@@ -309,7 +339,10 @@ class HyperPosterior:
         return corners
 
     def _derivatives_along(self, free_axes: Array) -> Callable[[Array], tuple[Array, Array]]:
-        """Return a function for gradient and Hessian, zero except in the given coordinates."""
+        """Return a function for gradient and Hessian, zero except in the given coordinates.
+
+        ``free_axes``, shape (h,), states which coordinates those are.
+        """
 
         def derivatives(point: Array) -> tuple[Array, Array]:
             gradient, hessian = self._derivatives(point)
@@ -326,14 +359,14 @@ class HyperPosterior:
 
 
 def _is_separate(point: Array, points: list[Array]) -> bool:
-    """Return whether a point is far enough from all others to count as a separate one."""
+    """Return whether a point is far enough from all other points to count as a separate one."""
     return all(np.linalg.norm(point - other) > _SEPARATION for other in points)
 
 
 def _inverse_root(hessian: Array) -> Array:
     """Return a square root, shape (h, h), of the inverse of minus the Hessian.
 
-    Eigenvalues of minus the Hessian below the least curvature are raised to it.
+    Eigenvalues of minus the Hessian below the least curvature are raised to that value.
     """
     curvature, vectors = np.linalg.eigh(-hessian)
     return np.asarray(vectors / np.sqrt(np.maximum(curvature, _LEAST_CURVATURE)))
@@ -341,14 +374,15 @@ def _inverse_root(hessian: Array) -> Array:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Log evidence ln Z of a model for the readings of a campaign."""
+    """Log evidence ln Z of a model: the log density of a campaign's readings under the model."""
 
-    #: ln Z, the log density of the readings in mm under the model; only differences between models
-    #: of the same readings have a meaning
+    #: log evidence ln Z: the log density of the readings in mm under the model; only differences
+    #: between models of the same readings have a meaning
     log_value: float
-    error: float  #: error of ln Z [nat]; infinite where the nodes' weights cannot be trusted
-    nodes: int  #: number of nodes of the quadrature
-    sha256: str  #: digest of the readings
+    #: error of the log evidence [nat]; infinite where the nodes' weights cannot be trusted
+    error: float
+    nodes: int  #: number of nodes of the quadrature over the hyper-parameters
+    sha256: str  #: digest (SHA-256) of the readings
 
     @property
     def trusted(self) -> bool:
@@ -361,15 +395,15 @@ class Evidence:
 
 
 class _ConditionalMoments(NamedTuple):
-    """Means and variances of β given φ at w points."""
+    """Means and variances of the parameters, given hyper-parameters at w points."""
 
-    mean: Array  #: means of β, shape (w, p)
-    variance: Array  #: variances of β, shape (w, p)
+    mean: Array  #: means of the p parameters, shape (w, p)
+    variance: Array  #: variances of the p parameters, shape (w, p)
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Weighted nodes that represent p(φ | y), and averages over them.
+    """Weighted nodes that represent the posterior of the hyper-parameters, and averages over them.
 
     Parameters
     ----------
@@ -378,7 +412,8 @@ class Nodes:
     integral : Integral
         The nodes and their weights.
     truncation_error : float
-        Error of the log evidence from the errors of P(T | y, φ) [nat].
+        Error of the log evidence from the errors of P(T | y, φ), the probability that no compliance
+        is negative [nat].
     """
 
     posterior: HyperPosterior
@@ -387,15 +422,15 @@ class Nodes:
 
     @property
     def bound(self) -> BoundModel:
-        """The model and its campaign."""
+        """The model bound to its campaign."""
         return self.posterior.bound
 
     @property
     def error(self) -> float:
         """Error of the log evidence [nat].
 
-        The sum of the error of the nodes and, with truncation, the errors of P(T | y, φ) and of
-        P(T), the prior probability of truncation.
+        It includes the error of the nodes. With truncation, it also includes the errors of the
+        probability that no compliance is negative, under the posterior and under the prior.
         """
         error = self.integral.error + self.truncation_error
         if not self.posterior.truncated:
@@ -403,10 +438,11 @@ class Nodes:
         return error + self.bound.truncation_prior[1]
 
     def meet(self, tolerance: float) -> bool:
-        """Return whether the nodes are fine enough for this tolerance of ln Z [nat].
+        """Return whether the nodes are fine enough for this tolerance of the log evidence [nat].
 
-        Their error must not exceed the tolerance minus the error of P(T | y, φ). If the latter is
-        half the tolerance or more, the error of the nodes alone must not exceed the tolerance.
+        The error of the nodes must not exceed the tolerance minus the error of P(T | y, φ), the
+        probability that no compliance is negative. If the error of P(T | y, φ) is half the
+        tolerance or more, the error of the nodes alone must not exceed the tolerance.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance
@@ -414,9 +450,10 @@ class Nodes:
 
     @cached_property
     def evidence(self) -> Evidence:
-        """Log evidence ln Z = ln ∫ p(y | φ) p(φ) dφ.
+        """Log evidence ln Z = ln ∫ p(y | φ) p(φ) dφ, for readings y and hyper-parameters φ.
 
-        With truncation, it is ln Z + ln P(T | y) − ln P(T), where P(T) is the prior probability.
+        With truncation (no compliance is negative), ln P(T | y) − ln P(T) is added, where P(T | y)
+        and P(T) are the posterior and the prior probability that no compliance is negative.
         """
         log_value = self.integral.log_integral
         if self.posterior.truncated:
@@ -424,9 +461,9 @@ class Nodes:
         return Evidence(log_value, self.error, len(self.integral.weight), self._digest())
 
     def _digest(self) -> str:
-        """Return the SHA-256 of the readings.
+        """Return the digest (SHA-256) of the readings.
 
-        Where tests are left out, it also covers the names of the tests that remain.
+        Where tests are left out, the digest also covers the names of the tests that remain.
         """
         campaign = self.bound.campaign
         names = self.bound.test_names
@@ -435,20 +472,21 @@ class Nodes:
         return hashlib.sha256("\n".join([campaign.sha256, *names]).encode()).hexdigest()
 
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Return random draws of β, shape (size, p), and of φ [mm], shape (size, h).
+        """Return random draws of parameters, shape (size, p), and of hyper-parameters, (size, h).
 
-        φ is picked from the nodes by their weights, and β is drawn given φ.
+        Hyper-parameters [mm] are picked from the nodes by their weights, and parameters are drawn
+        given these.
         """
         free = self.integral.pick(size, rng)
         beta = draw_parameters_given(self.bound, free, rng)
         return beta, self.bound.hyper_prior.phi(free)
 
     def moments(self, *, spare: float = _SPARE, points: int = 512) -> tuple[Array, Array]:
-        """Return mean and sd of β, each of shape (p,).
+        """Return mean and standard deviation of the p parameters, each of shape (p,).
 
-        Moments of β given φ are averaged over the nodes, without the lightest nodes, which hold the
-        share ``spare`` of the weight. With truncation, the moments given φ are computed from
-        ``points`` quasi-random points.
+        Moments given the hyper-parameters are averaged over the nodes, without the lightest nodes,
+        which hold the share ``spare`` of the weight. With truncation, the moments given the
+        hyper-parameters are computed from ``points`` quasi-random points.
         """
         free, weight = self.integral.heaviest(spare)
 
@@ -461,11 +499,11 @@ class Nodes:
         return mean, np.sqrt(weight @ (conditional.variance + (conditional.mean - mean) ** 2))
 
     def quantiles(self, levels: Array, *, seed: int, components: int = _COMPONENTS) -> Array:
-        """Return quantiles of β, shape (levels, p).
+        """Return quantiles of the p parameters, shape (levels, p).
 
-        They are the quantiles of a mixture of Gaussians p(β | y, φ), with φ picked from the nodes.
-        With truncation, each Gaussian is also conditional on a random draw of the components that
-        truncation restricts.
+        They are the quantiles of a mixture of Gaussians: the densities of the parameters given
+        hyper-parameters that are picked from the nodes. With truncation, each Gaussian is also
+        conditional on a random draw of the components that truncation restricts.
         """
         rng = np.random.default_rng(seed)
 
@@ -482,10 +520,11 @@ class Nodes:
     def _moments_given(
         self, free: Array, along_axes: Callable[[Orthant], tuple[Array, Array]]
     ) -> _ConditionalMoments:
-        """Return means and variances of β given φ, for free coordinates of shape (w, h).
+        """Return means and variances of the parameters, given hyper-parameters at w points.
 
-        With truncation, ``along_axes`` returns mean and covariance of the standard coordinates of β
-        along the directions that truncation restricts.
+        ``free`` holds the hyper-parameters in unbounded coordinates, shape (w, h). With truncation,
+        ``along_axes`` returns mean and covariance of the parameters' standard coordinates along the
+        directions that truncation restricts.
         """
         means = []
         variances = []

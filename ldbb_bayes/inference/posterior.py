@@ -44,9 +44,9 @@ __all__ = [
     "to_units",
 ]
 
-# Groups that a file must have to be a posterior.
+# Groups of arrays that a file must have to be a posterior.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
-# Dimensions of the arrays that are not random draws.
+# Dimensions of the arrays of a posterior that are not random draws, by name of the array.
 _DIMENSIONS = {
     "force_N": ["test"],
     "pressure_bar": ["test"],
@@ -67,15 +67,15 @@ _UNITS = {
     "angle_rad": "rad",
     "radius_mm": "mm",
 }
-# Fields of a test that are arrays, kept in the group constant_data.
+# Fields of a test that are arrays; they are kept in the group constant_data, not in the record.
 _ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
-# Angles given to a foreseen test, which has no angles of its own.
+# Angles [°] given to a foreseen test, as the record of a posterior has no angles of such tests.
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
-# A file counts as damaged if its arrays are larger than this multiple of the size of the file ...
+# A file counts as damaged if its arrays have more bytes than ``_LARGEST_EXPANSION`` times the size
+# of the file plus ``_SMALL_FILE_BYTES``.
 _LARGEST_EXPANSION = 20
-# ... plus this number of bytes.
 _SMALL_FILE_BYTES = 2**20
-# Largest number of characters quoted from the error message of a library.
+# Largest number of characters that are quoted from the error message of a library.
 _LONGEST_REASON = 120
 
 
@@ -84,7 +84,8 @@ def build_tree(
 ) -> xr.DataTree:
     """Return a DataTree with groups of arrays, and a record as JSON in the group ``provenance``.
 
-    Arrays of random draws have the shape (chains, draws, …).
+    ``groups`` holds arrays by group and by name. Arrays of random draws have the shape (chains,
+    draws, …).
     """
     from arviz_base import from_dict  # imported here, because it loads Matplotlib
 
@@ -137,7 +138,7 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     tree = posterior.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
     with _no_lock_of_dask():
-        # In memory first: HDF5 does not survive a full disk.
+        # Make the file in memory first, because HDF5 does not survive a full disk.
         content = bytes(tree.to_netcdf(engine="h5netcdf"))
     write_whole(target, content)
     return target
@@ -146,7 +147,7 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
 def _no_lock_of_dask() -> AbstractContextManager[Any]:
     """Return a context in which xarray asks no cluster of Dask for a lock.
 
-    None is needed, as the file is first written to the memory of this process.
+    No lock is needed, as the file is first written to the memory of this process.
     """
     try:
         import dask.config  # an optional dependency
@@ -206,7 +207,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
 
 
 def _read_tree(source: Path) -> xr.DataTree:
-    """Return the tree in a file; raise an `InputError` for any failure to read it."""
+    """Return the tree of arrays in a file; raise an `InputError` for any failure to read it."""
     with _silent_finalizers(), warnings.catch_warnings(action="ignore"):
         try:
             with xr.open_datatree(source, engine="h5netcdf") as tree:
@@ -242,7 +243,7 @@ def _ignore_unraisable(_: sys.UnraisableHookArgs) -> None:
 
 
 def _digest(tree: xr.DataTree) -> str:
-    """Return the SHA-256 of all numbers, names and units in a tree, and of its record."""
+    """Return the SHA-256 of all numbers, names and units in a posterior, and of its record."""
     digest = hashlib.sha256(str(tree["provenance"].attrs["json"]).encode())
     for node in sorted(tree.subtree, key=_path_of):
         for name in sorted(map(str, node.variables)):
@@ -264,7 +265,7 @@ def _path_of(node: xr.DataTree) -> str:
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
     """Return the entry for a campaign in the record of a posterior.
 
-    It lacks readings and angles, which are in the group ``constant_data``.
+    Readings and angles are left out, because the group ``constant_data`` has them.
     """
     campaign_fields = _fields(campaign, "name", "tests", "foreseen")
     for name in ("mount", "force_law", "instrument"):
@@ -295,7 +296,7 @@ def _require_tree(posterior: object) -> None:
 
 
 def record_of(posterior: xr.DataTree) -> dict[str, Any]:
-    """Return the record of a posterior: what was fitted, how, and how well.
+    """Return the record of a posterior, which states what was fitted, how, and how well.
 
     The record is kept as JSON in the group ``provenance``.
     """
@@ -310,7 +311,10 @@ def record_of(posterior: xr.DataTree) -> dict[str, Any]:
 
 
 def fit_of(posterior: xr.DataTree) -> Fit:
-    """Return how well the model fits; raise an `InputError` for a fit by another edition."""
+    """Return how well the model of a posterior fits the readings.
+
+    Raise an `InputError` for a fit by another edition of this package.
+    """
     try:
         return Fit.from_dict(record_of(posterior)["fit"])
     except ValidationError as error:
@@ -355,9 +359,10 @@ def bound_of(posterior: xr.DataTree) -> BoundModel:
 def draws_of(
     posterior: xr.DataTree, bound: BoundModel, size: int | None = None
 ) -> tuple[Array, Array]:
-    """Return posterior draws of parameters β, shape (size, p), and hyper-parameters φ, (size, h).
+    """Return posterior draws of p parameters and of h hyper-parameters.
 
-    φ is in mm. At most ``size`` draws are picked, evenly spaced; by default all are returned.
+    They have the shapes (size, p) and (size, h). Hyper-parameters are in mm. At most ``size`` draws
+    are picked, evenly spaced; by default all are returned.
     """
     group = posterior["posterior"].dataset
     beta = _stack_draws(group, bound.names)
@@ -376,10 +381,10 @@ def _stack_draws(group: Any, names: tuple[str, ...]) -> Array:
 def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[ModelDraws]:
     """Return the posterior draws that `draws_of` returns, separately for each model of an average.
 
-    The models of an average differ in the rivals of slopes: effects that readings can mistake for
-    slopes. The effect of a rival on the readings follows from the parameters β and hyper-parameters
-    φ of its own model only. Each item of the list has all parameters of the average; a parameter
-    that its model lacks is zero.
+    The models of an average differ in their rival explanations: effects that readings can mistake
+    for slopes (changes of compliance with force). The effect of a rival explanation on the readings
+    follows from the draws of its own model only. Each item of the list has all parameters of the
+    average. A parameter that its model lacks is zero.
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, size)
@@ -401,9 +406,9 @@ def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[Mode
 def curves_of(
     posterior: xr.DataTree, force_N: Array, size: int | None = None, *, seed: int = 0
 ) -> Array:
-    """Return the compliances C(F) at n forces, shape (draws, n, compliances).
+    """Return posterior draws of the compliances at n forces, shape (draws, n, compliances).
 
-    See `compliance_curves` for the compliances returned. Draws of an average have the order of
+    See `compliance_curves` for the compliances returned. Draws of an average are in the order of
     `model_draws_of`.
     """
     rng = np.random.default_rng(seed)
@@ -461,9 +466,9 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
 
 
 def _plain_unit(name: str, unit: str) -> tuple[float, str]:
-    """Return factor and label of the unit in which draws are at least about 0.1 in size.
+    """Return factor and label of the unit in which draws of a variable are shown.
 
-    Other libraries round to two decimals, whatever the unit.
+    Draws are then at least about 0.1 in size, because other libraries round to two decimals.
     """
     factor, label = display_unit(unit)
     is_scale = unit == "mm" and not name.startswith("E_")

@@ -38,7 +38,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_left_out"]
 
-# Largest number of draws from which readings are predicted.
+# Largest number of posterior draws from which readings are predicted.
 _DRAWS = 4000
 
 
@@ -133,10 +133,12 @@ def _draw_shared_of_plan(
     beta: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Return predicted readings of the planned tests: machine and shared nuisances [mm].
+    """Return what machine and shared nuisances predict for the planned tests [mm].
 
-    The basis coefficients have shape (draws, tests, 25). Nuisances that the measured tests also
-    have are drawn from their posterior, others from their prior.
+    The result are random draws of Fourier coefficients, shape (draws, tests, 25). Nuisances
+    (effects that are modelled but not of interest) that the measured tests also have are drawn from
+    their posterior, others from their prior. ``phi`` and ``beta`` are draws of the hyper-parameters
+    and of the parameters.
     """
     value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
     learnt: list[str] = []
@@ -161,24 +163,24 @@ def readings_drawn(
 ) -> Array:
     """Return readings of circles with random white noise [mm], shape (draws, n).
 
-    ``coefficients`` holds basis coefficients [mm], shape (draws, 25); ``sigma_mm`` holds the sd of
-    white noise, shape (draws,).
+    ``coefficients`` holds Fourier coefficients of the orders 0 to 12 [mm], shape (draws, 25).
+    ``sigma_mm`` holds the standard deviation of white noise, shape (draws,).
     """
     smooth = coefficients @ basis(angle_rad).T
     return np.asarray(smooth + sigma_mm[:, None] * rng.standard_normal(smooth.shape))
 
 
 class _MeasuredAndPlanned(NamedTuple):
-    """Model bound to the tests measured and to the tests planned, with the same nuisances."""
+    """A model bound to the measured tests and to the planned tests, with the same nuisances."""
 
     measured: BoundModel
     planned: BoundModel
 
 
 def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
-    """Return a model bound to the tests measured and to those planned, as if of one campaign.
+    """Return a model bound to the measured and to the planned tests, as if of one campaign.
 
-    Both have the nuisances of all these tests, such as ball forms and bar lengths.
+    Both bound models have the nuisances of all these tests, such as ball forms and bar lengths.
     """
     campaign = bound.campaign
     machine = (campaign.topology, dict(campaign.frames_mm))
@@ -220,9 +222,9 @@ def replicate_left_out(
     Parameters
     ----------
     bound : BoundModel
-        Model bound to all tests, also the one left out.
+        Model bound to all tests, including the test left out.
     remaining : Nodes
-        Nodes of the posterior without that test.
+        Quadrature nodes of the posterior without that test.
     name : str
         Name of the test left out.
     size : int
@@ -235,7 +237,7 @@ def replicate_left_out(
     Returns
     -------
     array, shape (size, 25)
-        Harmonics of each circle [mm], fitted by least squares.
+        Fourier coefficients of each circle [mm], fitted by least squares.
     """
     r = bound.test_names.index(name)
     beta, phi = remaining.draw(-(-size // circles_per_draw), rng)
@@ -260,9 +262,9 @@ def band_um(
 ) -> Array:
     """Return the lower and upper limit of readings at every angle [µm], shape (2, angles).
 
-    The limits enclose a reading, white noise included, with probability ``prob`` at each angle
-    and are equal-tailed. ``coefficients`` holds basis coefficients [mm], shape (draws, 25);
-    ``sigma_mm`` holds the sd of white noise, shape (draws,).
+    The limits enclose a reading, white noise included, with probability ``prob`` at each angle and
+    are equal-tailed. ``coefficients`` holds Fourier coefficients of the orders 0 to 12 [mm], shape
+    (draws, 25). ``sigma_mm`` holds the standard deviation of white noise, shape (draws,).
     """
     readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
     return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3

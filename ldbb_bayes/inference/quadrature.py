@@ -13,7 +13,8 @@ __all__ = ["integrate"]
 
 # Largest number of dimensions in which a lattice needs fewer nodes than importance sampling.
 LARGEST_LATTICE_DIMENSION = 5
-# Share of the tolerance allowed to importance sampling; averages over its nodes add errors.
+# Share of the tolerance allowed to the error of importance sampling; averages over its nodes add
+# errors.
 _OF_TOLERANCE = 0.8
 
 
@@ -25,9 +26,10 @@ def integrate(
     step: float | None = None,
     seed: int = 0,
 ) -> Integral:
-    """Return ∫ f from a lattice in up to five dimensions, from importance sampling in more.
+    """Return the integral ∫ f of a density in h dimensions, with its nodes and error.
 
-    If the weights of a sample cannot be trusted, the error of the result is infinite.
+    In up to five dimensions it is computed from a lattice, in more dimensions by importance
+    sampling. If the weights of a sample cannot be trusted, the error of the result is infinite.
 
     Parameters
     ----------
@@ -39,7 +41,7 @@ def integrate(
     tolerance : float
         Error of ln ∫ f asked for [nat].
     step : float, optional
-        The first step of a lattice, in sd.
+        The first step of a lattice, in standard deviations at the highest mode.
     seed : int
         Seed of importance sampling.
     """

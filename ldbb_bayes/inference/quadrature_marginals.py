@@ -113,7 +113,8 @@ def marginalize(
 def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
     """Return random draws of the hyper-parameters in unbounded coordinates, shape (draws, h).
 
-    If the weights of the rejection sampler cannot be trusted, warn and resample nodes instead.
+    If the weights of the rejection sampler cannot be trusted, warn and resample quadrature nodes
+    instead.
     """
     rng = np.random.default_rng(seed)
     try:

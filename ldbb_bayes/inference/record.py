@@ -31,8 +31,9 @@ __all__ = ["densities_of", "groups_of", "prior_draws_of", "record_from"]
 def densities_of(draws: ModelDraws) -> dict[str, Array]:
     """Return the log posterior and log prior densities of n draws, each of shape (n,).
 
-    Key ``lp`` is the log posterior density in the coordinates of the sampler (see `JointDensity`),
-    ``parameters`` that of the prior of β, and ``hyper`` that of the prior of φ.
+    Key ``lp`` is the log posterior density in the coordinates of the sampler (see `JointDensity`).
+    ``parameters`` is the log prior density of the parameters, ``hyper`` that of the
+    hyper-parameters (the scales of the noise and of other effects).
     """
     bound, phi, beta = draws
     density = JointDensity(bound)
@@ -45,10 +46,11 @@ def densities_of(draws: ModelDraws) -> dict[str, Array]:
 
 
 def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return random draws of β, shape (size, p), and φ [mm], shape (size, h), from the prior.
+    """Return random draws from the prior of p parameters and h hyper-parameters.
 
-    β is drawn under the truncation, which restricts compliances to values that are not negative. If
-    the prior of β is flat, its array has the shape (0, 0).
+    They have the shapes (size, p) and (size, h); hyper-parameters are in mm. No compliance is
+    negative, if the model truncates. If the prior of the parameters is flat, their array has the
+    shape (0, 0).
     """
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:
@@ -70,7 +72,7 @@ def groups_of(
     bound : BoundModel
         The model bound to its campaign.
     beta, phi : array, shapes (chains, draws, p) and (chains, draws, h)
-        Random draws from the posterior.
+        Random draws of the parameters and of the hyper-parameters from the posterior.
     prior : pair of arrays
         Random draws from the prior, as `prior_draws_of` returns them.
     densities : mapping
@@ -104,7 +106,8 @@ def groups_of(
 def _by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
     """Return draws by the names of parameters and hyper-parameters.
 
-    β has the shape (chains, draws, p), φ the shape (chains, draws, h).
+    ``beta`` are draws of p parameters, shape (chains, draws, p), ``phi`` draws of h
+    hyper-parameters, shape (chains, draws, h).
     """
     arrays = {}
     for column in range(beta.shape[2]):
@@ -117,7 +120,10 @@ def _by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
 def record_from(
     bound: BoundModel, sampler: Mapping[str, Any], fit: Fit, seed: int, started: datetime
 ) -> dict[str, Any]:
-    """Return the record that is kept in the group ``provenance`` of a posterior."""
+    """Return the record that is kept in the group ``provenance`` of a posterior.
+
+    It states the campaign, the model, the sampler, the quality of the fit, and versions and seed.
+    """
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return {
         "schema": 1,
@@ -167,7 +173,8 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
 def _has_preset_priors(model: HybridModel) -> bool:
     """Return whether a model has the priors of its preset.
 
-    Two changes are allowed: a drift added, and truncation switched on or off.
+    Two changes are allowed: a drift added, and truncation (no compliance is negative) switched on
+    or off.
     """
     preset = HybridModel.from_preset(model.preset, model.degree)
     preset_terms = {type(term): term for term in preset.nuisances}

@@ -1,10 +1,10 @@
 """Nodes and evidence of a model, computed from those of a related larger model.
 
 φ are the hyper-parameters, the scales of the noise and of other effects. Given φ, the coefficients
-(the parameters and the rivals of slopes) have a Gaussian posterior. Related models differ only in
-the Gaussian priors of coefficients, and in truncation, so that the posterior of one follows from
-that of the other. Nodes are weighted points that represent p(φ | y), where y are the readings.
-Truncation T restricts compliances to values that are not negative.
+(the parameters, and those of rival explanations of slopes) have a Gaussian posterior. Related
+models differ only in the Gaussian priors of coefficients, and in truncation. The posterior of one
+model therefore follows from that of the other. Nodes are weighted points that represent p(φ | y),
+where y are the readings. Truncation T restricts compliances to values that are not negative.
 """
 
 from __future__ import annotations
@@ -23,37 +23,41 @@ from ldbb_bayes.results import Array
 
 __all__ = ["RelatedModels"]
 
-# Largest relative difference of prior sds that count as equal.
+# Largest relative difference of two prior standard deviations that count as equal.
 _SAME_SD = 1e-12
 
 
 class _Conditionals(NamedTuple):
-    """Gaussian posteriors of p coefficients given φ, at n nodes."""
+    """Gaussian posteriors of p coefficients given the hyper-parameters at n nodes."""
 
-    mean: Array  #: means, shape (p, n)
-    covariance: Array  #: covariances, shape (p, p, n)
+    mean: Array  #: means of the coefficients, shape (p, n)
+    covariance: Array  #: covariances of the coefficients, shape (p, p, n)
 
 
 class _ChangedModel(NamedTuple):
-    """Changes at the nodes if the coefficients have another prior."""
+    """Changes of the density at n nodes if the coefficients have another prior."""
 
-    log_ratio: Array  #: ln of p(y | φ) under the other prior over p(y | φ), shape (n,)
+    #: log ratio of p(y | φ) under the other prior and under the present prior, shape (n,), for
+    #: readings y and hyper-parameters φ
+    log_ratio: Array
     conditionals: _Conditionals  #: posteriors of the coefficients asked for, under the other prior
 
 
 class _ChangedPrior(NamedTuple):
-    """Coefficient that has a different prior sd in another model."""
+    """Coefficient that has a different prior standard deviation in another model."""
 
     coefficient: int  #: index of the coefficient
-    mean: float  #: prior mean
-    sd: float  #: prior sd in the model with nodes
-    other_sd: float  #: prior sd in the other model; zero fixes the coefficient at zero
+    mean: float  #: prior mean of the coefficient
+    sd: float  #: prior standard deviation in the model whose nodes are known
+    #: prior standard deviation in the other model; zero fixes the coefficient at zero
+    other_sd: float
 
 
 class RelatedModels:
-    """Nodes of models that differ from a model with nodes only in priors of some coefficients.
+    """Nodes of models that differ from a given model only in priors of some coefficients.
 
-    Let a coefficient have the prior sd s₀ in the model with nodes and s₁ in another model. The
+    Nodes are weighted points that represent the posterior of the hyper-parameters. Let a
+    coefficient have the prior standard deviation s₀ in the given model and s₁ in another model. The
     ratio of the two priors acts like an additional reading of the coefficient: its value is the
     prior mean, its variance 1/(1/s₁² − 1/s₀²). If the other model fixes the coefficient at zero, it
     is an exact reading of zero (Savage-Dickey ratio). The Gaussian posterior is conditioned on
@@ -64,7 +68,7 @@ class RelatedModels:
     plain : Nodes
         Nodes of the largest model, without truncation.
     tolerance : float
-        Error asked of every log evidence [nat].
+        Error allowed in every log evidence [nat].
     """
 
     def __init__(self, plain: Nodes, tolerance: float) -> None:
@@ -73,10 +77,10 @@ class RelatedModels:
         self._tolerance = tolerance
 
     def nodes(self, posterior: HyperPosterior) -> Nodes:
-        """Return nodes of another model.
+        """Return the weighted nodes of another model.
 
         They are computed anew if that model has further coefficients, or if the present nodes do
-        not reach the tolerance for it.
+        not reach the tolerance for that model.
         """
         if not set(posterior.bound.coefficients) <= set(self._bound.coefficients):
             return posterior.nodes(self._tolerance)
@@ -91,7 +95,10 @@ class RelatedModels:
         return posterior.nodes(self._tolerance)
 
     def _truncate(self, posterior: HyperPosterior, plain: Integral) -> Nodes:
-        """Return nodes with their density multiplied by P(T | y, φ) of the other model."""
+        """Return nodes weighted by the probability that no compliance is negative in another model.
+
+        ``plain`` is the integral with the other model's weights, but without truncation.
+        """
         coefficients = list(self._bound.coefficients)
         rows = posterior.bound.physical.rows
         constrained = np.flatnonzero((rows != 0.0).any(axis=0))
@@ -109,7 +116,7 @@ class RelatedModels:
 
     @cached_property
     def _conditionals(self) -> _Conditionals:
-        """Gaussian posteriors of the coefficients given φ at the nodes."""
+        """Gaussian posteriors of the coefficients, given the hyper-parameters at the nodes."""
         bound = self._bound
         free = self._integral.free
         p = len(bound.coefficients)
@@ -125,7 +132,7 @@ class RelatedModels:
         return _Conditionals(mean + centre[:, None], covariance)
 
     def _changed_priors(self, bound: BoundModel) -> list[_ChangedPrior]:
-        """Return the coefficients that have a different prior sd in the other model."""
+        """Return the coefficients that have a different prior sd in another model."""
         other_priors = bound.coefficients
         changed = []
         for j, (name, (mean, sd)) in enumerate(self._bound.coefficients.items()):
@@ -137,9 +144,9 @@ class RelatedModels:
     def _change_prior(
         self, bound: BoundModel, coefficients: list[int], nodes: Index
     ) -> _ChangedModel:
-        """Return the changes at the given nodes under the prior of another model.
+        """Return the changes of the density at the given nodes under the prior of another model.
 
-        ``coefficients`` are the indices of the coefficients with posteriors in the result.
+        ``coefficients`` are the indices of the coefficients whose posteriors are returned.
         """
         log_ratio = np.zeros(len(nodes))
         changed = self._changed_priors(bound)

@@ -1,7 +1,7 @@
-"""Residuals of the readings against a prediction, and quality of the fit (Eq. 34-35).
+"""Residuals of the readings against a prediction, and quality of the fit (Eq. 34-35 of the paper).
 
 Predictions are the 25 basis coefficients of a circle for every test: its harmonics of the orders 0
-to 12. The readings of a test are reduced to m numbers that contain all that they say about these
+to 12. The readings of a test are reduced to m numbers that contain all information about these
 coefficients.
 """
 
@@ -28,34 +28,34 @@ __all__ = [
     "tests_in_order",
 ]
 
-# Singular values of the basis at the angles of a test count as zero below this share of the
-# largest one.
+# Singular values of the matrix of Fourier functions at the angles of a test count as zero below
+# this share of the largest one.
 RANK_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class FitQuality:
-    """Root-mean-square error (RMSE) and fitness of a prediction (Eq. 34-35)."""
+    """Root-mean-square residual and fitness of a prediction (Eq. 34-35 of the paper)."""
 
-    rmse_um: float  #: RMSE over all readings [µm]
-    rmse_by_test_um: dict[str, float]  #: RMSE of each test [µm], by its name
-    fitness_percent: dict[str, float]  #: fitness of each test [%], by its name
+    rmse_um: float  #: root-mean-square residual over all readings [µm]
+    rmse_by_test_um: dict[str, float]  #: root-mean-square residual of each test [µm], by test name
+    fitness_percent: dict[str, float]  #: fitness of each test [%], by name of the test
 
 
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
-    """Return RMSE and fitness of the mean prediction of machine plus shared nuisances.
+    """Return the quality of the mean prediction of machine plus shared nuisances.
 
     Shared nuisances are effects that are modelled but not of interest and that tests have in
-    common. The mean is over draws of the hyper-parameters φ [mm], shape (draws, h), and of the
-    parameters β, shape (draws, p).
+    common. The mean is over draws of the hyper-parameters [mm], shape (draws, h), and of the
+    parameters, shape (draws, p).
     """
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
 
 
 def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
-    """Return RMSE and fitness of a prediction.
+    """Return root-mean-square residual and fitness of a prediction.
 
-    ``predicted`` holds basis coefficients [mm], shape (tests, 25).
+    ``predicted`` holds Fourier coefficients of the orders 0 to 12 [mm], shape (tests, 25).
     """
     residuals = reduced_residuals(bound, predicted)
     squares = np.array(
@@ -77,7 +77,7 @@ def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
 
 
 def _fitness_percent(rmse_um: float, span_mm: float) -> float:
-    """Return the fitness of a test [%] (Eq. 35); NaN if its readings are all equal."""
+    """Return the fitness of a test [%] (Eq. 35 of the paper); NaN if its readings are all equal."""
     if span_mm <= 0:
         return float("nan")
     return 100.0 * (1.0 - rmse_um * 1e-3 / span_mm)
@@ -86,7 +86,7 @@ def _fitness_percent(rmse_um: float, span_mm: float) -> float:
 def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
     """Return reading minus prediction of every test, each of shape (n,) [mm].
 
-    ``predicted`` holds basis coefficients (tests, 25) [mm].
+    ``predicted`` holds Fourier coefficients of the orders 0 to 12 [mm], shape (tests, 25).
     """
     return [
         test.readings_mm() - basis(test.angles_rad()) @ coefficients
@@ -97,7 +97,8 @@ def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
 def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
     """Return reduced readings minus prediction of every test [mm], each of shape (m,).
 
-    ``predicted`` holds basis coefficients [mm], shape (tests, 25).
+    The m reduced readings of a test contain all information about its Fourier coefficients of the
+    orders 0 to 12. ``predicted`` holds such coefficients [mm], shape (tests, 25).
     """
     return [
         np.asarray(reduced.projection) - reduced.factor @ coefficients
@@ -106,10 +107,10 @@ def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
 
 
 def harmonics_of(bound: BoundModel, r: int) -> Array:
-    """Return the matrix from the reduced readings of test r to their harmonics, shape (25, m).
+    """Return the matrix from the m reduced readings of test r to Fourier coefficients, (25, m).
 
-    The harmonics are fitted by least squares; if there are too few readings, those of smallest norm
-    are taken.
+    The coefficients of the orders 0 to 12 are fitted by least squares. If there are too few
+    readings, those of smallest norm are taken.
     """
     return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=RANK_TOLERANCE))
 

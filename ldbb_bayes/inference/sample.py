@@ -40,35 +40,38 @@ __all__ = [
     "sampler_named",
 ]
 
-# Number of chains of independent draws, and smallest number of ensembles; R-hat compares them.
+# Number of chains of independent draws, and smallest number of ensembles of walkers; R-hat compares
+# chains, or ensembles, with each other.
 _CHAINS = 4
-# Number of walkers of an ensemble, unless four times the number of coordinates is more.
+# Number of walkers of an ensemble, unless four times the number of coordinates is larger.
 _WALKERS = 128
-# Number of independent draws as a multiple of the target ESS, so that the smallest ESS of many
-# parameters reaches the target.
+# Number of independent draws as a multiple of the effective sample size to reach. More draws are
+# needed because the effective sample size of every parameter must reach it.
 _SURPLUS = 1.3
-# Number of further draws of each chain.
+# Number of independent draws that are added to each chain for the same reason as ``_SURPLUS``.
 _SURPLUS_DRAWS = 50
-# ESS of a run of emcee as a multiple of the number of draws that are thinned from it.
+# Effective sample size of a run of emcee, as a multiple of the number of draws that are thinned
+# from the run.
 _THINNING = 4.0
-# Largest R-hat, and smallest number of autocorrelation times, of a run that is thinned that much.
+# Largest R-hat, and smallest number of autocorrelation times, of a run of emcee from which draws
+# are thinned.
 _RHAT_WHEN_THINNED = 1.05
 _LENGTHS_WHEN_THINNED = 2.0
 
 
 class SampledDraws(NamedTuple):
-    """Run of a sampler, and its random draws."""
+    """Run of a sampler, and its random draws of parameters and hyper-parameters."""
 
     run: EnsembleRun
-    beta: Array  #: draws of β, shape (chains, draws, p)
-    phi: Array  #: draws of φ [mm], shape (chains, draws, h)
+    beta: Array  #: draws of p parameters, shape (chains, draws, p)
+    phi: Array  #: draws of h hyper-parameters [mm], shape (chains, draws, h)
 
 
 class IndependentDraws(NamedTuple):
-    """Random draws that are as good as independent."""
+    """Random draws of parameters and hyper-parameters that are as good as independent."""
 
-    beta: Array  #: draws of β, shape (size, p)
-    phi: Array  #: draws of φ [mm], shape (size, h)
+    beta: Array  #: draws of p parameters, shape (size, p)
+    phi: Array  #: draws of h hyper-parameters [mm], shape (size, h)
     by_emcee: bool  #: whether the draws are thinned from a run of emcee
 
 
@@ -177,7 +180,8 @@ def sample_from(
 ) -> xr.DataTree:
     """Return a posterior as `sample` does, from the truncated density of the hyper-parameters.
 
-    If the model has no truncation, the density without it is sampled.
+    Truncated means that no compliance is negative. If the model has no truncation, the density
+    without it is sampled.
     """
     started = datetime.now(UTC)
     clock = time.perf_counter()
@@ -221,7 +225,7 @@ def run_sampler(
     progress: Callable[[Progress], None] | None = None,
     **ensembles: Any,
 ) -> SampledDraws:
-    """Draw from a posterior with the named sampler until the stopping rule is met.
+    """Return draws from a posterior by the named sampler, which meet the stopping rule.
 
     If the weights of independent draws cannot be trusted, emcee draws jointly instead. For
     independent draws, ``steps`` of the run is the number of draws of one chain, ``walkers`` is 1,
@@ -245,13 +249,13 @@ def run_sampler(
     Returns
     -------
     SampledDraws
-        The run, and the draws of β and φ.
+        The run, and the draws of parameters and hyper-parameters.
     """
     if sampler == "independent":
         try:
             return _sample_independently(start, rule=rule, seed=seed, progress=progress)
         except TooRoughError:
-            # The weights of the nodes cannot be trusted.
+            # Sample jointly instead, as the weights of independent draws cannot be trusted.
             pass
     return _sample_jointly(start, rule=rule, seed=seed, progress=progress, **ensembles)
 
@@ -263,7 +267,7 @@ def _sample_independently(
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None,
 ) -> SampledDraws:
-    """Return independent draws, their number doubled until the rule is met."""
+    """Return independent draws, whose number is doubled until the stopping rule is met."""
     rng = np.random.default_rng(seed)
     block = int(np.ceil(_SURPLUS * rule.ess / _CHAINS + _SURPLUS_DRAWS))
     free_blocks = []
@@ -294,10 +298,10 @@ def _sample_jointly(
     ensembles: int = _CHAINS,
     walkers: int | None = None,
 ) -> SampledDraws:
-    """Return a run of emcee over β and φ, and its draws.
+    """Return a run of emcee over parameters and hyper-parameters, and its draws.
 
-    Ensembles start from φ drawn a little wider than its posterior, and from β drawn from its exact
-    Gaussian given φ.
+    Ensembles start from hyper-parameters drawn a little wider than their posterior, and from
+    parameters drawn from their exact Gaussian given these.
     """
     density = JointDensity(start.bound)
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)
@@ -323,7 +327,7 @@ def _sample_jointly(
 def draw(
     sampler: str, start: HyperPosterior, size: int, *, seed: np.random.SeedSequence
 ) -> IndependentDraws:
-    """Return random draws that are as good as independent.
+    """Return random draws of a posterior that are as good as independent.
 
     Draws of emcee are thinned from a run with an effective sample size four times as large. emcee
     also replaces the sampler ``independent`` if the weights of its proposal cannot be trusted.

@@ -31,11 +31,13 @@ __all__ = [
     "summarize_nuisances",
 ]
 
-# Entries of a record that only serve to make campaign and model again; `result_json` omits them.
+# Entries of a posterior's record that only serve to make campaign and model again; `result_json`
+# omits them.
 _FOR_REBUILDING = frozenset(
     ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
 )
-# Largest number of random draws from which nuisances are summarized.
+# Largest number of posterior draws from which nuisance coefficients (effects that are modelled but
+# not of interest) are summarized.
 _DRAWS = 1000
 
 
@@ -104,7 +106,7 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
 
 
 def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]:
-    """Return the result of a fit in the form that ``fit --json`` writes.
+    """Return the result of a fit in the form that the command ``fit --json`` writes.
 
     The key of a credible interval contains its probability: ``ci95`` for 95 %.
     """
@@ -143,17 +145,17 @@ def _entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict
 
 
 def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
-    """Return the prior sd and the prior mean, each by name.
+    """Return the prior standard deviation and the prior mean of parameters, each by name.
 
-    The sd is None for a parameter with a flat prior. Means are given only for parameters with a
-    proper prior.
+    Hyper-parameters have a prior standard deviation, too. It is None for a parameter with a flat
+    prior. Means are given only for parameters with a proper prior.
     """
     model = record_of(posterior)["model"]
     return model["prior_sd"], model["prior_mean"]
 
 
 def interval_numbers(draws: Array, prob: float) -> dict[str, float]:
-    """Return mean, sd, median and the ends of the equal-tailed interval of random draws."""
+    """Return mean, sd, median and both ends of the equal-tailed interval of random draws."""
     tail = 50.0 * (1.0 - prob)
     low, median, high = np.percentile(draws, [tail, 50.0, 100.0 - tail])
     return {
@@ -219,7 +221,8 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
 def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
     """Return a table with term, unit and prior sd of every shared nuisance coefficient.
 
-    The prior sd is that at the hyper-parameters φ, shape (h,).
+    Shared nuisances are effects that are modelled but not of interest and that several tests have
+    in common. The prior standard deviation is that at the hyper-parameters, shape (h,).
     """
     value = dict(zip(bound.hyper_prior.names, phi, strict=True))
     rows = {}
@@ -232,9 +235,10 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
 
 
 def _moments(draws: ModelDraws, names: list[Any]) -> tuple[Array, Array]:
-    """Return means and variances of nuisance coefficients given each draw of β and φ.
+    """Return means and variances of nuisance coefficients, given each draw of the parameters.
 
-    Both have the shape (draws, coefficients). They are zero for a coefficient that the model lacks.
+    Means and variances have the shape (draws, coefficients). They are zero for a coefficient that
+    the model lacks.
     """
     bound = draws.bound
     shifted = draws.beta - bound.centre
