@@ -38,7 +38,7 @@ class Desk:
     ) -> dict[str, Any]:
         """Return the result of a function that runs in the process, or the reason of a refusal.
 
-        The time limit counts from the moment when the function may start.
+        The time limit does not include the time in which the function waits for its start.
 
         Parameters
         ----------

@@ -139,7 +139,7 @@ def _value(field_option: Option, name: str, text: str, folder: Path) -> Any:
     if typed in (int, float):
         return _number(field_option, flag, text)
     if field_option.kind is NUMBERS and ";" in text:
-        # Numbers with decimal commas, separated by semicolons.
+        # The text has decimal commas, and semicolons between numbers: convert both.
         return text.replace(",", ".").replace(";", ",")
     return text
 

@@ -59,8 +59,8 @@ def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) ->
 def main() -> None:
     """Write the report of a session.
 
-    The arguments of the command are the folder of the job and the id of the parent process. The
-    progress is written to progress.json and the outcome to outcome.json.
+    The two arguments of the command line are the folder for the report and the id of the parent
+    process. The progress is written to progress.json, the outcome to outcome.json.
     """
     job = Path(sys.argv[1])
     parent = int(sys.argv[2])

@@ -42,7 +42,7 @@ def identify(
 
     A plan (a campaign without readings) will do: ask before the experiment.
     """
-    # Imported here: these words load the analysis, and those of all results would load all others.
+    # Import only this module of words, and only here: it imports the analysis, which takes long.
     from ldbb_bayes.report import identifiability_text
 
     output.check(
@@ -223,7 +223,7 @@ def design(
     read, in the order in which to run it, with the model for its analysis. Exit code 1: not proven
     best.
     """
-    from ldbb_bayes.model.specification import model_to_toml  # it loads SciPy
+    from ldbb_bayes.model.specification import model_to_toml  # slow, since it loads SciPy
 
     output.check(
         "campaign.toml",

@@ -24,7 +24,9 @@ ATLAS_FILES = figure_files(
 
 
 def write_atlases(machine: lb.Machine, circles: Sequence[lb.machine.Circle], folder: Path) -> None:
-    """Write the patterns of compliances and geometric errors on the first circle of every plane.
+    """Write figures of the patterns of compliances and geometric errors, for every plane.
+
+    The patterns are those on the first circle of a plane.
 
     Parameters
     ----------
@@ -73,7 +75,7 @@ def machine(
     Names follow ISO 230-1 and the paper; a name stands for the set of parameters that no circle
     can separate. c = cos θ, s = sin θ; lengths in mm.
     """
-    # Imported here: these words load the analysis, and those of all results would load all others.
+    # Import only this module of words, and only here: it imports the analysis, which takes long.
     from ldbb_bayes.report import machine_text
 
     chain = lb.Machine(topology, settings["plane"], settings.get("frames_mm", {}))

@@ -96,7 +96,7 @@ def simulate(
 
     What the truths leave out is drawn from the priors.
     """
-    from ldbb_bayes.model.specification import Truths, is_truths, read_truths  # it loads SciPy
+    from ldbb_bayes.model.specification import Truths, is_truths, read_truths  # slow: SciPy
 
     if is_truths(source):
         require(

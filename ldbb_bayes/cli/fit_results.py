@@ -1,4 +1,4 @@
-"""Files of a fit, and the tolerances with which it is judged."""
+"""Files of a fit, and the tolerances with which its conformity is decided."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ class Output:
     files: tuple[str, ...] = ()
 
     def check(self, *files: str, figures: Collection[str] = ()) -> None:
-        """Refuse an output folder whose files must not be replaced; call it before computations.
+        """Refuse, before any computation, an output folder whose files must not be replaced.
 
         Parameters
         ----------

@@ -50,7 +50,7 @@ def report(
     beside the first. Of a fit, the page goes into its own folder. Exit code 1 when a fit missed its
     target; the page then says so at its top.
     """
-    from ldbb_bayes.cli.report_making import make_report  # loads Matplotlib and fpdf2
+    from ldbb_bayes.cli.report_making import make_report  # slow: Matplotlib, fpdf2
     from ldbb_bayes.cli.sources import ReportSource
 
     source = ReportSource(files, matching(files), layout, table, certificates)

@@ -255,7 +255,7 @@ def _canonical_toml(model: HybridModel) -> str:
 def _started(
     executor: Executor | Callable[[], AbstractContextManager[Executor | None]] | None,
 ) -> Iterator[Executor | None]:
-    """Yield the given executor, which runs the fits; if a function is given, it starts one."""
+    """Yield the executor that runs the fits; if a function is given, call it to start one."""
     if callable(executor):
         with executor() as started:
             yield started

@@ -85,8 +85,8 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
 
     Parameters
     ----------
-    settings : how the campaign is fitted.
-    job : the campaign.
+    settings : settings of the fit, the same for all campaigns of the batch.
+    job : the campaign to be fitted.
 
     Returns
     -------
@@ -110,8 +110,8 @@ def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
 
     Parameters
     ----------
-    settings : how the campaign was to be fitted.
-    job : the campaign.
+    settings : settings of the fit, the same for all campaigns of the batch.
+    job : the campaign that could not be fitted.
     reason : why the campaign could not be fitted.
     """
     return {

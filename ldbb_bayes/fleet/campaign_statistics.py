@@ -20,8 +20,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"]
 
-# Number of nodes (values of the hyper-parameters φ, the scales of the noise and of other effects)
-# whose conditional Gaussians are computed in one block.
+# Number of nodes that are computed in one block. Nodes are values of the hyper-parameters φ, the
+# scales of the noise and of other effects. For each of them all other unknowns are Gaussian.
 _NODES_AT_ONCE = 256
 # Nodes (values of the hyper-parameters) of lowest weight are left out of the moments; this is the
 # largest sum of their weights.
@@ -32,9 +32,8 @@ _NEGLECTED_WEIGHT = 1e-4
 class SufficientStatistics:
     """Posterior moments of a campaign's parameters and of the errors of its instrument.
 
-    These are q quantities: the p parameters of interest, then the coefficients of those terms whose
-    errors may be ``common`` to campaigns (the instrument's). All values are in internal units (mm,
-    N, rad).
+    These are q quantities: the parameters of interest, then the errors of the instrument, which may
+    be the same in several campaigns. All values are in internal units (mm, N, rad).
     """
 
     names: tuple[str, ...]

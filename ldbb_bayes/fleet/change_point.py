@@ -84,8 +84,8 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
     Parameters
     ----------
-    carried : likelihoods of campaigns in order of time, their scatter w_t integrated out (see
-        `deviating`), shape (r, n, q).
+    carried : likelihoods of campaigns in order of time, shape (r, n, q). The machine's scatter from
+        campaign to campaign is integrated out (see `deviating`).
     parameters : number of parameters p.
     change_scale : standard deviation of the step Δ.
     """
@@ -136,6 +136,9 @@ def hypothesis_probabilities(
 def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Array, Array]:
     """Return the posterior mean (s,) and covariance (s, s) of the instrument's s errors.
 
+    They are averages over all hypotheses of a step: r values of the scatter, n times of the step
+    (the last one means no step) and p parameters.
+
     Parameters
     ----------
     posteriors : Gaussians under every hypothesis, see `hypotheses`.
@@ -161,6 +164,9 @@ class Levels(NamedTuple):
 
 def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 0.95) -> Levels:
     """Return every parameter's value at the last campaign: its first level plus any step.
+
+    The values are averages over all hypotheses of a step: r values of the scatter, n times of the
+    step (the last one means no step) and p parameters.
 
     Parameters
     ----------

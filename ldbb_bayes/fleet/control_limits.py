@@ -20,7 +20,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LIMITS", "ChartPoints", "chart_points"]
 
-# Probability of the control limits. A normal distribution has it within three standard deviations.
+# Probability that an estimate lies within its control limits if the machine does not change. A
+# normal distribution has this probability within three standard deviations.
 LIMITS = 0.997
 # Smallest standard deviation of a predicted estimate; it prevents divisions by zero.
 _SMALLEST_SD = 1e-300
@@ -52,13 +53,16 @@ def chart_points(
 ) -> ChartPoints:
     """Return the points of a control chart, and the limits that earlier campaigns predict for each.
 
+    In the shapes of arrays, n is the number of campaigns, q that of parameters and instrument
+    errors, s that of instrument errors, and r that of values of the machine's scatter.
+
     Parameters
     ----------
     series : likelihoods of campaigns in order of time, shape (n, q).
     carried : the same likelihoods with the machine's scatter integrated out, shape (r, n, q).
     scatter, scatter_weight : nodes of the scatter and their prior weights, each of shape (r,).
     instrument : posterior mean (s,) and covariance (s, s) of the instrument's errors.
-    limits : probability that an estimate lies within its limits if the machine does not change.
+    limits : probability that a point lies within its limits if the machine does not change.
     """
     instrument_mean, instrument_covariance = instrument
     q = series.shift.shape[-1]

@@ -85,13 +85,17 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 class Estimates(NamedTuple):
     """Estimates t of the parameters c from each campaign or machine alone.
 
-    Given c and the errors b of the instrument, t ~ N(H (c, b), S Λ_cc S). Λ_c, Λ_cc and η_c are the
+    t = S η_c with the posterior covariance S = (I + Λ_cc)⁻¹. Given c and the errors b of the
+    instrument, t ~ N(H (c, b), S Λ_cc S) with the sensitivity H = S Λ_c. Λ_c, Λ_cc and η_c are the
     parts for the parameters of the likelihood's precision matrix Λ and shift η.
     """
 
-    covariance: Array  #: posterior covariance S = (I + Λ_cc)⁻¹ of c given b, shape (n, c, c)
-    response: Array  #: sensitivity H = S Λ_c of the estimates to (c, b), shape (n, c, q)
-    value: Array  #: estimates t = S η_c for b = 0, shape (n, c); for other b subtract H_b b
+    #: posterior covariance of the c parameters given the instrument's errors, shape (n, c, c)
+    covariance: Array
+    #: sensitivity of the estimates to the true parameters and instrument errors, shape (n, c, q)
+    response: Array
+    #: estimates of the c parameters if the instrument's errors are zero, shape (n, c)
+    value: Array
 
 
 def estimate_separately(likelihood: Gaussian, parameters: int) -> Estimates:

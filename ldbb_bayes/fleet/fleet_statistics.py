@@ -67,7 +67,7 @@ class FleetStatistics:
     #: ``prior_sd``, shape (n, c + s)
     likelihood: Gaussian
     reference_force_N: float  #: force at which the compliances are stated
-    forces_N: tuple[float, float]  #: lowest and highest force of the range tested in all campaigns
+    forces_N: tuple[float, float]  #: lowest and highest force of the range that all campaigns cover
     topology: str
     #: weighted sum of joint compliances that each compliance stands for, if the batch states it
     compliances: Mapping[str, Meaning] = field(default_factory=dict)

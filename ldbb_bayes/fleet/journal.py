@@ -147,7 +147,7 @@ def begin_batch(
     resume: bool,
     force: bool,
 ) -> bool:
-    """Record a new batch in the journal, or check that the recorded one is to be continued.
+    """Record a new batch in the journal, or check that the batch recorded there can be continued.
 
     Parameters
     ----------

@@ -56,7 +56,9 @@ class JudgedMachines:
     p_value: Array
     parameter_p_value: Array  #: two-sided p-value of each parameter, uncorrected, shape (n, c)
     z: Array  #: signed quantile of the normal distribution for parameter_p_value, shape (n, c)
-    doubtful: Array  #: whether a p-value cannot be trusted (Pareto's k̂ is too high), shape (n,)
+    #: whether a machine's p-values cannot be trusted, because the weights of the random draws are
+    #: unreliable (Pareto's k̂ is too high), shape (n,)
+    doubtful: Array
 
 
 def judge_machines(
@@ -117,7 +119,8 @@ class _LeftOut(NamedTuple):
     #: ln p(y_m | y_−m, s), the log density of the readings of machine m given those of all other
     #: machines and the spreads s, up to a constant, shape (k, n)
     log_density: Array
-    z: Array  #: standardised difference of the machine from the prediction, shape (c, k, n)
+    #: standardised difference of each of c parameters from its prediction, shape (c, k, n)
+    z: Array
 
 
 def _leave_out_each(

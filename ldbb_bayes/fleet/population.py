@@ -84,9 +84,9 @@ _NOTHING = "–"
 class _DrawLimits(NamedTuple):
     """Limits from which the number of random draws of the machines' spreads follows."""
 
-    pairs: int  #: largest product of the number of draws and the number of machines
-    lowest: int  #: smallest number of draws, whatever the product
-    highest: int  #: largest number of draws
+    pairs: int  #: largest product of the number of random draws and the number of machines
+    lowest: int  #: smallest number of random draws, for any number of machines
+    highest: int  #: largest number of random draws, for any number of machines
 
     def size(self, machines: int) -> int:
         """Return the number of random draws, a power of two, for a number of machines."""
@@ -161,7 +161,7 @@ class Population(Result):
     machine: dict[str, PooledMachine]  #: estimates for each machine, by machine_id
     campaigns: int  #: number of campaigns of all machines in the population
     reference_force_N: float  #: force at which the compliances are stated
-    forces_N: tuple[float, float]  #: lowest and highest force of the range tested in all campaigns
+    forces_N: tuple[float, float]  #: lowest and highest force of the range that all campaigns cover
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
     #: weighted sum of joint compliances that each compliance stands for, if the batch states it
     compliances: Mapping[str, Meaning]
@@ -173,7 +173,7 @@ class Population(Result):
     trusted: bool  #: whether Pareto's k̂ is low enough for the random draws to be trusted
     caveats: tuple[Caveat, ...]  #: limitations of the population and of its campaigns
     prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
-    #: whether every machine could be compared with the others
+    #: whether every machine could be reliably compared with the others
     judged: Annotated[bool, Field(exclude=True)]
     #: SHA-256 of each campaign; by it, a prior made from a campaign's own readings is refused
     readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
@@ -574,7 +574,7 @@ def _estimate_machines_separately(
 ) -> _Moments:
     """Return estimates from each machine's own campaigns, shape (n, c): n machines, c parameters.
 
-    The instrument's errors are those that all campaigns together give.
+    Only the instrument's errors are estimated from all campaigns together.
     """
     c = parameters
     b_mean, b_covariance = mixture_covariance(

@@ -106,10 +106,10 @@ def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
 
 
 def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
-    """Return the distribution of mean μ and instrument errors b given the spreads s, shape (k, q).
+    """Return the distribution of mean μ and instrument errors b for k values of the spreads s.
 
-    The Gaussian's attribute ``log_integral`` is ln p(y | s), the log density of all readings y
-    given the spreads, up to a constant.
+    It is a Gaussian of q quantities, shape (k, q). Its attribute ``log_integral`` is ln p(y | s),
+    the log density of all readings y given the spreads, up to a constant.
 
     Parameters
     ----------

@@ -152,7 +152,8 @@ class Trend(Result):
     #: decisions on conformity by quantity with a tolerance, then by campaign; each is from one
     #: campaign alone, with a normal distribution of the estimate
     conformity: Mapping[str, Mapping[str, Conformity]]
-    limits_probability: float = LIMITS  #: probability of the control limits
+    #: probability that an estimate lies within its control limits if the machine did not change
+    limits_probability: float = LIMITS
 
     def as_dict(self) -> dict[str, Any]:
         """Return the findings for JSON, in internal units (mm, N, rad).

@@ -1,4 +1,4 @@
-"""What ``print`` shows of long results: one screen, the most important first.
+"""Short versions of long results for ``print``: one screen, the most important numbers first.
 
 `screen_of` has a function here for each class of results whose tables and sentences fill more than
 a screen. The last sentence of a screen says how to see all of them.

@@ -183,7 +183,7 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
-    """Return explanations of the model terms that parameters are confounded with."""
+    """Return explanations of the effects (model terms) that parameters are confounded with."""
     words = numbers.words
     partners: dict[str, None] = {}
     for quantity in numbers.parameters.values():

@@ -1,9 +1,9 @@
 """Results as tables and sentences, for the terminal, a notebook and the HTML page.
 
 `parts_of` returns the passages (tables and sentences) of a result, `with_words` its JSON record
-with sentences. This module has their functions for most classes of results, and imports the
-modules that have the other ones. ln B is the log Bayes factor, by which the readings favour one
-model over another; elpd is the expected log predictive density, which states how well a model
+with sentences. This module has the functions for most classes of results, and imports the modules
+with the functions for the other classes. ln B is the log Bayes factor, by which the readings favour
+one model over another; elpd is the expected log predictive density, which states how well a model
 predicts readings that it has not seen.
 """
 
@@ -22,10 +22,10 @@ from ldbb_bayes.inference.least_squares import LeastSquares
 from ldbb_bayes.model.hybrid import HybridModel, Simulation
 from ldbb_bayes.reading.importing import Imported
 from ldbb_bayes.report import (
-    campaign_text,  # noqa: F401 - it registers its functions
-    identifiability_text,  # noqa: F401 - it registers its functions
-    machine_text,  # noqa: F401 - it registers its functions
-    screens,  # noqa: F401 - it registers what print shows of long results
+    campaign_text,  # noqa: F401 - its import registers functions for campaigns
+    identifiability_text,  # noqa: F401 - its import registers functions for identifiability
+    machine_text,  # noqa: F401 - its import registers functions for machines
+    screens,  # noqa: F401 - its import registers what print shows of long results
     wording,
 )
 from ldbb_bayes.report.comparison_tables import (

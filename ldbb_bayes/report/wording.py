@@ -125,7 +125,7 @@ MORE = "All of it: print(result.details()). For programs: lb.report.with_words(r
 NONE_ALIKE = "The readings determine every combination."
 
 # Limits at which the wording of sentences changes; no result depends on them.
-_EQUAL_RATIOS = 2e-3  # ratios of expected standard uncertainties that differ by less are equal
+_EQUAL_RATIOS = 2e-3  # ratios of expected uncertainties that differ by less count as equal
 _MOST_CHECKS = 3  # largest number of failed checks that a sentence on a fit names
 # Natural logarithm of the posterior probability that no compliance is negative. Below this value,
 # ln 1e-6, sentences say that the readings contradict non-negative compliance.
@@ -137,7 +137,7 @@ _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
 _UNLIKELY = 5e-4  # smallest probability stated as a number with three decimals, not as < 0.001
 # p-value below which two campaigns are said to disagree about an error of their common instrument.
 _CONFLICT = 0.01
-_NARROWER = 0.9  # ratio of u with to u without a certificate, below which sentences mention it
+_NARROWER = 0.9  # certificates that reduce u to less than this share are mentioned
 _STRENGTHS = (
     # Each entry: an upper limit of |ln B|, with the Bayes factor B, and the words for values up to
     # it. Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
@@ -335,7 +335,7 @@ def statement(degeneracy: Degeneracy) -> str:
 
 
 def _effect_words(degeneracy: Degeneracy) -> str:
-    """Return the amounts of those effects in words that change readings as parameters do.
+    """Return in words the amounts of effects that change the readings as some parameters do.
 
     The effects and parameters are those of one degeneracy, that is, of one combination that no
     reading can resolve.
@@ -436,7 +436,7 @@ def fit_verdict(fit: Fit) -> str:
 
 
 def expectation(fit: Fit) -> str:
-    """Return a sentence on whether the model expects readings like the measured ones."""
+    """Return a sentence on whether the fitted model predicts readings like the measured ones."""
     return _sentence("expectation", fit)
 
 
@@ -746,7 +746,7 @@ def partners_with_shares(entry: ParameterIdentifiability) -> list[str]:
 
 
 def short_verdict_words(entry: ParameterIdentifiability, partners: Sequence[str]) -> str:
-    """Return the verdict on a parameter in few words: confounded: mount 39 %, bar length 9 %.
+    """Return a short verdict on a parameter, such as confounded: mount 39 %, bar length 9 %.
 
     ``partners`` are effects that the parameter is confounded with, as texts.
     """

@@ -34,7 +34,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
 # rotations due to moments, scale gains, squareness.
 _CORNER_PARAMETERS = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
 _MOST_IN_CORNER = 8
-_MOST_WITHOUT_PATTERN = 6  # largest number of parameters in a corner plot without default ones
+_MOST_WITHOUT_PATTERN = 6  # largest number of parameters in a corner plot if none is a default
 _CURVE_DRAWS = 1500
 
 

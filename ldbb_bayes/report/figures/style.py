@@ -83,7 +83,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
             figure = draw(*args, **kwargs)
             engine = figure.get_layout_engine()
             if engine is not None:
-                # Compute the layout once here instead of again for every file written.
+                # Compute the layout of the figure once here, not for every file written.
                 engine.execute(figure)
                 figure.set_layout_engine("none")
             return figure
