@@ -24,7 +24,7 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 __all__ = ["budget_bars", "prior_and_posterior"]
 
 _SMALLEST_SHARE = 0.5  # sources with smaller shares of all parameters' variances are not drawn [%]
-_SHARE_PER_LETTER = 1.75  # smallest share of the variance of a named bar, per letter of the name [%]
+_SHARE_PER_LETTER = 1.75  # smallest share of the variance per letter of a bar's name [%]
 _LUMINANCE = (0.2126, 0.7152, 0.0722)  # weights of red, green and blue in a colour's brightness
 _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "confounded": PALETTE[1]}
 
