@@ -176,7 +176,7 @@ def kill_process(process: asyncio.subprocess.Process | None) -> None:
     Parameters
     ----------
     process
-        Leader of a process group. Nothing is done for None or a process that has ended.
+        Process to end, with all processes of its group. None and ended processes are ignored.
     """
     if process is None or process.returncode is not None:
         return

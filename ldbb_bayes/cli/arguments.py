@@ -196,7 +196,7 @@ def model_from(
     Parameters
     ----------
     degree
-        Degree of compliance in force. Default: that of the model file, or else 1.
+        Degree of the polynomial of compliance in force. Default: that of the model file, or else 1.
     preset
         Name of a preset. Default: ``default``.
     without

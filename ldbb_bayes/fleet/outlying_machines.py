@@ -39,7 +39,8 @@ __all__ = ["JudgedMachines", "judge_machines"]
 # Number of new random draws of the spreads for a machine for which the weights of the first draws
 # cannot be trusted. Spreads are standard deviations of machines about the population's mean.
 _DRAWS_WITHOUT = 512
-# Largest number of machines for which spreads are drawn anew, the most outlying machines first.
+# Largest number of machines for which new random draws of the spreads are made. The most outlying
+# machines come first. Spreads are standard deviations of machines about the population's mean.
 _MOST_REDRAWN = 200
 # Smallest p-value of a machine's parameter. For a smaller one, the corresponding quantile of the
 # normal distribution would not be finite.
@@ -73,7 +74,7 @@ def judge_machines(
 
     The spreads s are the standard deviations of the machines about their mean μ. Random draws of s
     are made from the posterior with all machines. For each machine, weights convert them to draws
-    without this machine. Where these weights cannot be trusted, spreads are drawn anew without the
+    without this machine. If these weights cannot be trusted, new draws are made without the
     machine.
 
     Parameters
@@ -83,8 +84,8 @@ def judge_machines(
     shared : Gaussian of the mean μ and instrument errors b given each draw, see
         `shared_quantities`.
     seed : seed of new draws.
-    progress : function called with the number of machines already drawn anew and the number of
-        machines to be drawn anew.
+    progress : function called with two numbers of machines: those for which new draws have been
+        made, and all those for which new draws are needed.
     """
     likelihood = density.likelihood
     n = len(likelihood.shift)

@@ -400,7 +400,7 @@ def pool(
     ----------
     statistics : likelihoods of campaigns of at least two machines.
     spread_scale, prob, seed, progress
-        As for `fit_population`.
+        The same arguments as those of `fit_population`.
     """
     machines, likelihood = machine_likelihoods(statistics)
     density = SpreadDensity(likelihood, spread_scale)

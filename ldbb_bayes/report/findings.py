@@ -51,9 +51,9 @@ class Findings:
     prob
         Probability of the credible intervals.
     comparison
-        Comparison of constant and linear compliance, or the reason why there is none.
+        Comparison of constant and linear compliance, or the reason why none is available.
     recommended
-        Function that returns a design of the next tests, or the reason why there is none.
+        Function that returns a design of the next tests, or the reason why none is available.
     averaged
         Posterior averaged over models, whose numbers the sheets state.
     tolerances
@@ -170,7 +170,7 @@ def find(
     Parameters
     ----------
     posterior, prob, tests, comparison, recommended, averaged, tolerances
-        As for `ldbb_bayes.write_report`.
+        The same arguments as those of `ldbb_bayes.write_report`.
 
     Returns
     -------

@@ -60,8 +60,8 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
 def _record_of_identifiability(result: Identifiability) -> dict[str, Any]:
     """Return the JSON record of identifiability, with notes and sentences on every degeneracy.
 
-    A degeneracy is a combination of parameters that no reading can resolve. One sentence states it,
-    another the measures that would remove it.
+    A degeneracy is a combination of parameters that no reading can resolve. One sentence states the
+    degeneracy, another the measures that would remove it.
     """
     record = result.as_dict()
     record.pop("cures")

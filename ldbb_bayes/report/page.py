@@ -111,7 +111,7 @@ def compose(
     others
         Other campaigns to compare with the first one.
     same_instrument, language, annex, force_N, progress
-        As for `write_report`.
+        The same arguments as those of `write_report`.
 
     Returns
     -------

@@ -30,8 +30,8 @@ _MOST_DESIGNS = 2
 def _(result: Identifiability) -> tuple[Passage, ...]:
     """Return the most important tables and sentences on which parameters are identifiable.
 
-    They state how many parameters the readings determine, u and verdict by parameter, and the
-    measures that would separate confounded parameters.
+    They state how many parameters the readings determine, the standard uncertainty u and the
+    verdict by parameter, and the measures that would separate confounded parameters.
     """
     rows = []
     for name, entry in result.parameters.items():

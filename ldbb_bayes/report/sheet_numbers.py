@@ -70,11 +70,12 @@ class StatedQuantity:
     unit
         The internal unit.
     entry
-        Verdict on how far the readings determine the quantity, if it is a parameter.
+        Verdict on how far the readings determine the quantity; None if it is not a parameter.
     limit
-        The limit in words, if only a limit is stated.
+        The limit in words, if only a limit of the quantity is stated.
     hangs_on
-        Effects that its parameters are confounded with, if it is computed from several parameters.
+        For a quantity that is computed from several parameters: effects that these parameters are
+        confounded with.
     """
 
     words: str
