@@ -70,7 +70,8 @@ class StatedQuantity:
     unit
         The internal unit.
     entry
-        Verdict on how far the readings determine the quantity; None if it is not a parameter.
+        Verdict on how far the readings determine the quantity, or for a stiffness its compliance.
+        None for a quantity that is computed from several parameters.
     limit
         The limit in words, if only a limit of the quantity is stated.
     hangs_on
@@ -101,7 +102,7 @@ class StatedQuantity:
 
     @property
     def is_undetermined(self) -> bool:
-        """Whether the quantity is a parameter that the readings do not determine."""
+        """Whether the readings leave the quantity undetermined; False if it has no verdict."""
         return self.entry is not None and not is_determined(self.entry)
 
     @property
