@@ -307,10 +307,10 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 
 
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
-    """Return ln P(T | y) of the most probable model, and its error [nat].
+    """Return the log probability that no compliance is negative, and its error [nat].
 
-    T is the truncation: no compliance is negative. P(T | y) is the probability of T in the
-    posterior that does not require it.
+    It is the probability in the posterior of the most probable model, without the condition that
+    compliances are not negative.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.plain.mode
@@ -330,10 +330,10 @@ def _free_coordinates(beta: Array, phi: Array) -> Array:
 def _averaged_prior(
     weighted: _WeightedModels, prior_sd: Mapping[str, float]
 ) -> dict[str, dict[str, float]]:
-    """Return prior sd and mean of every parameter, averaged over equally probable models.
+    """Return prior mean and standard deviation of every parameter, averaged over the models.
 
-    ``prior_sd`` has the prior standard deviations of the largest model. Those of the
-    hyper-parameters are returned unchanged.
+    The models are equally probable beforehand. ``prior_sd`` has the prior standard deviations of
+    the largest model. Those of the hyper-parameters are returned unchanged.
     """
     names = weighted.bound.names
     moments = np.zeros((2, len(names)))

@@ -91,7 +91,8 @@ def joint_difference(
     common = _common_coefficients(first, second)
     all_names = [*first.names, *(name for name in second.names if name not in common)]
     size = len(all_names)
-    # The prior of the common coefficients is in both posteriors but must count once.
+    # The prior of the common coefficients is in the posteriors of both campaigns but must count
+    # once.
     common_places = np.array([first.names.index(name) for name in common], dtype=int)
     prior_precision = np.zeros((size, size))
     prior_precision[common_places, common_places] = first.information.scale[common_places] ** -2.0

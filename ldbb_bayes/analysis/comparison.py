@@ -67,7 +67,8 @@ __all__ = [
 ]
 
 # Scales of the prior of the slopes at which the Bayes factor is computed. Over the range of force,
-# the prior sd of the change of a compliance C is this multiple of the prior sd of C.
+# the prior standard deviation of the change of a compliance is this multiple of that of the
+# compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # The readings reject an assumption whose log evidence is lower than that of the models' own
 # assumption by this much [nat].
@@ -160,8 +161,8 @@ class ComparedTest:
 class ScaledSlopes:
     """The log Bayes factor [nat] under one prior of the slopes.
 
-    Over the range of force, the prior sd of the change of a compliance C is ``slope_scale`` times
-    the prior sd of C.
+    Over the range of force, the prior standard deviation of the change of a compliance is
+    ``slope_scale`` times that of the compliance.
     """
 
     slope_scale: float

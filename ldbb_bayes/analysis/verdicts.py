@@ -89,11 +89,9 @@ class Verdict(StrEnum):
     The rules apply in this order:
 
     1. *confounded*, when a nuisance that the model leaves out looks exactly like the parameter:
-    nothing
-       bounds the nuisance then.
+       nothing bounds the nuisance then.
     2. *confounded*, when nuisances in the model look exactly like the parameter and make up more
-    than
-       half of its standard uncertainty (knowing them would remove more than a quarter of its
+       than half of its standard uncertainty (knowing them would remove more than a quarter of its
        variance), and neither these readings nor a certificate state their size. A size inferred
        from other Fourier orders of the circle does not count as measured.
     3. *confounded*, when two conditions hold. More than half of the parameter's variance lies along
@@ -104,12 +102,10 @@ class Verdict(StrEnum):
        would remove more than half of the variance. Rotations by a force, such as C_CXY, are
        confounded with `Position` where the circle's centre shifts in proportion to force.
     4. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of
-    the
-       prior sd.
+       the prior sd.
     5. *identified* otherwise, except where an effect that the model leaves out looks exactly like
-    the
-       parameter in these tests; then *confounded*. With one direction of travel, C_XYX looks like
-       lost motion in proportion to force. In tests that ran in the order of force, direct
+       the parameter in these tests; then *confounded*. With one direction of travel, C_XYX looks
+       like lost motion in proportion to force. In tests that ran in the order of force, direct
        compliances such as C_XXX look like a drift of the bar's length. Where `Position` is
        modelled, C_CXY looks like a drift of the circle's centre.
     """
@@ -320,8 +316,8 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
     """Return weights, shape (w,), and values, shape (w, h) [mm], of the hyper-parameters φ.
 
-    They are w quadrature nodes that represent p(φ | y) given the readings y, without truncation.
-    For a plan there is one node, the prior median.
+    They are w quadrature nodes that represent p(φ | y) given the readings y, where compliances may
+    be negative. For a plan there is one node, the prior median.
     """
     if bound.campaign.is_plan:
         median = np.full((1, len(bound.hyper_prior.names)), 0.5)
@@ -483,7 +479,7 @@ def judge_parameters(
 
 
 def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:
-    """Return prior and posterior standard deviations of the parameters, without truncation."""
+    """Return prior and posterior standard deviations if compliances may be negative."""
     prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
     posterior_sd = np.sqrt(information.variances()) * information.scale[information.interest]
     return SampledSd(prior_sd, posterior_sd)

@@ -24,15 +24,16 @@ _REPEATS = 20
 def conditional_draws(
     bound: BoundModel, free: Array, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return one random draw of the parameters β from p(β | y, φ) at each of w points.
+    """Return one random draw of the p parameters given the hyper-parameters, at each of w points.
 
-    Draws are restricted to compliances that are not negative, if the model truncates. The points
-    are values of the hyper-parameters φ in unbounded coordinates, shape (w, h).
+    The draws are conditional on the readings, too. No compliance is negative in them, if the model
+    requires it. The points are values of the hyper-parameters in unbounded coordinates, shape (w,
+    h).
 
     Returns
     -------
     beta : ndarray, shape (w, p)
-        Random draws of the p parameters.
+        Random draws of the parameters.
     exact : ndarray of bool, shape (w,)
         False if the rejection sampler gave up, or if rounding made a compliance negative.
     """
@@ -59,9 +60,9 @@ def conditional_draws(
 
 
 def draw_parameters_given(bound: BoundModel, free: Array, rng: np.random.Generator) -> Array:
-    """Return one random draw of the parameters at each of w points, shape (w, p).
+    """Return one random draw of the p parameters at each of w points, shape (w, p).
 
-    No compliance is negative in any draw, if the model truncates. The points are values of the
+    No compliance is negative in any draw, if the model requires it. The points are values of the
     hyper-parameters in unbounded coordinates, shape (w, h).
 
     Raises

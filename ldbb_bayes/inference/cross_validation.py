@@ -224,9 +224,10 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
 def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     """Return the log densities of the tests, tempered where importance weights would fail.
 
-    ``log_density`` is ln p(y_r | y_−r, φ) of each test r given all others at w draws, shape (w,
-    tests). It is tempered where the Pareto shape k̂ of 1/p is large: p is raised to a power below
-    one, and scaled so that its harmonic mean over the draws is the exact density.
+    ``log_density``, shape (w, tests), is that of the readings of each test given all other tests,
+    at w draws of the hyper-parameters. It is tempered where the Pareto shape k̂ of the inverse
+    densities is large. The densities are then raised to a power below one, and scaled so that their
+    harmonic mean over the draws is the exact density.
     """
     moderate = log_density.copy()
     for r, name in enumerate(bound.test_names):

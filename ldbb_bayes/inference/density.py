@@ -146,10 +146,11 @@ class LogDensity(Shown):
         return self._evaluate(x, self._log_joint)
 
     def log_prior(self, x: Array) -> float | NDArray[np.float64]:
-        """Return the log prior density ln p(x) at x, truncation included.
+        """Return the log prior density ln p(x) at x.
 
-        x are parameters and hyper-parameters. If the parameters have a flat prior, only the prior
-        of the hyper-parameters counts.
+        x are parameters and hyper-parameters. The density is −inf where a compliance is negative,
+        if the model does not allow that. If the parameters have a flat prior, only the prior of the
+        hyper-parameters counts.
         """
         return self._evaluate(x, self._log_prior)
 
@@ -277,9 +278,9 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Arra
 class JointDensity:
     """Log posterior density in the coordinates in which the walkers of a sampler move.
 
-    The coordinates are (β − centre) / scale for the p parameters β, and free coordinates of the h
-    hyper-parameters φ, mostly ln(φ − lower bound). The Jacobian of the transformation is included
-    except for a constant.
+    The coordinates are (β − centre) / scale for the p parameters β, and the h hyper-parameters φ
+    transformed to be unbounded, mostly ln(φ − lower bound). The Jacobian of the transformation is
+    included except for a constant.
     """
 
     bound: BoundModel

@@ -91,8 +91,9 @@ class Evidences(Shown):
     def of(self, *models: HybridModel) -> list[Nodes]:
         """Return the quadrature nodes of each model, from which its evidence follows.
 
-        Models that differ only in slopes, rival explanations of slopes, and truncation share one
-        calculation: their nodes follow from those of the largest model among them.
+        Models share one calculation if they differ only in slopes, rival explanations of slopes,
+        and whether compliances may be negative. Their nodes follow from those of the largest model
+        among them.
         """
         models_by_key = {model_to_toml(model): model for model in models}
         for key in sorted(models_by_key, key=lambda key: _largest_first(models_by_key[key])):
@@ -180,9 +181,10 @@ def _largest_first(model: HybridModel) -> list[int]:
 
 
 def _family(model: HybridModel) -> str:
-    """Return a model without slopes, rival explanations of slopes and truncation, as TOML.
+    """Return a model without slopes, their rival explanations and truncation, as TOML.
 
-    Models for which this is equal can share the calculation of their quadrature nodes.
+    Truncation is the condition that compliances are not negative. Models for which this text is
+    equal can share the calculation of their quadrature nodes.
     """
     constant = model.without("truncation").with_slope_scale(1.0).with_degree(0)
     return model_to_toml(constant.with_rivals())

@@ -114,7 +114,8 @@ class Fit(Result):
     fitness_percent: dict[str, float]
     #: log probability that no compliance is negative, under the posterior that does not require it
     log_prob_truncation: float
-    log_prob_truncation_error: Finite  #: error of ``log_prob_truncation`` [nat]
+    #: error of the log posterior probability that no compliance is negative [nat]
+    log_prob_truncation_error: Finite
     #: log probability that no compliance is negative, under the prior that does not require it
     log_prob_truncation_prior: float
     #: largest difference of the linear model's readings from the exact geometry [µm]

@@ -22,8 +22,8 @@ Random = np.random.Generator | np.random.RandomState
 
 # Degrees of freedom of Student-t distributions that are tried, the heaviest tails first.
 _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
-# Light tails are fitted only in more dimensions than this. In few dimensions they gain little, and
-# corners of the density would lie in the tails of the proposal.
+# Student-t distributions with light tails are fitted only in more dimensions than this. In few
+# dimensions they gain little, and too few points would be drawn at the edges of the density.
 _FEW_DIMENSIONS = 5
 # Number of degrees of freedom, the heaviest tails first, that are tried in few dimensions.
 _HEAVY_TAILS = 2

@@ -129,7 +129,7 @@ class HyperPosterior:
 
     @property
     def mode(self) -> Array:
-        """The highest maximum of the density, in free coordinates, shape (h,)."""
+        """The highest maximum of the density, shape (h,), in unbounded coordinates."""
         return self.modes[0][0]
 
     def given(self, free: Array) -> tuple[Array, ParameterConditional]:
@@ -141,11 +141,12 @@ class HyperPosterior:
         return self.bound.given(self.bound.hyper_prior.phi(free))
 
     def log_density(self, free: Array, *, smooth: bool = False) -> Array:
-        """Return the joint log density of readings and free coordinates, shape (w,).
+        """Return the joint log density of readings and hyper-parameters at w points, shape (w,).
 
-        ``free`` holds w points, shape (w, h). With truncation, ln P(T | y, φ) is added: the log
-        probability that no compliance is negative. If ``smooth``, its upper bound is added instead,
-        which is cheaper to compute and a smooth function of φ.
+        ``free`` holds the hyper-parameters φ in unbounded coordinates, shape (w, h). With
+        truncation, the log probability ln P(T | y, φ) that no compliance is negative, given φ and
+        the readings y, is added. If ``smooth``, the upper bound of this probability is used
+        instead, which is cheaper to compute and a smooth function of φ.
         """
         log_density = self.bound.hyper_prior.log_density_of_free(free)
         finite = np.isfinite(log_density)
@@ -166,9 +167,10 @@ class HyperPosterior:
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
         """Return weighted nodes that integrate the density to this tolerance [nat].
 
-        With truncation, the nodes of the density without truncation are used first. Their weights
-        are multiplied by P(T | y, φ), the probability that no compliance is negative. If that
-        misses the tolerance, nodes of the truncated density are computed.
+        The nodes are values of the hyper-parameters. With truncation, the nodes of the density
+        without truncation are used first. Their weights are multiplied by the probability that no
+        compliance is negative. If that misses the tolerance, nodes of the truncated density are
+        computed.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -257,8 +259,8 @@ class HyperPosterior:
     def proposal(self) -> Integral:
         """Importance sample with a fitted mixture, from which further points can be drawn.
 
-        With truncation, the probability P(T | y, φ) that no compliance is negative is replaced by
-        its upper bound.
+        The points are values of the hyper-parameters. With truncation, the probability that no
+        compliance is negative is replaced by its upper bound.
         """
         modes = [*self.modes, *self._corners()]
         return importance_sample(
@@ -267,10 +269,10 @@ class HyperPosterior:
 
     @cached_property
     def coarse(self) -> Integral:
-        """Coarse nodes of the density.
+        """Coarse nodes of the posterior density of the hyper-parameters.
 
-        With truncation, the probability P(T | y, φ) that no compliance is negative is replaced by
-        its upper bound.
+        With truncation, the probability that no compliance is negative is replaced by its upper
+        bound.
         """
         return integrate(
             self._smooth,
@@ -287,14 +289,17 @@ class HyperPosterior:
 
     @cached_property
     def sample_nodes(self) -> Integral:
-        """Points of ``proposal``, weighted by the exact probability of truncation P(T | y, φ)."""
+        """Points of ``proposal``, weighted by the exact probability that no compliance is negative.
+
+        Without truncation, the weights are those of ``proposal``.
+        """
         return self._replace_bound(self.proposal)
 
     def _replace_bound(self, integral: Integral) -> Integral:
-        """Return an integral with the exact probability P(T | y, φ) instead of its upper bound.
+        """Return an integral with the exact probability that no compliance is negative.
 
-        P(T | y, φ) is the probability that no compliance is negative. Without truncation, return
-        the integral unchanged.
+        It replaces the upper bound of this probability, which ``integral`` contains. Without
+        truncation, the integral is returned unchanged.
         """
         if not self.truncated:
             return integral
@@ -412,8 +417,8 @@ class Nodes:
     integral : Integral
         The nodes and their weights.
     truncation_error : float
-        Error of the log evidence from the errors of P(T | y, φ), the probability that no compliance
-        is negative [nat].
+        Error of the log evidence that is due to the computed probabilities that no compliance is
+        negative [nat].
     """
 
     posterior: HyperPosterior
@@ -440,8 +445,8 @@ class Nodes:
     def meet(self, tolerance: float) -> bool:
         """Return whether the nodes are fine enough for this tolerance of the log evidence [nat].
 
-        The error of the nodes must not exceed the tolerance minus the error of P(T | y, φ), the
-        probability that no compliance is negative. If the error of P(T | y, φ) is half the
+        With truncation, the probability that no compliance is negative also has an error. The error
+        of the nodes must not exceed the tolerance minus that error. If that error is half the
         tolerance or more, the error of the nodes alone must not exceed the tolerance.
         """
         if self.truncation_error >= tolerance / 2.0:
@@ -485,8 +490,8 @@ class Nodes:
         """Return mean and standard deviation of the p parameters, each of shape (p,).
 
         Moments given the hyper-parameters are averaged over the nodes, without the lightest nodes,
-        which hold the share ``spare`` of the weight. With truncation, the moments given the
-        hyper-parameters are computed from ``points`` quasi-random points.
+        which hold the share ``spare`` of the weight. If compliances must not be negative, the
+        moments given the hyper-parameters are computed from ``points`` quasi-random points.
         """
         free, weight = self.integral.heaviest(spare)
 
@@ -502,8 +507,8 @@ class Nodes:
         """Return quantiles of the p parameters, shape (levels, p).
 
         They are the quantiles of a mixture of Gaussians: the densities of the parameters given
-        hyper-parameters that are picked from the nodes. With truncation, each Gaussian is also
-        conditional on a random draw of the components that truncation restricts.
+        hyper-parameters that are picked from the nodes. If compliances must not be negative, each
+        Gaussian is also conditional on random draws of the components that this restricts.
         """
         rng = np.random.default_rng(seed)
 
@@ -522,9 +527,9 @@ class Nodes:
     ) -> _ConditionalMoments:
         """Return means and variances of the parameters, given hyper-parameters at w points.
 
-        ``free`` holds the hyper-parameters in unbounded coordinates, shape (w, h). With truncation,
-        ``along_axes`` returns mean and covariance of the parameters' standard coordinates along the
-        directions that truncation restricts.
+        ``free`` holds the hyper-parameters in unbounded coordinates, shape (w, h). If compliances
+        must not be negative, ``along_axes`` returns mean and covariance of the parameters' standard
+        coordinates along the directions that this restricts.
         """
         means = []
         variances = []

@@ -66,7 +66,7 @@ class RelatedModels:
     Parameters
     ----------
     plain : Nodes
-        Nodes of the largest model, without truncation.
+        Nodes of the largest model, in which compliances may be negative.
     tolerance : float
         Error allowed in every log evidence [nat].
     """
@@ -132,7 +132,7 @@ class RelatedModels:
         return _Conditionals(mean + centre[:, None], covariance)
 
     def _changed_priors(self, bound: BoundModel) -> list[_ChangedPrior]:
-        """Return the coefficients that have a different prior sd in another model."""
+        """Return the coefficients whose prior standard deviation differs in another model."""
         other_priors = bound.coefficients
         changed = []
         for j, (name, (mean, sd)) in enumerate(self._bound.coefficients.items()):

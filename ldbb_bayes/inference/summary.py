@@ -219,7 +219,7 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
 
 
 def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
-    """Return a table with term, unit and prior sd of every shared nuisance coefficient.
+    """Return a table with term, unit and prior standard deviation of shared nuisance coefficients.
 
     Shared nuisances are effects that are modelled but not of interest and that several tests have
     in common. The prior standard deviation is that at the hyper-parameters, shape (h,).

@@ -37,14 +37,19 @@ class Determinant:
     size: int  #: number s of parameters of interest
 
     def value(self, root: Array) -> Array:
-        """Return Φ = ln det S, shape (...), from the Cholesky factor L of S, shape (..., s, s)."""
+        """Return the criterion Φ = ln det S, shape (...).
+
+        S is the precision of the s parameters of interest; ``root`` is its Cholesky factor, shape
+        (..., s, s).
+        """
         diagonal = np.diagonal(root, axis1=-2, axis2=-1)
         return np.asarray(2.0 * np.log(diagonal).sum(axis=-1))
 
     def directions(self, root: Array) -> Array:
-        """Return Q = L⁻ᵀ, shape (..., s, s), where Q Qᵀ is the derivative of ln det S.
+        """Return Q, shape (..., s, s), where Q Qᵀ is the derivative of ln det S by S.
 
-        L, here ``root``, is the Cholesky factor of the precision S.
+        S is the precision of the s parameters of interest, and ``root`` its Cholesky factor L. Q is
+        L⁻ᵀ.
         """
         return _inverse_transposed(root)
 
@@ -69,14 +74,19 @@ class Variance:
     weight: Array  #: weights W of the covariances of the parameters, shape (s, s)
 
     def value(self, root: Array) -> Array:
-        """Return Φ = −tr(W S⁻¹), shape (...), from S's Cholesky factor L, shape (..., s, s)."""
+        """Return the criterion Φ = −tr(W S⁻¹), shape (...), the negative of a weighted variance.
+
+        S is the precision of the s parameters of interest and W are their weights. ``root`` is the
+        Cholesky factor of S, shape (..., s, s).
+        """
         inverse = _inverse_transposed(root)
         return np.asarray(-np.einsum("ij,...jk,...ik->...", self.weight, inverse, inverse))
 
     def directions(self, root: Array) -> Array:
-        """Return Q = S⁻¹ W^½, shape (..., s, rank of W), where Q Qᵀ is the derivative of Φ.
+        """Return Q, shape (..., s, rank of W), where Q Qᵀ is the derivative of −tr(W S⁻¹) by S.
 
-        ``root`` is the Cholesky factor of the precision S.
+        S is the precision of the s parameters of interest and W are their weights. ``root`` is the
+        Cholesky factor of S. Q is S⁻¹ W^½.
         """
         inverse = _inverse_transposed(root)
         eigenvalues, vectors = np.linalg.eigh(self.weight)
@@ -108,15 +118,20 @@ class LogBayesFactor:
     size: float = 1.0  #: root mean square of the parameters, in prior standard deviations
 
     def value(self, root: Array) -> Array:
-        """Return the expected ln B, shape (...), from S's Cholesky factor L, shape (..., s, s)."""
+        """Return the expected log Bayes factor in favour of the truth, shape (...).
+
+        ``root`` is the Cholesky factor of the precision of the s parameters of interest, shape
+        (..., s, s).
+        """
         gain = np.maximum(np.linalg.eigvalsh(_square(root)) - 1.0, 0.0)
         return np.asarray(0.25 * self.size**2 * (gain**2 / (1.0 + gain)).sum(axis=-1))
 
     def directions(self, root: Array) -> Array:
-        """Return Q, shape (..., s, s), where Q Qᵀ is the derivative of the expected ln B.
+        """Return Q, shape (..., s, s), with Q Qᵀ the derivative of the expected log Bayes factor Φ.
 
-        Q holds the eigenvectors of the precision S times √(dΦ/d(1 + λ)), where 1 + λ are its
-        eigenvalues and Φ is the expected ln B. ``root`` is the Cholesky factor of S.
+        The derivative is by the precision S of the s parameters of interest, and ``root`` is the
+        Cholesky factor of S. Q holds the eigenvectors of S times √(dΦ/d(1 + λ)), where 1 + λ are
+        its eigenvalues.
         """
         eigenvalues, vectors = np.linalg.eigh(_square(root))
         rate = 0.25 * self.size**2 * (1.0 - 1.0 / np.maximum(eigenvalues, 1.0) ** 2)

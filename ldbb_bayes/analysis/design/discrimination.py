@@ -132,28 +132,30 @@ def discrimination_of(
 
 @dataclass(frozen=True, eq=False)
 class _LogBayesFactorDistribution:
-    """Distribution of ln B = ½ (ln det C + Σ z²), with s independent normal components z.
+    """Distribution of the log Bayes factor of slopes over no slopes, ½ (ln det C + Σ z²).
 
-    B is the Bayes factor of slopes over no slopes, and C the posterior covariance of the s slopes,
-    for each of K values of the hyper-parameters.
+    C is the posterior covariance of the s slopes, for each of K values of the hyper-parameters. The
+    s components z of the slopes' posterior mean are independent and normally distributed.
     """
 
     log_volume: Array  # ln det C of the slopes' posterior covariance C, shape (K,)
     points: Array  # standard normal points for all components but one, shape (K, points, s − 1)
 
     def expected(self, mean: Array, variance: Array) -> float:
-        """Return the mean log Bayes factor, given means and variances of the s components z.
+        """Return the mean of the log Bayes factor [nat].
 
-        ``mean`` has the shape (K, 1, s), ``variance`` the shape (K, s).
+        It follows from means, shape (K, 1, s), and variances, shape (K, s), of s normal components
+        of the slopes' posterior mean.
         """
         squares = (mean[:, 0] ** 2 + variance).sum(axis=1)
         return float(0.5 * (self.log_volume + squares).mean())
 
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
-        """Return P(ln B > level), given means and variances of the s components z.
+        """Return the probability that the log Bayes factor exceeds a level [nat].
 
-        ``mean`` has the shape (K, 1 or 2, s), ``variance`` the shape (K, s). Where there are two
-        means, half of the points take the first and half the second.
+        It follows from means, shape (K, 1 or 2, s), and variances, shape (K, s), of s normal
+        components of the slopes' posterior mean. Where there are two means, half of the points take
+        the first and half the second.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)

@@ -101,8 +101,8 @@ def expected_uncertainties(
     states
         K states of the machine before the tests.
     covariance
-        Posterior covariances of the p parameters in each state, without truncation, shape (K, p,
-        p), in units of the prior standard deviations.
+        Posterior covariances of the p parameters in each state if compliances may be negative,
+        shape (K, p, p), in units of the prior standard deviations.
     floor
         Standard deviations that remain after very many tests, shape (p,), in units of the prior
         standard deviations.
@@ -213,8 +213,8 @@ def _variance_change_by_truncation(
     means = scale * relative_means.reshape(-1, p)
     spread = np.tile(singular_root(relative_covariance) * scale[:, None], (_MEANS_PER_STATE, 1, 1))
     shift, covariance_inside, axes = bound.truncation.orthants(means, spread).moments()
-    # Along the directions that truncation restricts, it changes the unit covariance to
-    # ``covariance_inside``.
+    # Truncation (no compliance is negative) changes the unit covariance of the standard
+    # coordinates, along the directions that it restricts, to ``covariance_inside``.
     along_axes = spread @ np.swapaxes(axes, 1, 2)
     change_along_axes = along_axes @ (covariance_inside - np.eye(shift.shape[1]))
     change = np.einsum("kpd,kpd->kp", change_along_axes, along_axes)
@@ -259,7 +259,8 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     Returns
     -------
     posterior : Gaussian or None
-        Posterior without truncation; None where, with flat priors, a parameter is undetermined.
+        Posterior in which compliances may be negative; None where, with flat priors, a parameter is
+        undetermined.
     floor : Array
         Standard deviations of the p parameters if every test were run a million times, shape (p,).
     """
