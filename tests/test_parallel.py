@@ -125,25 +125,30 @@ def test_one_blas_thread_inside_and_the_old_number_after() -> None:
         assert blas_threads(0) == {2}
 
 
-NAMES = (
-    "sample",
-    "marginals",
-    "log_evidence",
-    "identify",
-    "verdicts",
-    "compare",
-    "design",
-    "belonging",
-    "local_fits",
-    "budgets",
-)
-
-
 @pytest.mark.parametrize(
-    "name", [*NAMES, "differences", "circularity", "contributions", "nuisances", "least_squares"]
+    "function",
+    [
+        lb.sample,
+        lb.log_evidence,
+        lb.identify,
+        lb.compare,
+        lb.design,
+        lb.find_outlying_tests,
+        lb.local_fits,
+        lb.fit_least_squares,
+        lb.inference.marginalize,
+        lb.inference.summarize_nuisances,
+        lb.analysis.judge_posterior,
+        lb.analysis.budget_uncertainty,
+        lb.analysis.compare_posteriors,
+        lb.analysis.predict_circularity,
+        lb.analysis.decompose_deviation,
+    ],
 )
-def test_what_computes_has_one_blas_thread(name: str) -> None:
-    assert getattr(lb, name).__code__ is one_blas_thread(lambda: None).__code__
+def test_what_computes_has_one_blas_thread(function: Any) -> None:
+    computing = one_blas_thread(lambda: None).__code__
+    codes = [function.__code__, getattr(function, "__wrapped__", function).__code__]
+    assert computing in codes
 
 
 def test_when_the_consumer_stops_the_rest_is_cancelled() -> None:
