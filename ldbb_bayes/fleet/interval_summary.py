@@ -14,9 +14,9 @@ __all__ = ["Summary", "name_intervals"]
 class Summary(Result):
     """Mean, sd and equal-tailed credible interval of a quantity, in internal units (mm, N, rad)."""
 
-    mean: float
-    sd: float
-    interval: tuple[float, float]
+    mean: float  #: mean of the distribution
+    sd: float  #: standard deviation of the distribution
+    interval: tuple[float, float]  #: lower and upper end of the credible interval
 
 
 def name_intervals(record: Any, prob: float) -> Any:

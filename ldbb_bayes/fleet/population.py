@@ -105,7 +105,7 @@ _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 class PooledParameter(Result):
     """Distribution of one parameter over the machines of a population."""
 
-    unit: str
+    unit: str  #: internal unit of the parameter, of mm, N and rad
     prior_sd: float  #: prior sd of the parameter's mean over the population; the prior mean is zero
     mean: Summary  #: mean of the parameter over the machines of the population
     spread: Summary  #: standard deviation of the machines about the population's mean
@@ -119,7 +119,7 @@ class PooledParameter(Result):
 class PooledMachine(Result):
     """Estimates for one machine of a population, and its comparison with the other machines."""
 
-    name: Annotated[str, Field(exclude=True)]
+    name: Annotated[str, Field(exclude=True)]  #: machine_id of the machine
     campaigns: int  #: number of campaigns of this machine
     #: estimates from the machine's campaigns and from the population, by parameter
     estimate: dict[str, Summary]
@@ -160,8 +160,9 @@ class Population(Result):
     parameters: dict[str, PooledParameter]
     machine: dict[str, PooledMachine]  #: estimates for each machine, by machine_id
     campaigns: int  #: number of campaigns of all machines in the population
-    reference_force_N: float  #: force at which the compliances are stated
-    forces_N: tuple[float, float]  #: lowest and highest force of the range that all campaigns cover
+    reference_force_N: float  #: force at which the compliances are stated [N]
+    #: lowest and highest force of the range that all campaigns cover [N]
+    forces_N: tuple[float, float]
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
     #: weighted sum of joint compliances that each compliance stands for, if the batch states it
     compliances: Mapping[str, Meaning]

@@ -61,18 +61,24 @@ class PopulationPrior(Shown):
     def model(self, model: HybridModel) -> HybridModel:
         """Return a model with the population's priors for its compliances.
 
-        Slopes keep the prior standard deviations of the given model.
-
-        The compliances of the returned model are stated at the population's reference force.
+        Slopes keep the prior standard deviations of the given model. The compliances of the
+        returned model are stated at the population's reference force.
 
         Parameters
         ----------
-        model : model with proper (not flat) priors, in which the compliances are free.
+        model : HybridModel
+            Model with proper (not flat) priors, in which the compliances are free.
+
+        Returns
+        -------
+        HybridModel
+            The same model with the population's means and standard deviations.
 
         Raises
         ------
         InputError
-            If the model cannot take the priors.
+            If the priors of the model are flat, a compliance is fixed or has a prior of its own, or
+            the model states another reference force.
         """
         prior = model.prior
         if prior.flat:
@@ -99,7 +105,13 @@ class PopulationPrior(Shown):
 
         Parameters
         ----------
-        campaign : campaign or plan.
+        campaign : Campaign
+            Campaign, or plan, that the prior shall be used for.
+
+        Returns
+        -------
+        tuple of str
+            The sentences; empty if there is no doubt.
 
         Raises
         ------

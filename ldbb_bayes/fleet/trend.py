@@ -77,7 +77,7 @@ _NOTHING = "–"
 class ParameterChange(Result):
     """Step change of one parameter, in internal units (mm, N, rad)."""
 
-    unit: str
+    unit: str  #: internal unit of the parameter
     probability: float  #: probability that this parameter is the one that changed
     #: index (from 0) of the campaign just before which the parameter most probably changed, if it
     #: changed
@@ -104,6 +104,7 @@ class Visit(Result):
     """One campaign in the trend of a machine."""
 
     campaign: str  #: label of the campaign: its name or file path
+    #: date of the campaign, None if it states none
     date: Annotated[datetime | None, PlainSerializer(_isoformat)]
     change_just_before: float  #: probability that a parameter changed just before this campaign
 
@@ -136,7 +137,7 @@ class Trend(Result):
     """
 
     machine: str | None  #: machine_id of the machine, if the campaigns state one
-    reference_force_N: float  #: force at which the compliances are stated
+    reference_force_N: float  #: force at which the compliances are stated [N]
     #: options of the analysis by name: change_scale and repeatability (in units of the prior's sd),
     #: probability (of a change before the readings), threshold, ci, one_instrument
     assumptions: Mapping[str, Any]
@@ -148,6 +149,7 @@ class Trend(Result):
     parameters: Mapping[str, ParameterChange]  #: possible step of each parameter, by name
     most_probable: str  #: name of the parameter that most probably changed
     caveats: tuple[Caveat, ...]  #: limitations of the trend and of its campaigns
+    #: table of the estimates from each campaign alone, one row per campaign and parameter
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
     #: decisions on conformity by quantity with a tolerance, then by campaign; each is from one
     #: campaign alone, with a normal distribution of the estimate
