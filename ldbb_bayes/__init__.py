@@ -19,7 +19,10 @@ __all__ = ["__version__", *_public]
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name; from the first use on, results print as tables and sentences."""
+    """Return the public function, class or module with this name, imported on first use.
+
+    From then on, ``print`` shows results as tables and sentences.
+    """
     from ldbb_bayes.results import register_when_displayed  # it loads NumPy
 
     register_when_displayed(_load_words)
@@ -33,7 +36,10 @@ def __getattr__(name: str) -> Any:
 
 
 def _load_words() -> None:
-    """Load the words in which results print; few commands need those of all results."""
+    """Load the functions that print results as tables and sentences.
+
+    They are loaded only when a result is printed, because most commands need few of them.
+    """
     import ldbb_bayes.report.text  # noqa: F401 - it registers how results are printed
 
 

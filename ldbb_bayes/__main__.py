@@ -1,4 +1,4 @@
-"""``python -m ldbb_bayes``, and the command ``ldbb-bayes``."""
+"""Start of the program by ``python -m ldbb_bayes`` or by the command ``ldbb-bayes``."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ __all__ = ["run"]
 
 
 def run() -> None:
-    """Load the commands and run the one that was typed.
+    """Load the commands and run the one that the user typed.
 
-    Ctrl-C at any time, also while they load, ends it with one line and exit code 130.
+    Ctrl-C at any time, also during loading, ends the program with one line and exit code 130.
     """
-    # Matrices of the commands are small: one BLAS thread is faster than several. NumPy reads these
-    # when it loads.
+    # Matrices of the commands are small, so that one thread of BLAS (the linear algebra library
+    # behind NumPy) is faster than several. NumPy reads these variables when it loads.
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     try:

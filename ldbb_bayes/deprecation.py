@@ -1,4 +1,4 @@
-"""Names of version 0.2, which work for one more minor version and warn."""
+"""Old public names of version 0.2, which still work with a warning until version 0.4."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ __all__ = ["NEW_NAMES", "renamed_keyword", "warn_of_new_name"]
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 
-#: New place of every public name of version 0.2 that was renamed or moved, below `ldbb_bayes`.
+#: New name of every public function and class of version 0.2 that was renamed or moved, as it is
+#: written after ``lb.``.
 NEW_NAMES = {
     "BallForm": "terms.BallForm",
     "BarLength": "terms.BarLength",
@@ -87,7 +88,7 @@ NEW_NAMES = {
 
 
 def warn_of_new_name(old: str) -> None:
-    """Warn that a public name of version 0.2 has a new place."""
+    """Warn that a public name of version 0.2 was renamed or moved, and state its new name."""
     warnings.warn(
         f"lb.{old} is now lb.{NEW_NAMES[old]}. Use the new name: the old one goes with version"
         " 0.4.",
@@ -99,7 +100,10 @@ def warn_of_new_name(old: str) -> None:
 def renamed_keyword(
     old: str, new: str
 ) -> Callable[[Callable[_Arguments, _Result]], Callable[_Arguments, _Result]]:
-    """Return a decorator that lets a function take the keyword ``old`` for ``new``, and warn."""
+    """Return a decorator for a function with a renamed argument, which still accepts the old name.
+
+    A call with the old name of the argument gives a FutureWarning.
+    """
 
     def decorate(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
         @wraps(function)

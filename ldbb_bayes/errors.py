@@ -1,4 +1,4 @@
-"""`InputError`, the error for unusable input, and functions that raise or word it."""
+"""`InputError`, the error for unusable input, and functions that raise it or write its message."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 __all__ = ["InputError", "check_known", "nearest", "placed", "plain_reason", "renamed", "require"]
 
-# Longest message of an error [characters]; a message may quote a file.
+# Longest error message [characters]; a message may quote a file.
 LONGEST_MESSAGE = 1200
 
 
@@ -37,14 +37,17 @@ class InputError(ValueError):
 
 
 def require(condition: object, message: str) -> None:
-    """Raise an `InputError` with this message unless the condition is true."""
+    """Raise an `InputError` with the given message unless the condition is true."""
     if not condition:
         raise InputError(message)
 
 
 @contextmanager
 def placed(place: object) -> Iterator[None]:
-    """Put the place in front of the message of an `InputError` raised in the ``with`` block."""
+    """Add a place, such as a file name, to the message of an `InputError` in the ``with`` block.
+
+    The place is put in front of the message.
+    """
     try:
         yield
     except InputError as error:
@@ -52,7 +55,7 @@ def placed(place: object) -> Iterator[None]:
 
 
 class _Similarity(NamedTuple):
-    """Measures of how alike two names are, the most important first."""
+    """Measures of how similar two names are, the most important first."""
 
     ratio: float
     same_letters: bool
@@ -60,10 +63,10 @@ class _Similarity(NamedTuple):
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the known name that is most similar to ``name``.
+    """Return the known name that is most similar to ``name``, to suggest it for a misspelt one.
 
-    Among equally similar names, prefer one of the same letters, then one with the longer first
-    matching part.
+    Among equally similar names, one with the same letters is preferred, then one with the longer
+    first matching part.
     """
     lower_name = name.lower()
 
@@ -85,7 +88,7 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
     Parameters
     ----------
     kind
-        Kind of thing that has these names, for the message.
+        What the names are, for the message, such as "test" or "option".
     names
         Names that a user gave.
     known
@@ -112,20 +115,20 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
 def renamed(
     kind: str, name: str, new_names: Mapping[str, str], *, refused_from: str, stacklevel: int = 3
 ) -> str:
-    """Return the current form of a name that may be an old one, which gives a FutureWarning.
+    """Return the current name for a name that may be old; an old name gives a FutureWarning.
 
     Parameters
     ----------
     kind
-        Kind of thing that has this name, for the warning.
+        What has this name, for the warning, such as "the method".
     name
         Old or current name.
     new_names
-        Current names by old names.
+        Dictionary from old names to current names.
     refused_from
-        Version of the program that will refuse the old name.
+        Version of the program from which the old name is refused.
     stacklevel
-        Stack level of the warning.
+        Number of calls from here to the code that the warning shows.
 
     Returns
     -------

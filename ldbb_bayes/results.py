@@ -1,4 +1,4 @@
-"""Results of analyses: they can be written as JSON, read back, and displayed."""
+"""Base classes of results, which can be written as JSON, read back and displayed."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ __all__ = [
 
 T = TypeVar("T")
 Array: TypeAlias = NDArray[Any]
-# Largest file of a result [bytes].
+# Largest size of a file with a result [bytes].
 _LARGEST_BYTES = 200_000_000
-# Longest ``repr`` of an object [characters].
+# Longest one-line text (``repr``) that displays an object [characters].
 _LONGEST_REPR = 80
-# Longest value of a field in a ``repr`` [characters].
+# Longest text for the value of one field in the one-line text of an object [characters].
 _LONGEST_VALUE = 56
-# A collection with more entries is displayed by its size only.
+# A list, tuple, set or dictionary with more entries is displayed by its size only.
 _MOST_ENTRIES = 12
 
 
@@ -79,7 +79,10 @@ def _to_list(array: Array) -> Any:
 
 
 def _to_frame(rows: Any) -> pd.DataFrame:
-    """Return a frame unchanged, or a frame made of rows by name or of a list of rows."""
+    """Return a data frame from a dictionary of rows by name, or from a list of rows.
+
+    A data frame is returned unchanged.
+    """
     if isinstance(rows, pd.DataFrame):
         return rows
     if isinstance(rows, dict):
@@ -97,13 +100,13 @@ def _to_records(frame: pd.DataFrame) -> list[dict[Any, Any]]:
 
 
 Finite = Annotated[float, BeforeValidator(_infinite_if_null), PlainSerializer(_null_unless_finite)]
-"""A number that may be infinite; an infinite one is null in JSON."""
+"""Type of a field for a number that may be infinite, which is written as null in JSON."""
 
 Number = Annotated[float, BeforeValidator(_nan_if_null), PlainSerializer(_null_unless_finite)]
-"""A number that may be missing (NaN); a missing one is null in JSON."""
+"""Type of a field for a number that may be missing (NaN), which is written as null in JSON."""
 
 Numbers = Annotated[np.ndarray, BeforeValidator(np.asarray), PlainSerializer(_to_list)]
-"""An array; nested lists in JSON."""
+"""Type of a field for an array, which is written as nested lists in JSON."""
 
 if TYPE_CHECKING:
     ByRow: TypeAlias = pd.DataFrame
@@ -117,10 +120,10 @@ else:
 
 
 def entries_of(source: Any) -> dict[str, Any]:
-    """Return the entries of an object that its display shows, by name.
+    """Return the attributes of an object that are displayed, by name.
 
-    They are the attributes that its class lists in ``shown``, or else the fields of a dataclass or
-    pydantic model. Other objects have none.
+    They are the attributes that its class lists in ``shown``, or else all fields of a dataclass or
+    pydantic model. For other objects the dictionary is empty.
     """
     kind = type(source)
     names = getattr(kind, "shown", ())
@@ -132,11 +135,11 @@ def entries_of(source: Any) -> dict[str, Any]:
 
 
 def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
-    """Return a value on one line of at most so many characters.
+    """Return any value as a text of one line with at most ``longest`` characters.
 
     Arrays, tables and long collections are displayed by their size. An object is displayed by its
-    non-empty entries; if these are too long, by those that differ from their defaults, as far as
-    there is room.
+    attributes that are not empty. If these are too long, attributes at their defaults are left out,
+    and then the last ones.
     """
     kind = type(value).__name__
     if getattr(value, "shape", ()):
@@ -163,10 +166,10 @@ def _brief_collection(value: Any, longest: int) -> str:
 
 
 def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
-    """Return an object on one line, as its class with ``name=value`` for its entries.
+    """Return an object as a text of one line: its class, with ``name=value`` for its attributes.
 
-    Empty entries are left out. If the line is longer than ``longest`` characters, entries that have
-    their default are left out too, and then the last ones, as many as needed.
+    Empty attributes are left out. If the line is longer than ``longest`` characters, attributes at
+    their defaults are left out too, and then the last ones, as many as necessary.
     """
     kind = type(value)
     filled = {name: entry for name, entry in entries.items() if not _is_empty(entry)}
@@ -195,19 +198,19 @@ def _is_default(kind: type, name: str, entry: Any) -> bool:
 
 
 class Shown:
-    """Base class of objects that users handle.
+    """Base class of objects that users see, which defines how they are displayed.
 
-    The ``repr`` is one line. ``print`` shows what matters first, on one screen; `details` returns
-    all tables and sentences, which notebooks show too. ``shown`` names the attributes to show;
-    without it, all fields of a dataclass are shown.
+    The ``repr`` is one line. ``print`` shows the most important parts on one screen; `details`
+    returns all tables and sentences, which notebooks show too. ``shown`` names the attributes to
+    show; without it, all fields of a dataclass are shown.
     """
 
     shown: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
-        # The decorator ``dataclass`` gives a class a ``__repr__`` of its own unless its body has
-        # one. Terms that users define are such dataclasses too, so that it is set here rather than
-        # by ``repr=False`` in every decorator.
+        # The decorator ``dataclass`` writes a new method ``__repr__`` unless the class has one. It
+        # is set here, and not by ``repr=False`` in every decorator, because users define such
+        # dataclasses too.
         super().__init_subclass__()
         if "__repr__" not in vars(cls):
             cls.__repr__ = Shown.__repr__  # type: ignore[method-assign]
@@ -219,7 +222,7 @@ class Shown:
         return lines_of(screen_of(self), terminal_width())
 
     def details(self) -> str:
-        """Return all tables and sentences about the object as text."""
+        """Return all tables and sentences about this object as text."""
         return text_of(self, terminal_width())
 
     def _repr_html_(self) -> str:
@@ -236,7 +239,10 @@ class Result(Shown):
     __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the result for JSON, in internal units (mm, N, rad)."""
+        """Return the result as a dictionary for JSON.
+
+        Numbers are in internal units (mm, N, rad).
+        """
         findings: dict[str, Any] = _adapter(type(self)).dump_python(
             self, mode="json", by_alias=True
         )
@@ -244,9 +250,9 @@ class Result(Shown):
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Return the result from a dictionary that `as_dict` wrote.
+        """Return the result that a dictionary from `as_dict` describes.
 
-        Keys that are no fields of the result, such as sentences and provenance, are ignored.
+        Keys that are not fields of the result, such as sentences and provenance, are ignored.
         """
         result: Self = _adapter(cls).validate_python(values)
         return result
@@ -262,7 +268,7 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
 
 
 class ByName(Shown, dict[str, T]):
-    """Results by name, displayed as one table."""
+    """Dictionary of results by name, which is displayed as one table."""
 
     def __repr__(self) -> str:
         kind = type(next(iter(self.values()), None)).__name__
@@ -273,24 +279,24 @@ Passage: TypeAlias = Table | str | tuple[str, ...]
 """Part of a displayed result: a table, a paragraph (a text) or a list (a tuple of texts)."""
 
 
-# Functions that register how results are displayed; called when this is needed.
+# Functions that define how results are displayed. They are called when a result is first displayed.
 _REGISTRATIONS: set[Callable[[], object]] = set()
 
 
 def register_when_displayed(register: Callable[[], object]) -> None:
-    """Postpone a function that registers how results are displayed.
+    """Postpone a function that defines how results are displayed.
 
-    It is called when a result is to be displayed for whose class no function is registered yet.
-    Thus a program loads the words about all kinds of results only if it displays such a result.
+    The function is called when a result is displayed and the display of its class is not defined
+    yet. A program thus loads the words about results only if it displays one.
     """
     _REGISTRATIONS.add(register)
 
 
 def registered_function(general: Any, result: Any) -> Callable[[Any], Any] | None:
-    """Return the function that is registered for the class of a result; None if there is none.
+    """Return the function that displays results of this class; None if there is none.
 
-    ``general`` is a function made by `functools.singledispatch`. Postponed registrations are done
-    first.
+    ``general`` is a function made by `functools.singledispatch`, for which other modules register
+    one function per class. Postponed registrations are done first.
     """
     for register in _REGISTRATIONS:
         register()
@@ -304,7 +310,7 @@ def registered_function(general: Any, result: Any) -> Callable[[Any], Any] | Non
 def parts_of(result: Any) -> tuple[Passage, ...]:
     """Return a result as tables, sentences and lists, in reading order.
 
-    By default it is one table of the result's fields. Other modules, such as
+    By default this is one table of the result's fields. Other modules, such as
     `ldbb_bayes.report.text`, register a function for a class with ``@parts_of.register``.
     """
     registered = registered_function(parts_of, result)
@@ -319,10 +325,10 @@ def parts_of(result: Any) -> tuple[Passage, ...]:
 
 @singledispatch
 def screen_of(result: Any) -> tuple[Passage, ...]:
-    """Return the parts of a result that fit on one screen, the most important first.
+    """Return the tables and sentences about a result that fit on one screen.
 
-    By default these are all its parts. `ldbb_bayes.report.screens` registers a function for each
-    class whose parts are longer.
+    By default these are all tables and sentences. For results with more, the module
+    `ldbb_bayes.report.screens` registers a function for their class.
     """
     registered = registered_function(screen_of, result)
     if registered is not None:
@@ -354,7 +360,7 @@ def text_of(result: Any, width: int = 120) -> str:
 
 
 def html_of(result: Any) -> str:
-    """Return a result as HTML for a notebook, with all its texts escaped."""
+    """Return a result as HTML for a notebook, with special characters in its texts escaped."""
     blocks: list[str] = []
     for passage in parts_of(result):
         if isinstance(passage, Table):
@@ -373,7 +379,7 @@ def read_result(
     Parameters
     ----------
     path : path
-        Path of the file, or of the folder that contains ``name``.json.
+        Path of the file, or of the folder that contains the file ``name``.json.
     name : str
         Name of the result.
     command : str
@@ -412,7 +418,10 @@ def read_result(
 
 
 def _reason_of(error: Exception) -> str:
-    """Return the message of an error, of a pydantic error only its first entry."""
+    """Return the message of an error; for an error of pydantic, only its first entry.
+
+    Pydantic is the library that checks the content of files.
+    """
     if not isinstance(error, ValidationError):
         return str(error)
     first = error.errors()[0]

@@ -19,19 +19,22 @@ from ldbb_bayes.units import display_unit, round_like, round_uncertainty, typese
 
 __all__ = ["ReadableFrame", "Table", "readable", "table_of", "terminal_width", "wrapped"]
 
-# Largest number of rows displayed; of longer frames, the first and last rows are displayed.
+# Largest number of rows that are displayed; of a longer table, the first and last rows are.
 _MOST_ROWS = 60
-# Smallest and largest width of lines [characters]; without a terminal the smallest is used.
+# Smallest width of displayed lines [characters], also used without a terminal.
 _NARROWEST = 80
+# Largest width of displayed lines [characters].
 _WIDEST = 100
+# Number of lines of a terminal whose size is unknown.
 _TERMINAL_LINES = 24
-# Largest number of lines that are read at a glance; of a longer frame, columns are left out.
+# Largest number of lines that ``print`` displays; of a longer table, columns are left out.
 _SCREEN_LINES = 45
-# Smallest widths to which a column's head is broken into lines, tried one after another.
+# Smallest widths [characters] to which the head of a column is broken into lines. They are tried in
+# this order until the table fits.
 _HEAD_WIDTHS = (12, 9, 7, 1)
-# Number of spaces between columns.
+# Number of spaces between the columns of a displayed table.
 _GAP = 2
-# Columns of a frame whose values are in the unit that the column "unit" of their row states.
+# Names of columns whose numbers are in the unit that the column "unit" states for each row.
 _IN_UNIT_OF_ROW = frozenset(
     (
         "mean",
@@ -53,17 +56,20 @@ _IN_UNIT_OF_ROW = frozenset(
         "baseline_sd",
     )
 )
-# Columns that are rounded to the standard uncertainty of their row, and the columns that hold it.
+# Names of columns whose numbers are rounded like the standard uncertainty in the same row.
 _ROUNDED_LIKE_U = frozenset(("mean", "median", "ci_low", "ci_high", "estimate", "difference"))
+# Names of columns that hold a standard uncertainty.
 _STANDARD_UNCERTAINTIES = ("sd", "u")
-# Columns of an estimate and its uncertainty, which stay beside the name of their row longest.
+# Names of columns of an estimate and its uncertainty. They are the last to be moved to lines
+# beneath their rows when a table is too wide.
 _ESTIMATE = frozenset(("mean", "sd", "ci_low", "ci_high", "difference"))
-# Columns whose texts may name the rows of a frame that has only row numbers. The first that the
-# frame has is used.
+# Names of columns whose texts name the rows of a data frame that has only row numbers. The first
+# such column of the frame is used.
 _NAMING = ("parameter", "quantity", "source")
-# Units before which a line is not broken.
+# Pattern of units before which a line must not be broken.
 _UNIT = r"%|°|bar\b|[nµm]?m\b|k?N\b|[nµm]?rad\b|per kN|nats?\b|times\b|u\b"
-# Spaces at which a line is not broken: before units, brackets and "per kN", beside signs.
+# Pattern of spaces at which a line must not be broken: before units, brackets and "per kN", and
+# beside signs such as ± and =.
 _UNBREAKABLE = "|".join(
     (
         rf"(?<=[\d)\]]) (?={_UNIT})",
@@ -74,23 +80,23 @@ _UNBREAKABLE = "|".join(
         r"(?<= [=±→≤≥<>·−]) (?=[\w(−+.])",
     )
 )
-# Short texts in brackets, within which a line is not broken.
+# Pattern of short texts in brackets, within which a line must not be broken.
 _SHORT_BRACKETS = r"[(\[][^()\[\]]{1,16}[)\]]"
 _NO_BREAK = "\xa0"
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table for display and for files.
+    """Table for display and for files.
 
-    Floating-point numbers are displayed with four significant digits, None as a dash, and all
-    else unchanged.
+    Floating-point numbers are displayed with four significant digits, None as a dash, and other
+    cells as they are.
     """
 
     caption: str
-    heads: tuple[str, ...]  #: heads of the columns, with their units: force (N)
+    heads: tuple[str, ...]  #: heads of the columns, with their units, such as force (N)
     numeric: tuple[bool, ...]  #: whether each column holds numbers, which are aligned right
-    rows: tuple[tuple[Any, ...], ...]  #: rows of cells; the first cell names the row
+    rows: tuple[tuple[Any, ...], ...]  #: rows of cells; the first cell of a row is its name
 
     @classmethod
     def of(
@@ -106,7 +112,7 @@ class Table:
         return cls(caption, tuple(heads), numeric, tuple(tuple(row) for row in rows))
 
     def shown(self) -> tuple[tuple[str, ...], ...]:
-        """Return the rows as texts for display."""
+        """Return the rows of the table as texts for display."""
         return tuple(_typeset_row(row) for row in self.rows)
 
     def text(self, width: int = 120) -> str:
@@ -120,9 +126,10 @@ class Table:
         return _TextLayout(self, width).text()
 
     def screen(self, width: int = 100) -> str:
-        """Return the table as `text`, or if that is longer than a screen, without some columns.
+        """Return the table as text that fits on a screen, if necessary without some columns.
 
-        They are the columns that `text` moves beneath their rows. The last line names them.
+        If the table is too long, the columns that `text` moves beneath their rows are left out, and
+        the last line names them.
         """
         layout = _TextLayout(self, width)
         text = layout.text()
@@ -150,7 +157,7 @@ class Table:
 
 
 class _TextLayout:
-    """Layout of a table as text lines of a given width."""
+    """Layout of a table as lines of text of a given width."""
 
     def __init__(self, table: Table, width: int) -> None:
         self._caption = typeset(table.caption)
@@ -158,24 +165,25 @@ class _TextLayout:
         self._numeric = table.numeric
         self._rows = table.shown()
         self._width = width
-        # Indices of the columns that stand side by side, that are stated once below the table, and
-        # that stand beneath their rows.
+        # Indices of columns in three groups: side by side as usual (``_columns``), stated once
+        # below the table because all rows agree (``_constant``), and moved to lines beneath their
+        # rows.
         self._columns = list(range(len(self._heads)))
         self._constant: list[int] = []
         self._beneath: list[int] = []
-        # Lines of each column's head; a unit has its own line.
+        # Lines into which the head of each column is broken; a unit is on its own line.
         self._head_lines = [head.replace(" (", "\n(").split("\n") for head in self._heads]
 
     def text(self) -> str:
-        """Return the table as lines."""
+        """Return the table as lines of text."""
         if self._is_too_wide():
             self._fit()
         return "\n".join(self._lines(sorted(self._beneath)))
 
     def text_without_columns_beneath(self) -> str:
-        """Return the table as lines, without the columns that stand beneath their rows.
+        """Return the table as lines of text, without the columns that do not fit side by side.
 
-        The last line names these columns.
+        The last line names the columns that are left out.
         """
         if self._is_too_wide():
             self._fit()
@@ -187,7 +195,7 @@ class _TextLayout:
         return "\n".join(lines)
 
     def _lines(self, beneath: Sequence[int]) -> list[str]:
-        """Return the lines of the table, with these columns beneath their rows."""
+        """Return the lines of the table; columns in ``beneath`` follow on lines below each row."""
         lines = wrapped(self._caption, self._width)
         lines += self._lines_of_heads()
         for row in self._rows:
@@ -199,7 +207,11 @@ class _TextLayout:
         return lines
 
     def _fit(self) -> None:
-        """Make the table fit the width: break heads, take out constant columns, move others."""
+        """Change the layout until the table fits the width.
+
+        Heads are broken into lines. Columns with one value in all rows are then stated once, and
+        further columns moved to lines beneath their rows.
+        """
         self._break_heads(1)
         if self._is_too_wide() and len(self._rows) > 1:
             self._constant = [column for column in self._columns[1:] if self._is_constant(column)]
@@ -215,7 +227,10 @@ class _TextLayout:
                 self._break_heads(least_width)
 
     def _importance(self, column: int) -> tuple[bool, bool, bool]:
-        """Return a sort key by which columns move beneath rows: text, numbers, estimate, unit."""
+        """Return a sort key for a column; the smallest key is moved beneath the rows first.
+
+        The order is texts, numbers, an estimate with its uncertainty, and the unit.
+        """
         head = self._heads[column]
         return head == "unit", head in _ESTIMATE, self._numeric[column]
 
@@ -231,12 +246,15 @@ class _TextLayout:
         return self._width_with(column, self._head_lines[column])
 
     def _width_with(self, column: int, head_lines: Sequence[str]) -> int:
-        """Return the width of a column whose head has these lines."""
+        """Return the width [characters] of a column whose head is broken into the given lines."""
         cells = [row[column] for row in self._rows]
         return max(len(text) for text in [*head_lines, *cells])
 
     def _break_heads(self, least_width: int) -> None:
-        """Break the heads between words, into lines no longer than the column is wide anyway."""
+        """Break the heads of columns between words, so that they do not widen the columns.
+
+        ``least_width`` is the smallest width [characters] to which a head is broken.
+        """
         for column in self._columns:
             words = _glued(self._heads[column]).split(" ")
             line_width = max(least_width, self._width_with(column, words))
@@ -266,7 +284,7 @@ class _TextLayout:
         return (" " * _GAP).join(aligned).replace(_NO_BREAK, " ").rstrip()
 
     def _entries(self, row: Sequence[str], columns: Iterable[int]) -> str:
-        """Return cells with their heads: noise 0.12 µm; verdict: identified."""
+        """Return cells of a row with their heads as text: noise 0.12 µm; verdict: identified."""
         entries = []
         for column in columns:
             if row[column] not in ("", "–"):
@@ -275,7 +293,7 @@ class _TextLayout:
 
 
 def _entry(head: str, value: str, numeric: bool) -> str:
-    """Return a cell with its head: noise 0.12 µm; verdict: identified."""
+    """Return a cell with its head as text: noise 0.12 µm, or verdict: identified."""
     if not numeric:
         return f"{head}: {value}"
     name, _, unit = head.removesuffix(")").partition(" (")
@@ -295,9 +313,9 @@ def _cell(value: Any) -> str:
 
 
 class ReadableFrame(pd.DataFrame):
-    """A data frame that is displayed as a `Table`.
+    """Data frame of pandas that is displayed as a `Table`.
 
-    ``print`` leaves out columns if the table is longer than a screen, and names them.
+    If the table is longer than a screen, ``print`` leaves out columns and names them.
     """
 
     @property
@@ -308,7 +326,7 @@ class ReadableFrame(pd.DataFrame):
         return table_of(self).screen(terminal_width())
 
     def details(self) -> str:
-        """Return the table as text with all its columns."""
+        """Return the table with all its columns, as text."""
         return table_of(self).text(terminal_width())
 
     def _repr_html_(self) -> str:
@@ -318,10 +336,10 @@ class ReadableFrame(pd.DataFrame):
 def readable(
     frame: pd.DataFrame, caption: str = "", units: Mapping[str, str] | None = None
 ) -> pd.DataFrame:
-    """Return a frame that is displayed in full width, with a caption and display units.
+    """Return a data frame that is displayed as a table with a caption and display units.
 
-    ``units`` gives units of columns, which are displayed in their heads. Values of rows that state
-    an internal unit are displayed in the display unit; the stored values do not change.
+    ``units`` gives the units of columns by name, which are displayed in the heads. If a row states
+    an internal unit, its values are displayed in the display unit; stored values do not change.
     """
     copy = ReadableFrame(frame)
     copy.attrs = {**frame.attrs, "caption": caption, "units": dict(units or {})}
@@ -329,15 +347,18 @@ def readable(
 
 
 def terminal_width() -> int:
-    """Return the width of the terminal, limited to 80 to 100; 80 without a terminal."""
+    """Return the width of the terminal [characters], at least 80 and at most 100.
+
+    Without a terminal it is 80.
+    """
     columns = shutil.get_terminal_size((_NARROWEST, _TERMINAL_LINES)).columns
     return min(max(columns, _NARROWEST), _WIDEST)
 
 
 def table_of(frame: pd.DataFrame) -> Table:
-    """Return a frame as a `Table`, with numbers in the display unit of their row.
+    """Return a data frame as a `Table`, with the numbers of each row in its display unit.
 
-    Of a long frame, return the first and last rows.
+    A data frame of more than 60 rows is shortened to its first and last rows.
     """
     caption = frame.attrs.get("caption", "")
     frame = _with_named_rows(frame)
@@ -360,7 +381,10 @@ def table_of(frame: pd.DataFrame) -> Table:
 
 
 def _with_named_rows(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a frame whose row numbers are replaced by a column of names, if it has one."""
+    """Return a data frame whose rows are named by a column of names instead of numbers.
+
+    A data frame with named rows, or without such a column, is returned unchanged.
+    """
     if frame.index.name is not None or frame.index.dtype != int:
         return frame
     for name in _NAMING:
@@ -385,11 +409,14 @@ def _row_label(label: Hashable) -> Hashable:
 
 
 def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
-    """Return the cells of a row in its display unit, with None for missing numbers."""
+    """Return the cells of a row for display: numbers in the display unit, None where missing.
+
+    ``names`` are the names of the columns, and ``values`` the values of the row.
+    """
     factor = 1.0
     row = dict(zip(names, values, strict=True))
     unit = row.get("unit")
-    with suppress(InputError):  # no unit, or one that is displayed as it is
+    with suppress(InputError):  # a row without unit, or with one that is displayed unchanged
         factor, unit = display_unit(str(unit))
     decimals = _decimals_of(row, factor)
     cells: list[Any] = []
@@ -409,7 +436,10 @@ def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
 
 
 def _decimals_of(row: Mapping[Hashable, Any], factor: float) -> int | None:
-    """Return the decimals of the row's standard uncertainty to two digits; None without one."""
+    """Return the number of decimals that gives a row's standard uncertainty two digits.
+
+    Return None for a row without a standard uncertainty.
+    """
     for name in _STANDARD_UNCERTAINTIES:
         u = row.get(name)
         if isinstance(u, float) and 0.0 < u < np.inf:
@@ -435,7 +465,7 @@ def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]
 
 
 def _glued(text: str) -> str:
-    """Return the text with no-break spaces where a line must not be broken."""
+    """Return a text with no-break spaces wherever a line must not be broken."""
     text = re.sub(_UNBREAKABLE, _NO_BREAK, text)
     return re.sub(_SHORT_BRACKETS, _without_breaks, text)
 

@@ -1,4 +1,4 @@
-"""Names and units for display, and results with their uncertainty as a metrologist writes them.
+"""Names and units for display, and results with their uncertainty as metrologists write them.
 
 Internal units are mm, N and rad; display units are, for example, µm and nm/N. Parameter names are
 displayed as the paper prints them.
@@ -38,12 +38,13 @@ __all__ = [
 ]
 
 T = TypeVar("T")
-# Factor to the display unit and its label, by internal unit.
+# Display unit of every internal unit of compliances: factor to the display unit, and its label.
 _COMPLIANCE_UNITS = {
     "mm/N": (1e6, "nm/N"),
     "rad/N": (1e9, "nrad/N"),
     "rad/(N mm)": (1e9, "µrad/(N m)"),
 }
+# Display unit of every other internal unit: factor to the display unit, and its label.
 _OTHER_UNITS = {
     "1": (1e6, "µm/m"),
     "1/mm": (1e9, "µm/m²"),
@@ -56,9 +57,9 @@ _OTHER_UNITS = {
 
 
 def _display_units() -> dict[str, tuple[float, str]]:
-    """Return factor to the display unit and its label, by internal unit.
+    """Return the display unit of every internal unit: factor to the display unit, and its label.
 
-    Slopes of a compliance over force are displayed per kN, curvatures per kN².
+    Linear slopes of a compliance with force are displayed per kN, quadratic ones per kN².
     """
     slopes = {}
     curvatures = {}
@@ -68,13 +69,14 @@ def _display_units() -> dict[str, tuple[float, str]]:
     return _COMPLIANCE_UNITS | slopes | curvatures | _OTHER_UNITS
 
 
+# Display unit of every internal unit: factor to the display unit, and its label.
 DISPLAY_UNITS = _display_units()
 
 
 class _Size(NamedTuple):
-    """A unit as a factor to mm, N and rad, with its powers of length and force.
+    """Size of a unit in mm, N and rad, with its powers of length and force.
 
-    Both powers are zero for angles and ratios.
+    For angles and ratios, both powers are zero; for mm/N they are 1 and −1.
     """
 
     factor: float
@@ -82,11 +84,15 @@ class _Size(NamedTuple):
     force: int
 
 
+# Factors of the prefixes that a user may write before m, N and rad.
 _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 
 
 def _units_to_write() -> dict[str, _Size]:
-    """Return the single units that a user may write; powers and quotients are made from them."""
+    """Return the units that a user may write, by name.
+
+    Quotients and squares are made from these.
+    """
     sizes = {
         "1": _Size(1.0, 0, 0),
         "%": _Size(1e-2, 0, 0),
@@ -101,22 +107,23 @@ def _units_to_write() -> dict[str, _Size]:
     return sizes
 
 
+# Units that a user may write, by name; quotients and squares are made from these.
 UNITS_TO_WRITE = _units_to_write()
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# Units of settings by the endings of their names: sd_um is in µm.
+# Unit of a setting by the ending of its name: sd_um is in µm.
 _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
-# A compliance C may be near zero, and 1/C without upper limit, if the lower limit of C is below
-# this share of its median.
+# A compliance may be near zero, and its stiffness without upper limit, if the lower limit of its
+# interval is below this share of its median.
 _NEAR_ZERO_SHARE = 0.2
-# Keys of `ranked` below this share of the largest count as zero.
+# When items are ranked, sort keys below this share of the largest key count as zero.
 _ZERO_SHARE = 1e-12
-# An interval is skewed if its middle differs from the mean by more than this share of half its
-# width.
+# A credible interval counts as skewed if its middle differs from the mean by more than this share
+# of half the interval's width.
 _SKEWED_SHARE = 0.2
 
 
 def display_unit(unit: str) -> tuple[float, str]:
-    """Return the factor from an internal unit to its display unit, and that unit's label."""
+    """Return the factor from an internal unit to its display unit, and the display unit's label."""
     require(
         unit in DISPLAY_UNITS,
         f"unit must be one of {', '.join(DISPLAY_UNITS)}, got {unit!r}. Use one of the internal"
@@ -126,9 +133,9 @@ def display_unit(unit: str) -> tuple[float, str]:
 
 
 def to_inside(text: str, unit: str, subject: str = "value") -> float:
-    """Return the number in an internal unit that a text with number and unit states.
+    """Return the value of a text with number and unit as a number in an internal unit.
 
-    In mm/N, "0.5 nm/N" is 5e-7. Any unit of the same kind will do: nm/N, µm/kN or um/kN for a
+    In mm/N, "0.5 nm/N" is 5e-7. Any unit of the same kind may be used: nm/N, µm/kN or um/kN for a
     compliance; nm/N per kN or nm/N/kN for its slope; µrad/(N m) or µrad/N/m for a rotation.
 
     Parameters
@@ -136,9 +143,9 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
     text
         Number and unit.
     unit
-        Internal unit.
+        Internal unit, made of mm, N and rad, such as mm/N.
     subject
-        What the number is, for the error message.
+        Name of the quantity, for the error message.
 
     Returns
     -------
@@ -165,16 +172,16 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
             f"{subject} must be a number with its unit, got {text!r}. Write it in {label}, like 0.5"
             f" {label}."
         )
-    # Fifteen digits: 60 nm/N is 6e-5 mm/N, not 6.000000000000001e-05.
+    # Round to fifteen digits, so that 60 nm/N is 6e-5 mm/N and not 6.000000000000001e-05.
     return float(f"{float(match[1]) * (written.factor / wanted.factor):.15g}")
 
 
 def setting_to_inside(name: str, value: Any, subject: str) -> Any:
-    """Return a setting written with a unit as a number in the unit with which its name ends.
+    """Return a setting, written as text with a unit, as a number in the unit that its name states.
 
-    For direct_mm_per_N, "60 nm/N" is 6e-5; for sd_um, "3 µm" is 3. A name without a unit is a
-    ratio: "10 %" is 0.1, and a text that is no number is returned unchanged. So is any value that
-    is not a text.
+    For direct_mm_per_N, "60 nm/N" is 6e-5; for sd_um, "3 µm" is 3. A setting whose name has no unit
+    is a ratio: "10 %" is 0.1. For such a setting, a text that is no number is returned unchanged. A
+    value that is not a text is always returned unchanged.
     """
     if not isinstance(value, str):
         return value
@@ -193,7 +200,7 @@ def setting_to_inside(name: str, value: Any, subject: str) -> Any:
 
 
 def _size_of(unit: str) -> _Size | None:
-    """Return the size of a unit in mm, N and rad; None for a text that is no unit."""
+    """Return the size and dimension of a unit in mm, N and rad; None for a text that is no unit."""
     text = re.sub(r"\(([^()]*)\)", _as_quotients, unit.strip())
     text = re.sub(r"\s+per\s+", "/", text.replace("μ", "µ").replace("²", "^2"))
     factor = 1.0
@@ -215,7 +222,7 @@ def _size_of(unit: str) -> _Size | None:
 
 
 def _as_quotients(match: re.Match[str]) -> str:
-    """Return a product in brackets after a solidus as quotients: (N m) → N/m."""
+    """Return a product of units in brackets as quotients: the (N m) of µrad/(N m) gives N/m."""
     return re.sub(r"[ ·*]+", "/", match[1].strip())
 
 
@@ -228,20 +235,21 @@ def is_direct(name: str) -> bool:
 
 
 def display_name(name: str) -> str:
-    """Return a parameter's name as the paper prints it: E_C0YX → E_C(0Y)X."""
+    """Return a parameter's name as the paper prints it: E_C(0Y)X for E_C0YX."""
     return re.sub(r"^(E_.)(0.)(.)$", r"\1(\2)\3", name)
 
 
 def inside_name(text: str) -> str:
-    """Return a parameter's name as files and options write it: E_C(0Y)X → E_C0YX."""
+    """Return a parameter's name as files and options write it: E_C0YX for E_C(0Y)X."""
     return re.sub(r"^(E_.)\((0.)\)(.)$", r"\1\2\3", text.strip())
 
 
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
-    """Return the items from the largest key to the smallest.
+    """Return items in the order of a sort key, the largest key first.
 
-    Items whose keys agree within the relative tolerance keep their order, so that the order does
-    not depend on rounding errors. Keys below 1e-12 of the largest count as zero.
+    ``key`` is a function that gives the sort key of an item. Items whose keys agree within the
+    relative tolerance keep their order, so that the order does not depend on rounding errors. Keys
+    below 1e-12 of the largest count as zero.
     """
     entries = [_Ranked(key(item), i, item) for i, item in enumerate(items)]
     entries.sort(key=_largest_key_first)
@@ -274,10 +282,10 @@ def _position(entry: _Ranked) -> int:
 
 
 def round_uncertainty(uncertainty: float, digits: int = 2) -> tuple[str, int]:
-    """Return the uncertainty rounded to significant digits, and its number of decimals.
+    """Return an uncertainty rounded to significant digits, and its number of decimals.
 
-    The number of decimals is negative where digits left of the decimal point are rounded:
-    −1 for tens.
+    The number of decimals is negative if digits left of the decimal point are rounded: −1 means
+    rounded to tens.
     """
     if uncertainty == 0:
         return "0", digits
@@ -289,18 +297,19 @@ def round_uncertainty(uncertainty: float, digits: int = 2) -> tuple[str, int]:
 
 
 def two_digits(value: float | None, factor: float = 1.0) -> str:
-    """Return a number of either sign with two significant digits and no exponent.
+    """Return a number with two significant digits and no exponent, as text.
 
     Parameters
     ----------
     value
-        The number; None or a number that is not finite gives a dash.
+        Number, which may be negative; None or a number that is not finite gives a dash.
     factor
         Factor from the unit of the value to the unit shown.
 
     Returns
     -------
     str
+        Number as text.
     """
     if value is None or not math.isfinite(value):
         return "–"
@@ -309,12 +318,12 @@ def two_digits(value: float | None, factor: float = 1.0) -> str:
 
 
 def three_digits(value: float) -> str:
-    """Return a number with three significant digits; from 1000 on, as a whole number."""
+    """Return a number with three significant digits as text; from 1000 on, as a whole number."""
     return f"{value:.3g}" if value < 1000.0 else f"{value:.0f}"
 
 
 def round_like(value: float, decimals: int) -> str:
-    """Return the value rounded to so many decimals; a value that rounds to zero has no sign."""
+    """Return a value rounded to a number of decimals, as text; a rounded zero has no sign."""
     if not math.isfinite(value):
         return "?"
     rounded = round(value, decimals) or 0.0
@@ -322,7 +331,7 @@ def round_like(value: float, decimals: int) -> str:
 
 
 def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
-    """Return value and uncertainty rounded to the same decimal place.
+    """Return value and uncertainty as texts, rounded to the same decimal place.
 
     The uncertainty has two significant digits.
     """
@@ -332,23 +341,28 @@ def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Statement:
-    """A result as a metrologist writes it, in texts without the unit."""
+    """Result with its uncertainty as metrologists write it: texts, and their common unit."""
 
-    value: str  #: value, rounded to the decimal place of u
-    u: str  #: standard uncertainty, two significant digits
-    #: U (k = 2); for a skewed distribution the distances to the ends of the interval, +a / −b
+    value: str  #: value, rounded to the decimal place of the standard uncertainty
+    u: str  #: standard uncertainty with two significant digits
+    #: expanded uncertainty (k = 2); for a skewed distribution the distances from the value to the
+    #: ends of the credible interval, written +a / −b
     expanded: str
     ends: tuple[str, str]  #: lower and upper limit of the credible interval
-    unit: str  #: display unit of all texts
+    unit: str  #: display unit of value, uncertainties and limits
 
     @property
     def interval(self) -> str:
-        """Credible interval as a text: both limits in brackets."""
+        """Credible interval as text: lower and upper limit in brackets."""
         return f"[{self.ends[0]}, {self.ends[1]}]"
 
 
 def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> Statement:
-    """Return a result in its display unit, from numbers in an internal unit."""
+    """Return a result as metrologists write it in the display unit, from internal numbers.
+
+    ``mean``, ``sd`` and the credible ``interval`` are in the internal unit ``unit`` (of mm, N and
+    rad).
+    """
     factor, label = display_unit(unit)
     middle = mean * factor
     low = interval[0] * factor
@@ -370,19 +384,20 @@ def _with_minus_sign(value: float, decimals: int) -> str:
 
 
 def is_skewed(mean: float, interval: tuple[float, float]) -> bool:
-    """Return whether an interval is skewed about the mean.
+    """Return whether a credible interval is skewed about the mean.
 
-    An interval is skewed if its middle differs from the mean by more than a tenth of its width.
+    It is skewed if its middle differs from the mean by more than a tenth of its width.
     """
     low, high = interval
     return abs(low + high - 2.0 * mean) > _SKEWED_SHARE * (high - low)
 
 
 def stiffness(median: float, interval: tuple[float, float]) -> str:
-    """Return the stiffness 1/C [N/µm] with its interval, from a compliance C [mm/N].
+    """Return a stiffness [N/µm] with its credible interval as text, from a compliance [mm/N].
 
-    Return only a lower limit if the lower limit of C is below a fifth of its median, and an empty
-    text if the upper limit of C is not positive.
+    ``median`` and ``interval`` are those of the compliance. If its lower limit is below a fifth of
+    its median, the text states only a lower limit of the stiffness. If its upper limit is not
+    positive, the text is empty.
     """
     low, high = interval
     if high <= 0.0:
@@ -398,9 +413,10 @@ def stiffness(median: float, interval: tuple[float, float]) -> str:
 
 
 def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str) -> str:
-    """Return value ± U (k = 2), rounded to the same decimal place, with the unit.
+    """Return value ± expanded uncertainty (k = 2) with the display unit, as text.
 
-    For a skewed distribution, return the value and the credible interval instead.
+    ``unit`` is the internal unit of the arguments. For a skewed distribution, the text is the value
+    and the credible interval instead.
     """
     factor, label = display_unit(unit)
     if is_skewed(mean, interval):
@@ -411,7 +427,7 @@ def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str)
 
 
 def typeset(text: str) -> str:
-    """Return the text with true minus signs and powers of ten: −5.85, 3.1·10⁻⁵.
+    """Return a text with true minus signs and powers of ten, such as −5.85 and 3.1·10⁻⁵.
 
     A hyphen before a number becomes a minus sign, and 3.1e-05 becomes 3.1·10⁻⁵.
     """

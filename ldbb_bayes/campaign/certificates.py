@@ -1,6 +1,6 @@
 """Digital calibration certificates (DCC) of bar, force device and balls.
 
-Their numbers are turned into the fields of `Instrument`.
+The numbers of a certificate are converted to the fields of `Instrument`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["CalibrationCertificate", "CertifiedQuantity"]
 
-# Patterns by role of a quantity (length, force, form, …); the first pattern found in the name or
-# refType of a quantity decides its role.
+# Text patterns by the role of a certified quantity (length, force, form, …). The first pattern that
+# its name or its attribute refType contains decides the role.
 _ROLES: dict[str, str] = DCC_WORDS["roles"]
 _METRES_PER_MICROMETRE = 1e-6
 # Largest number of quantities that an error message lists.
@@ -29,20 +29,24 @@ _LONGEST_LABEL = 200
 
 @dataclass(frozen=True)
 class CertifiedQuantity:
-    """One number of a certificate, as the certificate writes it."""
+    """One number of a calibration certificate, as the certificate writes it."""
 
     name: str
-    ref_type: str  #: refType attribute of the quantity
+    ref_type: str  #: attribute refType of the quantity, a standardised name
     holders: tuple[str, ...]  #: names of the elements that contain the quantity, outermost first
     value: float
-    unit: str | None  #: unit in the notation of the D-SI
+    unit: str | None  #: unit in the notation of the D-SI (Digital SI), such as \micro\metre
     U: float | None  #: expanded uncertainty
     k: float | None  #: coverage factor of U
     coverage: float | None  #: coverage probability of U
 
     @property
     def title(self) -> str:
-        """Name of the quantity, else of the innermost named element around it, else its refType."""
+        """Text that names the quantity in messages.
+
+        It is the name of the quantity, or of the innermost named element around it, or else its
+        attribute refType.
+        """
         for text in (self.name, *reversed(self.holders), self.ref_type):
             if text:
                 return text
@@ -50,9 +54,10 @@ class CertifiedQuantity:
 
     @property
     def role(self) -> str:
-        """Role of the quantity, such as length or force, by its name or else its holders' names.
+        """Role of the quantity, such as length or force, from its name.
 
-        The role is empty for a quantity that concerns neither bar, force device nor ball.
+        If its own name states no role, the names of the elements around it decide. The role is
+        empty for a quantity that concerns neither bar, force device nor ball.
         """
         own_text = f"{self.name} {self.ref_type}".lower()
         holder_text = " ".join(self.holders).lower()
@@ -64,12 +69,14 @@ class CertifiedQuantity:
 
     @property
     def dimension(self) -> str | None:
-        """Dimension of the quantity's unit; None for an unknown unit."""
+        """Dimension of the quantity's unit, such as m or N/bar; None for an unknown unit."""
         size = parse_unit(self.unit)
         return None if size is None else size.dimension
 
     def numbers(self, factor: float = 1.0) -> tuple[float, float]:
-        """Return the value and its expanded uncertainty U (k = 2), zero where none is stated.
+        """Return the value and its expanded uncertainty U for k = 2.
+
+        U is zero if the certificate states none.
 
         Parameters
         ----------
@@ -104,16 +111,16 @@ class CertifiedQuantity:
 
 
 def _without_rounding(number: float) -> float:
-    """Return a number rounded to 12 digits, free of rounding errors of the unit conversion."""
+    """Return a number rounded to 12 digits, which removes rounding errors of unit conversion."""
     return float(f"{number:.12g}")
 
 
 @dataclass(frozen=True)
 class CalibrationCertificate(Shown):
-    """A digital calibration certificate: its identifier and its numbers.
+    """Digital calibration certificate (DCC): its identifier and its numbers.
 
-    The methods return what the certificate states of an instrument, by the keys of
-    ``campaign.toml``. They raise an `InputError` if it states nothing of that kind.
+    The methods return what the certificate states about a bar, a force device or a ball, by the
+    keys of ``campaign.toml``. They raise an `InputError` if it states nothing about this object.
     """
 
     path: Path
@@ -121,12 +128,12 @@ class CalibrationCertificate(Shown):
     quantities: tuple[CertifiedQuantity, ...]
 
     def fields(self, kind: str) -> dict[str, Any]:
-        """Return what the certificate states of a bar, a force device or a ball.
+        """Return what the certificate states about a bar, a force device or a ball.
 
         Parameters
         ----------
         kind
-            bar, force or ball.
+            Kind of object: bar, force or ball.
 
         Returns
         -------
@@ -142,11 +149,10 @@ class CalibrationCertificate(Shown):
             return readers[kind]()
 
     def bar(self) -> dict[str, Any]:
-        """Return length_error_um, U_um and certificate of a bar.
+        """Return length error [µm], its U [µm] and name of a bar's certificate, by keys.
 
-        An error of indication is used unchanged. A deviation from the nominal length, stated or
-        computed from length and nominal length, changes its sign, because a longer bar reads too
-        small.
+        The keys are those of [bar] in campaign.toml. An error of indication is used unchanged. A
+        deviation from the nominal length changes its sign, because a longer bar reads too small.
         """
         lengths = self._quantities_by_role("m")
         quantity = self._bar_quantity(lengths)
@@ -164,7 +170,10 @@ class CalibrationCertificate(Shown):
         return {"length_error_um": error, "U_um": U, "certificate": self._label(quantity)}
 
     def _bar_quantity(self, lengths: dict[str, list[CertifiedQuantity]]) -> CertifiedQuantity:
-        """Return the quantity that states the error of a bar's length."""
+        """Return the certified quantity that states the error of a bar's length.
+
+        It is an error of indication, or else a deviation from the nominal length, or else a length.
+        """
         if "indication" in lengths:
             return _only(lengths["indication"])
         if "deviation" in lengths:
@@ -177,9 +186,10 @@ class CalibrationCertificate(Shown):
         )
 
     def force(self) -> dict[str, Any]:
-        """Return U_percent and linearity_percent of a force device, as far as stated.
+        """Return what the certificate states about a force device, by the keys of campaign.toml.
 
-        U_percent is the uncertainty of the gain or, without a gain, of the largest force.
+        U_percent is the expanded uncertainty of the gain or, without a gain, of the largest force.
+        linearity_percent is the largest deviation from a straight line.
         """
         stated: dict[str, Any] = {}
         sources = []
@@ -202,7 +212,7 @@ class CalibrationCertificate(Shown):
         return stated | {"certificate": self._label(*sources)}
 
     def _force_scale(self) -> CertifiedQuantity | None:
-        """Return the gain, or else the largest force; None where neither is stated."""
+        """Return the gain of a force device, or else its largest force; None without either."""
         gains = self._quantities_by_role("N/bar").get("gain", [])
         if gains:
             return _only(gains)
@@ -212,13 +222,19 @@ class CalibrationCertificate(Shown):
         return self._quantities_by_role("N").get("force", [])
 
     def _linearity(self) -> CertifiedQuantity | None:
-        """Return the largest linearity error, a ratio or in newtons; None where none is stated."""
+        """Return the largest linearity error of a force device; None if none is stated.
+
+        It is a ratio or a force in newtons.
+        """
         shares = self._quantities_by_role("").get("linearity", [])
         newtons = self._quantities_by_role("N").get("linearity", [])
         return _largest([*shares, *newtons])
 
     def _full_scale(self, linearity: CertifiedQuantity) -> float:
-        """Return the number to divide a linearity error by: 1, or the largest force [N]."""
+        """Return the number by which a linearity error is divided to give a ratio.
+
+        It is 1 if the error is already a ratio, else the largest force [N].
+        """
         if linearity.dimension == "":
             return 1.0
         largest_force = _largest(self._forces())
@@ -230,9 +246,10 @@ class CalibrationCertificate(Shown):
         return largest_force.magnitude()
 
     def ball(self) -> dict[str, Any]:
-        """Return sphericity_um and certificate of a ball.
+        """Return sphericity [µm] and name of a ball's certificate, by the keys of campaign.toml.
 
-        The sphericity is the largest sum of a stated form deviation and its U (k = 2).
+        The sphericity is the largest sum of a stated form deviation and its expanded uncertainty
+        (k = 2).
         """
         largest_bound = 0.0
         quantity = None
@@ -252,7 +269,10 @@ class CalibrationCertificate(Shown):
         }
 
     def _quantities_by_role(self, dimension: str) -> dict[str, list[CertifiedQuantity]]:
-        """Return, by role, the quantities that have this dimension or an unknown unit."""
+        """Return the certified quantities of one dimension, such as m, sorted by their role.
+
+        Quantities of an unknown unit are included.
+        """
         by_role: dict[str, list[CertifiedQuantity]] = {}
         for quantity in self.quantities:
             if quantity.role and quantity.dimension in (dimension, None):
@@ -260,7 +280,7 @@ class CalibrationCertificate(Shown):
         return by_role
 
     def _label(self, *quantities: CertifiedQuantity) -> str:
-        """Return file name, identifier and quantities as one line of text."""
+        """Return file name, identifier of the certificate and names of quantities on one line."""
         titles = ", ".join(_title_with_holder(quantity) for quantity in quantities)
         text = f"{self.path.name}, DCC {self.identifier}: {titles}"
         label = ""
@@ -273,9 +293,10 @@ class CalibrationCertificate(Shown):
 
 
 def _title_with_holder(quantity: CertifiedQuantity) -> str:
-    """Return a quantity's title, preceded by the closest holder that has no refType as name.
+    """Return the name of a certified quantity, preceded by that of an element around it.
 
-    A name with an underscore is a refType.
+    The element is the innermost one whose name has no underscore; names with underscores are
+    technical.
     """
     if quantity.name:
         for holder in reversed(quantity.holders):
@@ -285,14 +306,17 @@ def _title_with_holder(quantity: CertifiedQuantity) -> str:
 
 
 def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | None:
-    """Return the largest quantity, the last of equally large ones; None for an empty sequence."""
+    """Return the certified quantity with the largest absolute value; None if there is none.
+
+    Of several equally large quantities it is the last one.
+    """
     if not quantities:
         return None
     return sorted(quantities, key=CertifiedQuantity.magnitude)[-1]
 
 
 def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
-    """Return the only quantity of a sequence; raise an `InputError` for several."""
+    """Return the single certified quantity of a sequence; raise an `InputError` for several."""
     require(
         len(quantities) == 1,
         f"{_listed(quantities[:1])} must stand there once, got {_listed(quantities)}. Give the"
@@ -302,7 +326,7 @@ def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
 
 
 def _listed(quantities: Sequence[CertifiedQuantity]) -> str:
-    """Return the first twelve distinct titles, with units, as one line of text."""
+    """Return the names and units of the first twelve different quantities as one line of text."""
     texts = list(dict.fromkeys(f"{quantity.title!r} ({quantity.unit})" for quantity in quantities))
     listed = ", ".join(texts[:_QUANTITIES_LISTED])
     if len(texts) > _QUANTITIES_LISTED:

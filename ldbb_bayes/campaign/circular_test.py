@@ -1,4 +1,4 @@
-"""A circular test: the readings of one circle at one force."""
+"""Circular tests: the readings of one circle at one force, with their conditions."""
 
 from __future__ import annotations
 
@@ -29,50 +29,53 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["CENTRE", "PER_TEST", "CircularTest", "Direction", "TestFields", "distinct_forces"]
 
 Direction = Literal["CW", "CCW"]
-# Smallest number of readings, and smallest arc [deg], of a test.
+# Smallest number of readings of a circular test.
 _MINIMUM_READINGS = 9
+# Smallest arc [deg] that the angles of a circular test must cover.
 _MINIMUM_ARC_DEG = 180.0
-# Readings larger than this [mm] must be in another unit.
+# Readings larger than this [mm] are refused: they are probably in another unit.
 _LARGEST_READING_MM = 100.0
-# A circle counts as full if its largest gap between angles is at most so many median steps.
+# A circle counts as full if its largest gap between angles is at most this number of median steps.
 _ORDINARY_GAP = 3.0
 # Forces count as the same if they differ by less than this fraction of the largest force: a
 # pressure regulator does not repeat a force more closely.
 _SAME_FORCE_SHARE = 1e-3
 # Relative tolerance within which steps of the angle count as equal, and an arc as one turn.
 _EVEN_TOLERANCE = 1e-6
+# Names of the fields of a test that hold the coordinates X, Y, Z of the circle's centre.
 CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TestFields(Shown):
-    """What a program, ``campaign.toml`` or a layout states of a test besides its readings.
+    """Conditions of a circular test: load, circle, set-up and direction, without the readings.
 
-    A field is None where it is not stated.
+    A program, ``campaign.toml`` or the layout of a foreign file states them. A field that is not
+    stated is None.
     """
 
     __test__ = False
 
-    name: FileName | None = None  #: name of the test, which must do as the name of a file
-    force_N: Force | None = None  #: radial force, above zero
+    name: FileName | None = None  #: name of the test, which can also be the name of a file
+    force_N: Force | None = None  #: radial force of the bar, above zero
     pressure_bar: Pressure | None = None  #: pressure of the regulator
     direction: Direction | None = None  #: direction of travel: CW or CCW
-    work_ball_deg: Number | None = None  #: how far the work ball is turned in its socket
-    tool_ball_deg: Number | None = None  #: how far the tool ball is turned in its socket
+    work_ball_deg: Number | None = None  #: clocking: angle by which the work ball is turned
+    tool_ball_deg: Number | None = None  #: clocking: angle by which the tool ball is turned
     radius_mm: Length | None = None  #: radius of the circle; default: the campaign's radius
-    plane: str | None = None  #: XY, YZ or ZX; default: the campaign's plane
+    plane: str | None = None  #: plane of the circle, XY, YZ or ZX; default: the campaign's plane
     centre_x_mm: Coordinate | None = None  #: X of the work ball, in machine coordinates
     centre_y_mm: Coordinate | None = None  #: Y of the work ball, in machine coordinates
     centre_z_mm: Coordinate | None = None  #: Z of the work ball, in machine coordinates
-    #: number of the set-up; tests of one set-up share the tool ball's offsets
+    #: number of the set-up; tests of one set-up have the same offsets of the tool ball
     setup: SetupNumber | None = None
     temperature_C: Number | None = None  #: temperature during the test
-    time_s: Number | None = None  #: time when the test starts, on a clock common to all tests
+    time_s: Number | None = None  #: start of the test, on a clock common to all tests
 
 
+# Fields of a test that a table may give in columns of other names.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
-# Fields of a test that a table may hold in columns of exactly these names. Load and direction of a
-# test may stand in columns of other names.
+# Fields of a test that a table of readings may give in columns of exactly these names.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
 
 
@@ -118,7 +121,10 @@ class CircularTest(TestFields):
     reading_mm: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Store angles in degrees and readings in µm, and raise an error for the first fault."""
+        """Store angles in degrees and readings in µm.
+
+        Raise an `InputError` for the first fault of the test.
+        """
         angle = self._column("angle_deg", "angle_rad", np.rad2deg)
         reading = self._column("reading_um", "reading_mm", _um_of_mm)
         first_fault = next(self._faults(angle, reading), None)
@@ -132,10 +138,10 @@ class CircularTest(TestFields):
     def _column(
         self, name: str, other_name: str, convert: Callable[[Array], Array]
     ) -> Array | None:
-        """Return angles [deg] or readings [µm], whichever of its two units the user gave.
+        """Return the angles [deg] or the readings [µm], from the unit in which the user gave them.
 
-        ``name`` is the field in the unit that is kept, ``other_name`` the field in the other unit,
-        and ``convert`` turns the latter into the former. None if neither is given.
+        ``name`` is the field in the unit that is kept, and ``other_name`` the field in the other
+        unit, which ``convert`` converts. Return None if the user gave neither.
         """
         column = getattr(self, name)
         other_column = getattr(self, other_name)
@@ -167,7 +173,7 @@ class CircularTest(TestFields):
         return array
 
     def _faults(self, angle: Array | None, reading: Array | None) -> Iterator[str]:
-        """Yield, for each fault of the test, what the test must have and how to mend it."""
+        """Yield one sentence for each fault of the test: what it must have, and the remedy."""
         if angle is None:
             yield "have angles, got none. Give angle_deg (or angle_rad)."
             return
@@ -206,11 +212,14 @@ class CircularTest(TestFields):
         return f"test {self.name!r}"
 
     def angles_rad(self) -> Array:
-        """Return θ in radians, shape (n,)."""
+        """Return the angles of the n readings in radians, shape (n,)."""
         return np.deg2rad(self.angle_deg)
 
     def readings_mm(self) -> Array:
-        """Return ρ in millimetres, shape (n,); raise an `InputError` for a planned test."""
+        """Return the n readings in millimetres, shape (n,).
+
+        Raise an `InputError` for a planned test, which has none.
+        """
         require(
             self.reading_um is not None,
             f"{self.label} must have readings here, got a planned test. Use a campaign, or simulate"
@@ -223,7 +232,7 @@ class CircularTest(TestFields):
         return replace(self, reading_um=reading_um)
 
     def select(self, keep: NDArray[np.bool_]) -> CircularTest:
-        """Return the same test with only the readings where ``keep`` is true."""
+        """Return the same test with the readings for which ``keep`` is true, and no others."""
         reading = None
         if self.reading_um is not None:
             reading = self.reading_um[keep]
@@ -231,9 +240,9 @@ class CircularTest(TestFields):
 
     @property
     def step_deg(self) -> float:
-        """Step of the angles [deg] if they go in equal steps within one turn, else zero.
+        """Step from one angle to the next [deg]; zero if steps are unequal or exceed one turn.
 
-        A plan can then state the step instead of all angles.
+        A plan with equal steps states the step instead of all angles.
         """
         steps = np.diff(self.angle_deg)
         is_even = np.allclose(steps, steps[0], rtol=_EVEN_TOLERANCE)
@@ -260,18 +269,19 @@ class CircularTest(TestFields):
 
     @property
     def circle(self) -> Circle:
-        """Radius, centre and plane of the circle, zero or XY where unstated.
+        """Nominal circle: radius, centre and plane.
 
-        The campaign's defaults must have been filled in before.
+        An unstated radius or coordinate is zero and an unstated plane XY, so the campaign's
+        defaults must be filled in before.
         """
         x, y, z = (float(getattr(self, key) or 0.0) for key in CENTRE)
         return Circle(float(self.radius_mm or 0.0), (x, y, z), self.plane or "XY")
 
     @property
     def arc_deg(self) -> float:
-        """Covered arc [deg]: 360° minus the largest gap between neighbouring angles.
+        """Arc that the angles cover [deg]: 360° minus the largest gap between neighbours.
 
-        It is 360° where that gap is no wider than three median steps.
+        It is 360° if the largest gap is no wider than three median steps.
         """
         return _arc_of(self.angle_deg.tobytes())
 
@@ -282,10 +292,9 @@ def _um_of_mm(millimetres: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _arc_of(angles: bytes) -> float:
-    """Return the covered arc [deg].
+    """Return the arc that angles cover [deg], from the bytes of their array.
 
-    Results are cached, since the tests of a campaign, or the candidates of a design, often have
-    the same angles.
+    Results are cached, because many tests of a campaign or of a design have the same angles.
     """
     wrapped = np.unique(np.mod(np.frombuffer(angles), 360.0))
     if len(wrapped) < 2:
@@ -298,9 +307,9 @@ def _arc_of(angles: bytes) -> float:
 
 
 def distinct_forces(forces_N: ArrayLike) -> Array:
-    """Return the distinct forces in ascending order [N].
+    """Return the different forces in ascending order [N].
 
-    Forces that differ by at most a thousandth of the largest count as the same.
+    Forces that differ by at most a thousandth of the largest count as equal.
     """
     ordered = np.unique(np.asarray(forces_N, dtype=float))
     distinct: list[float] = []

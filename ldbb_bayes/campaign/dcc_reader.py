@@ -22,9 +22,9 @@ __all__ = ["read_dcc"]
 _DCC = "{https://ptb.de/dcc}"
 _SI = "{https://ptb.de/si}"
 _LARGEST_BYTES = 32 * 2**20
-# A message shows so many characters of a tag.
+# Number of characters of an XML tag that an error message shows.
 _TAG_SHOWN = 80
-# Elements that contain no results of the calibration.
+# Names of XML elements of a certificate that contain no results of the calibration.
 _NO_RESULTS = (
     "usedMethods",
     "usedSoftware",
@@ -32,11 +32,13 @@ _NO_RESULTS = (
     "influenceConditions",
     "measurementMetaData",
 )
-# Elements that hold one number or a list of them.
+# Names of XML elements that hold one number or a list of numbers.
 _NUMBER_ELEMENTS = ("real", "realListXMLList", "hybrid/*")
-# Elements for an expanded uncertainty, each with the element of its number, in D-SI 2 and D-SI 1.
+# Names of XML elements for an expanded uncertainty, each with the name of the element inside that
+# holds the number. The first is that of version 2 of the D-SI (Digital SI), the second that of 1.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
-# Elements for a standard uncertainty, each with the element of its number.
+# Names of XML elements for a standard uncertainty, each with the name of the element inside that
+# holds the number.
 _STANDARD_UNCERTAINTIES = {
     "standardMU": "valueStandardMU",
     "coverageIntervalMU": "valueStandardMU",
@@ -99,7 +101,10 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
 def _quantities_in(
     holder: ElementTree.Element, holders: tuple[str, ...]
 ) -> Iterator[CertifiedQuantity]:
-    """Yield all quantities in an element, with the names of the elements that contain them."""
+    """Yield all certified quantities inside an XML element.
+
+    ``holders`` are the names of the elements that contain it; each quantity keeps them.
+    """
     for element in holder:
         name = _name_of(element)
         ref_type = element.get("refType", "")
@@ -113,7 +118,7 @@ def _quantities_in(
 
 
 def _name_of(element: ElementTree.Element) -> str:
-    """Return the name of an element in all languages, without repeated wordings."""
+    """Return the name of an XML element in all its languages, separated by slashes."""
     wordings = []
     for content in element.iterfind(f"{_DCC}name/{_DCC}content"):
         wording = " ".join((content.text or "").split())
@@ -124,7 +129,10 @@ def _name_of(element: ElementTree.Element) -> str:
 
 @dataclass
 class _Uncertainty:
-    """Uncertainties U, coverage factors k and coverage probabilities of one or several numbers."""
+    """Uncertainties of one or several certified numbers.
+
+    ``U`` are expanded uncertainties, ``k`` coverage factors and ``coverage`` their probabilities.
+    """
 
     U: list[float] = field(default_factory=list)
     k: list[float] = field(default_factory=list)
@@ -134,9 +142,10 @@ class _Uncertainty:
 def _quantities_of(
     element: ElementTree.Element, name: str, ref_type: str, holders: tuple[str, ...]
 ) -> Iterator[CertifiedQuantity]:
-    """Yield the finite numbers of an element si:real or si:realListXMLList.
+    """Yield one certified quantity for each finite number in an XML element.
 
-    A single unit or uncertainty holds for all numbers of a list.
+    The element holds one number or a list. A single unit or uncertainty is valid for all numbers of
+    the list.
     """
     units = _words(element, "unit")
     uncertainty = _uncertainty_of(element, name)
@@ -156,7 +165,10 @@ def _quantities_of(
 
 
 def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
-    """Return the last uncertainty in an element; a standard uncertainty is one with k = 1."""
+    """Return the last uncertainty that an XML element states.
+
+    A standard uncertainty is returned as an expanded one with k = 1.
+    """
     uncertainty = _Uncertainty()
     for inner in element.iter():
         tag = inner.tag.removeprefix(_SI).removesuffix("XMLList")
@@ -172,14 +184,20 @@ def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
 
 
 def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | None:
-    """Return the length of the shortest list with several entries; None without such a list."""
+    """Return the number of quantities for which units and uncertainties are listed.
+
+    It is the length of the shortest list with several entries; None if no list has several.
+    """
     lists = (units, uncertainty.U, uncertainty.k, uncertainty.coverage)
     lengths = [len(entries) for entries in lists if len(entries) > 1]
     return min(lengths, default=None)
 
 
 def _entry(entries: Sequence[_T], k: int) -> _T | None:
-    """Return entry k of a list, or its only entry; None for an empty list."""
+    """Return the entry of a list with index k.
+
+    Return the only entry of a list with one entry, and None for an empty list.
+    """
     if not entries:
         return None
     if len(entries) == 1:
@@ -188,7 +206,7 @@ def _entry(entries: Sequence[_T], k: int) -> _T | None:
 
 
 def _words(element: ElementTree.Element, tag: str) -> list[str]:
-    """Return the words in the subelement ``tag``, or in the list of that name."""
+    """Return the words inside the XML element ``tag``, or inside the list element of that name."""
     text = element.findtext(_SI + tag) or element.findtext(f"{_SI}{tag}XMLList") or ""
     return text.split()
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 __all__ = ["DCC_WORDS", "UnitSize", "parse_unit"]
 
-# Prefixes, units and words that certificates use, from ``dcc.toml``.
+# Prefixes, units and words that calibration certificates use, from the file ``dcc.toml``.
 DCC_WORDS: Mapping[str, Any] = tomllib.loads(
     (Path(__file__).parent / "dcc.toml").read_text(encoding="utf-8")
 )
@@ -25,19 +25,19 @@ _FACTOR = re.compile(r"\\([a-zA-Z]+)(?:\\tothe\{([-+]?\d)\})?")
 
 
 class UnitSize(NamedTuple):
-    """Size and dimension of a unit."""
+    """Size and dimension of a unit in which a certificate states a number."""
 
     factor: float  #: size of the unit in SI units, with bar for pressure
-    dimension: str  #: dimension of the unit as m, N, N/bar, …; empty for a ratio
+    dimension: str  #: dimension of the unit, written as m, N, N/bar, …; empty for a ratio
 
 
 def parse_unit(unit: str | None) -> UnitSize | None:
-    r"""Return size and dimension of a D-SI unit; None for an unknown unit.
+    r"""Return size and dimension of a unit in D-SI notation; None for an unknown unit.
 
     Parameters
     ----------
     unit
-        A unit such as ``\micro\metre`` or ``\newton\per\bar``.
+        Unit, such as ``\micro\metre`` or ``\newton\per\bar``.
     """
     if unit is None or _WHOLE_UNIT.fullmatch(unit) is None:
         return None
@@ -63,7 +63,7 @@ def parse_unit(unit: str | None) -> UnitSize | None:
 
 
 def _dimension_text(powers: Mapping[str, int]) -> str:
-    """Return a dimension, given as powers of units, as a text such as N/bar."""
+    """Return a text such as N/bar for a dimension that is given as powers of units."""
     numerators = ""
     denominators = ""
     for dimension, power in powers.items():

@@ -1,4 +1,4 @@
-"""Reading and writing of campaign folders, and reading of tidy CSV files of all tests."""
+"""Reading and writing of campaign folders, and reading of campaigns from one CSV file."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ __all__ = [
     "write_campaign_into",
 ]
 
-# Further files of a campaign folder: the true parameters of a simulation, and the layout by which
-# foreign files were read.
+# Name of the file in a campaign folder that holds the true parameters of a simulation.
 TRUTH_NAME = "truth.json"
+# Name of the file in a campaign folder that states how foreign files were read.
 IMPORT_NAME = "import.toml"
 # Longest name, machine_id or date that `labels_of` returns [characters].
 _LONGEST_LABEL = 200
@@ -105,9 +105,9 @@ def read_campaign(
 
 
 def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) -> Instrument:
-    """Return the instrument with some certified fields replaced.
+    """Return the instrument with other values for the certified fields in ``certificates``.
 
-    The name of the certificate that stated a replaced field of bar or force is removed.
+    If a field of bar or force device is replaced, the name of its old certificate is removed.
     """
     changes: dict[str, Any] = {}
     for name in certificates:
@@ -162,7 +162,10 @@ def write_campaign(
 
 
 def files_of(folder: Path) -> set[str]:
-    """Return the names of files that may be deleted when the campaign in a folder is replaced."""
+    """Return the names of the files in a folder that belong to its campaign.
+
+    They may be deleted when the campaign is replaced.
+    """
     try:
         tests = read_toml(folder / TOML_NAME).get("test", [])
         listed = {str(entry.get("file", "")) for entry in tests}
@@ -172,10 +175,10 @@ def files_of(folder: Path) -> set[str]:
 
 
 def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Return name, machine_id and date (ISO 8601) of a campaign, as far as they are stated.
+    """Return name, machine_id and date of a campaign, by key, as far as they are stated.
 
-    By default the machine_id is the serial number. ``path`` is a campaign folder or campaign.toml;
-    a tidy CSV states none of the three.
+    If no machine_id is stated, it is the serial number. ``path`` is that of a campaign folder or
+    campaign.toml; a CSV file states none of the three. Dates are in ISO 8601.
     """
     file = Path(path)
     if os.path.isdir(path):

@@ -1,4 +1,4 @@
-"""Force of the bar and deflection of the work ball's mount, by the regulator's pressure."""
+"""Force of the bar and deflection of the work ball's mount as functions of the pressure."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class ForceLaw(Shown):
     2.0
     """
 
-    slope_N_per_bar: Positive = 126.04  #: force per pressure
+    slope_N_per_bar: Positive = 126.04  #: increase of the force per pressure
     offset_N: Number = -14.2  #: force at zero pressure
 
     def force_N(self, pressure_bar: float) -> float:
-        """Return the force [N] at a pressure [bar]."""
+        """Return the force of the bar [N] at a pressure of the regulator [bar]."""
         return self.slope_N_per_bar * pressure_bar + self.offset_N
 
     def pressure_bar(self, force_N: float) -> float:
-        """Return the pressure [bar] for a force [N]."""
+        """Return the pressure of the regulator [bar] that gives a force of the bar [N]."""
         return (force_N - self.offset_N) / self.slope_N_per_bar
 
 

@@ -13,14 +13,15 @@ from ldbb_bayes.errors import InputError, require
 
 __all__ = ["LARGEST_TABLE_BYTES", "bytes_of", "refuse_unwritable", "write_whole"]
 
-# Largest file of a table of readings [bytes]: a million lines of sixty characters.
+# Largest size of a file with readings [bytes], enough for a million lines of sixty characters.
 LARGEST_TABLE_BYTES = 64 * 2**20
-# Error numbers for a full disk, and for a user's exhausted share of it.
+# Error numbers of the operating system that mean a full disk, or a user's quota or file size limit
+# reached.
 _OUT_OF_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
-    """Return the content of a file that is not too large.
+    """Return the content of a file as bytes; raise an `InputError` if it is too large.
 
     Parameters
     ----------
@@ -29,7 +30,7 @@ def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
     largest
         Largest size of the file [bytes].
     what
-        What the file must be, for the error message.
+        Kind of file that is expected, for the error message, such as "a readable TOML file".
 
     Returns
     -------
@@ -72,7 +73,10 @@ def _require_ordinary_file(path: Path, expected: str) -> None:
 
 @contextmanager
 def refuse_unwritable(target: Path) -> Iterator[None]:
-    """Turn an ``OSError`` in the ``with`` block, which writes the target, into an `InputError`."""
+    """Raise an `InputError` in place of an ``OSError`` from writing ``target``.
+
+    It is a context manager: the ``with`` block writes the file or folder.
+    """
     try:
         yield
     except OSError as error:
@@ -85,9 +89,9 @@ def refuse_unwritable(target: Path) -> Iterator[None]:
 
 
 def write_whole(target: Path, content: bytes) -> None:
-    """Write a file completely, or else leave the existing file unchanged.
+    """Write a file completely; if this fails, an existing file stays unchanged.
 
-    If two runs write the same file, it is entirely that of the later run.
+    If two runs write the same file, its content is entirely that of the later run.
     """
     staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
     with refuse_unwritable(target):

@@ -17,9 +17,9 @@ __all__ = ["check_target", "staged_folder"]
 
 
 def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> None:
-    """Raise an `InputError` for a target that must not be replaced or cannot be written.
+    """Raise an `InputError` if a folder must not be replaced or cannot be written.
 
-    Call this before a long computation, so that it does not run in vain.
+    Call this before a long computation, so that its results can be written.
 
     Parameters
     ----------
@@ -28,13 +28,13 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
     force
         Whether an existing folder may be replaced.
     ours
-        Names of the files that a folder may hold if it is to be replaced; no others are allowed.
+        Names of the files that an existing folder may hold to be replaced; others are refused.
 
     Raises
     ------
     InputError
-        For a target that exists without ``force``, holds other names, is a file or the working
-        directory, or cannot be written.
+        For a target that exists although ``force`` is false, holds other files, is a file or the
+        working directory, or cannot be written.
     """
     _require_elsewhere(target)
     with refuse_unwritable(target):
@@ -62,7 +62,7 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
 
 
 def _require_elsewhere(target: Path) -> None:
-    """Refuse the working directory, the folders that contain it, and broken links."""
+    """Raise an `InputError` for the working directory, a folder around it, or a broken link."""
     try:
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             target.stat()
@@ -82,18 +82,19 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
     """Provide a temporary folder that replaces ``target`` when the ``with`` block succeeds.
 
     The old folder remains until the new one is complete, and is unchanged if writing fails. If two
-    runs write the same folder, it is entirely that of the later run. If ``target`` is a link, the
-    folder it points to is replaced.
+    runs write the same folder, its content is entirely that of the later run. If ``target`` is a
+    link, the folder to which it points is replaced.
 
     Parameters
     ----------
     target, force, ours
-        See `check_target`, which is called first.
+        Folder to write, whether an existing one is replaced, and the files that it may hold;
+        `check_target` checks them first.
 
     Yields
     ------
     Path
-        The temporary folder, beside ``target``.
+        Path of the temporary folder, beside ``target``.
     """
     check_target(target, force=force, ours=ours)
     if target.is_symlink():
@@ -112,10 +113,11 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
 
 
 def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
-    """Rename ``staging`` to ``target``, and delete a folder that has this name already.
+    """Rename the folder ``staging`` to ``target``, and delete an old folder of this name.
 
-    The old folder is moved aside first, and comes back if the renaming fails. If another run writes
-    the same target meanwhile, the renaming is tried again, or fails without ``force``.
+    The old folder is renamed first, and gets its name back if the renaming of the new one fails. If
+    another run writes the same target meanwhile, the renaming is tried again; without ``force``, an
+    `InputError` is raised.
     """
     retired = staging.with_name(f"{staging.name}-old")
     while True:
@@ -139,7 +141,7 @@ def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
 
 
 def _is_occupied(target: Path, error: OSError) -> bool:
-    """Return whether renaming failed because the target is an existing folder."""
+    """Return whether an error of renaming means that the target is an existing folder."""
     if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
         return not target.is_file()
     return error.errno == errno.EACCES and target.is_dir()

@@ -1,4 +1,4 @@
-"""Reading of TOML with limits on size and depth; errors name the file and the place in it."""
+"""Reading of TOML files with limits on size and depth; errors name the file and the line."""
 
 from __future__ import annotations
 
@@ -12,19 +12,22 @@ from ldbb_bayes.files.content import bytes_of
 
 __all__ = ["LARGEST_TOML_BYTES", "parse_toml", "read_toml"]
 
-# Largest TOML file [bytes]; a campaign of a thousand tests takes half of it.
+# Largest size of a TOML file [bytes]; a campaign of a thousand tests needs half of this.
 LARGEST_TOML_BYTES = 512 * 2**10
-# Longest line [characters].
+# Longest line of a TOML file [characters].
 _LONGEST_LINE = 20_000
-# Pattern of a dotted key of eight parts or more, which is refused: the time to read a key grows
-# with the square of its number of parts. Valid files have at most three.
+# Pattern of a key with seven dots or more (such as a.b.c.d.e.f.g.h), which is refused. The time to
+# read a key grows with the square of its number of parts; valid files need at most three parts.
 _DEEP_KEY = re.compile(
     r"(?:(?:[\w-]{1,200}|\"[^\"\n]{0,200}\"|'[^'\n]{0,200}')[ \t]{0,9}\.[ \t]{0,9}){8}"
 )
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the content of a TOML file; an `InputError` names the file and the place in it."""
+    """Return the content of a TOML file as a dictionary.
+
+    For a mistake, raise an `InputError` that names the file and the line.
+    """
     content = bytes_of(path, LARGEST_TOML_BYTES, what="a readable TOML file")
     try:
         text = content.decode("utf-8-sig")
@@ -37,7 +40,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str, place: str) -> dict[str, Any]:
-    """Return the content of a TOML text; ``place`` is its name in an `InputError`."""
+    """Return the content of a TOML text as a dictionary.
+
+    For a mistake, raise an `InputError`; ``place`` names the text in its message.
+    """
     require(
         len(text) <= LARGEST_TOML_BYTES,
         f"{place} must hold at most {LARGEST_TOML_BYTES // 2**10} kB, got more. Split it.",

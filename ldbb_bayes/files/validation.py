@@ -1,4 +1,4 @@
-"""Validation of what a user writes; an `InputError` names the place of an invalid entry."""
+"""Validation of input files and arguments; an `InputError` names the invalid entry."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from ldbb_bayes.errors import InputError, nearest, require
 __all__ = ["raises_input_error", "validated"]
 
 T = TypeVar("T")
-# Types of pydantic errors for keys that a model does not have.
+# Types of errors by which pydantic, the library that checks input, reports unknown keys.
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
-# Words with which most messages of pydantic begin.
+# Words with which most messages of pydantic, the library that checks input, begin.
 _EXPECTATION = "Input should be "
 
 
 def validated(model: type[T], content: dict[str, Any], place: str) -> T:
-    """Return the content of a file as a pydantic model or dataclass.
+    """Return the content of a file as an object of a class that describes valid content.
 
     Parameters
     ----------
     model
-        Model or dataclass that describes valid content.
+        Class that describes valid content: a model or dataclass of the library pydantic.
     content
         Content of the file.
     place
-        Name of the file in an `InputError`.
+        Name of the file, for the message of an `InputError`.
 
     Returns
     -------
@@ -40,8 +40,8 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
     Raises
     ------
     InputError
-        For invalid content. The message names the place and the first fault; a misspelt key, with
-        the most similar valid key, is named before missing keys.
+        For invalid content. The message names the file and the first fault. An unknown key is
+        reported before missing keys, with the most similar valid key.
     """
     try:
         return TypeAdapter(model).validate_python(content)
@@ -72,17 +72,17 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
 class _Location(NamedTuple):
     """Place of an error in the content of a file."""
 
-    keys: list[str]  # keys from the outermost table inwards; list entries are counted from 1
-    owner: Any  # model or dataclass that the last key belongs to
+    keys: list[str]  # keys from the outermost table inwards; entries of lists count from 1
+    owner: Any  # class that describes the table with the last key
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
-    """Return the place of an error, from pydantic's location ``loc`` of it."""
+    """Return the place of an error in a file, from the location ``loc`` that pydantic reports."""
     keys: list[str] = []
     owner = model
     for key in loc:
         if not isinstance(content, dict | list):
-            break  # what follows names a kind, not a key
+            break  # further parts of the location name types, not keys
         keys.append(str(key + 1) if isinstance(key, int) else key)
         entries = dict(enumerate(content)) if isinstance(content, list) else content
         content = entries.get(key)
@@ -91,7 +91,10 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
 
 
 def _nested_model(owner: Any, key: int | str) -> Any:
-    """Return the model that a field of the owner holds, or the owner if the field holds none."""
+    """Return the class that describes the content of one key of a table.
+
+    ``owner`` is the class that describes the table; it is returned if the key holds no table.
+    """
     for name, field in owner.__pydantic_fields__.items():
         if key not in (name, field.alias):
             continue
@@ -102,7 +105,10 @@ def _nested_model(owner: Any, key: int | str) -> Any:
 
 
 def _describe_invalid(subject: str, error: Any) -> str:
-    """Return the message for an invalid value."""
+    """Return the error message for an invalid value.
+
+    ``subject`` names the value, and ``error`` is the entry in pydantic's list of errors.
+    """
     message = error["msg"].removeprefix("Value error, ")
     message = re.sub(r"dictionary or an instance of _\w+", "table", message)
     value = error["input"]
@@ -114,16 +120,16 @@ def _describe_invalid(subject: str, error: Any) -> str:
 
 
 def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
-    """Return a decorator by which a pydantic dataclass raises an `InputError` for wrong arguments.
+    """Return a decorator for classes that then raise an `InputError` for wrong arguments.
 
-    Without it, pydantic raises a `ValidationError` of several lines. The decorator must wrap
-    ``__init__``, because pydantic writes that method itself and lets no base class replace it, and
-    turns every error raised within it into a `ValidationError`.
+    The classes are dataclasses of the library pydantic, which otherwise raises a `ValidationError`
+    of several lines. The decorator must wrap ``__init__``: pydantic writes this method itself, so
+    that no base class can replace it, and turns every error in it into a `ValidationError`.
 
     Parameters
     ----------
     subject
-        Name of the object in the message, which also names the wrong field.
+        Name of the object in the error message, such as "test".
     """
 
     def decorate(cls: type[T]) -> type[T]:
@@ -145,7 +151,7 @@ def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
 def _input_error(
     cls: type, subject: str, kwargs: dict[str, Any], error: ValidationError
 ) -> InputError:
-    """Return the `InputError` for wrong arguments of a dataclass."""
+    """Return the `InputError` for a wrong argument of a class, from pydantic's error."""
     first = error.errors()[0]
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):

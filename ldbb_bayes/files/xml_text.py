@@ -9,7 +9,7 @@ from ldbb_bayes.errors import InputError, require
 
 __all__ = ["xml_of"]
 
-# Largest depth of elements within elements.
+# Largest number of XML elements that may be nested in one another.
 _MAX_DEPTH = 100
 
 
@@ -21,12 +21,12 @@ def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
     content
         Content of the file.
     wanted
-        File that the user should give if this one is no XML, for the error message.
+        File that the user should give instead if this one is no XML, for the error message.
 
     Returns
     -------
     xml.etree.ElementTree.Element
-        The root.
+        Root element of the XML tree.
 
     Raises
     ------
@@ -43,7 +43,10 @@ def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
 
 
 def _refuse_dangerous(content: bytes) -> None:
-    """Raise an `InputError` for document types and great depth, before the tree is built."""
+    """Raise an `InputError` for XML with a document type or too deeply nested elements.
+
+    This is checked before the tree is built, which such a file could make very large.
+    """
     depth = 0
 
     def refuse_document_type(*_: object) -> None:

@@ -1,4 +1,4 @@
-"""The machine as a serial chain: topology, planes and driven joints.
+"""Machine tools as serial chains of axes: topology, planes of tests and driven joints.
 
 A topology such as ``wCAFYXZSt`` lists the axes from the workpiece ``w`` through the foundation
 ``F`` to the tool ``t``, in the style of ISO 10791. A circular test drives the two linear axes of
@@ -30,20 +30,20 @@ __all__ = [
 ]
 
 Branch = Literal["tool", "workpiece"]
-# Names of the linear axes, in the order of vector components.
+# Names of the linear axes, in the order of the components of vectors.
 LINEAR = "XYZ"
-# Names of the rotations about X, Y and Z, in this order.
+# Names of the rotations about X, Y and Z, in the order of the components of vectors.
 ROTARY = "ABC"
-# Letters permitted for axes in a topology; U, V, W are secondary axes, S is the spindle.
+# Letters that axes may have in a topology; U, V, W are secondary axes, S is the spindle.
 _AXIS_LETTERS = "XYZABCUVWS"
-# Largest length [mm] accepted as input; a larger number is probably in another unit.
+# Largest coordinate [mm] of a joint's frame; a larger number is probably in another unit.
 LARGEST_MM = 1e5
 
 
 class Axes(NamedTuple):
     """Names of the three motions in a plane: two translations, and the rotation about its normal.
 
-    The rotation is right-handed.
+    They are letters such as X, Y and C; the rotation is right-handed.
     """
 
     first: str
@@ -79,20 +79,24 @@ class Circle(Shown):
         object.__setattr__(self, "centre_mm", tuple(self.centre_mm))
 
     def direction(self, angle_rad: Array) -> Array:
-        """Return the sensitive direction B̂ of the bar, shape (n, 3) [1]."""
+        """Return the direction of the bar as unit vectors at n angles, shape (n, 3)."""
         direction = np.zeros((len(angle_rad), 3))
         direction[:, LINEAR.index(self.plane[0])] = np.cos(angle_rad)
         direction[:, LINEAR.index(self.plane[1])] = np.sin(angle_rad)
         return direction
 
     def position_mm(self, angle_rad: Array) -> Array:
-        """Return the nominal axis coordinates of the tool ball, shape (n, 3) [mm]."""
+        """Return the nominal axis coordinates of the tool ball at n angles, shape (n, 3) [mm]."""
         return self.radius_mm * self.direction(angle_rad) + np.asarray(self.centre_mm)
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A linear joint: its axis, its branch and the position of its frame (X, Y, Z) [mm]."""
+    """Joint of a linear axis: its axis, its branch and the position of its frame (X, Y, Z) [mm].
+
+    The branch states whether the axis carries the tool or the workpiece. Compliances and error
+    motions of the joint are defined about its frame.
+    """
 
     axis: str
     branch: Branch
@@ -100,12 +104,15 @@ class Joint:
 
     @property
     def index(self) -> int:
-        """Index of the joint's axis in a vector (X, Y, Z)."""
+        """Index of the joint's axis in vectors: X is 0, Y is 1, Z is 2."""
         return LINEAR.index(self.axis)
 
     @property
     def sign(self) -> float:
-        """+1 in the tool branch; −1 in the workpiece branch, which moves against the tool."""
+        """Sign of the joint's motion: +1 if it carries the tool, −1 if it carries the workpiece.
+
+        The workpiece moves against the tool.
+        """
         return 1.0 if self.branch == "tool" else -1.0
 
 
@@ -136,7 +143,7 @@ class Machine(Shown):
     'wYXt'. Write the joints from workpiece to tool, for example 'wCAFYXZSt'.
     """
 
-    topology: str = "wCAFYXZSt"  #: joints in order from workpiece to tool
+    topology: str = "wCAFYXZSt"  #: machine axes in order from workpiece to tool
     planes: str | Sequence[str] = ("XY",)  #: planes of the circular tests, of XY, YZ and ZX
     #: Position of each joint's frame with all axes at zero, relative to the point where the balls
     #: coincide; by default zero, as in the paper.
@@ -198,7 +205,7 @@ class Machine(Shown):
 
     @property
     def plane(self) -> str:
-        """Tested planes as text, such as XY + YZ."""
+        """Tested planes as one text, such as XY + YZ."""
         return " + ".join(self.planes)
 
     @property
@@ -210,7 +217,7 @@ class Machine(Shown):
         return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))
 
     def joint(self, axis: str) -> Joint:
-        """Return the joint of an axis."""
+        """Return the joint of a linear axis, such as X."""
         branch: Branch = "tool"
         if self.topology.index(axis) < self.topology.index("F"):
             branch = "workpiece"
@@ -232,15 +239,16 @@ class Machine(Shown):
         return (a, b) if a_is_reference else (b, a)
 
     def branch(self, branch: Branch) -> tuple[Joint, ...]:
-        """Return the linear joints of a branch, from the foundation outwards."""
+        """Return the linear joints that carry tool or workpiece, from the foundation outwards."""
         work, tool = self.topology.split("F")
         axes = work[::-1] if branch == "workpiece" else tool
         return tuple(self.joint(axis) for axis in axes if axis in LINEAR)
 
     def lever_mm(self, joint: Joint, circle: Circle, angle_rad: Array) -> Array:
-        """Return the lever arm from a joint's frame to the ball its branch carries.
+        """Return the lever arm from a joint's frame to the ball that the joint carries.
 
-        The frame moves with the joint. Shape (n, 3) [mm].
+        The frame moves with the joint. The lever arm is a vector for each of n angles, shape (n, 3)
+        [mm].
         """
         position = circle.position_mm(angle_rad)
         lever = self.end_mm(joint.branch, circle, angle_rad) - np.asarray(joint.frame_mm)
@@ -250,10 +258,10 @@ class Machine(Shown):
         return lever
 
     def end_mm(self, branch: Branch, circle: Circle, angle_rad: Array) -> Array:
-        """Return the position of a branch's ball with all axes at zero, shape (n, 3) [mm].
+        """Return the position of tool ball or work ball with all axes at zero, shape (n, 3) [mm].
 
-        The work ball is at the circle's centre. The tool ball is at the origin, except that
-        coordinates without a machine axis follow the circle.
+        The ball is that of the given branch. The work ball is at the circle's centre. The tool ball
+        is at the origin, except that coordinates without a machine axis follow the circle.
         """
         if branch == "workpiece":
             return np.zeros((len(angle_rad), 3)) + np.asarray(circle.centre_mm)

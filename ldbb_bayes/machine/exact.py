@@ -85,7 +85,9 @@ def exact_reading_mm(
 def geometric_reading_mm(
     machine: Machine, circle: Circle, angle_rad: Array, geometric_errors: Mapping[str, Any]
 ) -> Array:
-    """Return the exact geometric part of the reading (Eq. 13-14), shape (n,) [mm].
+    """Return the exact effect of geometric errors on the reading, shape (n,) [mm].
+
+    It is computed by Eq. 13-14 of the paper at n angles.
 
     Parameters
     ----------
@@ -94,7 +96,7 @@ def geometric_reading_mm(
     angle_rad
         Angles θ, shape (n,) [rad].
     geometric_errors
-        Values of any of the errors of `geometric_names`, by name. Complex values are allowed, for
+        Values of geometric errors by name; all others are zero. Complex values are allowed, for
         derivatives by the complex-step method.
     """
     check_known("parameter", geometric_errors, [name.label for name in geometric_names(machine)])
@@ -111,7 +113,10 @@ def geometric_reading_mm(
 def _branch_transform(
     machine: Machine, branch: Branch, circle: Circle, angle_rad: Array, errors: Mapping[str, Any]
 ) -> Array:
-    """Return the transform from the foundation to the end of a branch, shape (n, 4, 4)."""
+    """Return the homogeneous transforms from the machine's foundation to tool or workpiece.
+
+    There is one for each of n angles, shape (n, 4, 4).
+    """
     transform = np.broadcast_to(np.eye(4), (len(angle_rad), 4, 4))
     position = circle.position_mm(angle_rad)
     for joint in machine.branch(branch):
@@ -123,9 +128,10 @@ def _branch_transform(
 def _joint_transform(
     machine: Machine, joint: Joint, coordinate: Array, errors: Mapping[str, Any]
 ) -> Array:
-    """Return the transforms of one joint about its frame (Eq. 4-5, 8-9), shape (n, 4, 4).
+    """Return the homogeneous transforms of one joint about its frame, shape (n, 4, 4).
 
-    They contain the nominal motion and the error motions.
+    They contain the nominal motion and the error motions (Eq. 4-5 and 8-9 of the paper), at n
+    coordinates.
     """
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate
@@ -151,7 +157,7 @@ def _joint_transform(
 
 
 def _translation(vector: Array) -> Array:
-    """Return the homogeneous transforms of translations by vectors (n, 3), shape (n, 4, 4)."""
+    """Return the homogeneous transforms of translations by n vectors (n, 3), shape (n, 4, 4)."""
     transform = np.tile(np.eye(4, dtype=vector.dtype), (len(vector), 1, 1))
     transform[:, :3, 3] = vector
     return transform

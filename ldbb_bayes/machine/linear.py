@@ -1,11 +1,12 @@
-"""The linear hybrid Jacobian, and the compliances that circles can separate.
+"""Linear effect of compliances and geometric errors on readings, and separable compliances.
 
 A unit force along the bar, whose direction is B̂, loads joint k with the wrench g_k = J_kᵀ B̂ =
 (B̂, lever × B̂), shape (6,): three forces and three moments about the joint's frame. J_k is the
-Jacobian of the joint. By Eq. 20 a compliance C_ijk (twist component i for wrench component j at
-joint k) changes the reading by g_k,i · g_k,j per unit force. An error motion of joint k, a twist e
-about the same frame, changes the reading by g_k · e in the tool branch and −g_k · e in the
-workpiece branch (Eq. 16-23). If all lever arms lie in the plane, this is the paper's planar model.
+Jacobian of the joint. A compliance C_ijk is the displacement or rotation i caused by the force or
+moment j at joint k. It changes the reading by g_k,i · g_k,j per unit force (Eq. 20 of the paper).
+An error motion e of joint k, with three displacements and three rotations about the same frame,
+changes the reading by g_k · e if the joint carries the tool, and by −g_k · e if it carries the
+workpiece (Eq. 16-23). If all lever arms lie in the plane, this is the paper's planar model.
 
 Circles cannot separate all compliances (Table 2). Some never change a reading (null columns), and
 some change readings proportionally (proportional sets). One representative of each set is kept.
@@ -46,30 +47,32 @@ __all__ = [
     "wrench_jacobian",
 ]
 
-# Angles of the full circle on which columns are compared.
+# Number of angles of a full circle at which the effects of compliances are compared.
 _ANGLES = 64
-# Two columns are proportional if |cosine| of the angle between them is at least 1 minus this.
+# The effects of two compliances are proportional if the cosine of the angle between their columns
+# differs from ±1 by at most this.
 _PARALLEL = 1e-10
-# Columns smaller than this share of the largest are null.
+# A column smaller than this share of the largest counts as zero: its compliance has no effect.
 _NULL_SHARE = 1e-10
-# Weights below this share of the largest are rounding errors.
+# Weights of compliances in a combination below this share of the largest are rounding errors.
 _ROUNDING_WEIGHT = 1e-7
-# A column is independent of others if its remainder after projection on them is larger.
+# A column of length one is independent of others if the part that they cannot explain is longer.
 _INDEPENDENT = 1e-8
 
 
 class ErrorBearer(NamedTuple):
-    """The joint at which a geometric error acts."""
+    """Joint at which a geometric error acts, and its order with the joint's motion."""
 
     joint: Joint
-    before_motion: bool  #: whether the error comes before the joint's own motion
+    #: whether the error acts before the joint's own motion, seen from the foundation
+    before_motion: bool
 
 
 def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
-    """Return the paper's planar wrench Jacobian, shape (n, 18) for one plane [1, mm or mm²].
+    """Return the reading per unit force and unit of each planar compliance, at n angles.
 
-    It is the reading per unit force and unit compliance. Columns are in the order of
-    `wrench_names`.
+    This is the wrench Jacobian of the paper, shape (n, 18) for one plane [1, mm or mm²]. Columns
+    are in the order of `wrench_names`.
     """
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
 
@@ -77,7 +80,7 @@ def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array
 def compliance_jacobian(
     machine: Machine, circle: Circle, angle_rad: Array, names: Sequence[ComplianceName]
 ) -> Array:
-    """Return the reading per unit force and unit compliance (Eq. 20-23).
+    """Return the reading per unit force and unit of each compliance (Eq. 20-23 of the paper).
 
     Parameters
     ----------
@@ -86,7 +89,7 @@ def compliance_jacobian(
     angle_rad
         Angles θ, shape (n,) [rad].
     names
-        Compliances, any of `joint_names`, one for each column.
+        Names of the compliances, one for each column.
 
     Returns
     -------
@@ -106,9 +109,10 @@ def compliance_jacobian(
 
 
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
-    """Return the reading per unit geometric error, Eq. 16-18, shape (n, geometric errors).
+    """Return the reading per unit of each geometric error, at n angles (Eq. 16-18 of the paper).
 
-    Columns are in the order of `geometric_names` [mm per unit of the error].
+    It has shape (n, geometric errors), in the order of `geometric_names` [mm per unit of the
+    error].
     """
     columns = [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)]
     return np.stack(columns, axis=1)
@@ -130,8 +134,8 @@ def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: Geom
 def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
     """Return the joint at which a geometric error acts.
 
-    If both axes of a squareness error are in one branch, the error acts after the motion of the
-    primary (reference) axis; else it acts before the motion of the secondary axis.
+    A squareness error concerns two axes. If both carry the tool, or both the workpiece, it acts
+    after the motion of the reference axis; else before the motion of the other axis.
     """
     if name.kind != "squareness":
         return ErrorBearer(machine.joint(name.axis), before_motion=False)
@@ -143,41 +147,50 @@ def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
 
 
 def _wrench(lever: Array, direction: Array) -> Array:
-    """Return forces and moments of a unit force along the bar, shape (n, 6)."""
+    """Return three forces and three moments on a joint from a unit force along the bar, (n, 6).
+
+    ``lever`` (n, 3) is the vector from the joint's frame to the ball, and ``direction`` (n, 3) the
+    unit vector of the bar, at n angles.
+    """
     return np.concatenate([direction, np.cross(lever, direction)], axis=1)
 
 
 @dataclass(frozen=True)
 class Kept:
-    """The compliances that circles can separate, and the others that each one represents."""
+    """Compliances that circles can separate (kept), and the others that each one represents.
 
-    #: one representative per proportional set, in the order of Table 1
+    A proportional set is a set of compliances that change the readings proportionally. The readings
+    determine only their weighted sum, which one representative of the set stands for.
+    """
+
+    #: kept compliances, one for each proportional set, in the order of Table 1 of the paper
     names: tuple[ComplianceName, ...]
-    #: for each kept compliance: its proportional set (Table 2), itself first; the readings
-    #: determine the weighted sum of a set
+    #: for each kept compliance, the names in its proportional set, its own name first (Table 2)
     sets: tuple[tuple[str, ...], ...]
-    #: weights of the members of the sets: the column of a member divided by that of its
-    #: representative [mm to the number of additional rotations]
+    #: for each kept compliance, the weights of the compliances in its set: their effect on the
+    #: reading divided by that of the kept one [powers of mm]
     weights: tuple[tuple[float, ...], ...]
-    #: for each kept compliance: the members of dropped sets that it also represents, with weights
+    #: for each kept compliance, the weights of further compliances that it represents in part: the
+    #: effects of these are combinations of several kept ones
     absorbed: tuple[Mapping[ComplianceName, float], ...]
     #: whether each kept compliance cannot be negative, because it is a deflection in the direction
-    #: of the load itself, if the joints' compliance matrices are positive semi-definite
+    #: of the load itself
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: compliances that never change a reading
-    #: representatives of dropped sets: their columns are combinations of several others
+    #: compliances whose effect on the reading is a combination of several kept ones, one for each
+    #: proportional set
     dependent: tuple[str, ...]
-    rank: int  #: rank of the Jacobian of all compliances on full uniform circles
-    condition_number: float  #: condition number of the kept columns
+    rank: int  #: number of independent effects of all compliances on full uniform circles
+    condition_number: float  #: condition number of the columns of the kept compliances
 
 
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     """Return the compliances that circles can separate, and the sets they represent (Table 2).
 
-    They are found numerically from the columns of the wrench Jacobian. The planar
-    compliances of every plane are examined, and those of the others that the circles' lever arms
-    load. The representative of a set is chosen by these rules, in this order; for the paper's
-    machine they give the paper's choice:
+    They are found numerically from the readings per unit compliance. The planar compliances of
+    every plane are examined, and all others on which the circles' lever arms act. Compliances that
+    change readings proportionally form a set. Its representative is chosen by these rules, in this
+    order; for the paper's machine they give the paper's choice:
 
     1. a rotation caused by a force before a translation caused by a moment;
     2. the fewest rotary components;
@@ -186,7 +199,8 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     5. alphabetical order.
 
     The circles of a campaign are taken as one set of readings: another centre or plane can separate
-    compliances that one circle cannot. Default: R = 150 mm about the frames' origin in every plane.
+    compliances that one circle cannot. Without circles, one of R = 150 mm about the origin is taken
+    in every plane.
     """
     if not circles:
         circles = tuple(Circle(plane=plane) for plane in machine.planes)
@@ -195,22 +209,24 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
 
 @dataclass(frozen=True, eq=False)
 class _Candidates:
-    """Compliances that circles may show, with their n readings per unit on full circles."""
+    """Compliances that may change readings, with their effect at n angles of full circles."""
 
     names: tuple[ComplianceName, ...]
-    jacobian: Array  #: columns of the compliances, shape (n, candidates)
-    unit: Array  #: columns divided by their norms; zero for null columns
-    live: tuple[int, ...]  #: indices of the columns that are not null
+    #: reading per unit force and unit of each compliance, shape (n, compliances)
+    jacobian: Array
+    unit: Array  #: columns of ``jacobian`` divided by their norms; columns of zeros stay zero
+    live: tuple[int, ...]  #: indices of the compliances that change a reading
 
 
 def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
-    """Return the planar compliances, and of the others those that the lever arms load."""
+    """Return the planar compliances, and all others on which the circles' lever arms act."""
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
     names = joint_names(machine)
     jacobian = np.concatenate(
         [compliance_jacobian(machine, circle, angle, names) for circle in circles]
     )
-    # Divide by the radius for each rotary component: then all columns are of comparable size.
+    # Divide each column by the radius for every rotary component of its compliance. All columns are
+    # then of comparable size.
     unit = jacobian / [circles[0].radius_mm ** name.rotations for name in names]
     norms = np.linalg.norm(unit, axis=0)
     planar = set(wrench_names(machine))
@@ -237,7 +253,8 @@ def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     heads = sorted(set_by_head, key=lambda i: _table_order(names[i], machine))
     chosen = _independent(candidates.unit, heads)
     dropped = [i for i in heads if i not in chosen]
-    # Express every column by the kept ones, which are scaled to reduce rounding errors.
+    # Express every column as a combination of the kept columns, which are scaled to reduce rounding
+    # errors.
     scale = np.abs(jacobian[:, chosen]).max(axis=0)
     scaled = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0]
     coefficients = scaled / scale[:, None]
@@ -273,7 +290,10 @@ def _labels(names: Sequence[ComplianceName], index: Sequence[int]) -> tuple[str,
 
 
 def _weights(jacobian: Array, members: Sequence[int]) -> tuple[float, ...]:
-    """Return the column of each member of a set as a multiple of the first member's column."""
+    """Return the effect of each compliance of a set as a multiple of that of the first.
+
+    The compliances of a set change the readings proportionally.
+    """
     head = members[0]
     size = (jacobian**2).sum(axis=0)[head]
     weights = jacobian[:, head] @ jacobian[:, members] / size
@@ -283,14 +303,15 @@ def _weights(jacobian: Array, members: Sequence[int]) -> tuple[float, ...]:
 def _not_negative(
     names: Sequence[ComplianceName], jacobian: Array, coefficients: Array
 ) -> tuple[bool, ...]:
-    """Return which kept compliances cannot be negative.
+    """Return for each kept compliance whether it cannot be negative.
 
-    A kept compliance with its set is a linear function Σ_k ⟨A_k, C_k⟩ of the compliance matrices
-    C_k of the joints k, with symmetric matrices of weights A_k, all of shape (6, 6); ⟨ , ⟩ is the
-    sum of the products of entries. It is never negative for positive semi-definite C_k if and only
-    if every A_k is positive semi-definite.
+    A kept compliance stands for a weighted sum Σ_k ⟨A_k, C_k⟩ of the compliance matrices C_k of the
+    joints k. A_k are symmetric matrices of weights, all of shape (6, 6), and ⟨ , ⟩ is the sum of
+    the products of elements. If every A_k is positive semi-definite, the sum is not negative for
+    any positive semi-definite C_k, and only then.
     """
-    # Typical size of each component's wrench, so that the entries of A_k are comparable.
+    # Scale the matrices of weights by the typical size of each force and moment, so that their
+    # elements are comparable.
     unit = dict.fromkeys(COMPONENTS, 1.0)
     for i, name in enumerate(names):
         if name.twist == name.wrench:
@@ -307,7 +328,10 @@ def _not_negative(
 
 
 def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]) -> list[Array]:
-    """Return the symmetric matrices A_k of all joints, shape (6, 6) each, from halved weights."""
+    """Return a symmetric matrix of weights for each joint, shape (6, 6).
+
+    ``halves`` holds half of the weight of each compliance in ``names``.
+    """
     matrices: dict[str, Array] = {}
     for name, half in zip(names, halves, strict=True):
         matrix = matrices.setdefault(name.joint, np.zeros((6, 6)))
@@ -319,7 +343,10 @@ def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]
 
 
 def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
-    """Return sets of columns that are multiples of one another, each led by the preferred name."""
+    """Return sets of compliances whose effects on the readings are proportional, as indices.
+
+    The preferred compliance of each set comes first; it represents the set.
+    """
     unit = candidates.unit
     sets: list[list[int]] = []
     for i in candidates.live:
@@ -359,7 +386,7 @@ def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
 
 
 def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
-    """Return the representatives whose columns do not depend linearly on those before them."""
+    """Return the compliances whose effect is no combination of those before them, as indices."""
     chosen: list[int] = []
     basis = np.zeros((unit.shape[0], 0))
     for i in representatives:

@@ -22,15 +22,20 @@ GeometricKind = Literal["gain", "straightness", "squareness", "offset"]
 ComplianceKind = Literal[
     "direct", "cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment"
 ]
-# The components of a twist or wrench, in order: along X, Y, Z and about them.
+# Names of the six components of a twist (displacement and rotation) or wrench (force and moment):
+# along X, Y, Z and about X, Y, Z.
 COMPONENTS = LINEAR + ROTARY
-# Power of the axis' coordinate that a kind of geometric error is multiplied by; 0 for other kinds.
+# Power of the axis' coordinate that multiplies a geometric error; kinds not listed have power 0.
 _ORDERS: dict[GeometricKind, int] = {"gain": 1, "straightness": 2}
 
 
 @dataclass(frozen=True)
 class ComplianceName:
-    """C_ijk of the paper: twist component i caused by wrench component j at joint k."""
+    """Name of a compliance C_ijk of the paper, at joint k.
+
+    It is the displacement or rotation i (component of a twist) caused by the force or moment j
+    (component of a wrench).
+    """
 
     twist: str
     wrench: str
@@ -38,12 +43,16 @@ class ComplianceName:
 
     @property
     def label(self) -> str:
-        """The name as printed, for example ``C_CXY``."""
+        """Name of the compliance as printed, for example ``C_CXY``."""
         return f"C_{self.twist}{self.wrench}{self.joint}"
 
     @property
     def rotations(self) -> int:
-        """Number of rotary components among the twist and the wrench (0, 1 or 2)."""
+        """Number of rotary components of the compliance: 0, 1 or 2.
+
+        A rotation caused by a moment has two; a rotation caused by a force, or a displacement
+        caused by a moment, has one.
+        """
         return (self.twist in ROTARY) + (self.wrench in ROTARY)
 
     @property
@@ -58,7 +67,7 @@ class ComplianceName:
 
     @property
     def meaning(self) -> str:
-        """Description of the compliance in words."""
+        """Description of the compliance in words: its motion, its load and its joint."""
         axis_of = dict(zip(ROTARY, LINEAR, strict=True))
         motion = f"translation along {self.twist}"
         if self.twist in ROTARY:
@@ -70,9 +79,10 @@ class ComplianceName:
 
     @property
     def preference(self) -> tuple[bool, int, bool, bool, str]:
-        """Sort key for the choice of the representative of a set, see `kept_compliances`.
+        """Sort key by which one compliance is chosen to represent a set; the smallest is chosen.
 
-        The compliances of a set have proportional effects on the readings.
+        The compliances of a set change the readings proportionally, so that circles cannot separate
+        them. `kept_compliances` states the rules.
         """
         translation_for_moment = self.wrench in ROTARY and self.twist not in ROTARY
         turned_plane = {axes.rotation: plane for plane, axes in PLANES.items()}
@@ -82,17 +92,17 @@ class ComplianceName:
 
 @dataclass(frozen=True)
 class GeometricName:
-    """A geometric error: one component of the deviation of an axis or of the tool."""
+    """Name of a geometric error: one component of the deviation of an axis or of the tool."""
 
-    component: str  #: X, Y or Z for a translation; A, B or C for a rotation
-    axis: str  #: the axis that the error belongs to; ``t`` for the tool
+    component: str  #: direction of the error: X, Y or Z for a translation, A, B or C for a rotation
+    axis: str  #: machine axis to which the error belongs; ``t`` for the tool
     kind: GeometricKind
     reference: str = ""  #: reference axis of a squareness error
     setup: int = 0  #: set-up of a tool offset if there are several, else 0
 
     @property
     def label(self) -> str:
-        """The name in code, such as E_XX1, E_YX2, E_Xt0 and, for set-up 2, E_Xt0_2.
+        """Name of the error in code, such as E_XX1, E_YX2, E_Xt0 and, for set-up 2, E_Xt0_2.
 
         The squareness error E_C(0Y)X of ISO 230-1 is named E_C0YX.
         """
@@ -103,12 +113,12 @@ class GeometricName:
 
     @property
     def order(self) -> int:
-        """Power of the axis' coordinate that the geometric error is multiplied by."""
+        """Power of the axis' coordinate that multiplies the geometric error: 0, 1 or 2."""
         return _ORDERS.get(self.kind, 0)
 
     @property
     def meaning(self) -> str:
-        """Description of the geometric error in words."""
+        """Description of the geometric error in words, such as squareness error of Y to X."""
         if self.kind == "gain":
             return (
                 f"scale error of {self.axis}: positioning deviation in proportion to its coordinate"
@@ -125,9 +135,10 @@ class GeometricName:
 
 
 def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
-    """Return the names of the columns of the planar wrench Jacobian, 18 for one plane.
+    """Return the names of all planar compliances, 18 for one plane.
 
-    They are sorted by joint, then by twist component, then by wrench component.
+    These are displacements and rotations in the tested plane, caused by forces and moments in it.
+    They are sorted by joint, then by displacement or rotation, then by force or moment.
     """
     names: dict[ComplianceName, None] = {}
     for plane in machine.planes:
@@ -149,7 +160,7 @@ def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
 
 
 def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
-    """Return the names of the geometric errors in the paper's order.
+    """Return the names of the machine's geometric errors in the order of the paper.
 
     For each plane these are the gains, quadratic straightness deviations and squareness error; the
     tool offsets follow.

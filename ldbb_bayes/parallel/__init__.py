@@ -1,4 +1,7 @@
-"""Running independent jobs: in this process, in several processes, or on a Dask cluster."""
+"""Running of independent jobs in this process, in several processes, or on a Dask cluster.
+
+Dask is a library that distributes computations over several computers.
+"""
 
 from ldbb_bayes.parallel.blas_threads import ONE_THREAD, one_blas_thread
 from ldbb_bayes.parallel.dask_workers import dask_executor

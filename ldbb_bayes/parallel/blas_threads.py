@@ -1,7 +1,7 @@
-"""Limiting BLAS (the linear algebra behind NumPy) to one thread per process.
+"""Limit of one thread per process for BLAS, the linear algebra library behind NumPy.
 
-The matrices of this package are small: threads that wait for each other cost more time than they
-save.
+The matrices of this package are small. Several threads that wait for each other would cost more
+time than they save.
 """
 
 from __future__ import annotations
@@ -17,12 +17,15 @@ __all__ = ["ONE_THREAD", "one_blas_thread"]
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Environment variables for a process whose BLAS shall start with one thread.
+# Environment variables that make BLAS (the linear algebra library behind NumPy) start with one
+# thread.
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """Return the function such that BLAS has one thread during each call.
+    """Return a function that does the same with one thread of BLAS.
+
+    BLAS is the linear algebra library behind NumPy.
 
     Parameters
     ----------

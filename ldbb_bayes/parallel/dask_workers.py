@@ -1,6 +1,7 @@
-"""Executor that runs jobs in workers of Dask, on this computer or on a cluster.
+"""Executor that runs jobs in worker processes of Dask, on this computer or on a cluster.
 
-`distributed.Client.get_executor()` cannot be used. If a result is lost after it arrived and before
+Dask is a library that distributes computations over several computers. Its own executor,
+`distributed.Client.get_executor()`, cannot be used. If a result is lost after it arrived and before
 it is used, that executor raises a ValueError. This looks like an error raised by the job itself, so
 that the job could not be run again.
 """
@@ -27,11 +28,12 @@ from ldbb_bayes.parallel.versions import versions
 
 __all__ = ["ANSWER_S", "dask_executor", "dask_setup"]
 
-# Time after which a scheduler that does not answer counts as missing [s].
+# Time [s] after which a Dask scheduler that does not answer counts as missing.
 ANSWER_S = 10.0
-# Number of threads that wait for results, which limits the number of jobs sent to Dask at once.
+# Number of threads that wait for results of Dask workers. It limits the number of jobs that are
+# submitted at once.
 _WAITING_THREADS = 64
-# Loggers that are silenced: what they report is also raised as an exception.
+# Names of loggers that are silenced, because their messages are also raised as exceptions.
 _LOGGERS = (
     "distributed",
     "distributed.client",
@@ -40,9 +42,9 @@ _LOGGERS = (
     "distributed.core",
 )
 _WORKER_ENVIRONMENT: dict[str, Any] = {
-    # Dask's defaults make workers return freed memory to the operating system and request it again
-    # later, so that stacks of small matrices take more than twice as long. These thresholds let
-    # workers keep the memory.
+    # These thresholds [bytes] let workers keep freed memory. By Dask's defaults, workers return it
+    # to the operating system and request it again, so that computations with many small matrices
+    # take more than twice as long.
     "MALLOC_TRIM_THRESHOLD_": 1 << 26,
     "MALLOC_MMAP_THRESHOLD_": 1 << 25,
     # Messages of workers about closed connections are of no use to the user.
@@ -50,10 +52,10 @@ _WORKER_ENVIRONMENT: dict[str, Any] = {
     **ONE_THREAD,
 }
 _DASK_OPTIONS: dict[str, Any] = {
-    # Dask shall not repeat a job whose worker was killed: `done` does so after all other jobs.
+    # Dask must not repeat a job whose worker was killed: `done` repeats it after all other jobs.
     "distributed.scheduler.allowed-failures": 0,
     "distributed.comm.timeouts.connect": ANSWER_S,
-    # The profile that a worker records of its own run times would grow with every job.
+    # No record of run times: it would grow with every job.
     "distributed.worker.profile.enabled": False,
     "distributed.worker.preload": [__name__],
     "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
@@ -64,8 +66,8 @@ _CLUSTER_OPTIONS: dict[str, Any] = {
     "memory_limit": 0,
     "silence_logs": logging.CRITICAL,
     "dashboard_address": None,
-    # Port 0 means any free port. Even without a dashboard the scheduler would otherwise ask for
-    # port 8787, and warn if another cluster uses it.
+    # Port 0 means any free port. Without this setting the scheduler would ask for port 8787, even
+    # though it has no dashboard, and warn if another cluster uses the port.
     "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
 }
 
@@ -78,6 +80,9 @@ def dask_setup(_: Any) -> None:
 @contextmanager
 def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Executor]:
     """Yield an executor that runs jobs in Dask workers, each a process with one BLAS thread.
+
+    Dask is a library that distributes computations over several computers; BLAS is the linear
+    algebra library behind NumPy.
 
     Parameters
     ----------
@@ -132,11 +137,11 @@ class _DaskExecutor(Executor):
         self.workers = _WAITING_THREADS
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Submit a call to one of the workers and return its future."""
+        """Submit a call to one of the workers, and return a future that will hold its result."""
         return self._threads.submit(self._call_in_worker, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Accept no more jobs; by default wait for those already submitted."""
+        """Accept no more jobs; by default wait for the jobs that were already submitted."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
 
     def _call_in_worker(self, call: Callable[[], Any]) -> Any:
@@ -151,10 +156,10 @@ class _DaskExecutor(Executor):
 
 @contextmanager
 def _local_cluster(workers: int) -> Iterator[Any]:
-    """Yield a Dask cluster on this computer.
+    """Yield a Dask cluster of worker processes on this computer.
 
-    A cluster may close slowly because a worker died. It is not waited for beyond a time limit,
-    since all results have arrived by then.
+    If a worker died, closing the cluster may take long. It is not waited for beyond a time limit,
+    because all results have arrived by then.
     """
     from distributed import LocalCluster  # an optional dependency
 
@@ -170,7 +175,10 @@ def _local_cluster(workers: int) -> Iterator[Any]:
 
 
 def _check_workers(client: Any, scheduler: str) -> None:
-    """Refuse workers that would fail at every job or give other results than this process."""
+    """Raise an `InputError` for Dask workers that would fail or give other results than here.
+
+    These are workers with several threads or with other versions of the libraries.
+    """
     versions_by_worker = client.run(partial(versions, python=True), on_error="return")
     if not versions_by_worker:
         warnings.warn(
@@ -188,9 +196,9 @@ def _check_workers(client: Any, scheduler: str) -> None:
 
 
 def _check_versions(address: str, worker_versions: Any) -> None:
-    """Refuse a worker whose library versions differ from those of this process.
+    """Raise an `InputError` if the library versions of a worker differ from those of this process.
 
-    A worker that raised an exception when asked for its versions is refused too.
+    A worker that answered with an exception is refused too.
     """
     if not isinstance(worker_versions, dict):
         worker_versions = {}

@@ -18,7 +18,10 @@ EXECUTORS = ("process", "dask")
 
 @contextmanager
 def second_process() -> Iterator[Executor | None]:
-    """Yield an executor with one process in addition to this one; None if there is one core."""
+    """Yield an executor with one process in addition to this one.
+
+    Yield None if the computer has one processor core only.
+    """
     if usable_cores() == 1:
         yield None
     else:
@@ -30,13 +33,13 @@ def second_process() -> Iterator[Executor | None]:
 def executor_named(
     kind: str, workers: int = 0, scheduler: str | None = None
 ) -> Iterator[Executor | None]:
-    """Yield the executor that the options of commands ask for.
+    """Yield the executor that runs jobs as the options of a command state.
 
     Parameters
     ----------
     kind : "process" or "dask".
-    workers : number of worker processes; 0: one per core.
-    scheduler : address of a Dask scheduler.
+    workers : number of worker processes; 0: one per processor core.
+    scheduler : address of a Dask scheduler, which distributes jobs to workers.
 
     Returns
     -------

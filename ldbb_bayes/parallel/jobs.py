@@ -1,4 +1,4 @@
-"""Running independent jobs so that each gives one result, even if worker processes die."""
+"""Running of independent jobs, each of which gives one result even if worker processes die."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ __all__ = ["Lost", "ahead", "done"]
 R = TypeVar("R")
 T = TypeVar("T")
 
-# Number of jobs submitted per worker, so that no worker is idle while results are handed out.
+# Number of jobs submitted per worker process, so that no worker waits while results are processed.
 _JOBS_PER_WORKER = 4
 # Number of jobs submitted at once to an executor whose number of workers is not known.
 _JOBS_IN_FLIGHT = 64
-# Lock that lets jobs in threads of one process run one at a time, because these threads share
-# BLAS and the filters of warnings. It is re-entrant because a job may itself run jobs.
+# Lock that lets jobs in threads of one process run one at a time. These threads share BLAS (the
+# linear algebra library behind NumPy) and the filters of warnings. A job may itself run jobs, so
+# that one thread must be able to take the lock twice.
 _TURN = threading.RLock()
 
 
 @dataclass(frozen=True)
 class Lost:
-    """Result that replaces that of a job whose worker died twice."""
+    """Stand-in for the result of a job whose worker process died twice."""
 
     reason: str = (
         "its worker died twice, the second time with no other job at work (killed, or out of"
@@ -44,7 +45,7 @@ class Lost:
 
 @dataclass(frozen=True)
 class _Attempt(Generic[T]):
-    """One attempt at a job; ``index`` is the number of the job, counted from 0."""
+    """Attempt at running a job; ``index`` is the number of the job, counted from 0."""
 
     index: int
     job: T
@@ -56,11 +57,12 @@ def done(
 ) -> Iterator[tuple[int, R | Lost]]:
     """Yield the index (from 0) and the result of every job, in the order in which jobs finish.
 
-    Each job has one BLAS thread. A job whose worker dies (killed, out of memory) is tried once more
-    after all other jobs, alone; if its worker dies again, its result is `Lost`. Jobs in threads of
-    one process run one at a time, so processes are faster. For processes, the function must be
-    importable, and jobs and results are pickled. Jobs are taken from the iterable only as needed.
-    When the iterator is closed, pending jobs are cancelled.
+    Each job has one thread of BLAS, the linear algebra library behind NumPy. A job whose worker
+    dies (killed, out of memory) is tried once more after all other jobs, alone; if its worker dies
+    again, its result is `Lost`. Jobs in threads of one process run one at a time, so processes are
+    faster. For processes, the function must be importable, and jobs and results are pickled. Jobs
+    are taken from the iterable only as needed. When the iterator is closed, pending jobs are
+    cancelled.
 
     Parameters
     ----------
@@ -107,7 +109,7 @@ def done(
                 yield attempt.index, Lost()
             else:
                 retries.append(_Attempt(attempt.index, attempt.job, is_last=True))
-            del future  # the result must not stay in memory while the caller works on it
+            del future  # the result must not stay in memory while the next job is waited for
     except BrokenExecutor as error:
         raise InputError(
             "the executor must last as long as its jobs, got one that gave them up (its workers"
@@ -120,13 +122,13 @@ def done(
 
 
 def ahead(call: Callable[[], R], executor: Executor | None) -> Callable[[], R]:
-    """Begin a call on an executor and return a function that waits for its result.
+    """Begin a call on an executor, and return a function that waits for the result of the call.
 
     Parameters
     ----------
     call : function without arguments to be called.
-    executor : executor that makes the call; None: it is made in this process when the result is
-        asked for.
+    executor : executor that makes the call. None: this process makes the call when the returned
+        function is called.
 
     Returns
     -------
@@ -175,8 +177,9 @@ def _error_of(future: Future[R]) -> BaseException | None:
 
 
 def _is_death_of_worker(error: BaseException) -> bool:
-    """Return whether an error means that a worker died.
+    """Return whether an error means that a worker process died.
 
-    Dask's KilledWorker is recognised by its name, because Dask need not be installed.
+    The error KilledWorker of the library Dask is recognised by its name, because Dask need not be
+    installed.
     """
     return isinstance(error, WorkerDiedError) or type(error).__name__ == "KilledWorker"

@@ -1,10 +1,10 @@
-"""Executor of worker processes on this computer, each with a communication pipe of its own.
+"""Executor of worker processes on this computer, each with its own communication pipe.
 
 If a worker dies, even while it sends a result, no other job fails and the executor does not hang.
 The pools of the standard library and of loky (3.7, which joblib uses) share one pipe for all
-results. They have three faults: a worker that dies breaks the whole pool, so that all running jobs
-fail; the pool waits for ever for the rest of a result whose sender was killed, even with a single
-worker; and workers keep running when the process that started them is killed.
+results. They have three faults. A worker that dies breaks the whole pool, so that all running jobs
+fail. If a worker is killed while it sends a result, the pool waits for ever. Workers keep running
+when the process that started them is killed.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ __all__ = [
     "usable_cores",
 ]
 
-# Message for the author of a script without ``if __name__ == "__main__":``. Workers import the
-# script and, without this line, end while doing so.
+# Error message for a script without the line ``if __name__ == "__main__":``. Every worker imports
+# the script and ends at once if this line is missing.
 UNGUARDED_SCRIPT = (
     "worker processes must be able to start, got some that ended at once. A script must do its work"
     ' under `if __name__ == "__main__":`, because every worker imports it.'
@@ -43,23 +43,25 @@ UNGUARDED_SCRIPT = (
 
 
 class WorkerDiedError(RuntimeError):
-    """Error of a job whose worker process ended; other jobs are not affected."""
+    """Error for a job whose worker process ended; other jobs are not affected."""
 
 
 @contextmanager
 def process_executor(workers: int = 0) -> Iterator[Executor]:
-    """Yield an executor of processes on this computer, with one BLAS thread each.
+    """Yield an executor of worker processes on this computer.
 
-    If the ``with`` block is interrupted or raises an error, the processes are killed.
+    Each process has one thread of BLAS, the linear algebra library behind NumPy. If the ``with``
+    block is interrupted or raises an error, the processes are killed.
 
     Parameters
     ----------
-    workers : number of processes; 0: one per core.
+    workers : number of processes; 0: one per processor core.
 
     Raises
     ------
     InputError
-        A worker process cannot start; the result of the job that needed it raises the error.
+        If a worker process cannot start. The error is raised where the result of its job is asked
+        for.
     """
     refuse_to_nest()
     pool = _ProcessPool(workers or usable_cores())
@@ -71,7 +73,7 @@ def process_executor(workers: int = 0) -> Iterator[Executor]:
 
 
 def usable_cores() -> int:
-    """Return the number of cores that this process may use."""
+    """Return the number of processor cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -80,30 +82,30 @@ def usable_cores() -> int:
 def refuse_to_nest() -> None:
     """End this process if it is a worker that is still importing the user's script.
 
-    Such a script starts workers without ``if __name__ == "__main__":``; the process that started
-    the worker reports this to the user.
+    The script then starts workers outside ``if __name__ == "__main__":``, so that each worker would
+    start workers again. The process that started this worker reports the fault to the user.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         sys.exit(1)
 
 
 def ignore_interruption() -> None:
-    """Make this worker ignore Ctrl-C, which the process that started it handles.
+    """Make this worker process ignore Ctrl-C.
 
-    A terminal sends Ctrl-C to all of its processes.
+    A terminal sends Ctrl-C to all of its processes; the process that started the worker handles it.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class _Answer(NamedTuple):
-    """Outcome of a job: its result, or the exception that it raised."""
+    """Outcome of a job in a worker: the result of the job, or the exception that it raised."""
 
     succeeded: bool
     content: Any
 
 
 class _ProcessPool(Executor):
-    """Executor of threads, each of which passes its jobs to a worker process of its own."""
+    """Executor of threads, each of which sends its jobs to one worker process."""
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
@@ -113,11 +115,11 @@ class _ProcessPool(Executor):
         self._killed = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Submit a call to one of the worker processes and return its future."""
+        """Submit a call to a worker process, and return a future that will hold its result."""
         return self._threads.submit(self._call_in_process, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Accept no more jobs; by default wait for those already submitted."""
+        """Accept no more jobs; by default wait for the jobs that were already submitted."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
 
     def kill(self) -> None:
@@ -167,7 +169,10 @@ class _ProcessPool(Executor):
 
 
 def _serve(connection: Connection) -> None:
-    """Do jobs in a worker process until the pool closes the pipe, or the pool's process dies."""
+    """Run jobs in a worker process until the pipe to the starting process is closed.
+
+    The pipe also closes if the starting process dies.
+    """
     ignore_interruption()
     os.environ.update(ONE_THREAD)
     try:
@@ -182,7 +187,7 @@ def _serve(connection: Connection) -> None:
 
 
 def _run_next_job(connection: Connection) -> _Answer | None:
-    """Run the next job that comes through the pipe, and return its result or its error.
+    """Run the next job that comes through the pipe, and return the job's result or error.
 
     Return None if the pipe is closed.
     """

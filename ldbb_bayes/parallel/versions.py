@@ -10,7 +10,7 @@ import ldbb_bayes
 
 __all__ = ["versions"]
 
-# Names of the packages on whose version the last digits of a result may depend.
+# Names of libraries whose version may change the last digits of a result.
 _PACKAGES = ("numpy", "scipy", "emcee")
 
 
