@@ -79,7 +79,7 @@ class Degeneracy:
 
     @property
     def nuisances(self) -> tuple[str, ...]:
-        """Names of the nuisance coefficients in the combination."""
+        """Names of the nuisance coefficients in the degeneracy."""
         return tuple(name for name in self.combination if name not in self.units)
 
 
@@ -123,6 +123,8 @@ class _Coefficients:
 def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     """Return a sparse basis of the degeneracies that involve parameters of interest.
 
+    A degeneracy is a combination of parameters and nuisance coefficients that no reading resolves.
+
     Parameters
     ----------
     bound
@@ -131,7 +133,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     Returns
     -------
     tuple of Degeneracy
-        Those with a nuisance come first, then those of parameters alone.
+        Degeneracies with a nuisance coefficient come first, then those of parameters alone.
     """
     coefficients = _all_coefficients(bound)
     scaled = _effects(bound, coefficients.columns) * coefficients.prior_sd
@@ -165,10 +167,11 @@ def _without_nuisances(space: NullSpace, vector: Array) -> Array:
 def _describe_degeneracy(
     bound: BoundModel, coefficients: _Coefficients, space: NullSpace, pivot: int, vector: Array
 ) -> Degeneracy | None:
-    """Return the degeneracy of a vector of the null space, or None if it involves no parameter.
+    """Return a combination that no reading resolves as a degeneracy, or None.
 
-    ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations.
-    ``pivot`` is the index of the coefficient that comes first.
+    None is returned if the combination involves no parameter. ``vector``, shape (m,), holds the m
+    coefficients in units of their prior standard deviations. ``pivot`` is the index of the
+    coefficient that comes first.
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
@@ -380,7 +383,7 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
 
 
 def _edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
-    """Return the nuisance terms of the model's preset, as the package ships them."""
+    """Return the nuisance terms of the model's preset, as the package ships them, by class."""
     edition = HybridModel.first()
     if bound.model.preset == "default":
         edition = HybridModel.default()

@@ -298,7 +298,7 @@ class _Ranks(NamedTuple):
     """Ranks of the true values in one simulated replicate."""
 
     ranks: Array  # numbers of draws below each true value, shape (quantities,)
-    by_emcee: bool  # whether the draws are emcee's, instead of independent
+    by_emcee: bool  # whether the draws come from the sampler emcee
 
 
 def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> _Ranks | str:

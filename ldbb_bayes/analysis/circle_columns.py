@@ -37,15 +37,15 @@ COS2, SIN2 = harmonic_index(2)
 class MachineColumns(NamedTuple):
     """Changes of the 25 Fourier coefficients of one circle per unit of each of p parameters."""
 
-    elastic: Array  #: zero but for compliances and slopes, shape (25, p)
-    geometric: Array  #: zero but for geometric errors, shape (25, p)
+    elastic: Array  #: effects of compliances and slopes, zero for other parameters, shape (25, p)
+    geometric: Array  #: effects of geometric errors, zero for other parameters, shape (25, p)
 
 
 class SecondOrderFactors(NamedTuple):
     """Scale mismatch and squareness per amplitude of a circle's second harmonic [µm/m per µm]."""
 
-    scale_mismatch: float  #: scale mismatch per amplitude of cos 2θ
-    squareness: float  #: squareness per amplitude of sin 2θ
+    scale_mismatch: float  #: scale mismatch per amplitude of cos 2θ [µm/m per µm]
+    squareness: float  #: squareness per amplitude of sin 2θ [µm/m per µm]
 
 
 def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns:

@@ -131,7 +131,7 @@ def predict_circularity(
 class PathDraws(NamedTuple):
     """Posterior draws of the quantities of a tool path in one plane at one force."""
 
-    place: dict[str, Any]  #: plane, radius and force, under plane, radius_mm and force_N
+    place: dict[str, Any]  #: plane, radius [mm] and force [N] of the path, by name of the column
     quantities: dict[
         str, Array
     ]  #: posterior draws of each quantity of `predict_circularity`, by name, shape (draws,)
@@ -210,10 +210,11 @@ def summarise_draws(values: Array, prob: float) -> dict[str, float]:
 
 
 class _Hysteresis(NamedTuple):
-    """Half the difference between the directions of travel, as draws of Fourier coefficients."""
+    """Half the difference of a circle between the directions of travel, as Fourier coefficients."""
 
-    constant: Array  #: part independent of force, shape (draws, 25) [mm]
-    proportional: Array  #: part proportional to force, shape (draws, 25) [mm/N]
+    constant: Array  #: part of the hysteresis independent of force, shape (draws, 25) [mm]
+    #: part of the hysteresis proportional to force, per unit of force, shape (draws, 25) [mm/N]
+    proportional: Array
 
     def at_force(self, force_N: float) -> Array:
         return self.constant + force_N * self.proportional

@@ -48,7 +48,7 @@ class JointDifference(NamedTuple):
 
     means: Array  #: posterior means in both campaigns, shape (2, names)
     difference: Array  #: posterior mean of second minus first campaign, shape (names,)
-    sd: Array  #: standard uncertainty of the difference, shape (names,)
+    sd: Array  #: standard uncertainty of ``difference``, shape (names,)
     #: common coefficient about which the campaigns disagree most; None where the readings of both
     #: campaigns are informative about no common coefficient
     conflict: Conflict | None
@@ -146,7 +146,8 @@ def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Ar
 def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     """Return the information about a campaign's coefficients, and their posterior means.
 
-    ``phi`` are the hyper-parameters of the campaign, shape (h,) [mm].
+    Coefficients are the parameters and the nuisance coefficients that tests share. ``phi`` are the
+    hyper-parameters of the campaign, shape (h,) [mm].
     """
     information = information_of(bound, phi)
     # The bar length is common to both campaigns only if their radii are the same.

@@ -78,8 +78,9 @@ _REJECTED = 5.0
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which the prediction of each model is averaged.
 _QUALITY_DRAWS = 1000
-# For the posterior mean and sd of parameters: share of the weight of the quadrature nodes that may
-# be left out, and number of points for the truncation (compliances must not be negative).
+# For the posterior mean and standard deviation of parameters: share of the weight of the quadrature
+# nodes that may be left out, and number of points for the truncation (compliances must not be
+# negative).
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
 # Smallest and largest tolerance of a log evidence that a caller may ask for [nat]. A comparison
@@ -137,9 +138,10 @@ class ComparedModel:
 
 @dataclass(frozen=True, eq=False)
 class ComparedTest:
-    """One test predicted from the other tests of its campaign (LOFO: leave one force out).
+    """One test of a campaign, predicted from the other tests.
 
-    The p-values, the worst Fourier order and the flag are those of `JudgedTest`.
+    Names with ``lofo`` state such predictions of a test that was left out. The p-values, the worst
+    Fourier order and the flag are those of `JudgedTest`.
     """
 
     force_N: float
@@ -208,7 +210,7 @@ class Comparison(Result):
     elpd_difference: dict[str, Difference]
     #: names of the models whose log Bayes factor both sensitivities state, as "second/first"
     sensitivity_of: str
-    prior_sensitivity: tuple[ScaledSlopes, ...]  #: log Bayes factor by scale of slopes' prior
+    prior_sensitivity: tuple[ScaledSlopes, ...]  #: log Bayes factor at each slope scale
     #: scales of the slopes' prior at which the log Bayes factor changes sign
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor under each assumption about how circles differ from one another: the models'
@@ -223,7 +225,8 @@ class Comparison(Result):
     #: compliance C(F) against force F, by name, averaged over the models with subsets of slopes
     compliance_against_force: dict[str, Curve]
     tests: dict[str, ComparedTest]  #: tests by name; empty for a campaign of one test
-    local_fits: Records  #: the table that `local_fits` returns
+    #: fits of constant compliance to neighbouring forces: the table that `local_fits` returns
+    local_fits: Records
     #: largest error allowed of every log evidence [nat]; 0.1 nat is enough for assumptions whose
     #: log evidence is 10 nat lower than the best
     tolerance: float
@@ -286,7 +289,7 @@ class Comparison(Result):
 
     @property
     def sign(self) -> Sign:
-        """Return how robust the sign of the log Bayes factor is."""
+        """Return how robust the sign of the log Bayes factor is against other assumptions."""
         turning = self.turning()
         if self.prior_sensitivity_crossings or any(map(self.allowed, turning)):
             return Sign.OPEN
@@ -537,10 +540,11 @@ def _check_models(
 def _plan_comparison(
     models: Mapping[str, HybridModel], campaign: Campaign, *, evidence_only: bool
 ) -> _ComparisonPlan:
-    """Decide which models to compare for the sensitivities, and which further results to compute.
+    """Return the plan of a comparison: which models to compare, and which results to compute.
 
-    With ``evidence_only``, tests are not left out, and there are no subsets of slopes and no local
-    fits. Rival explanations are compared where the second model is the first with slopes added.
+    With ``evidence_only``, tests are not left out, and there are no subsets of slopes and no fits
+    to neighbouring forces. Rival explanations are compared where the second model is the first with
+    slopes added.
     """
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}

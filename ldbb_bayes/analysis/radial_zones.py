@@ -22,7 +22,7 @@ class Zone:
 
     lower: float  #: smallest radial deviation from the nominal radius
     upper: float  #: largest radial deviation from the nominal radius
-    mean: float  #: mean radial deviation, that of the least-squares circle
+    mean: float  #: radius of the least-squares circle minus the nominal radius
 
     @property
     def width(self) -> float:

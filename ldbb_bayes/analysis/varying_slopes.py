@@ -59,7 +59,7 @@ class SlopeSubset:
 
 @dataclass(frozen=True)
 class VaryingSlope:
-    """Posterior probability that a compliance varies with force."""
+    """Posterior probability that a compliance changes with force."""
 
     inclusion_probability: float
 

@@ -131,7 +131,7 @@ class ParameterIdentifiability(Result):
     """
 
     name: str  #: name of the parameter
-    verdict: Verdict  #: identified, prior-limited or confounded
+    verdict: Verdict  #: verdict: identified, prior-limited or confounded
     #: for a confounded parameter, the model terms, then the parameters, from which the readings
     #: cannot separate it; for other parameters, the terms that hold more than 5 % of its variance;
     #: those with the largest share come first
@@ -141,7 +141,8 @@ class ParameterIdentifiability(Result):
     partner_shares: dict[str, float]
     unit: str  #: internal unit of the parameter
     prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
-    prior_sd: Finite  #: prior standard deviation; infinite for a flat prior
+    #: prior standard deviation of the parameter; infinite for a flat prior
+    prior_sd: Finite
     mean: float  #: posterior mean of the parameter; for a plan the prior mean
     sd: float  #: posterior standard deviation of the parameter
     #: contraction: one minus the ratio of the posterior and the prior variance; not a number for a
@@ -479,7 +480,10 @@ def judge_parameters(
 
 
 def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:
-    """Return prior and posterior standard deviations if compliances may be negative."""
+    """Return prior and posterior standard deviations of all parameters, by linear Gaussian theory.
+
+    Compliances may be negative there.
+    """
     prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
     posterior_sd = np.sqrt(information.variances()) * information.scale[information.interest]
     return SampledSd(prior_sd, posterior_sd)
@@ -553,7 +557,10 @@ def _judge(information: Information, facts: _ParameterFacts) -> _Judgement:
 
 
 def _open_terms(terms: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return those of the terms that are in a degeneracy and whose size is not stated."""
+    """Return those of the model terms whose size is not stated, as by a certificate.
+
+    Only terms in a degeneracy count: a combination of coefficients that no reading resolves.
+    """
     not_stated = {d.term for d in combinations if d.modelled and not d.stated}
     return tuple(term for term in terms if term in not_stated)
 
@@ -583,7 +590,10 @@ def _inseparable_partners(
 
 
 def _twins(names: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return those of the named parameters that are in a degeneracy of parameters alone."""
+    """Return those of the named parameters that no reading separates from other parameters.
+
+    They are in a degeneracy of parameters alone: a combination that changes no reading.
+    """
     inseparable = set[str]()
     for degeneracy in combinations:
         if not degeneracy.term:

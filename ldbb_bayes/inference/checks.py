@@ -83,7 +83,7 @@ _NEXT_ORDERS = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
 class CheckKind(StrEnum):
     """Property of a circle that a posterior predictive check examines."""
 
-    ORDER = "order"  #: the harmonic of one order, 0 to 12
+    ORDER = "order"  #: Fourier coefficients of one order, 0 to 12
     NOISE = "noise"  #: scatter of the readings that the orders 0 to 12 do not explain
     AUTOCORRELATION = "autocorrelation"  #: correlation of successive residuals beyond order 12
 

@@ -46,8 +46,8 @@ class ModelDraws(NamedTuple):
     """Model bound to a campaign, and n random draws of its hyper-parameters and parameters."""
 
     bound: BoundModel
-    phi: Array  #: hyper-parameters [mm], shape (n, h)
-    beta: Array  #: parameters, shape (n, p)
+    phi: Array  #: n random draws of h hyper-parameters [mm], shape (n, h)
+    beta: Array  #: n random draws of p parameters, shape (n, p)
 
     def thinned(self, size: int) -> ModelDraws:
         """Return at most ``size`` of the random draws, evenly spaced."""
@@ -86,7 +86,7 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
     """Return what the machine's parameters predict for each circle [mm].
 
     ``beta``, shape (draws, p), are draws of the parameters. The nominal deflection of the mount is
-    included. The result are Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
+    included. The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
     """
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
@@ -102,7 +102,10 @@ def shared_terms(
 
 
 def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
-    """Return the columns that `shared_terms` returns as one array [mm], shape (tests, 25, q)."""
+    """Return the columns that `shared_terms` returns as one array [mm], shape (tests, 25, q).
+
+    It holds the effects of q nuisance coefficients on the 25 Fourier coefficients of every test.
+    """
     columns = [np.zeros((len(bound.test_names), SIZE, 0))]
     columns += [term.values for term in shared_terms(bound.nuisance_columns, private=private)]
     return np.concatenate(columns, axis=2)
@@ -187,7 +190,7 @@ def new_circle_coefficients(
 ) -> Array:
     """Return random draws of a new circle under the conditions of every test [mm].
 
-    The result are Fourier coefficients, shape (draws, tests, 25), without white noise. Nuisances
+    The result holds Fourier coefficients, shape (draws, tests, 25), without white noise. Nuisances
     that tests share are drawn from their posterior given the parameters β and hyper-parameters φ.
     Random force error, set-up shift and discrepancy are drawn anew.
     """

@@ -17,7 +17,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["conditional_draws", "draw_parameters_given"]
 
-# Largest number of times that random draws with a negative compliance are repeated.
+# Largest number of times that random draws are repeated if a compliance is negative in them.
 _REPEATS = 20
 
 

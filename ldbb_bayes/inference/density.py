@@ -108,7 +108,10 @@ class LogDensity(Shown):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Return the units of the coordinates, from mm, N and rad; "" for a pure number."""
+        """Return the units of the parameters and hyper-parameters.
+
+        They are made of mm, N and rad; a pure number has the unit "".
+        """
         of_parameters = [parameter.unit for parameter in self.bound.parameters]
         return (*of_parameters, *self.bound.hyper_prior.units)
 
@@ -116,8 +119,9 @@ class LogDensity(Shown):
     def bounds(self) -> Array:
         """Return the least and the greatest value of each coordinate, shape (d, 2).
 
-        The truncation, by which no compliance is negative at any force tested, also restricts
-        combinations of coordinates. `log_prior` accounts for these as well.
+        Coordinates are the parameters and hyper-parameters. The truncation, by which no compliance
+        is negative at any force tested, also restricts combinations of them. `log_prior` accounts
+        for these restrictions as well.
         """
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 
@@ -125,8 +129,9 @@ class LogDensity(Shown):
     def scale(self) -> Array:
         """Return the typical size of each coordinate under the prior, shape (d,).
 
-        For a parameter it is the prior standard deviation. Optimisers need sizes under the
-        posterior instead: the spread of the points that `initial` returns.
+        Coordinates are the parameters and hyper-parameters. For a parameter it is the prior
+        standard deviation. Optimisers need sizes under the posterior instead: the spread of the
+        points that `initial` returns.
         """
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
@@ -324,7 +329,11 @@ class LinearRedraw:
     def draw(
         self, size: int, random: np.random.RandomState, *, temperature: float = 1.0
     ) -> WeightedPoints:
-        """Return random points, shape (size, p + h), with their log weights and log densities."""
+        """Return random points, shape (size, p + h), with their log weights and log densities.
+
+        A point has p parameters and h hyper-parameters. The scales of the proposal are multiplied
+        by the square root of ``temperature``.
+        """
         bound = self.density.bound
         free = self.start.proposal.draw(size, random, temperature=temperature)
         log_evidence, conditional = self.start.given(free)
@@ -347,7 +356,8 @@ class LinearRedraw:
     def log_weight(self, points: Array) -> Array:
         """Return log importance weights of n points, shape (n,).
 
-        No compliance may be negative at any of the points.
+        The weight of a point is its posterior density over its proposal density. No compliance may
+        be negative at any of the points.
         """
         bound = self.density.bound
         beta, free = self.density.split(points)

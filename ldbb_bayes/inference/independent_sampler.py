@@ -47,9 +47,10 @@ class TooRoughError(Exception):
 class JointDraws(NamedTuple):
     """Independent random draws from the posterior of hyper-parameters and parameters."""
 
-    free: Array  #: hyper-parameters in unbounded coordinates, shape (size, h)
-    beta: Array  #: parameters, shape (size, p)
-    acceptance: float  #: number of draws accepted divided by the number proposed
+    #: random draws of the h hyper-parameters in unbounded coordinates, shape (size, h)
+    free: Array
+    beta: Array  #: random draws of the p parameters, shape (size, p)
+    acceptance: float  #: number of random draws accepted, divided by the number proposed
 
 
 def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator) -> JointDraws:

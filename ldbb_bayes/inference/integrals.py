@@ -169,8 +169,8 @@ class Integral:
     def pick(self, size: int, rng: np.random.Generator) -> Array:
         """Return nodes resampled in proportion to their weights, shape (size, h).
 
-        Resampling is systematic: equally spaced levels of the cumulative weight with one random
-        start. The order of the nodes returned is random.
+        Resampling is systematic: it takes equally spaced levels of the cumulative weight, with one
+        random start. The nodes returned are in random order.
         """
         order = np.lexsort(self.free.T)
         levels = (rng.random() + np.arange(size)) / size

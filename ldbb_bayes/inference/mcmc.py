@@ -53,7 +53,7 @@ _STOCK = 512
 
 
 class BlockPlan(NamedTuple):
-    """Length of a block of steps, and which of its steps are stored."""
+    """Length of a block of steps of the sampler, and which of its steps are stored."""
 
     draws: int  #: number of draws stored of each walker
     thin: int  #: number of steps from one stored draw to the next
@@ -127,11 +127,11 @@ class Assessment:
 class Progress:
     """Report that a run of the sampler makes each time that its draws are assessed."""
 
-    steps: int  #: number of steps so far
+    steps: int  #: number of steps that the sampler has run so far
     max_steps: int  #: largest number of steps allowed
     target_ess: float  #: effective sample size asked for
     assessment: Assessment
-    seconds_left: float | None = None  #: estimate of the time left [s]; None if unknown
+    seconds_left: float | None = None  #: estimated time until the run stops [s]; None if unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,10 +141,10 @@ class EnsembleRun:
     #: random draws, shape (ensembles, draws, d), in which the draws of one walker follow each other
     chain: Array
     assessment: Assessment
-    converged: bool  #: whether the stopping rule is met
+    converged: bool  #: whether the draws meet the stopping rule
     steps: int  #: number of steps of each ensemble
     walkers: int  #: number of walkers of each ensemble
-    acceptance: float  #: mean share of proposals accepted
+    acceptance: float  #: mean share of the proposed moves of walkers that were accepted
 
 
 class WeightedPoints(NamedTuple):
@@ -255,7 +255,7 @@ def _seconds_left(
 
 
 class _Ensemble:
-    """One ensemble of walkers, run block by block."""
+    """One ensemble of walkers (points that move at random), run in blocks of steps."""
 
     def __init__(
         self,
@@ -300,10 +300,10 @@ def _moves(redraw: Redraw | None) -> list[tuple[Any, float]]:
 
 
 class _StoredBlock(NamedTuple):
-    """Stored draws of all ensembles from one block of steps."""
+    """Stored random draws of all ensembles of walkers from one block of steps."""
 
     thin: int  #: number of steps from one stored draw to the next
-    draws: Array  #: draws, shape (ensembles, draws, walkers, d)
+    draws: Array  #: stored draws of d coordinates, shape (ensembles, draws, walkers, d)
 
 
 def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:

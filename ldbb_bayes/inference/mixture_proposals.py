@@ -29,13 +29,14 @@ _FEW_DIMENSIONS = 5
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
-# Places at which the two sides of a split t may meet, in the coordinate z of `SplitT`.
+# Places at which the two sides of a split Student-t distribution may meet, in the coordinate z of
+# `SplitT`.
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
 # For the fit of a split Student-t distribution: number of alternations between fitting scales and
 # fitting degrees of freedom, and number of expectation-maximisation steps for the scales in each.
 _ALTERNATIONS = 2
 _EM_STEPS = 3
-# Smallest and largest scale of a split t, in the coordinate z of `SplitT`.
+# Smallest and largest scale of a split Student-t distribution, in the coordinate z of `SplitT`.
 _SMALLEST_SCALE = 0.05
 _LARGEST_SCALE = 20.0
 # Factor by which a proposal is made wider than its fit, because too narrow is worse than too wide.
@@ -43,7 +44,8 @@ _WIDER = 1.05
 # Largest number of points to which the tails of a proposal are fitted; more points are resampled to
 # this number.
 _FITTED_POINTS = 4096
-# Smallest share of a component in a mixture; a component with a smaller mass is not refitted.
+# Smallest probability of a component in a mixture; a component that receives a smaller share of the
+# weight is not refitted.
 _SMALLEST_SHARE = 0.02
 # Correlations of a fitted proposal are shrunk towards zero, as if by this many additional
 # uncorrelated points per dimension.
@@ -58,10 +60,11 @@ class SplitT:
     sides. The density is continuous, as the two sides have the same height at z = 0.
     """
 
-    centre: Array  #: value of x at z = 0, shape (h,)
-    root: Array  #: matrix from z to x, shape (h, h)
-    scale: Array  #: scales of each z below and above zero, shape (2, h)
-    freedom: Array  #: degrees of freedom of each z below and above zero, shape (2, h)
+    centre: Array  #: point at which the two sides meet in every direction, shape (h,)
+    root: Array  #: matrix whose columns are the directions of the split t, shape (h, h)
+    scale: Array  #: scales along each direction, below and above the centre, shape (2, h)
+    #: degrees of freedom along each direction, below and above the centre, shape (2, h)
+    freedom: Array
 
     def log_density(self, points: Array) -> Array:
         """Return the log density, shape (n,), at points of shape (n, h)."""
@@ -81,7 +84,7 @@ class SplitT:
         masses = _side_masses(self.scale, self.freedom)
         side_probability = masses / masses.sum(axis=0)
         below = uniform < side_probability[0]
-        # Each side is one half of a t distribution.
+        # Each side of a split t is one half of a Student-t distribution.
         probability_within_side = np.where(
             below, uniform / side_probability[0], (1.0 - uniform) / side_probability[1]
         )
@@ -114,7 +117,7 @@ class Mixture:
     """Mixture of k components, each a product of split Student-t distributions (`SplitT`)."""
 
     components: tuple[SplitT, ...]  #: the k components of the mixture
-    share: Array  #: probabilities of the components, shape (k,)
+    share: Array  #: probabilities of the k components, shape (k,)
 
     def log_density(self, points: Array) -> Array:
         """Return the log density, shape (n,), at points of shape (n, h)."""
@@ -197,8 +200,10 @@ def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
 class _AxisFit(NamedTuple):
     """Split Student-t distributions fitted along each of h directions."""
 
-    offset: Array  #: place along each direction where the two sides meet, shape (h,)
-    scale: Array  #: scales below and above the offset, shape (2, h)
+    #: place along each direction where the two sides of the distribution meet, shape (h,)
+    offset: Array
+    #: scales of the distribution below and above the offset, shape (2, h)
+    scale: Array
     freedom: Array  #: degrees of freedom below and above the offset, shape (2, h)
     log_likelihood: Array  #: weighted mean of the log density at the points, shape (h,)
 
@@ -254,7 +259,11 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
 
 
 def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array) -> Array:
-    """Return scales, shape (2, h), improved by a few expectation-maximisation (EM) steps."""
+    """Return scales of split Student-t distributions, shape (2, h), improved by a few steps.
+
+    The steps are those of expectation-maximisation. ``square`` are the squared distances of the
+    points from the place where the two sides meet.
+    """
     for _ in range(_EM_STEPS):
         pull = (freedom[:, None] + 1.0) / (freedom[:, None] + square / scale[:, None] ** 2)
         moment = (side_weights * pull * square).sum(axis=1)

@@ -53,8 +53,8 @@ _NEGLIGIBLE_DEPTH = 12.0
 # Largest number of hyper-parameters for which maxima with one of them held near zero are sought
 # (see `HyperPosterior._corners`).
 _LARGEST_CORNER_DIMENSION = 5
-# Distance below the mode at which one hyper-parameter is held near zero, in its unbounded
-# coordinate.
+# Distance below the mode, in its unbounded coordinate, at which one hyper-parameter is held when
+# maxima of the density near zero are sought.
 _BELOW_MODE = 3.0
 # Tolerance of the log evidence [nat], and step in standard deviations, of coarse nodes.
 _COARSE_TOLERANCE = 0.2
@@ -186,7 +186,7 @@ class HyperPosterior:
         return nodes
 
     def _integral(self, tolerance: float) -> Integral:
-        """Return the integral of the smooth log density, computed once for each tolerance."""
+        """Return the integral of the smooth posterior density, computed once for each tolerance."""
         if tolerance not in self._integrals:
             self._integrals[tolerance] = integrate(
                 self._smooth, self.modes, tolerance=tolerance, seed=self._seed
@@ -284,7 +284,10 @@ class HyperPosterior:
 
     @cached_property
     def coarse_truncated(self) -> Integral:
-        """Coarse nodes, weighted by the exact probability that no compliance is negative."""
+        """Coarse nodes, weighted by the exact probability that no compliance is negative.
+
+        The nodes are values of the hyper-parameters.
+        """
         return self._replace_bound(self.coarse)
 
     @cached_property

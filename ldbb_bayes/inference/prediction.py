@@ -135,7 +135,7 @@ def _draw_shared_of_plan(
 ) -> Array:
     """Return what machine and shared nuisances predict for the planned tests [mm].
 
-    The result are random draws of Fourier coefficients, shape (draws, tests, 25). Nuisances
+    The result holds random draws of Fourier coefficients, shape (draws, tests, 25). Nuisances
     (effects that are modelled but not of interest) that the measured tests also have are drawn from
     their posterior, others from their prior. ``phi`` and ``beta`` are draws of the hyper-parameters
     and of the parameters.

@@ -48,7 +48,8 @@ _WALKERS = 128
 # Number of independent draws as a multiple of the effective sample size to reach. More draws are
 # needed because the effective sample size of every parameter must reach it.
 _SURPLUS = 1.3
-# Number of independent draws that are added to each chain for the same reason as ``_SURPLUS``.
+# Number of independent draws that are added to each chain, so that the effective sample size of
+# every parameter reaches the one asked for.
 _SURPLUS_DRAWS = 50
 # Effective sample size of a run of emcee, as a multiple of the number of draws that are thinned
 # from the run.

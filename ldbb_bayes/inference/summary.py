@@ -145,10 +145,10 @@ def _entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict
 
 
 def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
-    """Return the prior standard deviation and the prior mean of parameters, each by name.
+    """Return prior standard deviations and prior means, each by name.
 
-    Hyper-parameters have a prior standard deviation, too. It is None for a parameter with a flat
-    prior. Means are given only for parameters with a proper prior.
+    Standard deviations are those of parameters and hyper-parameters; they are None for parameters
+    with a flat prior. Means are given only for parameters with a proper prior.
     """
     model = record_of(posterior)["model"]
     return model["prior_sd"], model["prior_mean"]

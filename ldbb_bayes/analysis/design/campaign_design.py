@@ -45,8 +45,8 @@ __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share of the tests is below this are not listed.
 _LISTED_SHARE = 1e-4
-# More circles of the same kind hardly reduce the uncertainty of a parameter if the sd that remains
-# after very many circles exceeds this share of its expected sd.
+# More circles of the same kind hardly reduce the uncertainty of a parameter if the standard
+# uncertainty that remains after very many circles exceeds this share of the one expected.
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
@@ -77,7 +77,8 @@ class Judged(Forecast):
     """Another design that is compared with the recommended one, and the forecast of it."""
 
     name: str
-    tests: Records  #: one row per test, with columns force_N and `Design.columns`
+    #: table of the design's tests, one row per test: force_N, and the columns `Design.columns`
+    tests: Records
     efficiency: float  #: efficiency of these tests relative to the best shares of as many tests
 
 
@@ -95,7 +96,8 @@ class Limits(Result):
     drift: bool
     #: parameters whose standard deviation more circles of this kind would lower by less than 20 %
     shared: tuple[str, ...]
-    degeneracies: tuple[Degeneracy, ...]  #: degeneracies that involve parameters of ``shared``
+    #: combinations that no reading resolves, as far as they involve parameters of ``shared``
+    degeneracies: tuple[Degeneracy, ...]
     #: remedies, such as further tests, that resolve each item of ``degeneracies``
     cures: tuple[tuple[Cure, ...], ...]
 
@@ -137,26 +139,32 @@ class Design(Forecast):
     """
 
     criterion: str  #: criterion that the design optimizes
-    parameters: tuple[str, ...]  #: parameters of interest; all others are nuisances
+    parameters: tuple[str, ...]  #: names of the parameters of interest; others are nuisances
     #: recommended tests, one row per different test: force_N, the columns `columns`, and count
     table: Annotated[Records, Field(alias="tests")]
-    augment: bool  #: whether the pilot's tests count as part of the campaign
+    #: whether the tests of the pilot, the campaign that the design starts from, count as run
+    #: already
+    augment: bool
     degree: int  #: degree of the model's compliances as polynomials of force
-    reference_force_N: float  #: reference force F0 of the pilot
-    efficiency: float  #: efficiency relative to the best shares of the same number of tests
-    certificate: Certificate  #: proof that no other shares are better than ``shares``
+    #: reference force F0 of the campaign or plan that the design starts from [N]
+    reference_force_N: float
+    #: efficiency of the design relative to the best shares of the same number of tests
+    efficiency: float
+    certificate: Certificate  #: proof that no other shares of the tests are better than ``shares``
     #: best fractions of the number of tests, one row per candidate: force_N, the columns `columns`,
     #: and share
     shares: Records
     #: expected standard deviations, by parameter, of a design in equal steps of force at the first
     #: clocking and radius
     baseline: dict[str, Expected]
-    compared: tuple[Judged, ...]  #: design in equal steps of force, and the designs given by name
-    limits: Limits  #: limits of what the tests can show
+    #: designs for comparison: one in equal steps of force, and those that the caller gave by name
+    compared: tuple[Judged, ...]
+    limits: Limits  #: limits of what the recommended tests can show
     #: root mean square of the values of each hyper-parameter (scales of the noise and of other
     #: effects) that the forecast averages over [µm]
     hyper_um: dict[str, float]
-    #: whether the values of the hyper-parameters come from the pilot's readings, not their prior
+    #: whether the values of the hyper-parameters come from readings (those of the campaign that the
+    #: design starts from), not from their prior
     measured: bool
     pilot: Pilot  #: campaign or plan that the design starts from
     #: rate at which the criterion grows with the share of every candidate, at the best shares:
@@ -187,16 +195,16 @@ class Design(Forecast):
         """The model for the analysis of the recommended tests.
 
         Its reference force F0 and the prior standard deviations of the slopes are those of the
-        pilot, whatever the forces of the tests.
+        pilot (the campaign or plan that the design starts from), whatever the forces of the tests.
         """
         return self._require_planned().model
 
     def plan(self, *, seed: int = 1) -> Campaign:
         """Return the recommended tests as a plan, in the order in which to run them.
 
-        The tests of one clocking form a block, within which forces are in random order. Where the
-        model has a drift, the plan takes the time between tests, or the mean temperature, from the
-        pilot.
+        The tests of one clocking (angles by which the balls are turned) form a block, within which
+        forces are in random order. If the model has a drift, the plan takes the time between tests,
+        or the mean temperature, from the campaign that the design starts from.
 
         Parameters
         ----------
@@ -233,9 +241,10 @@ class Design(Forecast):
         Returns
         -------
         pandas.DataFrame
-            One row per parameter, in internal units (mm, N, rad). Columns: expected sd and its
-            error, prior sd, the sd that remains after very many circles (floor_sd), and the
-            expected sd of the design in equal steps of force (baseline_sd).
+            One row per parameter, in internal units (mm, N, rad). ``sd`` is the expected standard
+            deviation, ``sd_error`` its error, ``prior_sd`` that of the prior, ``floor_sd`` the one
+            that remains after very many circles, and ``baseline_sd`` the one expected of a design
+            in equal steps of force.
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
@@ -408,7 +417,7 @@ def design(
 
 
 def _levels_in_range(pilot: Campaign) -> list[float]:
-    """Return force levels [N] over the range of the pilot's forces, in steps of 1 N."""
+    """Return force levels [N] over the range of force of a campaign or plan, in steps of 1 N."""
     low = float(pilot.forces_N.min())
     high = float(pilot.forces_N.max())
     levels: list[float] = np.unique([*np.arange(low, high, _FORCE_STEP_N), high]).tolist()
@@ -502,7 +511,8 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
 def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     """Return the model for an analysis of these tests alone.
 
-    Its reference force and the prior standard deviations of the slopes are those of the pilot.
+    Its reference force and the prior standard deviations of the slopes are those of the pilot: the
+    campaign or plan that the design starts from.
     """
     model = space.model
     setting = space.bound.setting
@@ -515,8 +525,8 @@ def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     forces = [float(test.force_N or 0.0) for test in tests]
     force_range_N = max(forces) - min(forces)
     if not (prior.flat or np.isclose(force_range_N, setting.force_range_N, rtol=1e-9)):
-        # The default prior sd of a slope depends on the range of force of the tests, so that the
-        # pilot's must be stated.
+        # The default prior standard deviation of a slope depends on the range of force of the
+        # tests. State the one for the campaign that the design starts from.
         for parameter in space.bound.parameters:
             if parameter.group == "slope":
                 overrides[parameter.name] = parameter.prior_sd

@@ -36,8 +36,9 @@ def prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
     """Return the weights W, shape (s, s), of criterion I for s chosen parameters.
 
     Let S be the precision of the chosen parameters, and C_j(F) compliance j at the force F. tr(W
-    S⁻¹) is the variance of C_j(F) divided by the prior variance of C_j, averaged over the pilot's
-    range of force and over the compliances that the chosen parameters describe.
+    S⁻¹) is the variance of C_j(F) divided by the prior variance of C_j. It is averaged over the
+    compliances that the chosen parameters describe, and over the range of force of the campaign
+    that the design starts from.
     """
     pilot_forces = (bound.pilot or bound.campaign).forces_N
     columns = [bound.names.index(name) for name in chosen]
@@ -98,7 +99,7 @@ class _Layout(NamedTuple):
     """Columns and rows that an objective needs of the information of the tests."""
 
     columns: NDArray[np.int_]  # indices of coefficients, those of interest last
-    rows: NDArray[np.int_]  # indices of rows not zero in all tests
+    rows: NDArray[np.int_]  # indices of rows that are not zero in all tests
     has_prior: NDArray[np.bool_]  # whether each coefficient has a proper prior
 
 

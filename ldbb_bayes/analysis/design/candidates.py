@@ -33,11 +33,11 @@ Clocking = tuple[float, float]
 
 
 def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[CircularTest, ...]:
-    """Return a test without readings for every plane of the pilot and every direction.
+    """Return a test without readings for every plane and every direction of travel.
 
-    By default, the directions of travel in a plane are those of the pilot. In all other respects
-    the template is like a test of the pilot: the one in that plane with the median number of
-    readings. Its angles are in equal steps.
+    ``pilot`` is the campaign or plan that a design starts from. By default, the directions in a
+    plane are those of the pilot. In all other respects the template is like a test of the pilot:
+    the one in that plane with the median number of readings. Its angles are in equal steps.
     """
     tests: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.tests):
@@ -143,7 +143,9 @@ def grid_of_tests(
 ) -> tuple[CircularTest, ...]:
     """Return every combination of template, radius, clocking and force as a planned test.
 
-    All forces of the first template, radius and clocking come first, then those of the next.
+    A template is a test without readings; a clocking is the pair of angles by which the balls are
+    turned. All forces of the first template, radius and clocking come first, then those of the
+    next.
     """
     tests = []
     for template, radius_mm, clocking, force_N in product(

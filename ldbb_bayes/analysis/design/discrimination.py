@@ -39,7 +39,7 @@ class Discrimination(Result):
     #: whether tests already run are included; the assumed slopes then follow the posterior given
     #: these tests, otherwise their prior times ``size``
     augmented: bool
-    threshold: float  #: least absolute value of ln B of decisive evidence [nat]
+    threshold: float  #: least absolute value of a decisive log Bayes factor [nat]
     expected_with: float  #: mean log Bayes factor if there are slopes [nat]
     expected_without: float  #: mean log Bayes factor if there are no slopes [nat]
     decisive_with: float  #: probability of decisive evidence for slopes if there are slopes

@@ -125,7 +125,8 @@ class Objective(Shown):
             return np.concatenate([self._values(matrix[None]) for matrix in precision])
         values = self.criterion.value(root[:, -self.interest :, -self.interest :])
         if self._has_undetermined_prior:
-            # Because of rounding, the factorisation may succeed for a singular matrix.
+            # Find singular matrices by their factors, as rounding may let the factorisation
+            # succeed.
             root_diagonal = np.diagonal(root, axis1=-2, axis2=-1)
             remaining_share = root_diagonal / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
             values = np.where(remaining_share.min(axis=-1) < _SINGULAR_SHARE, -np.inf, values)

@@ -62,10 +62,11 @@ _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Candidates, criterion and parameters of interest of a design.
+    """Candidate tests, criterion and parameters of interest of a design.
 
     The fields are the arguments of `ldbb_bayes.design` without the number of tests. Repeated values
-    are dropped. Kinds of tests that the pilot has not run are added to the pilot's foreseen tests.
+    are dropped. The pilot is the campaign or plan that the design starts from. Kinds of tests that
+    the pilot has not run are added to its foreseen tests.
     """
 
     model: HybridModel
@@ -149,7 +150,7 @@ class Space:
 
     @cached_property
     def bound(self) -> BoundModel:
-        """The model bound to the pilot alone."""
+        """The model bound to the pilot alone, the campaign or plan that the design starts from."""
         return self.model.bind(self.pilot)
 
     @cached_property
@@ -176,8 +177,8 @@ class Space:
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
         """Return a table of tests with force, clockings and radius, one row per test.
 
-        The table also has those of plane, direction and set-up in which candidates and compared
-        tests differ.
+        The table also has plane, direction and set-up, each only if candidates and compared tests
+        differ in it.
         """
         all_tests = (*self.tests, *self.compared_tests)
         columns = ["force_N", *_FIXED_COLUMNS]
@@ -214,7 +215,10 @@ class Space:
 
     @property
     def _tests_run(self) -> int:
-        """Number of the pilot's tests that count as run."""
+        """Number of the pilot's tests that count as run.
+
+        The pilot is the campaign or plan that the design starts from.
+        """
         return len(self.pilot.tests) if self.augment else 0
 
     def objective(self, tests: Sequence[CircularTest]) -> Objective:
@@ -236,7 +240,7 @@ class Space:
 
     @cached_property
     def search(self) -> Search:
-        """The search among the candidates under the criterion."""
+        """The search for the best design among the candidate tests, under the criterion."""
         forces_N = np.array([test.force_N for test in self.tests])
         levels = 2
         if self.augment or self.model.degree == 0:
@@ -314,7 +318,7 @@ class Space:
 
 
 def _radii_of(pilot: Campaign) -> list[float]:
-    """Return the radius of every test of the pilot [mm]."""
+    """Return the radius of every test of a campaign or plan [mm]."""
     return [float(test.radius_mm or pilot.radius_mm) for test in pilot.tests]
 
 

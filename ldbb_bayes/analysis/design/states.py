@@ -44,10 +44,10 @@ class States:
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
     """Return equally likely values of the h hyper-parameters, shape (size, h) [mm].
 
-    They represent the posterior given the pilot, or the prior where the pilot is a plan. In the
-    second case ``size`` is rounded up to a power of two. With flat priors of the parameters one
-    value is enough, the root mean square, because all variances are proportional to that of the
-    noise.
+    They represent the posterior given the pilot (the campaign that a design starts from), or the
+    prior where the pilot is a plan. In the second case ``size`` is rounded up to a power of two.
+    With flat priors of the parameters one value is enough, the root mean square, because all
+    variances are proportional to that of the noise.
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
@@ -109,14 +109,17 @@ def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
 def states_before(
     model: HybridModel, pilot: Campaign, size: int, seed: int, *, augment: bool
 ) -> States:
-    """Return states of the machine drawn from the pilot's posterior, or the prior for a plan.
+    """Return random states of the machine before the tests of a design.
+
+    A state is a value of the hyper-parameters φ and of the parameters β. States are drawn from the
+    posterior given the pilot, or from the prior where the pilot is a plan.
 
     Parameters
     ----------
     model
         Model that the tests are to determine.
     pilot
-        Campaign already run, or plan.
+        Campaign already run, or plan, that the design starts from.
     size
         Number of states.
     seed
@@ -127,7 +130,7 @@ def states_before(
     Returns
     -------
     States
-        Hyper-parameters φ, parameters β, and the density p(β | φ) before the new tests.
+        φ, β, and the density p(β | φ) before the new tests.
     """
     bound = model.bind(pilot)
     rng = np.random.default_rng(seed)
@@ -152,9 +155,10 @@ def states_before(
 
 
 def _hyper_posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
-    """Return the posterior of the hyper-parameters given the pilot.
+    """Return the posterior of the hyper-parameters given the pilot's readings.
 
-    It is computed once and kept with the pilot.
+    The pilot is the campaign that a design starts from. The posterior is computed once and kept
+    with it.
     """
     posteriors = _POSTERIORS.setdefault(pilot, [])
     for posterior in posteriors:
