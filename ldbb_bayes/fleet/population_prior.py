@@ -49,7 +49,7 @@ class PopulationPrior(Shown):
     campaigns: int  #: number of campaigns in the population
     means: Mapping[str, float]  #: prior mean of each compliance, by name [mm/N, rad/N, …]
     sds: Mapping[str, float]  #: prior standard deviation of each compliance, by name
-    sha256: str  #: SHA-256 of the population's contents, see `digest_of`
+    sha256: str  #: SHA-256 of the contents of the population's result
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
     #: weighted sum of joint compliances that each compliance stands for, by name; a compliance
     #: without entry is taken to have the same sum as in the campaign to be fitted

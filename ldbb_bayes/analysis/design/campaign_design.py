@@ -170,7 +170,7 @@ class Design(Forecast):
     #: rate at which the criterion grows with the share of every candidate, at the best shares:
     #: force_N, the columns `columns`, and sensitivity
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    #: the recommended tests as a `Planned`; None where the design was read from a file
+    #: the recommended tests as a ``Planned``; None where the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
 
     @property
